@@ -1,0 +1,125 @@
+"""The tree of errors.
+
+Everything zmav raises on purpose is a :class:`ZmavError`. Each class has a stable ``code``, which is also what crosses
+the wire in an error reply, so that a refusal on a vehicle becomes the same exception in the caller's process.
+
+    ZmavError
+    ├── BadInput            what was given is wrong: the field, the value, what was expected
+    │   ├── BadUrl          a link or endpoint URL
+    │   ├── BadKey          a key or key expression
+    │   ├── BadMessage      a MAVLink message's name or fields, or a frame that is not one
+    │   └── BadConfig       a fleet file or an option
+    ├── LinkError           a transport to an autopilot
+    │   ├── LinkDown        nothing to send on at present; the link keeps trying by itself
+    │   └── PortInUse       another program holds the port
+    ├── SessionError        no Zenoh session, or no router at the other end
+    └── VehicleError        a vehicle did not do what was asked
+        ├── NoSuchVehicle   nobody by that name is present
+        ├── Stale           it is known, but was last heard of too long ago
+        ├── Refused         the autopilot (or the vehicle's own rules) said no, with its reason
+        ├── TimedOut        no answer, or the answer did not come true in time
+        ├── Clash           two vehicles share a name or a system id; nobody may command them
+        ├── NotHolder       another agent holds the vehicle's lease
+        └── Unsupported     this autopilot or vehicle type cannot do it
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+
+class ZmavError(Exception):
+    """Base of every error zmav raises on purpose; ``str()`` of it says what happened and what to do."""
+
+    code: ClassVar[str] = "error"
+
+    def __init__(self, message: str, **detail: Any) -> None:
+        super().__init__(message)
+        self.message = message
+        self.detail = detail
+
+
+class BadInput(ZmavError):
+    """Something given to zmav is wrong; ``detail`` names ``field``, ``value`` and ``expected`` where they are known."""
+
+    code = "bad_input"
+
+
+class BadUrl(BadInput):
+    code = "bad_url"
+
+
+class BadKey(BadInput):
+    code = "bad_key"
+
+
+class BadMessage(BadInput):
+    """A MAVLink message that cannot be built or read; ``detail["fields"]`` maps every bad field to what is wrong."""
+
+    code = "bad_message"
+
+
+class BadConfig(BadInput):
+    code = "bad_config"
+
+
+class LinkError(ZmavError):
+    code = "link"
+
+
+class LinkDown(LinkError):
+    code = "link_down"
+
+
+class PortInUse(LinkError):
+    code = "port_in_use"
+
+
+class SessionError(ZmavError):
+    code = "session"
+
+
+class VehicleError(ZmavError):
+    code = "vehicle"
+
+
+class NoSuchVehicle(VehicleError):
+    code = "no_such_vehicle"
+
+
+class Stale(VehicleError):
+    code = "stale"
+
+
+class Refused(VehicleError):
+    """The autopilot or the vehicle's own rules said no; ``detail["reasons"]`` holds the autopilot's words."""
+
+    code = "refused"
+
+
+class TimedOut(VehicleError):
+    code = "timed_out"
+
+
+class Clash(VehicleError):
+    code = "clash"
+
+
+class NotHolder(VehicleError):
+    code = "not_holder"
+
+
+class Unsupported(VehicleError):
+    code = "unsupported"
+
+
+def _tree(cls: type[ZmavError]) -> dict[str, type[ZmavError]]:
+    found = {cls.code: cls}
+    for sub in cls.__subclasses__():
+        found.update(_tree(sub))
+    return found
+
+
+def from_code(code: str, message: str, detail: dict[str, Any] | None = None) -> ZmavError:
+    """The error of that ``code``; an unknown code (a newer peer) gives a plain :class:`ZmavError`."""
+    return _tree(ZmavError).get(code, ZmavError)(message, **(detail or {}))
