@@ -1,0 +1,223 @@
+"""Links <-> keys: the hot path.
+
+One frame's way: the link's reader thread calls :meth:`Adapter._on_data` with bytes; the splitter checks them once and
+cuts frames; each frame is put, untouched, on its own key by a publisher that was declared when the first of its kind
+came. Nothing is decoded here. The last frame of each kind is kept, so that services decode what somebody asks for.
+
+The other way: a frame put on ``mav/tx/...`` is checked (one whole frame, true to its key, meant for a system on this
+link) and sent; what is not fit is counted and said in ``event``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import msgspec
+import zenoh
+
+from zmav import keys
+from zmav.errors import BadKey, BadMessage, ZmavError
+from zmav.links import Link, LinkState
+from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
+
+MAX_PUBLISHERS = 1024
+"""Declared publishers a vehicle: beyond it (a hostile stream of invented ids) frames are put undeclared."""
+
+Listener = Callable[[Frame], None]
+
+
+class Put(Protocol):
+    def __call__(self, payload: bytes) -> None: ...
+
+
+class Stream:
+    """The frames of one message from one (system, component): where they go, and the last of them."""
+
+    __slots__ = ("count", "frame", "heard", "listeners", "put")
+
+    def __init__(self, put: Put) -> None:
+        self.put = put
+        self.frame: Frame | None = None
+        self.heard = 0.0
+        self.count = 0
+        self.listeners: tuple[Listener, ...] = ()
+
+
+class TxCounters(msgspec.Struct):
+    frames: int = 0
+    dropped: int = 0
+    refused: int = 0
+
+
+class Adapter:
+    """Carries one link's frames to and from the keys of one vehicle.
+
+    Thread-safe where marked; ``on_refused(reason)`` and ``on_link(state, text)`` are called from carrying threads.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *, component: int = 191
+    ) -> None:
+        self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
+        self.link, self.dialect = link, dialect
+        self.splitter = Splitter(dialect)
+        self.tx = TxCounters()
+        self.on_refused: Callable[[str], None] = lambda reason: None
+        self.on_link: Callable[[LinkState, str], None] = lambda state, text: None
+        self.guard: Callable[[], None] = lambda: None
+        """raises a ZmavError while nothing may be sent to the vehicle on others' behalf (a clash of names or ids)"""
+        self.heard = 0.0
+        self._component = component
+        self._packer = Packer(dialect, 1, component)
+        self._routes: dict[bytes, Stream] = {}
+        self._streams: dict[tuple[int, int, int], Stream] = {}
+        self._listeners: dict[int, tuple[Listener, ...]] = {}
+        self._publishers: list[zenoh.Publisher] = []
+        self._subscriber: zenoh.Subscriber[None] | None = None
+
+    def start(self) -> None:
+        """Begin to carry; the link keeps itself open from now on."""
+        tx = keys.TX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
+        self._subscriber = self.session.declare_subscriber(tx, self._on_tx)
+        self.link.start(self._on_data, self._on_link_state)
+
+    def close(self) -> None:
+        if self._subscriber is not None:
+            self._subscriber.undeclare()
+            self._subscriber = None
+        self.link.close()
+        for publisher in self._publishers:
+            publisher.undeclare()
+        self._publishers.clear()
+
+    # From the link to the keys: the reader thread.
+
+    def _on_data(self, data: bytes) -> None:
+        frames = self.splitter.feed(data)
+        if not frames:
+            return
+        now = self.heard = time.monotonic()
+        routes = self._routes
+        for frame in frames:
+            raw = frame.data
+            # sysid, compid and message id lie side by side in both headers; the lengths keep the two versions apart.
+            stream = routes.get(raw[5:10] if raw[0] == 0xFD else raw[3:6]) or self._new_stream(frame)
+            stream.frame = frame
+            stream.heard = now
+            stream.count += 1
+            stream.put(raw)
+            for listener in stream.listeners:
+                listener(frame)
+
+    def _new_stream(self, frame: Frame) -> Stream:
+        raw, place = frame.data, (frame.sysid, frame.compid, frame.msgid)
+        stream = self._streams.get(place)
+        if stream is None:
+            stream = Stream(self._putter(frame))
+            stream.listeners = self._listeners.get(frame.msgid, ())
+            if len(self._streams) >= MAX_PUBLISHERS:
+                return stream
+            self._streams[place] = stream
+        self._routes[raw[5:10] if raw[0] == 0xFD else raw[3:6]] = stream
+        return stream
+
+    def _putter(self, frame: Frame) -> Put:
+        key = keys.RX.key(
+            self.fleet, self.name, sys=frame.sysid, comp=frame.compid, msg=self.dialect.name_of(frame.msgid)
+        )
+        options = keys.RX.qos.options()
+        if len(self._publishers) >= MAX_PUBLISHERS:
+            return lambda payload: self.session.put(key, payload, **options)
+        publisher = self.session.declare_publisher(key, encoding=keys.RX.encoding, **options)
+        self._publishers.append(publisher)
+        return publisher.put
+
+    def _on_link_state(self, state: LinkState, text: str) -> None:
+        if state is not LinkState.UP:
+            self.splitter.reset()
+        self.on_link(state, text)
+
+    # From the keys to the link: a Zenoh thread.
+
+    def _on_tx(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        try:
+            frame = self._checked(key, sample.payload.to_bytes())
+            self.guard()
+        except ZmavError as e:
+            self.tx.refused += 1
+            self.on_refused(f"frame on {key} refused: {e}")
+            return
+        self.send_raw(frame.data)
+
+    def _checked(self, key: str, data: bytes) -> Frame:
+        _, parts = keys.match(key)
+        frame = parse_frame(data, self.dialect)
+        name = self.dialect.name_of(frame.msgid)
+        if parts["msg"] != name:
+            raise BadKey(f"it holds {name}", field="key", value=parts["msg"], expected=name)
+        try:
+            address = int(parts["sys"]), int(parts["comp"])
+        except ValueError:
+            raise BadKey("its system and component must be numbers", field="key", value=key, expected="0-255") from None
+        inside = targets(frame, self.dialect)
+        if inside != (0, 0) and inside != address:
+            raise BadMessage(f"its fields address {inside[0]}/{inside[1]}", fields={"target_system": inside[0]})
+        if address[0] != 0 and address[0] not in {system for system, _, _ in list(self._streams)}:
+            raise BadKey(f"no system {address[0]} is on this link", field="sys", value=address[0])
+        return frame
+
+    # What services use; every method is thread-safe.
+
+    def speak_as(self, sysid: int) -> None:
+        """Use the vehicle's own system id, so that the companion never masks the loss of the real ground station."""
+        self._packer = Packer(self.dialect, sysid, self._component)
+
+    def send(self, name: str, **fields: Any) -> bool:
+        """Send a message of our own; False where the link is down or full."""
+        return self.send_raw(self._packer.pack(name, **fields))
+
+    def send_raw(self, data: bytes) -> bool:
+        sent = self.link.send(data)
+        if sent:
+            self.tx.frames += 1
+        else:
+            self.tx.dropped += 1
+        return sent
+
+    def latest(self, name: str, source: tuple[int, int]) -> tuple[Frame, float, int] | None:
+        """The last such message of that (system, component), the seconds since, and how many came; None: never heard."""
+        stream = self._streams.get((*source, self.dialect.message(name).id))
+        if stream is None or stream.frame is None:
+            return None
+        return stream.frame, time.monotonic() - stream.heard, stream.count
+
+    def latest_by_id(self, msgid: int, source: tuple[int, int] | None) -> tuple[Frame, float, int] | None:
+        """As :meth:`latest`, by message id; from any source, the newest, where ``source`` is None."""
+        found = [
+            s for (sysid, compid, mid), s in list(self._streams.items())
+            if mid == msgid and s.frame is not None and source in (None, (sysid, compid))
+        ]  # fmt: skip
+        if not found:
+            return None
+        newest = max(found, key=lambda s: s.heard)
+        assert newest.frame is not None
+        return newest.frame, time.monotonic() - newest.heard, newest.count
+
+    def listen(self, name: str, listener: Listener) -> Callable[[], None]:
+        """Call ``listener(frame)`` in the reader thread for every such message of any source; returns what ends it."""
+        msgid = self.dialect.message(name).id
+        self._set_listeners(msgid, (*self._listeners.get(msgid, ()), listener))
+
+        def stop() -> None:
+            self._set_listeners(msgid, tuple(x for x in self._listeners.get(msgid, ()) if x is not listener))
+
+        return stop
+
+    def _set_listeners(self, msgid: int, listeners: tuple[Listener, ...]) -> None:
+        self._listeners[msgid] = listeners
+        for place, stream in list(self._streams.items()):
+            if place[2] == msgid:
+                stream.listeners = listeners

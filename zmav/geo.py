@@ -1,0 +1,49 @@
+"""Where things are: WGS84 and a local north-east-down frame about a declared origin."""
+
+from __future__ import annotations
+
+import math
+
+from zmav.wire import Origin, Vector
+
+_A = 6378137.0
+_E2 = 6.69437999014e-3
+
+
+def _metres_per_radian(lat: float) -> tuple[float, float]:
+    """Metres a radian of latitude and of longitude at ``lat`` (radians): the WGS84 radii of curvature."""
+    w = 1.0 - _E2 * math.sin(lat) ** 2
+    return _A * (1.0 - _E2) / w**1.5, _A / math.sqrt(w) * math.cos(lat)
+
+
+def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> Vector:
+    """North, east, down in metres about ``origin``, on the plane that touches WGS84 there (good to 0.1 % within 10 km)."""
+    north, east = _metres_per_radian(math.radians(origin.lat_deg))
+    dlon = (lon_deg - origin.lon_deg + 180.0) % 360.0 - 180.0
+    return (
+        math.radians(lat_deg - origin.lat_deg) * north,
+        math.radians(dlon) * east,
+        origin.alt_amsl - alt_amsl,
+    )
+
+
+def to_global(origin: Origin, ned: Vector) -> tuple[float, float, float]:
+    """Latitude and longitude in degrees and altitude AMSL in metres of a local point: the inverse of :func:`to_ned`."""
+    north, east = _metres_per_radian(math.radians(origin.lat_deg))
+    lon = origin.lon_deg + math.degrees(ned[1] / east)
+    return (
+        origin.lat_deg + math.degrees(ned[0] / north),
+        (lon + 180.0) % 360.0 - 180.0,
+        origin.alt_amsl - ned[2],
+    )
+
+
+def distance(a: Vector, b: Vector) -> float:
+    """Metres between two local points."""
+    return math.dist(a, b)
+
+
+def horizontal_distance(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
+    """Metres over the ground between two near points."""
+    north, east, _ = to_ned(Origin(lat_deg=lat1_deg, lon_deg=lon1_deg, alt_amsl=0.0), lat2_deg, lon2_deg, 0.0)
+    return math.hypot(north, east)

@@ -1,0 +1,182 @@
+"""The channel registry: every key zmav uses, listed once.
+
+The key space is the API. Access rules, the recorder, staleness checks and the key reference are derived from
+:data:`CHANNELS`; nothing else in the tree spells a key out. ``{fleet}`` and ``{vehicle}`` are names matching
+``[a-z0-9_-]+``; the chunk behind the vehicle says the direction or class, so that rules match at fixed places.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from zmav import wire
+from zmav.errors import BadKey
+
+ROOT = "zmav"
+NAME = re.compile(r"[a-z0-9_-]+\Z")
+MESSAGE = re.compile(r"[A-Z][A-Z0-9_]*\Z")
+
+
+class Qos(enum.Enum):
+    """The four classes of service, and no more."""
+
+    REALTIME = "realtime"
+    MUST_ARRIVE = "must-arrive"
+    LATEST_WINS = "latest-wins"
+    BULK = "bulk"
+
+    @property
+    def priority(self) -> zenoh.Priority:
+        return _PRIORITY[self]
+
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments for ``declare_publisher``, ``put`` and ``get``: never a blocking put, never express."""
+        return {"priority": self.priority, "congestion_control": zenoh.CongestionControl.DROP, "express": False}
+
+
+_PRIORITY = {
+    Qos.REALTIME: zenoh.Priority.REAL_TIME,
+    Qos.MUST_ARRIVE: zenoh.Priority.INTERACTIVE_HIGH,
+    Qos.LATEST_WINS: zenoh.Priority.DATA,
+    Qos.BULK: zenoh.Priority.BACKGROUND,
+}
+
+VEHICLE, OPERATOR, PLANNER, AGENT, ANYONE = "vehicle", "operator", "planner", "agent", "anyone"
+JSON = zenoh.Encoding.APPLICATION_JSON
+RAW = zenoh.Encoding.ZENOH_BYTES  # the default encoding: costs no byte on the wire
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One line of the registry.
+
+    ``kind`` is ``pub`` (the vehicle publishes), ``put`` (others write), ``query`` (others ask) or ``token`` (liveliness).
+    ``writers`` are the roles that may put or ask; ``rate_hz`` is nominal; older than ``stale_after`` seconds is stale.
+    """
+
+    name: str
+    template: str
+    kind: str
+    payload: type | None
+    qos: Qos
+    doc: str
+    writers: tuple[str, ...] = (VEHICLE,)
+    encoding: zenoh.Encoding = JSON
+    rate_hz: float | None = None
+    stale_after: float | None = None
+    recorded: bool = False
+
+    def key(self, fleet: str, vehicle: str = "", **chunks: object) -> str:
+        """The key (or key expression, with ``*`` for any part) of this channel."""
+        return f"{ROOT}/" + self.template.format(fleet=fleet, vehicle=vehicle, **chunks)
+
+
+CHANNELS: dict[str, Channel] = {
+    c.name: c
+    for c in (
+        Channel(
+            "rx", "{fleet}/{vehicle}/mav/rx/{sys}/{comp}/{msg}", "pub", None, Qos.LATEST_WINS,
+            "raw MAVLink frame, as it came from the vehicle", encoding=RAW, recorded=True,
+        ),
+        Channel(
+            "tx", "{fleet}/{vehicle}/mav/tx/{sys}/{comp}/{msg}", "put", None, Qos.LATEST_WINS,
+            "raw MAVLink frame for the vehicle; sys and comp are the target", (OPERATOR,), encoding=RAW, recorded=True,
+        ),
+        Channel(
+            "state", "{fleet}/{vehicle}/state", "pub", wire.VehicleState, Qos.LATEST_WINS,
+            "what the vehicle is and does; also its heartbeat of presence; answers queries too",
+            rate_hz=5.0, stale_after=2.0, recorded=True,
+        ),
+        Channel(
+            "event", "{fleet}/{vehicle}/event", "pub", wire.Event, Qos.MUST_ARRIVE,
+            "status text, mode, failsafe step, lease, refusals; cached and recovered", recorded=True,
+        ),
+        Channel(
+            "msg", "{fleet}/{vehicle}/msg/{msg}", "query", wire.LastMessage, Qos.MUST_ARRIVE,
+            "the last such message, decoded, with its age", (ANYONE,),
+        ),
+        Channel(
+            "do", "{fleet}/{vehicle}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
+            "a command: JSON arguments in, JSON outcome or error out", (OPERATOR, PLANNER), recorded=True,
+        ),
+        Channel(
+            "setpoint", "{fleet}/{vehicle}/setpoint/{agent}", "put", wire.Setpoint, Qos.REALTIME,
+            "one point of an outer-loop command stream", (PLANNER, AGENT),
+            rate_hz=10.0, stale_after=0.5, recorded=True,
+        ),
+        Channel(
+            "link", "{fleet}/{vehicle}/link/{link}", "pub", wire.LinkQuality, Qos.LATEST_WINS,
+            "quality and counters of one link", rate_hz=1.0, stale_after=5.0, recorded=True,
+        ),
+        Channel(
+            "agent_status", "{fleet}/{vehicle}/agent/{agent}/status", "pub", wire.AgentStatus, Qos.LATEST_WINS,
+            "what an agent does", (AGENT, PLANNER), rate_hz=1.0, stale_after=5.0, recorded=True,
+        ),
+        Channel(
+            "alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{instance}", "token", None, Qos.MUST_ARRIVE,
+            "liveliness token of a vehicle, agent or ground node", (VEHICLE, AGENT, PLANNER, OPERATOR),
+        ),
+        Channel(
+            "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
+            "fleet-wide topics: origin, goal, plan, obstacle", (OPERATOR, PLANNER), recorded=True,
+        ),
+    )
+}  # fmt: skip
+
+RX, TX, STATE, EVENT = CHANNELS["rx"], CHANNELS["tx"], CHANNELS["state"], CHANNELS["event"]
+MSG, DO, SETPOINT, LINK = CHANNELS["msg"], CHANNELS["do"], CHANNELS["setpoint"], CHANNELS["link"]
+AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
+
+
+def check_name(name: str, field: str = "name") -> str:
+    """``name`` itself where it may stand in a key; raises :class:`BadKey` otherwise."""
+    if not NAME.match(name):
+        raise BadKey(
+            f"{field} {name!r} cannot stand in a key: use lower-case letters, digits, '_' and '-'",
+            field=field, value=name, expected="[a-z0-9_-]+",
+        )  # fmt: skip
+    return name
+
+
+def match(key: str) -> tuple[Channel, dict[str, str]]:
+    """The channel a concrete key belongs to, and its parts by name; raises :class:`BadKey` for a foreign key."""
+    for channel, pattern in _PATTERNS:
+        found = pattern.match(key)
+        if found:
+            return channel, found.groupdict()
+    raise BadKey(f"{key!r} is not a zmav key", field="key", value=key, expected=f"{ROOT}/<fleet>/<vehicle>/...")
+
+
+def _pattern(template: str) -> re.Pattern[str]:
+    return re.compile(f"{ROOT}/" + re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", template) + r"\Z")
+
+
+_PATTERNS = [(channel, _pattern(channel.template)) for channel in CHANNELS.values()]
+
+
+def expression(text: str, fleet: str = "*") -> str:
+    """A key expression from what a person types.
+
+    ``zmav/...`` and ``@...`` are taken as they are. Otherwise the first chunk names vehicles and the rest a channel:
+    ``quad1`` is its state, ``quad*/ATTITUDE`` a message of several vehicles, ``quad1/link/*`` anything below a vehicle.
+    A shell-like ``*`` inside a chunk is put in Zenoh's way (``quad$*``). Raises :class:`BadKey` naming the fault.
+    """
+    if not text.startswith((ROOT + "/", "@", "**")):
+        vehicle, _, rest = text.partition("/")
+        if not rest:
+            rest = "state"
+        elif "/" not in rest and re.match(r"[A-Z0-9_*]+\Z", rest) and rest not in ("*", "**"):
+            rest = f"mav/rx/*/*/{rest}"
+        text = f"{ROOT}/{fleet}/{vehicle}/{rest}"
+    chunks = [c if c in ("*", "**") else re.sub(r"(?<!\$)\*+", "$*", c) for c in text.split("/")]
+    try:
+        return str(zenoh.KeyExpr.autocanonize("/".join(chunks)))
+    except zenoh.ZError as e:
+        raise BadKey(
+            f"{text!r} is not a key expression: {e}", field="key", value=text, expected="VEHICLE/MESSAGE or zmav/..."
+        ) from e
