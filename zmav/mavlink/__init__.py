@@ -1,0 +1,25 @@
+"""MAVLink: frames out of bytes, messages out of frames, and the way back."""
+
+from __future__ import annotations
+
+from zmav.mavlink.codec import MavMessage, Packer, decode, describe, encode, targets
+from zmav.mavlink.dialect import Dialect, Field, MessageType, load_dialect
+from zmav.mavlink.frames import Frame, SourceCounters, SplitCounters, Splitter, parse_frame
+
+__all__ = [
+    "Dialect",
+    "Field",
+    "Frame",
+    "MavMessage",
+    "MessageType",
+    "Packer",
+    "SourceCounters",
+    "SplitCounters",
+    "Splitter",
+    "decode",
+    "describe",
+    "encode",
+    "load_dialect",
+    "parse_frame",
+    "targets",
+]

@@ -1,0 +1,212 @@
+"""Dialects: which messages and enums exist, and how a payload is laid out.
+
+A :class:`Dialect` is a plain table. It is filled from pymavlink's generated modules (the message definitions everybody
+shares) or from a user's own XML file; :mod:`zmav.mavlink.definitions` does the reading, on first use and not at import.
+Format: https://mavlink.io/en/guide/xml_schema.html and https://mavlink.io/en/guide/serialization.html
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import struct
+from pathlib import Path
+
+import msgspec
+
+from zmav.errors import BadConfig, BadMessage
+
+#: struct codes of MAVLink's field types; a char array is read as one string.
+TYPE_CODES = {
+    "char": "s",
+    "int8_t": "b",
+    "uint8_t": "B",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "double": "d",
+}
+
+
+class Field(msgspec.Struct, frozen=True):
+    """One field of a message, as its definition declares it.
+
+    ``type`` is the element's C type ("uint16_t", "char" ...); ``length`` the number of array elements, 0 for a scalar.
+    ``units`` ("degE7", "m/s" ...) and ``enum`` ("MAV_TYPE") are "" where there are none; ``bitmask`` says that the enum's
+    entries are flags to be combined; an ``extension`` field exists in MAVLink 2 only and may be absent (zero).
+    """
+
+    name: str
+    type: str
+    length: int = 0
+    units: str = ""
+    enum: str = ""
+    bitmask: bool = False
+    extension: bool = False
+
+    @property
+    def code(self) -> str:
+        """The struct code of the whole field ("H", "4f", "16s")."""
+        code = TYPE_CODES[self.type]
+        if self.type == "char":
+            return f"{self.length or 1}s"
+        return f"{self.length}{code}" if self.length else code
+
+
+class MessageType(msgspec.Struct, frozen=True):
+    """A message's definition. ``fields`` are in declared order, ``wire_fields`` in the order of the payload.
+
+    ``struct`` unpacks a whole payload, extensions included, ``max_length`` bytes; without extensions (MAVLink 1) a payload
+    has ``base_length`` bytes. ``target_system`` and ``target_component`` are byte offsets into the payload, or None.
+    """
+
+    id: int
+    name: str
+    crc_extra: int
+    fields: tuple[Field, ...]
+    wire_fields: tuple[Field, ...]
+    struct: struct.Struct
+    base_length: int
+    max_length: int
+    target_system: int | None
+    target_component: int | None
+    by_name: dict[str, Field]
+
+    @classmethod
+    def build(cls, msgid: int, name: str, crc_extra: int, fields: list[Field], wire_order: list[str]) -> MessageType:
+        """Lay out the payload; ``wire_order`` names the fields as they lie in it (base fields by size, then extensions)."""
+        by_name = {field.name: field for field in fields}
+        wire_fields = tuple(by_name[n] for n in wire_order)
+        layout = struct.Struct("<" + "".join(f.code for f in wire_fields))
+        base = struct.calcsize("<" + "".join(f.code for f in wire_fields if not f.extension))
+        # MANUAL_CONTROL alone calls its target system just "target".
+        system = "target" if name == "MANUAL_CONTROL" else "target_system"
+        return cls(
+            id=msgid,
+            name=name,
+            crc_extra=crc_extra,
+            fields=tuple(fields),
+            wire_fields=wire_fields,
+            struct=layout,
+            base_length=base,
+            max_length=layout.size,
+            target_system=_offset(wire_fields, system),
+            target_component=_offset(wire_fields, "target_component"),
+            by_name=by_name,
+        )
+
+
+def _offset(wire_fields: tuple[Field, ...], name: str) -> int | None:
+    before = "<"
+    for field in wire_fields:
+        if field.name == name:
+            return struct.calcsize(before)
+        before += field.code
+    return None
+
+
+class Dialect(msgspec.Struct, frozen=True):
+    """A set of messages and enums. ``enums`` maps an enum's name to {entry name: value}."""
+
+    name: str
+    by_id: dict[int, MessageType]
+    by_name: dict[str, MessageType]
+    enums: dict[str, dict[str, int]]
+    enum_names: dict[str, dict[int, str]]
+
+    @classmethod
+    def build(cls, name: str, messages: list[MessageType], enums: dict[str, dict[str, int]]) -> Dialect:
+        return cls(
+            name=name,
+            by_id={m.id: m for m in messages},
+            by_name={m.name: m for m in messages},
+            enums=enums,
+            enum_names={enum: {value: entry for entry, value in entries.items()} for enum, entries in enums.items()},
+        )
+
+    def message(self, name_or_id: str | int) -> MessageType:
+        """The message of that name or id; raises :class:`BadMessage`, which suggests names like it."""
+        found = self.by_id.get(name_or_id) if isinstance(name_or_id, int) else self.by_name.get(name_or_id)
+        if found is not None:
+            return found
+        raise BadMessage(
+            f"dialect {self.name} has no message {name_or_id!r}{_did_you_mean(str(name_or_id), self.by_name)}",
+            field="name",
+            value=name_or_id,
+            expected=f"a message of dialect {self.name}",
+        )
+
+    def name_of(self, msgid: int) -> str:
+        """The message's name, "UNKNOWN_410" where the dialect lacks it."""
+        found = self.by_id.get(msgid)
+        return found.name if found is not None else f"UNKNOWN_{msgid}"
+
+    def value(self, enum: str, name: str) -> int:
+        """The number behind an enum's entry; raises :class:`BadMessage`, which suggests names like it."""
+        entries = self.enums.get(enum)
+        if entries is None:
+            raise BadMessage(
+                f"dialect {self.name} has no enum {enum!r}{_did_you_mean(enum, self.enums)}",
+                field="enum",
+                value=enum,
+                expected=f"an enum of dialect {self.name}",
+            )
+        found = entries.get(name)
+        if found is None:
+            raise BadMessage(
+                f"{enum} has no entry {name!r}{_did_you_mean(name, entries)}",
+                field=enum,
+                value=name,
+                expected=f"an entry of {enum}",
+            )
+        return found
+
+    def enum_name(self, enum: str, value: int) -> str | None:
+        """The entry's name, or None where the enum or the entry is not known."""
+        return self.enum_names.get(enum, {}).get(value)
+
+
+def _did_you_mean(given: str, known: dict[str, MessageType] | dict[str, int] | dict[str, dict[str, int]]) -> str:
+    close = difflib.get_close_matches(given.upper(), known, n=3, cutoff=0.6)
+    return f"; did you mean {', '.join(close)}?" if close else ""
+
+
+def load_dialect(name_or_path: str = "ardupilotmega") -> Dialect:
+    """A dialect by pymavlink's name ("ardupilotmega", "common", "development" ...) or from an XML file ("/path/x.xml").
+
+    Loaded once and then kept; an XML file is read again when it has changed. Raises :class:`BadConfig` naming what is
+    wrong: no such dialect, no such file, a file it includes is missing, or what the XML says is not a dialect.
+    """
+    if not name_or_path.lower().endswith(".xml") and "/" not in name_or_path:
+        return _load_named(name_or_path)
+    path = Path(name_or_path).expanduser()
+    try:
+        changed = path.stat().st_mtime_ns
+    except OSError as error:
+        raise BadConfig(
+            f"dialect file {name_or_path}: {error.strerror or error}",
+            field="dialect",
+            value=name_or_path,
+            expected="a readable MAVLink XML file",
+        ) from error
+    return _load_xml(str(path.resolve()), changed)
+
+
+@functools.lru_cache(maxsize=16)
+def _load_named(name: str) -> Dialect:
+    from zmav.mavlink import definitions  # pymavlink is slow to import: only who needs a dialect pays for it
+
+    messages, enums = definitions.read_named(name)
+    return Dialect.build(name, messages, enums)
+
+
+@functools.lru_cache(maxsize=16)
+def _load_xml(path: str, _changed: int) -> Dialect:
+    from zmav.mavlink import definitions
+
+    messages, enums = definitions.read_xml(Path(path))
+    return Dialect.build(Path(path).stem, messages, enums)
