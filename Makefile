@@ -1,0 +1,105 @@
+# Everything here starts from nothing but make and a Python: the environment is made in .venv, from the exact versions
+# in requirements.lock. A change of pyproject.toml or of the lock installs again, and an environment that cannot be used
+# as it is (see STALE) is made anew.
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input --quiet
+CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11 python3.10 python)
+PACKAGES := $(wildcard zmav agents mesh ground tests)
+BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
+PYTEST_JOBS ?= auto
+ARGS ?=
+
+# Stale: its Python is gone, was upgraded or is not the one asked for by PYTHON=; it was made for a tree elsewhere (its
+# scripts hold that path); or something was cut short, which leaves .made unwritten or .installing behind.
+IDENTIFY := -c 'import sys; print("%d.%d.%d" % sys.version_info[:3], sys.base_prefix)'
+HAVE := $(shell $(BIN)/python $(IDENTIFY) 2>/dev/null)
+WANT := $(if $(PYTHON),$(shell $(PYTHON) $(IDENTIFY) 2>/dev/null),$(HAVE))
+MADE := $(shell cat $(VENV)/.made 2>/dev/null)
+STALE := $(wildcard $(VENV)/.installing)
+ifneq ($(MADE),$(CURDIR) $(WANT))
+  STALE := yes
+endif
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help demo test lint bench lock clean FORCE
+
+help: ## say what can be made (the default)
+	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
+	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | awk -F'|' '{ printf "%-14s %s\n", $$1, $$2 }'
+	@echo
+	@echo "  PYTHON=python3.12   the Python to make .venv with"
+	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
+	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: one a core)"
+
+demo: $(VENV)/.core ## fly three simulated copters behind three linked routers
+	@echo "==> zmav demo $(ARGS)"
+	@$(BIN)/zmav demo $(ARGS)
+
+test: lint ## lint, then run every test
+	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
+	@$(BIN)/python -m pytest -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
+
+lint: $(VENV)/.dev ## check style, format and types
+	@echo "==> ruff check"
+	@$(BIN)/ruff check .
+	@echo "==> ruff format --check"
+	@$(BIN)/ruff format --check .
+	@echo "==> mypy --strict"
+	@$(BIN)/mypy --strict $(PACKAGES)
+
+bench: $(VENV)/.dev ## run every benchmark in tests/bench
+	@failed=; for script in $(BENCHES); do \
+	    echo "==> $$script"; \
+	    $(BIN)/python $$script || failed="$$failed $$script"; \
+	done; \
+	if [ -n "$$failed" ]; then echo "==> failed:$$failed" >&2; exit 1; fi
+
+lock: ## renew requirements.lock (needs uv)
+	@echo "==> resolving the newest versions for every Python from 3.10 up"
+	@UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --upgrade --universal --python-version 3.10 --all-extras \
+	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
+
+clean: ## remove .venv and what the tools left behind
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
+	find $(PACKAGES) -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.core: $(VENV)/.made pyproject.toml requirements.lock
+	$(call install,.,zmav)
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock
+	$(call install,.[dev],zmav and its development tools)
+	@touch $(VENV)/.core $@
+
+define install
+@echo "==> installing $(2) into $(VENV), versions as in requirements.lock (the first time may take a minute)"
+@touch $(VENV)/.installing
+@$(PIP) install -c requirements.lock -e '$(1)'
+@rm $(VENV)/.installing
+endef
+
+# Takes the first candidate that will do; if none will, says what is wrong with each.
+$(VENV)/.made: $(if $(STALE),FORCE)
+	@chosen=; found=; \
+	for python in $(CANDIDATES); do \
+	    version=$$($$python -c 'import platform; print(platform.python_version())' 2>/dev/null) || continue; \
+	    if ! $$python -c 'import sys; sys.exit(sys.version_info < (3, 10))'; then \
+	        found="$$found\n    $$python is Python $$version"; \
+	    elif ! $$python -c 'import ensurepip, venv' 2>/dev/null; then \
+	        found="$$found\n    $$python (Python $$version) lacks venv or ensurepip; Debian and Ubuntu: apt install python3-venv"; \
+	    else chosen=$$python; break; fi; \
+	done; \
+	if [ -z "$$chosen" ]; then \
+	    printf "==> zmav needs Python 3.10 or newer, with venv; set PYTHON=/path/to/python3. Looked for: %s\n" \
+	        "$(CANDIDATES)" >&2; \
+	    [ -z "$$found" ] || printf "Found only:$$found\n" >&2; \
+	    exit 1; \
+	fi; \
+	echo "==> making $(VENV) with Python $$version ($$(command -v $$chosen))"; \
+	rm -rf $(VENV) && $$chosen -m venv $(VENV)
+	@echo "$(CURDIR) $$($(BIN)/python $(IDENTIFY))" > $@
+
+FORCE:

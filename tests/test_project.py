@@ -1,0 +1,245 @@
+"""The project's own rules: who may import whom, how long a file may be, what is pinned and what is installed."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import importlib.util
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parent.parent
+MAX_LINES = 500
+
+# What each top-level package may import of the project, besides itself.
+BELOW = {
+    "zmav": set(),
+    "mesh": {"zmav"},
+    "agents": {"mesh", "zmav"},
+    "ground": {"mesh", "zmav"},
+    "deploy": {"ground", "agents", "mesh", "zmav"},
+}
+
+# The layers within zmav, lowest first. A unit imports from lower layers, and from those named beside it in its own.
+# "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
+LAYERS: tuple[dict[str, set[str]], ...] = (
+    {"errors": set()},
+    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}},
+    {"config": set()},
+    {"session": set()},
+    {"mavlink": set(), "links": set()},
+    {"autopilots": set(), "sim": set()},
+    {"services": set()},
+    {"adapter": set(), "vehicle": set(), "swarm": {"vehicle"}, "agent": {"vehicle", "swarm"}},
+    {"zmav": set()},
+    {"cli": set(), "__main__": {"cli"}},
+)
+RANK = {unit: rank for rank, layer in enumerate(LAYERS) for unit in layer}
+
+
+def files() -> list[Path]:
+    """Every file of the project: the root's own, and those of its folders that are not some tool's."""
+    tops = [path for path in ROOT.iterdir() if not path.name.startswith(".") or path.name in (".ci", ".gitignore")]
+    folders = [path for path in tops if path.is_dir() and path.name not in ("build", "dist")]
+    inside = [each for path in folders if not (path / "pyvenv.cfg").exists() for each in path.rglob("*")]
+    return [path for path in (*tops, *inside) if path.is_file() and "__pycache__" not in path.parts]
+
+
+def modules() -> list[tuple[str, Path]]:
+    """Every module of the project outside the tests, as its dotted name and its file."""
+    found = []
+    for package in BELOW:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), path))
+    return found
+
+
+def is_module(name: str) -> bool:
+    path = ROOT.joinpath(*name.split("."))
+    return path.is_dir() or path.with_suffix(".py").is_file()
+
+
+def imports(name: str, path: Path, source: str) -> Iterator[str]:
+    """The project's modules that a module imports, wherever in the file, for types or to run."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(source, str(path))):
+        if isinstance(node, ast.Import):
+            found = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            # "from zmav import errors" names a module, "from zmav.errors import Stale" does not.
+            inside = [f"{base}.{alias.name}" for alias in node.names]
+            found = [each if is_module(each) else base for each in inside]
+        else:
+            continue
+        yield from (each for each in found if each.partition(".")[0] in BELOW)
+
+
+def unit_of(name: str) -> str:
+    """The layer's unit a module of zmav belongs to: its first part below zmav, or zmav itself."""
+    return name.split(".")[1] if "." in name else name
+
+
+def objection(importer: str, imported: str) -> str | None:
+    """Why a module may not import another, or None if it may."""
+    above, below = importer.split(".")[0], imported.split(".")[0]
+    if above != below:
+        return None if below in BELOW[above] else f"{above} may import {sorted(BELOW[above])} only"
+    if above == "agents":
+        ours, theirs = importer.split(".")[1:2], imported.split(".")[1:2]
+        return None if ours == theirs else "agents meet in the key space, not in each other's code"
+    if above != "zmav":
+        return None
+    ours_, theirs_ = unit_of(importer), unit_of(imported)
+    missing = [unit for unit in (ours_, theirs_) if unit not in RANK]
+    if missing:
+        return f"zmav.{missing[0]} has no place in LAYERS"
+    if ours_ == theirs_ or RANK[theirs_] < RANK[ours_]:
+        return None
+    if theirs_ in LAYERS[RANK[ours_]].get(ours_, ()):
+        return None
+    return f"zmav.{theirs_} is not below zmav.{ours_}"
+
+
+def test_imports_go_one_way() -> None:
+    assert modules(), "no modules found: the test looks in the wrong place"
+    wrong = [
+        f"{path.relative_to(ROOT)}: imports {imported}: {why}"
+        for name, path in modules()
+        for imported in imports(name, path, path.read_text(encoding="utf-8"))
+        if (why := objection(name, imported))
+    ]
+    assert not wrong, "\n" + "\n".join(sorted(set(wrong)))
+
+
+def test_every_unit_of_zmav_has_a_layer() -> None:
+    units = {unit_of(name) for name, _ in modules() if name.split(".")[0] == "zmav"}
+    assert units <= set(RANK), f"give these a place in LAYERS: {sorted(units - set(RANK))}"
+
+
+@pytest.mark.parametrize(
+    ("importer", "statement", "allowed"),
+    [
+        ("zmav.cli.ls", "from zmav.vehicle import Vehicle", True),
+        ("zmav.cli.ls", "from zmav import open", True),
+        ("zmav.links.udp", "from ..errors import BadUrl", True),
+        ("zmav.links.udp", "from .base import Link", True),
+        ("zmav.links.udp", "from zmav import mavlink", False),
+        ("zmav.mavlink.rates", "def f():\n    import zmav.links.udp", False),
+        ("zmav.keys", "from zmav import wire", True),
+        ("zmav.wire", "from zmav import keys", False),
+        ("zmav.services.command", "from zmav import open", False),
+        ("zmav", "from .vehicle import Vehicle", True),
+        ("zmav.services.command", "import zmav.adapter", False),
+        ("zmav.adapter", "import agents.vehicle", False),
+        ("agents.planner.plan", "from .path import straight", True),
+        ("agents.planner.plan", "from agents.follower import aim", False),
+        ("agents.planner.plan", "from ground import gateway", False),
+        ("agents.planner.plan", "from mesh.routers import Router", True),
+        ("ground.gateway", "from agents.planner import plan", False),
+        ("mesh.routers", "import ground", False),
+        ("deploy.check", "import ground.gateway, agents.vehicle.cli", True),
+    ],
+)
+def test_the_arrows_themselves(importer: str, statement: str, allowed: bool) -> None:
+    found = list(imports(importer, Path("x.py" if "." in importer else "__init__.py"), statement))
+    assert found
+    assert all(objection(importer, each) is None for each in found) is allowed
+
+
+def test_no_file_is_over_500_lines() -> None:
+    lengths = {
+        path.relative_to(ROOT): len(path.read_text(encoding="utf-8").splitlines())
+        for path in files()
+        if path.suffix in (".py", ".sh")
+    }
+    assert lengths
+    assert not {str(path): lines for path, lines in lengths.items() if lines > MAX_LINES}
+
+
+# Hosts of package registries by the words in their names, and the options that point a client at one.
+REGISTRY = re.compile(
+    r"https?://[^\s/\"']*(?:pypi|pythonhosted|conda|npmjs|crates|maven|proxy\.golang|rubygems)"
+    r"|\b(?:pypi|pythonhosted|npmjs|crates|anaconda)\.(?:org|io|com)\b"
+    r"|--(?:(?:extra-)?index-url|(?:find-link|trusted-host)s?\b)",
+    re.IGNORECASE,
+)
+
+
+def test_no_file_names_a_registry() -> None:
+    named = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in files()
+        if b"\0" not in path.read_bytes()
+        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1)
+        if REGISTRY.search(line)
+    ]
+    assert not named, "\n" + "\n".join(named)
+
+
+def test_a_registry_would_be_found() -> None:
+    words = ("py", "pi")
+    assert REGISTRY.search("https://" + "".join(words) + ".example/simple")
+    assert REGISTRY.search("--index" + "-url=elsewhere")
+    assert not REGISTRY.search("https://mavlink.io/en/services/command.html")
+
+
+@pytest.fixture(scope="module")
+def project() -> dict[str, Any]:
+    """The table [project] of pyproject.toml."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        table: dict[str, Any] = tomllib.load(file)["project"]
+    return table
+
+
+def test_the_lock_pins_every_dependency(project: dict[str, Any]) -> None:
+    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+    pins = [Requirement(line) for line in lines if line and not line.lstrip().startswith("#")]
+    loose = [str(pin) for pin in pins if pin.url or [each.operator for each in pin.specifier] != ["=="]]
+    assert not loose, "the lock holds exact versions and nothing else"
+    here = {canonicalize_name(pin.name): pin for pin in pins if not pin.marker or pin.marker.evaluate()}
+
+    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    wanted = [Requirement(text) for group in groups for text in group]
+    for requirement in wanted:
+        if requirement.name == project["name"] or (requirement.marker and not requirement.marker.evaluate()):
+            continue
+        pin = here.get(canonicalize_name(requirement.name))
+        assert pin, f"{requirement} is not in requirements.lock: renew it with make lock"
+        version = next(iter(pin.specifier)).version
+        assert requirement.specifier.contains(version), f"{requirement} but {pin}: renew the lock with make lock"
+
+
+def entry_points(project: dict[str, Any]) -> set[tuple[str, str, str]]:
+    """What pyproject.toml declares, as (group, name, value)."""
+    groups = {"console_scripts": project["scripts"], **project["entry-points"]}
+    return {(group, name, value) for group, names in groups.items() for name, value in names.items()}
+
+
+def test_entry_points_resolve(project: dict[str, Any]) -> None:
+    for group, name, value in sorted(entry_points(project)):
+        assert callable(importlib.metadata.EntryPoint(name, value, group).load()), f"{group}: {name} = {value}"
+
+
+def test_what_is_installed_is_this_tree(project: dict[str, Any]) -> None:
+    try:
+        installed = importlib.metadata.distribution(project["name"])
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("zmav is not installed in this environment")
+    assert installed.version == project["version"]
+    assert {(each.group, each.name, each.value) for each in installed.entry_points} == entry_points(project)
+    spec = importlib.util.find_spec("zmav")
+    assert spec and [Path(each) for each in spec.submodule_search_locations or ()] == [ROOT / "zmav"]
