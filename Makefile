@@ -74,10 +74,12 @@ $(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock
 	$(call install,.[dev],zmav and its development tools)
 	@touch $(VENV)/.core $@
 
+# pip would compile every dialect pymavlink has, which takes longer than all the rest; the import compiles the one in use.
 define install
-@echo "==> installing $(2) into $(VENV), versions as in requirements.lock (the first time may take a minute)"
+@echo "==> installing $(2) into $(VENV), versions as in requirements.lock (up to a minute the first time)"
 @touch $(VENV)/.installing
-@$(PIP) install -c requirements.lock -e '$(1)'
+@$(PIP) install --no-compile -c requirements.lock -e '$(1)'
+@$(BIN)/python -c 'import numpy, rich, zenoh, pymavlink.dialects.v20.ardupilotmega'
 @rm $(VENV)/.installing
 endef
 
