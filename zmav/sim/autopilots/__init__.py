@@ -1,0 +1,1 @@
+"""Autopilot rules: one state machine per vehicle."""

@@ -1,0 +1,212 @@
+"""ArduCopter's flight modes, except GUIDED (in :mod:`.guided`): one object per mode and vehicle.
+
+Modes: https://ardupilot.org/copter/docs/flight-modes.html
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from zmav.sim.control.setpoints import Axis, Spool
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arducopter import ArduCopter
+
+CENTI = 0.01
+TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off
+LEAN_MAX = math.radians(30.0)
+
+
+class Mode:
+    """One flight mode. ``update`` runs while armed, 50 times a second."""
+
+    number: ClassVar[int]
+    name: ClassVar[str]
+    needs_position: ClassVar[bool] = True
+    armable: ClassVar[bool] = False
+    by_pilot: ClassVar[bool] = False
+
+    def __init__(self, copter: ArduCopter) -> None:
+        self.copter = copter
+
+    def refusal(self) -> str:
+        """Why an armed vehicle cannot enter; empty where it can."""
+        return ""
+
+    def enter(self) -> None:
+        """Called when the mode is taken up, armed or not."""
+
+    def update(self) -> None:
+        """Set this moment's targets."""
+        raise NotImplementedError
+
+    def stop_here(self) -> None:
+        """Brake to a stop and stay there, nose as it is."""
+        self.copter.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
+        self.copter.heading.hold(self.copter.sense.yaw)
+
+
+class Stabilize(Mode):
+    number, name = 0, "STABILIZE"
+    needs_position, armable, by_pilot = False, True, True
+
+    def update(self) -> None:
+        copter, pilot = self.copter, self.copter.pilot
+        if pilot.throttle < 0.02 and copter.landed:
+            copter.sp.spool(Spool.IDLE)
+            return
+        copter.sp.spool(Spool.FLY)
+        copter.sp.lean(pilot.roll * LEAN_MAX, -pilot.pitch * LEAN_MAX)
+        copter.sp.turn(pilot.yaw * math.radians(copter.params["PILOT_Y_RATE"]))
+        hover = copter.hover_thrust
+        stick = pilot.throttle
+        copter.sp.direct_thrust(stick * 2 * hover if stick < 0.5 else hover + (stick - 0.5) * 2 * (1.0 - hover))
+
+
+class AltHold(Mode):
+    number, name = 2, "ALT_HOLD"
+    needs_position, armable, by_pilot = False, True, True
+
+    def update(self) -> None:
+        copter, pilot = self.copter, self.copter.pilot
+        if not self.lifts_off():
+            return
+        copter.sp.lean(pilot.roll * LEAN_MAX, -pilot.pitch * LEAN_MAX)
+        self.by_throttle()
+
+    def lifts_off(self) -> bool:
+        """In the air, or about to be: a landed copter idles until the throttle stick is raised beyond its middle."""
+        copter = self.copter
+        if copter.landed and copter.pilot.climb < TAKEOFF_STICK:
+            copter.sp.spool(Spool.IDLE)
+            return False
+        copter.sp.spool(Spool.FLY)
+        return True
+
+    def by_throttle(self) -> None:
+        """Climb and turn as the left stick says."""
+        copter, pilot = self.copter, self.copter.pilot
+        up = copter.params["PILOT_SPEED_UP"] * CENTI
+        down = copter.params["PILOT_SPEED_DN"] * CENTI or up
+        copter.sp.climb(-pilot.climb * (up if pilot.climb > 0 else down))
+        copter.sp.turn(pilot.yaw * math.radians(copter.params["PILOT_Y_RATE"]))
+
+
+class Loiter(AltHold):
+    number, name = 5, "LOITER"
+    needs_position = True
+
+    def enter(self) -> None:
+        self.stop_here()
+        self.copter.sp.limit("speed", self.copter.params["LOIT_SPEED"] * CENTI)
+
+    def update(self) -> None:
+        copter, pilot = self.copter, self.copter.pilot
+        if not self.lifts_off():
+            return
+        speed = copter.params["LOIT_SPEED"] * CENTI
+        c, s = math.cos(copter.sense.yaw), math.sin(copter.sense.yaw)
+        forward, right = pilot.pitch * speed, pilot.roll * speed
+        copter.sp.move(
+            vel=(forward * c - right * s, forward * s + right * c, 0.0),
+            horizontal=Axis.VELOCITY,
+            vertical=Axis.VELOCITY,
+        )
+        self.by_throttle()
+
+
+class Brake(Mode):
+    number, name = 17, "BRAKE"
+
+    def enter(self) -> None:
+        self.stop_here()
+
+    def update(self) -> None:
+        self.copter.sp.spool(Spool.IDLE if self.copter.landed else Spool.FLY)
+
+
+class Auto(Mode):
+    number, name = 3, "AUTO"
+
+    def refusal(self) -> str:
+        return "init failed"  # there is no mission
+
+    def update(self) -> None:
+        self.copter.sp.spool(Spool.IDLE)
+
+
+class Land(Mode):
+    number, name = 9, "LAND"
+    needs_position = False
+
+    def enter(self) -> None:
+        self.stop_here()
+
+    def update(self) -> None:
+        copter = self.copter
+        if copter.landed:
+            copter.sp.spool(Spool.IDLE)
+            return
+        copter.sp.spool(Spool.FLY)
+        descend(copter)
+
+
+class Rtl(Mode):
+    number, name = 6, "RTL"
+
+    def __init__(self, copter: ArduCopter) -> None:
+        super().__init__(copter)
+        self._leg = "climb"
+        self._place = (0.0, 0.0)
+        self._height = 0.0
+        self._since = 0.0
+
+    def enter(self) -> None:
+        copter = self.copter
+        self._leg = "climb"
+        self.stop_here()
+        north, east, down = copter.home_world
+        away = math.hypot(north - copter.sense.north, east - copter.sense.east)
+        height = down - copter.sense.down
+        # Near home it need not climb as high: a cone (RTL_CONE_SLOPE) over it limits the height.
+        slope = copter.params["RTL_CONE_SLOPE"]
+        wanted = copter.params["RTL_ALT"] * CENTI
+        if slope > 0.5:
+            wanted = min(wanted, away * slope)
+        wanted = max(wanted, height + max(copter.params["RTL_CLIMB_MIN"] * CENTI, 0.0), 2.0)
+        self._height = down - wanted
+        self._place = (copter.sense.north, copter.sense.east)
+
+    def update(self) -> None:
+        copter = self.copter
+        if copter.landed:
+            copter.sp.spool(Spool.IDLE)
+            return
+        copter.sp.spool(Spool.FLY)
+        north, east, _ = copter.home_world
+        if self._leg == "climb":
+            copter.sp.move(vel=(0.0, 0.0, 0.0), horizontal=Axis.VELOCITY, pos=(0.0, 0.0, self._height))
+            if copter.sense.down < self._height + 0.5:
+                self._leg = "return"
+        elif self._leg == "return":
+            copter.sp.move(pos=(north, east, self._height))
+            if math.hypot(north - copter.sense.north, east - copter.sense.east) < copter.params["WPNAV_RADIUS"] * CENTI:
+                self._leg, self._since = "wait", copter.now
+        elif self._leg == "wait":
+            if copter.now - self._since > copter.params["RTL_LOIT_TIME"] / 1000.0:
+                self._leg = "land"
+                copter.sp.move(pos=(north, east, self._height), vertical=Axis.VELOCITY)
+        else:
+            descend(copter)
+
+
+def descend(copter: ArduCopter) -> None:
+    """The way down: quick above LAND_ALT_LOW, then at LAND_SPEED until the ground stops it."""
+    height = copter.home_world[2] - copter.sense.down
+    low = copter.params["LAND_ALT_LOW"] * CENTI
+    slow = copter.params["LAND_SPEED"] * CENTI
+    fast = copter.params["LAND_SPEED_HIGH"] * CENTI or copter.sp.limit_of("speed_down")
+    # From above it slows down in time to pass LAND_ALT_LOW at LAND_SPEED.
+    speed = min(fast, math.sqrt(slow * slow + 2.0 * 0.5 * max(height - low, 0.0)))
+    copter.sp.climb(max(speed, slow))

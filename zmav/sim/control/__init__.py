@@ -1,0 +1,1 @@
+"""The controller cascade, vectorised: position -> velocity -> attitude -> rate -> rotors."""

@@ -1,0 +1,173 @@
+"""The cascade: reference -> position -> velocity -> lean and thrust (outer), attitude -> rate -> rotors (inner).
+
+The outer loops run once per tick, the inner ones with every step of the physics. Structure and gains after
+ArduCopter's position and attitude controllers (ardupilot.org, "Copter Position Control and Navigation", "Copter
+Attitude Control"); the thrust is projected on the actual body axis as in Lee, Leok, McClamroch, "Geometric tracking
+control of a quadrotor UAV on SE(3)", CDC 2010.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from zmav.sim.arrays import (
+    Array,
+    body_z,
+    clamp,
+    limit_length,
+    quat_error,
+    quat_from_euler,
+    thrust_frame,
+    wrap_pi,
+)
+from zmav.sim.control.reference import Reference
+from zmav.sim.control.setpoints import Axis, Setpoints, Spool, Yaw
+from zmav.sim.dynamics.airframe import GRAVITY, Airframe, throttle_for
+
+POS_P = 1.0  # PSC_POSXY_P, PSC_POSZ_P
+VEL_P = np.array([[2.0], [2.0], [5.0]])  # PSC_VELXY_P, PSC_VELZ_P
+VEL_I = np.array([[1.0], [1.0], [1.0]])  # PSC_VELXY_I, PSC_ACCZ_I
+VEL_I_MAX = np.array([[4.0], [4.0], [4.0]])  # m/s^2
+ANGLE_P = np.array([[6.0], [6.0], [3.0]])
+RATE_MAX = np.array([[3.8], [3.8], [1.6]])  # rad/s
+RATE_P = np.array([[18.0], [18.0], [7.0]])  # 1/s
+RATE_I = np.array([[8.0], [8.0], [3.0]])  # 1/s^2
+RATE_I_MAX = 4.0  # rad/s^2
+YAW_P = 2.5  # 1/s, of the turn toward a heading
+IDLE_THROTTLE = 0.10  # MOT_SPIN_ARM
+MIN_THROTTLE = 0.15  # MOT_SPIN_MIN
+YAW_SHARE = 0.2  # of the rotors' thrust that turning may take (MOT_YAW_HEADROOM)
+
+
+class Estimated(Protocol):
+    """What the loops believe: ``pos``, ``vel`` (3, N) NED, ``q`` (4, N), ``rate`` (3, N) body."""
+
+    pos: Array
+    vel: Array
+    q: Array
+    rate: Array
+
+
+class Cascade:
+    """Controllers of N vehicles of one airframe; writes throttles (M, N)."""
+
+    def __init__(self, airframe: Airframe, setpoints: Setpoints, start: Array, yaw: Array) -> None:
+        n = start.shape[1]
+        self.airframe = airframe
+        self.setpoints = setpoints
+        self.reference = Reference(setpoints, start)
+        self.yaw: Array = yaw.astype(float).copy()  # the heading asked for now, on its way to the setpoint
+        self.attitude: Array = quat_from_euler(np.zeros(n), np.zeros(n), self.yaw)
+        self.thrust: Array = np.zeros(n)  # newtons asked of all rotors together
+        self._turn: Array = np.zeros(n)
+        self._vel_i: Array = np.zeros((3, n))
+        self._rate_i: Array = np.zeros((3, n))
+        self._inertia = np.array(airframe.inertia_kgm2)[:, None]
+        mix = np.linalg.pinv(airframe.wrench_matrix())
+        self._mix_lift, self._mix_lean, self._mix_turn = mix[:, :1], mix[:, 1:3], mix[:, 3:]
+
+    def outer(self, est: Estimated, dt: float) -> None:
+        """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
+        sp = self.setpoints
+        grounded = sp.spool != Spool.FLY
+        if grounded.all():
+            self._stand(est)
+            return
+        by_hand = grounded | (sp.horizontal == Axis.DIRECT)
+        ballistic = grounded | (sp.vertical == Axis.DIRECT)
+        ref = self.reference
+        ref.follow(by_hand, ballistic, est.pos, est.vel)
+        ref.advance(dt)
+        want_vel = ref.vel + (ref.pos - est.pos) * POS_P
+        error = want_vel - est.vel
+        self._vel_i = clamp(self._vel_i + error * VEL_I * dt, -VEL_I_MAX, VEL_I_MAX)
+        self._vel_i[:2] *= ~by_hand
+        self._vel_i[2] *= ~ballistic
+        acc = ref.acc + error * VEL_P + self._vel_i
+        acc[:2] = limit_length(acc[:2], GRAVITY * np.tan(sp.limits.lean))
+        acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
+        self._head(est, grounded, dt)
+        self._lean_and_lift(est, acc, by_hand, ballistic)
+
+    def _stand(self, est: Estimated) -> None:
+        """Nobody flies: everything is where it is."""
+        ref = self.reference
+        ref.pos, ref.vel, ref.acc = est.pos.copy(), est.vel.copy(), np.zeros_like(est.vel)
+        self._vel_i[:] = 0.0
+        self._rate_i[:] = 0.0
+        self.attitude = est.q.copy()
+        self.yaw = _yaw_of(est.q)
+        self._turn[:] = 0.0
+
+    def _head(self, est: Estimated, grounded: Array, dt: float) -> None:
+        sp = self.setpoints
+        slew = sp.limits.yaw_slew
+        toward = clamp(wrap_pi(sp.yaw - self.yaw) * YAW_P, -slew, slew)
+        rate = np.where(sp.yaw_kind == Yaw.ANGLE, toward, sp.yaw_rate)
+        # Easing in and out: the rate asked for may change by about 150 deg/s^2.
+        step = 2.6 * dt
+        self._turn += clamp(rate - self._turn, -step, step)
+        self._turn[grounded] = 0.0
+        self.yaw = wrap_pi(self.yaw + self._turn * dt)
+        if grounded.any():
+            self.yaw[grounded] = _yaw_of(est.q)[grounded]
+
+    def _lean_and_lift(self, est: Estimated, acc: Array, by_hand: Array, ballistic: Array) -> None:
+        sp, frame = self.setpoints, self.airframe
+        pull = -acc
+        pull[2] += GRAVITY  # the specific force wanted, turned round: along the body's down axis
+        down = pull / np.maximum(np.sqrt((pull * pull).sum(0)), 1e-6)
+        self.attitude = thrust_frame(down, self.yaw)
+        actual_down = body_z(est.q)
+        lift = frame.mass_kg * (pull * actual_down).sum(0)
+        if by_hand.any():
+            self.attitude[:, by_hand] = quat_from_euler(sp.roll[by_hand], sp.pitch[by_hand], self.yaw[by_hand])
+            # Lean as told: what is left to do is to carry the height, so divide by how upright the body is.
+            lift[by_hand] = (frame.mass_kg * pull[2] / np.maximum(actual_down[2], 0.5))[by_hand]
+        full = frame.thrust_max_n * len(frame.rotors)
+        self.thrust = np.where(ballistic, sp.thrust * full, clamp(lift, 0.0, full))
+
+    def inner(self, est: Estimated, dt: float) -> Array:
+        """Attitude and rate loops, and the mix: throttles (M, N), 0..1."""
+        sp = self.setpoints
+        flying = sp.spool == Spool.FLY
+        if not flying.any():
+            self._rate_i[:] = 0.0
+            still: Array = np.where(sp.spool == Spool.IDLE, IDLE_THROTTLE, 0.0) * np.ones((len(self._mix_lift), 1))
+            return still
+        error = quat_error(self.attitude, est.q)
+        turn = error[1:] * (2.0 * np.sign(error[0]))
+        rate = clamp(turn * ANGLE_P, -RATE_MAX, RATE_MAX)
+        rate[2] += self._turn
+        miss = rate - est.rate
+        self._rate_i = clamp(self._rate_i + miss * (RATE_I * dt), -RATE_I_MAX, RATE_I_MAX) * flying
+        p, q, r = est.rate
+        jp, jq, jr = self._inertia * est.rate
+        torque = self._inertia * (miss * RATE_P + self._rate_i) + np.array(
+            [q * jr - r * jq, r * jp - p * jr, p * jq - q * jp]
+        )
+        throttle = self._mix(torque)
+        idle = np.where(sp.spool == Spool.IDLE, IDLE_THROTTLE, 0.0)
+        return np.where(flying, throttle, idle)
+
+    def _mix(self, torque: Array) -> Array:
+        """Rotor throttles for the thrust and torque asked; where they do not fit, turning gives way first, then
+        height.
+        """
+        frame = self.airframe
+        lean = self._mix_lean @ torque[:2]
+        room = YAW_SHARE * frame.thrust_max_n
+        turn = clamp(self._mix_turn @ torque[2:], -room, room)
+        spread = lean + turn
+        lift = self._mix_lift @ self.thrust[None, :]
+        lift = np.maximum(np.minimum(lift, frame.thrust_max_n - spread.max(0)), 0.0)
+        share = clamp((lift + spread) / frame.thrust_max_n, 0.0, 1.0)
+        return np.maximum(throttle_for(share, frame.thrust_expo), MIN_THROTTLE)
+
+
+def _yaw_of(q: Array) -> Array:
+    w, x, y, z = q
+    result: Array = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return result

@@ -1,0 +1,79 @@
+"""The moving reference: turns targets that jump into a motion with limited speed, acceleration and jerk.
+
+The position error asks for a speed by the square-root law (as fast as allowed, and no faster than can be braked),
+the speed error for an acceleration, and the acceleration moves at a limited jerk. This is what makes a copter leave
+and arrive smoothly; ArduPilot's position controller shapes its input likewise (ardupilot.org, "Copter Position
+Control and Navigation").
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zmav.sim.arrays import Array, Flags, clamp, limit_length
+from zmav.sim.control.setpoints import Axis, Setpoints
+
+BRAKING = 0.6  # share of the allowed acceleration that braking is planned with: measured on ArduCopter SITL
+# How fast speed and acceleration errors are worked off, 1/s. The second must well exceed the first, or arrivals
+# overshoot.
+POSITION_GAIN = 0.8
+SPEED_GAIN = 3.0
+
+
+class Reference:
+    """Shaped position, velocity and acceleration (3, N) in world NED that the feedback loops follow."""
+
+    def __init__(self, setpoints: Setpoints, pos: Array) -> None:
+        self.pos: Array = pos.copy()
+        self.vel: Array = np.zeros_like(pos)
+        self.acc: Array = np.zeros_like(pos)
+        self._sp = setpoints
+
+    def follow(self, free_xy: Flags, free_z: Flags, pos: Array, vel: Array) -> None:
+        """Where nothing is held (on the ground, attitude flown by hand) the reference goes with the vehicle."""
+        if free_xy.any():
+            self.pos[:2, free_xy], self.vel[:2, free_xy], self.acc[:2, free_xy] = (
+                pos[:2, free_xy],
+                vel[:2, free_xy],
+                0.0,
+            )
+        if free_z.any():
+            self.pos[2, free_z], self.vel[2, free_z], self.acc[2, free_z] = pos[2, free_z], vel[2, free_z], 0.0
+
+    def advance(self, dt: float) -> None:
+        """Move on by ``dt`` seconds toward the setpoints."""
+        self._horizontal(dt)
+        self._vertical(dt)
+        self.vel += self.acc * dt
+        self.pos += self.vel * dt
+
+    def _horizontal(self, dt: float) -> None:
+        sp, lim = self._sp, self._sp.limits
+        error = sp.pos[:2] - self.pos[:2]
+        distance = np.maximum(np.sqrt((error * error).sum(0)), 1e-9)
+        speed = np.minimum(root_speed(distance, POSITION_GAIN, BRAKING * lim.accel), lim.speed)
+        holding = sp.horizontal == Axis.POSITION
+        wanted = sp.vel[:2] + error * (holding * speed / distance)
+        wanted = limit_length(wanted, lim.speed)
+        acc = sp.acc[:2] + (wanted - self.vel[:2]) * (SPEED_GAIN * (sp.horizontal != Axis.ACCELERATION))
+        acc = limit_length(acc, lim.accel)
+        self.acc[:2] += limit_length(acc - self.acc[:2], lim.jerk * dt)
+
+    def _vertical(self, dt: float) -> None:
+        sp, lim = self._sp, self._sp.limits
+        error = sp.pos[2] - self.pos[2]
+        speed = root_speed(np.abs(error), POSITION_GAIN, BRAKING * lim.accel_z)
+        holding = sp.vertical == Axis.POSITION
+        wanted = clamp(sp.vel[2] + holding * np.sign(error) * speed, -lim.speed_up, lim.speed_down)
+        acc = sp.acc[2] + (wanted - self.vel[2]) * (SPEED_GAIN * (sp.vertical != Axis.ACCELERATION))
+        acc = clamp(acc, -lim.accel_z, lim.accel_z)
+        self.acc[2] += clamp(acc - self.acc[2], -lim.jerk_z * dt, lim.jerk_z * dt)
+
+
+def root_speed(distance: Array, gain: float, braking: Array) -> Array:
+    """Speed to approach a point ``distance`` away: linear near it (``gain``), and v^2 = 2*a*d further out, joined
+    smoothly.
+    """
+    join = braking / (gain * gain)
+    far = np.sqrt(np.maximum(2.0 * braking * (distance - 0.5 * join), 0.0))
+    return np.where(distance > join, far, gain * distance)

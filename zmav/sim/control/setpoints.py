@@ -1,0 +1,142 @@
+"""What the cascade is asked to do, for N vehicles: one row per quantity, one column per vehicle.
+
+An autopilot writes its own column through :class:`SetpointHandle`; the cascade reads whole rows.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+
+import numpy as np
+
+from zmav.sim.arrays import Array
+
+Vector = tuple[float, float, float]
+
+
+class Spool(enum.IntEnum):
+    """What the rotors do."""
+
+    OFF = 0
+    IDLE = 1
+    FLY = 2
+
+
+class Axis(enum.IntEnum):
+    """What is held, of the horizontal pair or of the vertical."""
+
+    POSITION = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+    DIRECT = 3  # horizontally the attitude, vertically the thrust, as given
+
+
+class Yaw(enum.IntEnum):
+    ANGLE = 0
+    RATE = 1
+
+
+class Limits:
+    """What a vehicle may do at most: (N,) rows, SI units; defaults are ArduCopter's parameters."""
+
+    def __init__(self, n: int) -> None:
+        def row(value: float) -> Array:
+            return np.full(n, value)
+
+        self.speed = row(10.0)  # WPNAV_SPEED
+        self.speed_up = row(2.5)  # WPNAV_SPEED_UP
+        self.speed_down = row(1.5)  # WPNAV_SPEED_DN
+        self.accel = row(2.5)  # WPNAV_ACCEL
+        self.accel_z = row(1.0)  # WPNAV_ACCEL_Z
+        self.jerk = row(5.0)  # PSC_JERK_XY
+        self.jerk_z = row(5.0)  # PSC_JERK_Z
+        self.lean = row(math.radians(30.0))  # ANGLE_MAX
+        self.yaw_slew = row(math.radians(60.0))  # ATC_SLEW_YAW
+
+
+class Setpoints:
+    """Targets of N vehicles: metres, m/s, m/s^2 in world NED; radians; thrust as a fraction of the rotors' sum."""
+
+    def __init__(self, n: int) -> None:
+        self.spool = np.zeros(n, dtype=np.int8)
+        self.horizontal = np.zeros(n, dtype=np.int8)
+        self.vertical = np.zeros(n, dtype=np.int8)
+        self.yaw_kind = np.zeros(n, dtype=np.int8)
+        self.pos: Array = np.zeros((3, n))
+        self.vel: Array = np.zeros((3, n))
+        self.acc: Array = np.zeros((3, n))
+        self.roll: Array = np.zeros(n)
+        self.pitch: Array = np.zeros(n)
+        self.thrust: Array = np.zeros(n)
+        self.yaw: Array = np.zeros(n)
+        self.yaw_rate: Array = np.zeros(n)
+        self.limits = Limits(n)
+
+    def handle(self, index: int) -> SetpointHandle:
+        return SetpointHandle(self, index)
+
+
+class SetpointHandle:
+    """One vehicle's column of :class:`Setpoints`."""
+
+    def __init__(self, table: Setpoints, index: int) -> None:
+        self._t = table
+        self._i = index
+
+    def spool(self, spool: Spool) -> None:
+        self._t.spool[self._i] = spool
+
+    def move(
+        self,
+        *,
+        pos: Vector = (0.0, 0.0, 0.0),
+        vel: Vector = (0.0, 0.0, 0.0),
+        acc: Vector = (0.0, 0.0, 0.0),
+        horizontal: Axis = Axis.POSITION,
+        vertical: Axis = Axis.POSITION,
+    ) -> None:
+        """Hold a position, a velocity (with ``vel`` beside a position: fed forward) or an acceleration."""
+        t, i = self._t, self._i
+        t.horizontal[i], t.vertical[i] = horizontal, vertical
+        t.pos[:, i], t.vel[:, i], t.acc[:, i] = pos, vel, acc
+
+    def lean(self, roll: float, pitch: float) -> None:
+        """Hold this attitude (radians) instead of anything horizontal."""
+        t, i = self._t, self._i
+        t.horizontal[i] = Axis.DIRECT
+        t.roll[i], t.pitch[i] = roll, pitch
+
+    def climb(self, down_speed: float) -> None:
+        """Hold a vertical speed, m/s, positive down."""
+        t, i = self._t, self._i
+        t.vertical[i] = Axis.VELOCITY
+        t.vel[2, i], t.acc[2, i] = down_speed, 0.0
+
+    def height(self, down: float) -> None:
+        """Hold a height: metres down of the world's origin."""
+        t, i = self._t, self._i
+        t.vertical[i] = Axis.POSITION
+        t.pos[2, i], t.vel[2, i], t.acc[2, i] = down, 0.0, 0.0
+
+    def direct_thrust(self, fraction: float) -> None:
+        t, i = self._t, self._i
+        t.vertical[i] = Axis.DIRECT
+        t.thrust[i] = fraction
+
+    def heading(self, yaw: float) -> None:
+        """Turn to ``yaw`` (radians) at the allowed rate and stay there."""
+        self._t.yaw_kind[self._i] = Yaw.ANGLE
+        self._t.yaw[self._i] = yaw
+
+    def turn(self, rate: float) -> None:
+        """Turn at ``rate`` rad/s, clockwise from above."""
+        self._t.yaw_kind[self._i] = Yaw.RATE
+        self._t.yaw_rate[self._i] = rate
+
+    def limit(self, name: str, value: float) -> None:
+        """Set one of :class:`Limits` by its name."""
+        getattr(self._t.limits, name)[self._i] = value
+
+    def limit_of(self, name: str) -> float:
+        return float(getattr(self._t.limits, name)[self._i])

@@ -1,0 +1,110 @@
+"""All vehicles of one airframe: physics, estimate and controllers stepped together, and a row of plain numbers for
+each autopilot.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from zmav.sim.arrays import Array
+from zmav.sim.control.cascade import Cascade
+from zmav.sim.control.setpoints import SetpointHandle, Setpoints
+from zmav.sim.dynamics.airframe import Airframe
+from zmav.sim.dynamics.copter import CopterDynamics
+from zmav.sim.sensors.estimate import Estimator
+
+
+class Sense(NamedTuple):
+    """What one autopilot knows at a tick: metres, m/s NED of the world; radians; m/s^2 body; fractions."""
+
+    north: float
+    east: float
+    down: float
+    vn: float
+    ve: float
+    vd: float
+    roll: float
+    pitch: float
+    yaw: float
+    p: float
+    q: float
+    r: float
+    fx: float
+    fy: float
+    fz: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+    ref_vn: float  # velocity the reference asks for
+    ref_ve: float
+    want_roll: float
+    want_pitch: float
+    throttle: float  # mean of the rotors, 0..1
+    current_a: float
+    contact: float  # 1 on the ground
+    impact: float  # down speed of a touch since the last tick, m/s
+    true_north: float
+    true_east: float
+    true_down: float
+
+
+class CopterFleet:
+    """N copters of one airframe. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians."""
+
+    def __init__(
+        self, airframe: Airframe, start: Array, yaw: Array, dt: float, rng: np.random.Generator, gps_noise_m: float
+    ) -> None:
+        self.airframe = airframe
+        self.dynamics = CopterDynamics(airframe, start, yaw, dt)
+        self.setpoints = Setpoints(start.shape[1])
+        self.estimate = Estimator(self.dynamics, rng, gps_noise_m)
+        self.cascade = Cascade(airframe, self.setpoints, start, yaw)
+        self._dt = dt
+
+    def handle(self, index: int) -> SetpointHandle:
+        return self.setpoints.handle(index)
+
+    def advance(self, steps: int) -> None:
+        """Outer loops once, then ``steps`` steps of inner loops and physics, then the sensors."""
+        est, dyn = self.estimate, self.dynamics
+        self.cascade.outer(est, steps * self._dt)
+        for _ in range(steps):
+            dyn.throttle = self.cascade.inner(est, self._dt)
+            dyn.step()
+            est.refresh()
+        est.observe(steps * self._dt)
+
+    def senses(self) -> list[Sense]:
+        """One row of plain floats per vehicle; a touch of the ground is reported once."""
+        est, dyn, cascade = self.estimate, self.dynamics, self.cascade
+        w, x, y, z = cascade.attitude
+        table = np.vstack(
+            (
+                est.pos,
+                est.vel,
+                est.euler,
+                est.rate,
+                est.force,
+                est.q,
+                cascade.reference.vel[:2],
+                np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+                np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0)),
+                dyn.throttle.mean(0),
+                self._current(),
+                dyn.contact,
+                dyn.impact,
+                dyn.pos,
+            )
+        )
+        dyn.impact[:] = 0.0
+        return [Sense._make(row) for row in table.T.tolist()]
+
+    def _current(self) -> Array:
+        """Battery current, A: the induced power of each rotor goes with its thrust to the 3/2 (momentum theory)."""
+        frame = self.airframe
+        share = self.dynamics.thrust / frame.hover_thrust_n
+        result: Array = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
+        return result

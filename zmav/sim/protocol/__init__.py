@@ -1,0 +1,1 @@
+"""ArduPilot's side of the MAVLink microservices: what every ArduPilot vehicle does with what it hears."""

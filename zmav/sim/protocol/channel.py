@@ -1,0 +1,60 @@
+"""A channel: one MAVLink link of one autopilot, with its own sequence numbers and its own stream rates.
+
+Real autopilots count sequence numbers per link, not per message source, and put a frame on a link only where it has
+room; a link that nobody reads loses whole messages and never holds anything up.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from zmav.mavlink.codec import Packer
+from zmav.mavlink.dialect import Dialect
+from zmav.mavlink.frames import Splitter
+from zmav.sim.protocol.streams import Streams
+
+LARGEST_FRAME = 280
+
+
+class Outlet(Protocol):
+    """Where a channel's frames go."""
+
+    def room(self) -> int:
+        """Bytes that can be taken now."""
+
+    def put(self, frame: bytes) -> None:
+        """Take one frame; never blocks."""
+
+
+class Channel:
+    """One link: frames in through ``splitter``, frames out with :meth:`send`."""
+
+    def __init__(self, dialect: Dialect, outlet: Outlet, sysid: int, compid: int, now: float) -> None:
+        self.streams = Streams(now)
+        self.splitter = Splitter(dialect)
+        self.outlet = outlet
+        self.dropped = 0
+        self.sent = 0
+        self.params_next: int | None = None  # index of the next parameter of a running download
+        self._packer = Packer(dialect, sysid, compid)
+
+    def adopt(self, sysid: int) -> None:
+        """Speak with another system id from now on."""
+        self._packer.sysid = sysid
+
+    def has_room(self, frames: int = 1) -> bool:
+        return self.outlet.room() >= frames * LARGEST_FRAME
+
+    def send(self, name: str, /, **fields: Any) -> bool:
+        """Send one message; False (and counted) where the link has no room for it."""
+        if not self.has_room():
+            self.dropped += 1
+            return False
+        self.outlet.put(self._packer.pack(name, **fields))
+        self.sent += 1
+        return True
+
+    def forward(self, data: bytes) -> None:
+        """Pass on somebody else's frame, untouched."""
+        if self.has_room():
+            self.outlet.put(data)

@@ -1,0 +1,268 @@
+"""COMMAND_LONG and COMMAND_INT, with ArduCopter's verdicts.
+
+Protocol: https://mavlink.io/en/services/command.html; which commands, and in which form:
+https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is answered MAV_RESULT_UNSUPPORTED.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from zmav.sim.autopilots.guided import Target, YawWish
+from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.setpoint import point
+from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
+from zmav.sim.protocol.telemetry import REPORTS
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.node import MavNode
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
+COMMAND_INT_ONLY = 8
+
+_FORCE = 21196  # param2 of arming that skips the checks, and of disarming in flight
+_CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+_E7 = 1e7
+
+
+class Command(msgspec.Struct, frozen=True):
+    """A command in either form: ``x`` and ``y`` as COMMAND_INT carries them; ``sender`` is who asked."""
+
+    number: int
+    p1: float
+    p2: float
+    p3: float
+    p4: float
+    x: float
+    y: float
+    z: float
+    frame: int
+    as_int: bool
+    channel: Channel
+    sender: tuple[int, int]
+
+
+Handler = Callable[["MavNode", Command], int]
+
+
+def from_long(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
+    p1, p2, p3, p4, x, y, z = (msg[f"param{i}"] for i in range(1, 8))
+    return Command(msg["command"], p1, p2, p3, p4, x, y, z, 3, False, channel, sender)
+
+
+def from_int(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
+    p1, p2, p3, p4 = (msg[f"param{i}"] for i in range(1, 5))
+    return Command(msg["command"], p1, p2, p3, p4, msg["x"], msg["y"], msg["z"], msg["frame"], True, channel, sender)
+
+
+def run(node: MavNode, command: Command) -> None:
+    """Carry out, and acknowledge to who asked on the link it came by."""
+    handler = HANDLERS.get(command.number)
+    if handler is None:
+        result = UNSUPPORTED
+    elif not all(math.isfinite(p) for p in (command.p1, command.p2)) and command.number not in _NAN_ALLOWED:
+        result = DENIED
+    else:
+        result = handler(node, command)
+    command.channel.send(
+        "COMMAND_ACK",
+        command=command.number,
+        result=result,
+        target_system=command.sender[0],
+        target_component=command.sender[1],
+    )
+
+
+def _verdict(done: bool) -> int:
+    return ACCEPTED if done else FAILED
+
+
+def _arm_disarm(node: MavNode, c: Command) -> int:
+    forced = round(c.p2) == _FORCE
+    if c.p1 == 1:
+        return _verdict(node.copter.arm(forced=forced))
+    if c.p1 == 0:
+        return _verdict(node.copter.disarm(forced=forced))
+    return UNSUPPORTED
+
+
+def _set_mode(node: MavNode, c: Command) -> int:
+    if not int(c.p1) & _CUSTOM_MODE:
+        return DENIED
+    return _verdict(node.copter.set_mode(int(c.p2)))
+
+
+def _takeoff(node: MavNode, c: Command) -> int:
+    return _verdict(math.isfinite(c.z) and node.copter.take_off(c.z))
+
+
+def _enter(number: int) -> Handler:
+    def handler(node: MavNode, c: Command) -> int:
+        return _verdict(node.copter.set_mode(number))
+
+    return handler
+
+
+def _set_interval(node: MavNode, c: Command) -> int:
+    name = node.dialect_name(int(c.p1))
+    if name not in REPORTS:
+        return DENIED
+    if c.p2 == 0:
+        period = HEARTBEAT_PERIOD_S if name == "HEARTBEAT" else 0.0
+    else:
+        # ArduPilot keeps whole milliseconds, up to a minute.
+        period = min(max(int(c.p2 / 1000.0), 1), 60000) / 1000.0 if c.p2 > 0 else 0.0
+    c.channel.streams.set_period(name, period, node.copter.now)
+    return ACCEPTED
+
+
+def _get_interval(node: MavNode, c: Command) -> int:
+    name = node.dialect_name(int(c.p1))
+    if name not in REPORTS:
+        # Protocol: an interval of 0 says that the message is not available.
+        c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1) & 0xFFFF)
+        return FAILED
+    period = c.channel.streams.period(name)
+    c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1), interval_us=round(period * 1e6) if period else -1)
+    return ACCEPTED
+
+
+def _request_message(node: MavNode, c: Command) -> int:
+    name = node.dialect_name(int(c.p1))
+    if name not in REPORTS:
+        return FAILED
+    node.after_ack(c.channel, name)
+    return ACCEPTED
+
+
+def _request_version(node: MavNode, c: Command) -> int:
+    if c.p1 != 1:
+        return DENIED
+    node.after_ack(c.channel, "AUTOPILOT_VERSION")
+    return ACCEPTED
+
+
+def _get_home(node: MavNode, c: Command) -> int:
+    if not node.copter.boot.has("origin"):
+        return FAILED
+    node.after_ack(c.channel, "HOME_POSITION")
+    return ACCEPTED
+
+
+def _set_home(node: MavNode, c: Command) -> int:
+    copter = node.copter
+    if not copter.boot.has("origin"):
+        return FAILED
+    if c.p1 == 1:
+        copter.home_world = (copter.sense.north, copter.sense.east, copter.sense.down)
+    else:
+        x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
+        place = _place(node, x, y, c.z, 0 if not c.as_int else c.frame)
+        if place is None or (x == 0 and y == 0):
+            return DENIED
+        copter.home_world = place
+    copter.announce()
+    return ACCEPTED
+
+
+def _place(node: MavNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return None
+    return point(node.copter, round(x), round(y), z, frame)
+
+
+def _reposition(node: MavNode, c: Command) -> int:
+    if not c.as_int:
+        return COMMAND_INT_ONLY
+    copter = node.copter
+    place = _place(node, c.x, c.y, c.z, c.frame)
+    if place is None:
+        return DENIED
+    if copter.mode is not copter.guided and not int(c.p2) & _CHANGE_MODE:
+        return DENIED
+    if not copter.set_mode(copter.guided.number):
+        return FAILED
+    yaw = YawWish(angle=c.p4) if math.isfinite(c.p4) and c.p4 != 0 else YawWish()
+    if math.isfinite(c.p1) and c.p1 > 0:
+        copter.sp.limit("speed", c.p1)
+    copter.guided.aim(Target(pos=place, yaw=yaw))
+    return ACCEPTED
+
+
+def _change_speed(node: MavNode, c: Command) -> int:
+    limit = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}.get(int(c.p1))
+    if limit is None or c.p2 <= 0:
+        return DENIED
+    node.copter.sp.limit(limit, min(c.p2, 50.0))
+    return ACCEPTED
+
+
+def _condition_yaw(node: MavNode, c: Command) -> int:
+    copter = node.copter
+    if copter.mode is not copter.guided or not 0 <= c.p1 <= 360:
+        return FAILED
+    angle = math.radians(c.p1)
+    if c.p4 == 1:
+        angle = copter.sense.yaw + math.copysign(angle, c.p3 or 1.0)
+    copter.heading.hold(angle)
+    return ACCEPTED
+
+
+def _run_prearm(node: MavNode, c: Command) -> int:
+    if node.copter.armed:
+        return TEMPORARILY_REJECTED
+    node.say_prearm()
+    return ACCEPTED
+
+
+def _terminate(node: MavNode, c: Command) -> int:
+    return _verdict(c.p1 > 0.5 and node.copter.disarm(forced=True))
+
+
+def _reboot(node: MavNode, c: Command) -> int:
+    if c.p1 not in (1, 3):
+        return UNSUPPORTED
+    if node.copter.armed and round(c.y) != _FORCE:
+        return FAILED
+    node.reboot_after_ack()
+    return ACCEPTED
+
+
+def _banner(node: MavNode, c: Command) -> int:
+    node.banner(c.channel)
+    return ACCEPTED
+
+
+def _mission_start(node: MavNode, c: Command) -> int:
+    return FAILED
+
+
+HANDLERS: dict[int, Handler] = {
+    17: _enter(5),  # NAV_LOITER_UNLIM
+    20: _enter(6),  # NAV_RETURN_TO_LAUNCH
+    21: _enter(9),  # NAV_LAND
+    22: _takeoff,
+    84: _takeoff,  # NAV_VTOL_TAKEOFF
+    115: _condition_yaw,
+    176: _set_mode,
+    178: _change_speed,
+    179: _set_home,
+    185: _terminate,
+    192: _reposition,
+    246: _reboot,
+    300: _mission_start,
+    400: _arm_disarm,
+    401: _run_prearm,
+    410: _get_home,
+    510: _get_interval,
+    511: _set_interval,
+    512: _request_message,
+    520: _request_version,
+    42428: _banner,
+}
+_NAN_ALLOWED = {22, 84, 192}

@@ -1,0 +1,136 @@
+"""Parameters: the store of one vehicle and the legacy parameter protocol with values cast to float.
+
+Protocol: https://mavlink.io/en/services/parameter.html (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST)
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from zmav.errors import BadConfig
+from zmav.sim.protocol.channel import Channel
+
+NO_INDEX = 65535
+PER_TICK = 16  # PARAM_VALUEs of a download in one tick: 1354 of them take about 0.9 s, as measured
+_TYPES = {"int8": 2, "int16": 4, "int32": 6, "float": 9}  # MAV_PARAM_TYPE
+_BOUNDS = {2: 2**7, 4: 2**15, 6: 2**31}
+
+
+@cache
+def defaults(name: str) -> tuple[tuple[str, float, int], ...]:
+    """(name, value, MAV_PARAM_TYPE) of every parameter in ``data/<name>.parm``, in the order of a download."""
+    text = resources.files("zmav.sim").joinpath("data", f"{name}.parm").read_text(encoding="ascii")
+    rows = []
+    for line in text.splitlines():
+        if line and not line.startswith("#"):
+            param, value, kind = line.split()
+            rows.append((param, float(value), _TYPES[kind]))
+    return tuple(rows)
+
+
+class ParamStore:
+    """Named values of one vehicle; ``changed(name, value)`` is called after every change."""
+
+    def __init__(self, table: tuple[tuple[str, float, int], ...]) -> None:
+        self.names = [row[0] for row in table]
+        self.index = {name: i for i, name in enumerate(self.names)}
+        self._values = {row[0]: to_float32(row[1]) for row in table}
+        self._types = {row[0]: row[2] for row in table}
+        self.changed: Callable[[str, float], None] = lambda name, value: None
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._values
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def type_of(self, name: str) -> int:
+        return self._types[name]
+
+    def set(self, name: str, value: float) -> None:
+        """Store ``value`` as the parameter's type holds it. KeyError for a name that is not there."""
+        kind = self._types[name]
+        if kind in _BOUNDS:
+            bound = _BOUNDS[kind]
+            value = float(min(max(round(value), -bound), bound - 1))
+        else:
+            value = to_float32(value)
+        self._values[name] = value
+        self.changed(name, value)
+
+    def preset(self, values: dict[str, float]) -> None:
+        """Values from a configuration; :class:`BadConfig` for a name that is not a parameter."""
+        for name, value in values.items():
+            if name not in self._values:
+                raise BadConfig(f"no parameter {name!r}", field=f"params.{name}", value=value, expected="a known name")
+            self.set(name, value)
+
+
+def to_float32(value: float) -> float:
+    """As the value travels: a single-precision number."""
+    clipped = min(max(value, -3.4e38), 3.4e38)
+    return float(struct.unpack("<f", struct.pack("<f", clipped))[0])
+
+
+class ParamProtocol:
+    """Answers the PARAM_ messages of one vehicle."""
+
+    def __init__(
+        self, store: ParamStore, everyone: Callable[[], list[Channel]], banner: Callable[[Channel], None]
+    ) -> None:
+        self.store = store
+        self._everyone = everyone
+        self._banner = banner
+
+    def request_list(self, channel: Channel, msg: dict[str, Any]) -> None:
+        channel.params_next = 0
+        self._banner(channel)
+
+    def request_read(self, channel: Channel, msg: dict[str, Any]) -> None:
+        """By index, or by name where the index is -1; what does not exist stays unanswered."""
+        index = msg["param_index"]
+        if index >= 0:
+            if index < len(self.store):
+                self._send(channel, self.store.names[index], index)
+        elif msg["param_id"] in self.store:
+            self._send(channel, msg["param_id"], NO_INDEX)
+
+    def set(self, channel: Channel, msg: dict[str, Any]) -> None:
+        """Store and tell everyone; unknown names and values that are no numbers are ignored."""
+        name, value = msg["param_id"], msg["param_value"]
+        if name in self.store and math.isfinite(value):
+            self.store.set(name, value)
+            for each in self._everyone():
+                self._send(each, name, NO_INDEX)
+
+    def feed(self, channel: Channel) -> None:
+        """Once a tick: go on with a download where the channel has room."""
+        if channel.params_next is None:
+            return
+        for _ in range(PER_TICK):
+            if channel.params_next >= len(self.store):
+                channel.params_next = None
+                return
+            # Telemetry keeps its share of a slow link.
+            if not channel.has_room(4):
+                return
+            self._send(channel, self.store.names[channel.params_next], channel.params_next)
+            channel.params_next += 1
+
+    def _send(self, channel: Channel, name: str, index: int) -> None:
+        channel.send(
+            "PARAM_VALUE",
+            param_id=name,
+            param_value=self.store[name],
+            param_type=self.store.type_of(name),
+            param_count=len(self.store),
+            param_index=index,
+        )

@@ -1,0 +1,132 @@
+"""SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET, as ArduCopter takes them in
+GUIDED.
+
+Masks and frames: https://ardupilot.org/dev/docs/copter-commands-in-guided-mode.html. Outside GUIDED they are
+ignored, as are frames that do not exist and numbers that are none.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.autopilots.guided import AttitudeTarget, Target, YawWish
+from zmav.sim.control.setpoints import Vector
+from zmav.sim.geo import Position, to_ned
+
+_POS, _VEL, _ACC = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
+_FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
+_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
+_ABSOLUTE = (0, 5)
+_RELATIVE = (3, 6, 10, 11)  # above home; the ground of the simulated world is flat, so above terrain is the same
+_NO_THRUST, _NO_ATTITUDE = 64, 128  # ATTITUDE_TARGET_TYPEMASK
+_THRUST_IS_THRUST = 8  # GUID_OPTIONS
+
+
+def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
+    """Apply a SET_POSITION_TARGET_LOCAL_NED."""
+    frame, mask = msg["coordinate_frame"], msg["type_mask"]
+    if frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET) or not _usable(copter, mask):
+        return
+    s = copter.sense
+    turned = frame in (_BODY, _BODY_OFFSET)
+    pos, vel, acc = _vectors(msg, mask, ("x", "y", "z"))
+    if turned:
+        pos, vel, acc = _turn(pos, s.yaw), _turn(vel, s.yaw), _turn(acc, s.yaw)
+    if pos is not None:
+        about = copter.origin_world if frame == _LOCAL else (s.north, s.east, s.down)
+        pos = (about[0] + pos[0], about[1] + pos[1], about[2] + pos[2])
+    _apply(copter, Target(pos, vel, acc, _yaw(msg, mask, s.yaw if turned else 0.0)))
+
+
+def global_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
+    """Apply a SET_POSITION_TARGET_GLOBAL_INT."""
+    frame, mask = msg["coordinate_frame"], msg["type_mask"]
+    if frame not in _ABSOLUTE + _RELATIVE or not _usable(copter, mask):
+        return
+    pos, vel, acc = _vectors(msg, mask, ("lat_int", "lon_int", "alt"))
+    if pos is not None:
+        pos = point(copter, msg["lat_int"], msg["lon_int"], msg["alt"], frame)
+        if pos is None:
+            return
+    _apply(copter, Target(pos, vel, acc, _yaw(msg, mask, 0.0)))
+
+
+def point(copter: ArduCopter, lat_e7: int, lon_e7: int, alt: float, frame: int) -> Vector | None:
+    """A place in degrees times 1e7 and metres, in the world's NED; None where there is no such place or frame."""
+    if abs(lat_e7) > 900_000_000 or abs(lon_e7) > 1_800_000_000 or not math.isfinite(alt):
+        return None
+    north, east, down = to_ned(Position(lat_e7 * 1e-7, lon_e7 * 1e-7, alt), copter.world)
+    if frame in _RELATIVE:
+        down = copter.home_world[2] - alt
+    elif frame not in _ABSOLUTE:
+        return None
+    return north, east, down
+
+
+def attitude_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
+    """Apply a SET_ATTITUDE_TARGET; the thrust field is a climb rate (0.5: none) unless GUID_OPTIONS says otherwise."""
+    mask, q, thrust = msg["type_mask"], msg["q"], msg["thrust"]
+    norm = math.sqrt(sum(c * c for c in q))
+    known = math.isfinite(norm) and norm > 0.5 and math.isfinite(thrust)
+    if not _usable(copter, 0) or mask & (_NO_ATTITUDE | _NO_THRUST) or not known:
+        return
+    w, x, y, z = (c / norm for c in q)
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    lean = copter.sp.limit_of("lean")
+    roll, pitch = min(max(roll, -lean), lean), min(max(pitch, -lean), lean)
+    thrust = min(max(thrust, 0.0), 1.0)
+    rate = msg["body_yaw_rate"]
+    wish = YawWish(rate=rate) if not mask & 4 and rate else YawWish(angle=yaw)
+    if int(copter.params["GUID_OPTIONS"]) & _THRUST_IS_THRUST:
+        target = AttitudeTarget(roll, pitch, None, thrust, wish)
+    else:
+        span = copter.sp.limit_of("speed_up" if thrust > 0.5 else "speed_down")
+        target = AttitudeTarget(roll, pitch, (thrust - 0.5) * 2.0 * span, None, wish)
+    copter.guided.lean(target)
+
+
+def _usable(copter: ArduCopter, mask: int) -> bool:
+    """In GUIDED, and no force asked for in place of an acceleration."""
+    force = mask & _FORCE and not mask & _ACC
+    return copter.mode is copter.guided and not force
+
+
+def _vectors(
+    msg: dict[str, Any], mask: int, names: tuple[str, str, str]
+) -> tuple[Vector | None, Vector | None, Vector | None]:
+    """Position, velocity and acceleration; one whose mask has any bit set is left out, as in ArduCopter."""
+    pos = _three(msg, names) if not mask & _POS else None
+    vel = _three(msg, ("vx", "vy", "vz")) if not mask & _VEL else None
+    acc = _three(msg, ("afx", "afy", "afz")) if not mask & _ACC else None
+    return pos, vel, acc
+
+
+def _three(msg: dict[str, Any], names: tuple[str, str, str]) -> Vector:
+    return msg[names[0]], msg[names[1]], msg[names[2]]
+
+
+def _turn(vector: Vector | None, yaw: float) -> Vector | None:
+    """From forward-right-down to north-east-down."""
+    if vector is None:
+        return None
+    c, s = math.cos(yaw), math.sin(yaw)
+    return vector[0] * c - vector[1] * s, vector[0] * s + vector[1] * c, vector[2]
+
+
+def _yaw(msg: dict[str, Any], mask: int, about: float) -> YawWish:
+    if not mask & _NO_YAW and math.isfinite(msg["yaw"]):
+        return YawWish(angle=about + msg["yaw"])
+    if not mask & _NO_YAW_RATE and math.isfinite(msg["yaw_rate"]):
+        return YawWish(rate=msg["yaw_rate"])
+    return YawWish()
+
+
+def _apply(copter: ArduCopter, target: Target) -> None:
+    for vector in (target.pos, target.vel, target.acc):
+        if vector is not None and not all(math.isfinite(c) for c in vector):
+            return
+    copter.guided.aim(target)

@@ -1,0 +1,82 @@
+"""Message intervals and the older data streams, per channel.
+
+SET_MESSAGE_INTERVAL: https://mavlink.io/en/messages/common.html#MAV_CMD_SET_MESSAGE_INTERVAL
+REQUEST_DATA_STREAM, with ArduPilot's groups: https://ardupilot.org/dev/docs/mavlink-requesting-data.html
+"""
+
+from __future__ import annotations
+
+HEARTBEAT_PERIOD_S = 1.0
+
+# MAV_DATA_STREAM -> what ArduPilot sends in it, of what is simulated.
+GROUPS: dict[int, tuple[str, ...]] = {
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_PRESSURE"),
+    2: (
+        "SYS_STATUS",
+        "POWER_STATUS",
+        "MEMINFO",
+        "NAV_CONTROLLER_OUTPUT",
+        "MISSION_CURRENT",
+        "GPS_RAW_INT",
+        "POSITION_TARGET_GLOBAL_INT",
+    ),
+    3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
+    6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
+    10: ("ATTITUDE", "SIMSTATE", "AHRS2"),
+    11: ("VFR_HUD",),
+    12: ("AHRS", "SYSTEM_TIME", "WIND", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION"),
+}
+# The parameter that holds a group's default rate on the first serial port, Hz.
+RATE_PARAMS = {
+    "MAV1_RAW_SENS": 1,
+    "MAV1_EXT_STAT": 2,
+    "MAV1_RC_CHAN": 3,
+    "MAV1_POSITION": 6,
+    "MAV1_EXTRA1": 10,
+    "MAV1_EXTRA2": 11,
+    "MAV1_EXTRA3": 12,
+}
+
+
+class Streams:
+    """What one channel is sent, and when it is next due (seconds on the simulation's clock)."""
+
+    def __init__(self, now: float) -> None:
+        self._period: dict[str, float] = {}
+        self._due: dict[str, float] = {}
+        self._next = now
+        self.set_period("HEARTBEAT", HEARTBEAT_PERIOD_S, now)
+
+    def set_period(self, name: str, period: float, now: float) -> None:
+        """Send ``name`` every ``period`` seconds; 0 or less: not at all."""
+        if period <= 0.0:
+            self._period.pop(name, None)
+            self._due.pop(name, None)
+            return
+        self._period[name] = period
+        self._due[name] = now
+        self._next = min(self._next, now)
+
+    def set_group(self, group: int, rate_hz: float, now: float) -> None:
+        """ArduPilot's REQUEST_DATA_STREAM: a whole group (0: every one) at a rate; 0 stops it."""
+        for number, names in GROUPS.items():
+            if group in (0, number):
+                for name in names:
+                    self.set_period(name, 1.0 / rate_hz if rate_hz > 0.0 else 0.0, now)
+
+    def period(self, name: str) -> float | None:
+        return self._period.get(name)
+
+    def due(self, now: float) -> list[str]:
+        """Names to send now. Their next times keep the rate on average, whatever the step of the clock."""
+        if now < self._next - 1e-9:
+            return []
+        ready = []
+        for name, when in self._due.items():
+            if now >= when - 1e-9:
+                ready.append(name)
+                following = when + self._period[name]
+                # After a pause there is nothing to catch up with.
+                self._due[name] = following if following > now - self._period[name] else now + self._period[name]
+        self._next = min(self._due.values(), default=float("inf"))
+        return ready

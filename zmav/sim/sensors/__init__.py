@@ -1,0 +1,1 @@
+"""What the vehicles' sensors and estimators make of the truth."""
