@@ -19,7 +19,10 @@ import msgspec
 from zmav.errors import BadMessage
 from zmav.mavlink import values
 from zmav.mavlink.dialect import Dialect, Field, MessageType
-from zmav.mavlink.frames import HEADER_V1, HEADER_V2, MAGIC_V2, Frame, build_frame, parse_frame
+from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V2, Frame, build_frame, parse_frame
+
+_MAVLINK_VERSION = 3
+"""What HEARTBEAT.mavlink_version holds, in MAVLink 1 and 2 alike."""
 
 
 class MavMessage(msgspec.Struct):
@@ -48,7 +51,12 @@ def decode(frame: Frame, dialect: Dialect) -> dict[str, Any]:
     """
     message = dialect.by_id.get(frame.msgid)
     if message is None:
-        message = dialect.message(frame.msgid)
+        raise BadMessage(
+            f"dialect {dialect.name} has no message {frame.msgid}",
+            field="msgid",
+            value=frame.msgid,
+            expected=f"a message of dialect {dialect.name}",
+        )
     if not frame.verified:
         # Its splitter had another dialect, and could not check what this one can.
         parse_frame(frame.data, dialect)
@@ -74,7 +82,7 @@ def _unpack(message: MessageType, frame: Frame) -> dict[str, Any]:
 
 
 def describe(frame: Frame, dialect: Dialect) -> MavMessage:
-    """The frame as a :class:`MavMessage`. Never raises: what cannot be decoded has the one field ``payload``, in hex."""
+    """The frame as a :class:`MavMessage`. Never raises: what cannot be decoded has one field, ``payload``, in hex."""
     units: dict[str, str] = {}
     verified = True
     try:
@@ -111,10 +119,11 @@ def encode(
 ) -> bytes:
     """The unsigned frame of message ``name`` with these ``fields``, as bytes.
 
-    Every base field must be given; extension fields may be left out (zero) and do not exist in MAVLink ``version`` 1.
-    Taken are numbers, enum entries by name, flags as "A | B | 64", lists, bytes for uint8_t and int8_t arrays (which may
-    also be shorter than the field: zeros follow), strings for char arrays, and None for NaN. Raises one
-    :class:`BadMessage` whose ``detail["fields"]`` maps every bad field to what was expected.
+    Every base field must be given (but for HEARTBEAT's mavlink_version); extension fields may be left out, which means
+    zero, and do not exist in MAVLink ``version`` 1. Taken are numbers, enum entries by name, flags as "A | B | 64",
+    lists, strings for char arrays, and None for NaN. uint8_t and int8_t arrays may be shorter than the field (zeros
+    follow), and a uint8_t array may be bytes. Raises one :class:`BadMessage` whose ``detail["fields"]`` maps every bad
+    field to what was expected.
     """
     return _encode(dialect, name, fields, sysid, compid, seq, version, default=None)
 
@@ -130,9 +139,17 @@ def _encode(
     default: int | None,
 ) -> bytes:
     message = dialect.message(name)
+    if not isinstance(given, Mapping):
+        raise BadMessage(
+            f"{message.name}: the fields are a {type(given).__name__}",
+            field="fields",
+            value=given,
+            expected="an object with a value by each field's name",
+        )
     bad = _bad_header(message, sysid, compid, seq, version)
-    for unknown in given.keys() - message.by_name.keys():
-        bad[str(unknown)] = f"{name} has no such field; it has {', '.join(message.by_name)}"
+    for unknown in given:
+        if unknown not in message.by_name:
+            bad[str(unknown)] = f"no such field; {message.name} has {', '.join(message.by_name)}"
     flat: list[Any] = []
     for field in message.wire_fields:
         try:
@@ -141,7 +158,7 @@ def _encode(
             bad[field.name] = str(error)
     if bad:
         listed = "; ".join(f"{field}: {why}" for field, why in bad.items())
-        raise BadMessage(f"{name} cannot be encoded: {listed}", fields=bad)
+        raise BadMessage(f"{message.name} cannot be encoded: {listed}", fields=bad)
     payload = message.struct.pack(*flat)
     if version == 1:
         payload = payload[: message.base_length]
@@ -152,6 +169,8 @@ def _field_values(
     field: Field, given: Mapping[str, Any], dialect: Dialect, version: int, default: int | None
 ) -> list[Any]:
     if field.name not in given:
+        if field.name == "mavlink_version":  # not the caller's to give: the definition says so
+            return [_MAVLINK_VERSION]
         if default is None and not field.extension:
             raise ValueError(f"missing; expected {values.expected(field)}")
         return values.zeros(field)
@@ -165,7 +184,7 @@ def _bad_header(message: MessageType, sysid: int, compid: int, seq: int, version
     bad = {
         name: f"{value!r} is not an integer from 0 to 255"
         for name, value in (("sysid", sysid), ("compid", compid), ("seq", seq))
-        if not (isinstance(value, int) and 0 <= value <= 255)
+        if type(value) is not int or not 0 <= value <= 255
     }
     if version not in (1, 2):
         bad["version"] = f"{version!r} is not 1 or 2"
@@ -203,9 +222,8 @@ class Packer:
         self._lock = threading.Lock()
 
     def pack(self, name: str, /, **fields: Any) -> bytes:
-        """The next frame. Raises :class:`BadMessage` as :func:`encode` does; the sequence number is then not used up."""
+        """The next frame. Raises :class:`BadMessage` as :func:`encode` does; that uses up no sequence number."""
         with self._lock:
             data = _encode(self.dialect, name, fields, self.sysid, self.compid, self._seq, self.version, default=0)
             self._seq = (self._seq + 1) & 0xFF
         return data
-

@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 import io
 import re
+import struct
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from pathlib import Path
@@ -28,7 +29,7 @@ Enums = dict[str, dict[str, int]]
 
 def read_named(name: str) -> tuple[list[MessageType], Enums]:
     """Messages and enums of the dialect pymavlink calls ``name``; raises :class:`BadConfig` where it has none such."""
-    known = re.fullmatch(r"\w+", name) and importlib.util.find_spec(f"{_DIALECTS}.{name}")
+    known = re.fullmatch(r"[A-Za-z]\w*", name) and importlib.util.find_spec(f"{_DIALECTS}.{name}")
     if not known:
         raise BadConfig(
             f"no dialect called {name!r}",
@@ -78,9 +79,13 @@ def read_xml(path: Path) -> tuple[list[MessageType], Enums]:
     # The generator reports by print(): what it says is the reason of an error, and otherwise nobody's business.
     with contextlib.redirect_stdout(said):
         files = _with_includes(path, mavparse)
-        if mavparse.check_duplicates(files):
-            raise _bad(path, _last_error(said.getvalue()))
-    return _tables(path, files)
+        try:
+            if mavparse.check_duplicates(files):
+                raise _bad(path, _last_error(said.getvalue()))
+            return _tables(path, files)
+        except (LookupError, ValueError, TypeError, AttributeError, struct.error) as error:
+            # The generator takes much for granted, and a wrong file makes it stumble in many ways.
+            raise _bad(path, f"{type(error).__name__}: {error}") from error
 
 
 def _tables(path: Path, files: list[Any]) -> tuple[list[MessageType], Enums]:
@@ -123,7 +128,7 @@ def _from_xml(message: Any, bitmasks: set[str]) -> MessageType:
 
 
 def _with_includes(path: Path, mavparse: Any) -> list[Any]:
-    """The parsed file and everything it includes, each once; an include is sought beside its includer, then in pymavlink."""
+    """The file and all it includes, parsed, each once; includes are sought beside their includer, then in pymavlink."""
     parsed: dict[Path, Any] = {}
     waiting = [path]
     while waiting:
@@ -166,8 +171,10 @@ def _parse(path: Path, mavparse: Any) -> Any:
         raise _bad(path, str(error.strerror or error)) from error
     except (ET.ParseError, xml.parsers.expat.ExpatError) as error:
         raise _bad(path, f"not well-formed XML: {error}") from error
-    except (mavparse.MAVParseError, AssertionError, ValueError, IndexError, LookupError) as error:
-        raise _bad(path, str(error) or type(error).__name__) from error
+    except mavparse.MAVParseError as error:
+        raise _bad(path, str(error)) from error
+    except (AssertionError, LookupError, ValueError, TypeError, AttributeError) as error:
+        raise _bad(path, f"{type(error).__name__}: {error}") from error
 
 
 def _last_error(said: str) -> str:

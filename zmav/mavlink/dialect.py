@@ -36,8 +36,8 @@ class Field(msgspec.Struct, frozen=True):
     """One field of a message, as its definition declares it.
 
     ``type`` is the element's C type ("uint16_t", "char" ...); ``length`` the number of array elements, 0 for a scalar.
-    ``units`` ("degE7", "m/s" ...) and ``enum`` ("MAV_TYPE") are "" where there are none; ``bitmask`` says that the enum's
-    entries are flags to be combined; an ``extension`` field exists in MAVLink 2 only and may be absent (zero).
+    ``units`` ("degE7", "m/s" ...) and ``enum`` ("MAV_TYPE") are "" where there are none; ``bitmask`` says that the
+    enum's entries are flags to be combined; an ``extension`` field exists in MAVLink 2 only and may be absent (zero).
     """
 
     name: str
@@ -60,8 +60,9 @@ class Field(msgspec.Struct, frozen=True):
 class MessageType(msgspec.Struct, frozen=True):
     """A message's definition. ``fields`` are in declared order, ``wire_fields`` in the order of the payload.
 
-    ``struct`` unpacks a whole payload, extensions included, ``max_length`` bytes; without extensions (MAVLink 1) a payload
-    has ``base_length`` bytes. ``target_system`` and ``target_component`` are byte offsets into the payload, or None.
+    ``struct`` unpacks a whole payload, extensions included, ``max_length`` bytes; without extensions (MAVLink 1) a
+    payload has ``base_length`` bytes. ``target_system`` and ``target_component`` are byte offsets into the payload, or
+    None where the message has no such field.
     """
 
     id: int
@@ -78,7 +79,7 @@ class MessageType(msgspec.Struct, frozen=True):
 
     @classmethod
     def build(cls, msgid: int, name: str, crc_extra: int, fields: list[Field], wire_order: list[str]) -> MessageType:
-        """Lay out the payload; ``wire_order`` names the fields as they lie in it (base fields by size, then extensions)."""
+        """Lay out the payload; ``wire_order`` names the fields as they lie in it (base by size, then extensions)."""
         by_name = {field.name: field for field in fields}
         wire_fields = tuple(by_name[n] for n in wire_order)
         layout = struct.Struct("<" + "".join(f.code for f in wire_fields))
@@ -130,7 +131,7 @@ class Dialect(msgspec.Struct, frozen=True):
 
     def message(self, name_or_id: str | int) -> MessageType:
         """The message of that name or id; raises :class:`BadMessage`, which suggests names like it."""
-        found = self.by_id.get(name_or_id) if isinstance(name_or_id, int) else self.by_name.get(name_or_id)
+        found = self.by_id.get(name_or_id) if isinstance(name_or_id, int) else self.by_name.get(str(name_or_id))
         if found is not None:
             return found
         raise BadMessage(

@@ -5,83 +5,56 @@ Packet formats: https://mavlink.io/en/guide/serialization.html#mavlink2_packet_f
 
 from __future__ import annotations
 
-import msgspec
-from fastcrc import crc16
+import functools
+import re
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
 
-from zmav.errors import BadMessage
+from zmav.mavlink.checksum import BEFORE_MAGIC_V2, checksum, crc, residue_of, residues
 from zmav.mavlink.dialect import Dialect, MessageType
+from zmav.mavlink.frame import (
+    CHECKSUM,
+    HEADER_V1,
+    HEADER_V2,
+    MAGIC_V1,
+    MAGIC_V2,
+    SIGNATURE,
+    SIGNED,
+    Frame,
+    build_frame,
+    parse_frame,
+)
 
-MAGIC_V1 = 0xFE
-MAGIC_V2 = 0xFD
-SIGNED = 0x01
-"""The one incompatibility flag that is understood: 13 bytes of signature follow the checksum."""
+__all__ = ["Frame", "SourceCounters", "SplitCounters", "Splitter", "build_frame", "parse_frame"]
 
-HEADER_V1 = 6
-HEADER_V2 = 10
-_CRC = 2
-_SIGNATURE = 13
+_SHORTEST_V2 = HEADER_V2 + CHECKSUM
+_LONGEST_UNSIGNED_V2 = HEADER_V2 + 255 + CHECKSUM
 
-_crc = crc16.mcrf4xx
-
-
-class Frame(msgspec.Struct, frozen=True, gc=False):
-    """One MAVLink frame: ``data`` from its magic byte to the last byte of checksum or signature, as it came.
-
-    ``verified`` is False for a message the dialect lacks: its checksum needs the dialect's crc_extra.
-    """
-
-    data: bytes
-    msgid: int
-    verified: bool
-
-    @property
-    def version(self) -> int:
-        """1 or 2."""
-        return 2 if self.data[0] == MAGIC_V2 else 1
-
-    @property
-    def sysid(self) -> int:
-        return self.data[5] if self.data[0] == MAGIC_V2 else self.data[3]
-
-    @property
-    def compid(self) -> int:
-        return self.data[6] if self.data[0] == MAGIC_V2 else self.data[4]
-
-    @property
-    def seq(self) -> int:
-        return self.data[4] if self.data[0] == MAGIC_V2 else self.data[2]
-
-    @property
-    def payload(self) -> bytes:
-        """The payload as on the wire: MAVLink 2 leaves out zeros at its end."""
-        start = HEADER_V2 if self.data[0] == MAGIC_V2 else HEADER_V1
-        return self.data[start : start + self.data[1]]
-
-    @property
-    def incompat_flags(self) -> int:
-        return self.data[2] if self.data[0] == MAGIC_V2 else 0
-
-    @property
-    def signed(self) -> bool:
-        """The frame carries a signature (which is not checked here)."""
-        return bool(self.incompat_flags & SIGNED)
+_ANY_MAGIC = re.compile(b"[\xfd\xfe]")
+_MAX_ROUTES = 4096
+_LATE = 32
 
 
-class SplitCounters(msgspec.Struct):
-    """What a splitter has seen since it was made."""
+# The counters are dataclasses and not Structs for speed: setting a Struct's field costs three times as much.
+@dataclass(slots=True)
+class SplitCounters:
+    """What a splitter has seen; ``bytes`` are all either in ``frames``, or ``garbage``, or of a frame not yet whole."""
 
     bytes: int = 0
     frames: int = 0
-    bad_crc: int = 0
-    bad_length: int = 0
-    bad_flags: int = 0
-    unknown: int = 0
-    garbage: int = 0
-    lost: int = 0
+    bad_crc: int = 0  # places where a frame seemed to begin, but the checksum was wrong
+    bad_length: int = 0  # ... a MAVLink 1 frame that was too short for its message
+    bad_flags: int = 0  # ... a frame with an incompatibility flag that is not understood
+    unknown: int = 0  # frames whose message the dialect lacks
+    garbage: int = 0  # bytes passed over
+    lost: int = 0  # frames missing by the sequence numbers of all sources
 
 
-class SourceCounters(msgspec.Struct):
-    """What one (system, component) has sent."""
+@dataclass(slots=True)
+class SourceCounters:
+    """What one (system, component) has sent. ``last_seq`` is that of its newest frame."""
 
     frames: int = 0
     lost: int = 0
@@ -89,113 +62,202 @@ class SourceCounters(msgspec.Struct):
 
 
 class Splitter:
-    """Cuts a stream of bytes into frames."""
+    """Cuts one stream of bytes into frames. The result depends on the stream alone, never on how it was chopped.
+
+    A frame counts as one when its message is known and its checksum right. One whose message the dialect lacks cannot
+    be checked: it is taken on trust, but only where the byte before it ended a frame, or at the stream's start. Out of
+    step (after garbage or a damaged frame) such frames are passed over until a checked one is found. A frame with an
+    incompatibility flag other than "signed" is refused, since nobody knows where it ends: the drafts of MAVLink 2.1
+    (SYSID32 and TARGETTED, pymavlink#1229) lengthen the header that way. A payload longer than the dialect's (newer
+    extension fields) is fine.
+
+    Losses are gaps in the sequence numbers, which each (system, component) counts modulo 256. A gap of 128 and more is
+    no loss: up to 32 back it is a duplicate or a frame that was overtaken (which stays counted as lost: it was late),
+    and else a restart, or an outage too long for eight bits to tell. A restart can look like a loss of up to 127
+    frames. Only checked frames make a new entry in ``sources``, so that garbage cannot.
+
+    One thread at a time may use a splitter. Memory is bounded: at most one unfinished frame is kept.
+    """
 
     def __init__(self, dialect: Dialect) -> None:
         self.counters = SplitCounters()
         self.sources: dict[tuple[int, int], SourceCounters] = {}
-        self._known = {m.id: (bytes((m.crc_extra,)), m.base_length) for m in dialect.by_id.values()}
+        self._messages = dialect.by_id
         self._partial = b""
         self._in_sync = True
+        # What the fast paths need to know of a frame, by its bytes 5 to 9: system, component and message id. It fills
+        # as frames come by the general path, and is emptied when somebody invents ids without end.
+        self._routes: dict[bytes, tuple[int, int, SourceCounters]] = {}
+        self._layouts = _layouts()
+        self._residues = residues()
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take the next bytes of the stream; returns the frames that are now whole, in order."""
-        counters = self.counters
-        counters.bytes += len(data)
-        buf = self._partial + data if self._partial else data
-        pos, size = 0, len(buf)
-        frames: list[Frame] = []
-        while pos < size:
-            taken = self._next(buf, pos, size, frames)
-            if taken == 0:
-                break
-            if taken < 0:
-                counters.garbage -= taken
-                self._in_sync = False
-            pos += abs(taken)
-        self._partial = buf[pos:]
-        counters.frames += len(frames)
-        return frames
+        """Take the next bytes of the stream; returns the frames that are now whole, in order. Never raises."""
+        # The fast path: a datagram that is one whole unsigned MAVLink 2 frame. Everything else is for _split.
+        size = len(data)
+        if not self._partial and _SHORTEST_V2 <= size <= _LONGEST_UNSIGNED_V2:
+            unpack, expected = self._layouts[size]
+            head, seq, key, checked = unpack(data)
+            if head == expected:
+                route = self._routes.get(key)
+                if route is not None:
+                    extra, msgid, source = route
+                    if crc(data, BEFORE_MAGIC_V2) ^ extra == self._residues[checked]:
+                        if seq == source.last_seq + 1:
+                            source.last_seq = seq
+                        else:
+                            self._jump(source, seq)
+                        source.frames += 1
+                        counters = self.counters
+                        counters.bytes += size
+                        counters.frames += 1
+                        self._in_sync = True
+                        return [Frame(data, msgid, True)]
+        return self._split(data)
 
     def reset(self) -> None:
-        """Forget a partial frame: the link was reopened. Counters stay."""
+        """Forget an unfinished frame: the link was reopened, and a new stream begins. Counters and sources stay."""
         self.counters.garbage += len(self._partial)
         self._partial = b""
         self._in_sync = True
 
-    def _next(self, buf: bytes, pos: int, size: int, frames: list[Frame]) -> int:
-        """Bytes of the frame found at ``pos``; minus the number of bytes to skip; 0 where more bytes are needed."""
-        counters = self.counters
+    def _split(self, data: bytes) -> list[Frame]:
+        buf = self._partial + data if self._partial else data
+        size = len(buf)
+        pos = 0
+        frames: list[Frame] = []
+        while pos < size:
+            pos = self._run(buf, pos, frames)
+            if pos == size or (self._in_sync and _is_unfinished(buf, pos)):
+                break
+            taken = self._examine(buf, pos, frames)
+            if taken == 0:
+                break
+            self._in_sync = taken > 0
+            pos += abs(taken)
+        self._partial = buf[pos:]
+        self.counters.bytes += len(data)
+        self.counters.frames += len(frames)
+        return frames
+
+    def _run(self, buf: bytes, pos: int, frames: list[Frame]) -> int:
+        """Take frames like the fast path's for as long as they follow each other; returns where that ended."""
+        layouts, table, routes = self._layouts, self._residues, self._routes
+        last = len(buf) - _SHORTEST_V2
+        start = pos
+        try:
+            while pos <= last:
+                data = buf[pos : pos + _SHORTEST_V2 + buf[pos + 1]]
+                size = len(data)
+                unpack, expected = layouts[size]
+                head, seq, key, checked = unpack(data)
+                if head != expected:
+                    break
+                extra, msgid, source = routes[key]
+                if crc(data, BEFORE_MAGIC_V2) ^ extra != table[checked]:
+                    break
+                if seq == source.last_seq + 1:
+                    source.last_seq = seq
+                else:
+                    self._jump(source, seq)
+                source.frames += 1
+                frames.append(Frame(data, msgid, True))
+                pos += size
+        except KeyError:  # a new route: the general path will add it
+            pass
+        if pos > start:
+            self._in_sync = True
+        return pos
+
+    def _examine(self, buf: bytes, pos: int, frames: list[Frame]) -> int:
+        """The general path, for any byte: the length of the frame there, which then is the last of ``frames``; or minus
+        the number of bytes to pass over; or 0 where more bytes are needed to tell.
+
+        Every verdict is given on as few bytes as it takes, in this order, so that chopping cannot change it.
+        """
         magic = buf[pos]
         if magic != MAGIC_V2 and magic != MAGIC_V1:
-            following = [p for p in (buf.find(b"\xfd", pos), buf.find(b"\xfe", pos)) if p >= 0]
-            return pos - min(following, default=size)
+            following = _ANY_MAGIC.search(buf, pos)
+            return self._pass_over((following.start() if following else len(buf)) - pos)
+        have = len(buf) - pos
+        signed = False
+        if magic == MAGIC_V2 and have > 2:
+            if buf[pos + 2] & ~SIGNED:
+                self.counters.bad_flags += 1
+                return self._pass_over(1)
+            signed = buf[pos + 2] == SIGNED
         header = HEADER_V2 if magic == MAGIC_V2 else HEADER_V1
-        if size - pos < header:
-            if header == HEADER_V2 and size - pos > 2 and buf[pos + 2] & ~SIGNED:
-                counters.bad_flags += 1
-                return -1
+        if have < header:
             return 0
-        length = header + buf[pos + 1] + _CRC
-        if magic == MAGIC_V2:
-            flags = buf[pos + 2]
-            if flags & ~SIGNED:
-                counters.bad_flags += 1
-                return -1
-            if flags:
-                length += _SIGNATURE
-            msgid = int.from_bytes(buf[pos + 7 : pos + 10], "little")
-        else:
-            msgid = buf[pos + 5]
-        known = self._known.get(msgid)
-        if known is None and not self._in_sync:
-            return -1
-        if known is not None and magic == MAGIC_V1 and buf[pos + 1] < known[1]:
-            counters.bad_length += 1
-            return -1
-        if size - pos < length:
+        payload = buf[pos + 1]
+        msgid = int.from_bytes(buf[pos + 7 : pos + 10], "little") if magic == MAGIC_V2 else buf[pos + 5]
+        message = self._messages.get(msgid)
+        if message is None:
+            if not self._in_sync:
+                return self._pass_over(1)
+        elif magic == MAGIC_V1 and payload < message.base_length:
+            self.counters.bad_length += 1
+            return self._pass_over(1)
+        length = header + payload + CHECKSUM + (SIGNATURE if signed else 0)
+        if have < length:
             return 0
-        end = pos + header + buf[pos + 1]
-        if known is not None and _crc(buf[pos + 1 : end] + known[0]) != buf[end] | buf[end + 1] << 8:
-            counters.bad_crc += 1
-            return -1
-        frame = Frame(buf[pos : pos + length], msgid, known is not None)
-        counters.unknown += known is None
-        self._in_sync = True
-        self._count(frame)
+        end = pos + header + payload
+        if message is not None and checksum(buf[pos + 1 : end], message.crc_extra) != buf[end] | buf[end + 1] << 8:
+            self.counters.bad_crc += 1
+            return self._pass_over(1)
+        frame = Frame(buf[pos : pos + length], msgid, message is not None)
+        self._account(frame, message)
         frames.append(frame)
         return length
 
-    def _count(self, frame: Frame) -> None:
-        key = (frame.sysid, frame.compid)
-        source = self.sources.get(key)
+    def _pass_over(self, count: int) -> int:
+        self.counters.garbage += count
+        return -count
+
+    def _account(self, frame: Frame, message: MessageType | None) -> None:
+        """Count a frame of the general path, and let the fast paths know its route."""
+        sender = (frame.sysid, frame.compid)
+        source = self.sources.get(sender)
+        if message is None:
+            self.counters.unknown += 1
+        elif source is None:
+            source = self.sources[sender] = SourceCounters(last_seq=(frame.seq - 1) & 0xFF)
         if source is None:
-            if not frame.verified:
-                return
-            source = self.sources[key] = SourceCounters(last_seq=(frame.seq - 1) & 0xFF)
-        gap = (frame.seq - source.last_seq - 1) & 0xFF
-        if 0 < gap < 128:
+            return
+        self._jump(source, frame.seq)
+        source.frames += 1
+        if message is not None and frame.version == 2:
+            if len(self._routes) >= _MAX_ROUTES:
+                self._routes.clear()
+            self._routes[frame.data[5:10]] = (residue_of(message.crc_extra), message.id, source)
+
+    def _jump(self, source: SourceCounters, seq: int) -> None:
+        """Move a source's sequence number on, by the rules in the class's docstring."""
+        gap = (seq - source.last_seq - 1) & 0xFF
+        if gap >= 256 - _LATE:
+            return
+        if gap < 128:
             source.lost += gap
             self.counters.lost += gap
-        source.last_seq = frame.seq
-        source.frames += 1
+        source.last_seq = seq
 
 
-def parse_frame(data: bytes, dialect: Dialect) -> Frame:
-    """The one frame that ``data`` is, whole and valid; raises :class:`BadMessage` saying why it is not."""
-    splitter = Splitter(dialect)
-    frames = splitter.feed(data)
-    if len(frames) == 1 and len(frames[0].data) == len(data):
-        return frames[0]
-    raise BadMessage("not one whole MAVLink frame", field="frame", value=data.hex(), expected="one whole MAVLink frame")
+_Unpack = Callable[[bytes], tuple[int, int, bytes, int]]
+_Layout = tuple[_Unpack, int]
 
 
-def build_frame(message: MessageType, payload: bytes, sysid: int, compid: int, seq: int, version: int = 2) -> bytes:
-    """An unsigned frame around a payload; MAVLink 2 leaves out the zeros at the payload's end, but for one byte."""
-    if version == 1:
-        head = bytes((MAGIC_V1, len(payload), seq, sysid, compid, message.id))
-    else:
-        payload = payload.rstrip(b"\0") or payload[:1]
-        head = bytes((MAGIC_V2, len(payload), 0, 0, seq, sysid, compid)) + message.id.to_bytes(3, "little")
-    body = head + payload
-    return body + _crc(body[1:] + bytes((message.crc_extra,))).to_bytes(2, "little")
+@functools.cache
+def _layouts() -> list[_Layout]:
+    """For an unsigned MAVLink 2 frame of n bytes: how to unpack its first four bytes, sequence number, bytes 5 to 9 and
+    checksum in one call, and what the first four are (magic, length, no flags)."""
+    layouts: list[_Layout] = []
+    for size in range(_LONGEST_UNSIGNED_V2 + 1):
+        payload = max(size - _SHORTEST_V2, 0)  # sizes below the shortest frame are never looked up
+        layouts.append((cast(_Unpack, struct.Struct(f"<IB5s{payload}xH").unpack), MAGIC_V2 | payload << 8))
+    return layouts
+
+
+def _is_unfinished(buf: bytes, pos: int) -> bool:
+    """Whether ``buf`` ends within the unsigned MAVLink 2 frame that begins at ``pos``, as most reads of a stream do."""
+    have = len(buf) - pos
+    return buf[pos] == MAGIC_V2 and (have < 3 or (buf[pos + 2] == 0 and have < _SHORTEST_V2 + buf[pos + 1]))

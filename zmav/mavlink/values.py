@@ -1,4 +1,4 @@
-"""Values of single fields: from the wire to what people and JSON see, and back, with every refusal saying what it wants."""
+"""Values of single fields: from the wire to what people and JSON see, and back; a refusal says what was expected."""
 
 from __future__ import annotations
 
