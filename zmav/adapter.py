@@ -14,18 +14,16 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-import msgspec
 import zenoh
 
 from zmav import keys
 from zmav.errors import BadKey, BadMessage, ZmavError
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
+from zmav.services.port import Heard, Listener, TxCounters
 
 MAX_PUBLISHERS = 1024
 """Declared publishers a vehicle: beyond it (a hostile stream of invented ids) frames are put undeclared."""
-
-Listener = Callable[[Frame], None]
 
 
 class Put(Protocol):
@@ -43,12 +41,6 @@ class Stream:
         self.heard = 0.0
         self.count = 0
         self.listeners: tuple[Listener, ...] = ()
-
-
-class TxCounters(msgspec.Struct):
-    frames: int = 0
-    dropped: int = 0
-    refused: int = 0
 
 
 class Adapter:
@@ -100,16 +92,19 @@ class Adapter:
             return
         now = self.heard = time.monotonic()
         routes = self._routes
-        for frame in frames:
-            raw = frame.data
-            # sysid, compid and message id lie side by side in both headers; the lengths keep the two versions apart.
-            stream = routes.get(raw[5:10] if raw[0] == 0xFD else raw[3:6]) or self._new_stream(frame)
-            stream.frame = frame
-            stream.heard = now
-            stream.count += 1
-            stream.put(raw)
-            for listener in stream.listeners:
-                listener(frame)
+        try:
+            for frame in frames:
+                raw = frame.data
+                # sysid, compid and message id lie side by side in both headers; the lengths tell the versions apart.
+                stream = routes.get(raw[5:10] if raw[0] == 0xFD else raw[3:6]) or self._new_stream(frame)
+                stream.frame = frame
+                stream.heard = now
+                stream.count += 1
+                stream.put(raw)
+                for listener in stream.listeners:
+                    listener(frame)
+        except zenoh.ZError:
+            return  # only a closed session refuses a put: we are being closed
 
     def _new_stream(self, frame: Frame) -> Stream:
         raw, place = frame.data, (frame.sysid, frame.compid, frame.msgid)
@@ -187,24 +182,30 @@ class Adapter:
             self.tx.dropped += 1
         return sent
 
-    def latest(self, name: str, source: tuple[int, int]) -> tuple[Frame, float, int] | None:
-        """The last such message of that (system, component), the seconds since, and how many came; None: never heard."""
-        stream = self._streams.get((*source, self.dialect.message(name).id))
-        if stream is None or stream.frame is None:
-            return None
-        return stream.frame, time.monotonic() - stream.heard, stream.count
+    def latest(self, name: str, source: tuple[int, int]) -> Heard | None:
+        """The last such message of that (system, component), ``UNKNOWN_410`` included; None: never heard."""
+        stream = self._streams.get((*source, self._msgid(name)))
+        return None if stream is None else self._heard(stream)
 
-    def latest_by_id(self, msgid: int, source: tuple[int, int] | None) -> tuple[Frame, float, int] | None:
-        """As :meth:`latest`, by message id; from any source, the newest, where ``source`` is None."""
-        found = [
-            s for (sysid, compid, mid), s in list(self._streams.items())
-            if mid == msgid and s.frame is not None and source in (None, (sysid, compid))
-        ]  # fmt: skip
-        if not found:
+    def newest(self, name: str) -> Heard | None:
+        """As :meth:`latest`, of whichever source spoke last."""
+        msgid = self._msgid(name)
+        found = filter(None, (self._heard(s) for place, s in list(self._streams.items()) if place[2] == msgid))
+        return min(found, key=lambda heard: heard.age, default=None)
+
+    @staticmethod
+    def _heard(stream: Stream) -> Heard | None:
+        if stream.frame is None:
             return None
-        newest = max(found, key=lambda s: s.heard)
-        assert newest.frame is not None
-        return newest.frame, time.monotonic() - newest.heard, newest.count
+        return Heard(stream.frame, time.monotonic() - stream.heard, stream.count)
+
+    def names(self) -> list[str]:
+        """The messages heard on this link, by name."""
+        return sorted({self.dialect.name_of(msgid) for _, _, msgid in list(self._streams)})
+
+    def _msgid(self, name: str) -> int:
+        number = name.removeprefix("UNKNOWN_")
+        return int(number) if number != name and number.isdigit() else self.dialect.message(name).id
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
         """Call ``listener(frame)`` in the reader thread for every such message of any source; returns what ends it."""

@@ -17,7 +17,7 @@ def _metres_per_radian(lat: float) -> tuple[float, float]:
 
 
 def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> Vector:
-    """North, east, down in metres about ``origin``, on the plane that touches WGS84 there (good to 0.1 % within 10 km)."""
+    """North, east, down in metres about ``origin``, on the plane touching WGS84 there (0.1 % within 10 km)."""
     north, east = _metres_per_radian(math.radians(origin.lat_deg))
     dlon = (lon_deg - origin.lon_deg + 180.0) % 360.0 - 180.0
     return (

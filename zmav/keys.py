@@ -55,7 +55,7 @@ RAW = zenoh.Encoding.ZENOH_BYTES  # the default encoding: costs no byte on the w
 class Channel:
     """One line of the registry.
 
-    ``kind`` is ``pub`` (the vehicle publishes), ``put`` (others write), ``query`` (others ask) or ``token`` (liveliness).
+    ``kind`` is ``pub`` (the vehicle publishes), ``put`` (others write), ``query`` (others ask), ``token`` (liveliness).
     ``writers`` are the roles that may put or ask; ``rate_hz`` is nominal; older than ``stale_after`` seconds is stale.
     """
 
@@ -118,8 +118,8 @@ CHANNELS: dict[str, Channel] = {
             "what an agent does", (AGENT, PLANNER), rate_hz=1.0, stale_after=5.0, recorded=True,
         ),
         Channel(
-            "alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{instance}", "token", None, Qos.MUST_ARRIVE,
-            "liveliness token of a vehicle, agent or ground node", (VEHICLE, AGENT, PLANNER, OPERATOR),
+            "alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{uid}/{instance}", "token", None,
+            Qos.MUST_ARRIVE, "liveliness token of a vehicle, agent or ground node", (VEHICLE, AGENT, PLANNER, OPERATOR),
         ),
         Channel(
             "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,

@@ -107,9 +107,10 @@ def _advice(settings: SessionSettings, why: str) -> str:
     if settings.mode == "client":
         where = ", ".join(settings.connect) or DEFAULT_ROUTER
         return (
-            f"no Zenoh router answers at {where}. Start one ('zmav up' on a vehicle, 'zmav router' on a ground station, "
-            f"'zmav demo' to look around) or name it with -e. ({why})"
+            f"no Zenoh router answers at {where}. Start one ('zmav up' on a vehicle, 'zmav router' on a ground "
+            f"station, 'zmav demo' to look around) or name it with -e. ({why})"
         )
     if "in use" in why.lower() or "os error 98" in why.lower():
-        return f"a listening port of {', '.join(settings.listen)} is in use by another program: choose another with -l. ({why})"
+        ports = ", ".join(settings.listen)
+        return f"a listening port of {ports} is in use by another program: choose another with -l. ({why})"
     return f"cannot open a Zenoh session in {settings.mode} mode: {why}"

@@ -90,8 +90,10 @@ class LeaseInfo(Wire, kw_only=True):
 
 
 class VehicleState(Wire, kw_only=True):
-    """What a vehicle is and does, 5 Hz and on change. A part never heard of is None; ``ages`` has the seconds since each
-    part was heard from the autopilot, measured on the vehicle."""
+    """What a vehicle is and does, 5 Hz and on change.
+
+    A part never heard of is None; ``ages``: seconds since each part came, by the vehicle's clock.
+    """
 
     t: float
     fleet: str
@@ -128,6 +130,8 @@ class VehicleState(Wire, kw_only=True):
     link_loss: float = 0.0
     ages: dict[str, float] = {}
     lease: LeaseInfo | None = None
+    setpoints: dict[str, int] = {}
+    """setpoints flown, and those dropped, by reason"""
     clash: str | None = None
     """who else claims the name or system id; commands are refused while it stands"""
 
@@ -163,9 +167,9 @@ class LastMessage(Wire, kw_only=True):
 class Setpoint(Wire, kw_only=True):
     """One point of an outer-loop command stream.
 
-    ``frame`` "ned": ``pos`` is metres north, east, down about the fleet's origin. "global": ``lat_deg``, ``lon_deg`` and
-    one of ``alt_amsl``, ``alt_rel``. ``vel`` (m/s) and ``acc`` (m/s²) are NED in either frame. ``yaw`` in radians from north,
-    clockwise; ``yaw_rate`` in rad/s. ``deadline`` is UTC seconds: later than that it is not flown. ``seq`` grows by one.
+    ``frame`` "ned": ``pos`` is metres north, east, down about the fleet's origin. "global": ``lat_deg``, ``lon_deg``
+    and one of ``alt_amsl``, ``alt_rel``. ``vel`` (m/s) and ``acc`` (m/s²) are NED in either frame. ``yaw`` is radians
+    clockwise from north; ``yaw_rate`` rad/s. ``seq`` grows; later than ``deadline`` (UTC seconds) it is not flown.
     """
 
     lease: str

@@ -1,0 +1,1 @@
+"""Three simulated copters in a line of routers."""

@@ -1,0 +1,142 @@
+"""``zmav demo``: three simulated copters, each behind a router of its own, in a line; the ground sees only the first."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import statistics
+import subprocess
+import sys
+import time
+
+import click
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+import zmav
+from agents.demo.processes import Processes, free_port, free_udp_ports
+from agents.demo.watch import Watch
+from zmav.cli.ls import table as fleet_table
+from zmav.errors import ZmavError
+from zmav.sim import Home
+
+FLEET = "demo"
+NAMES = ("quad1", "quad2", "quad3")
+TIME_LIMIT = 115.0
+
+
+@click.command("demo")
+@click.option("--headless", is_flag=True, help="Lines instead of a live table (also where there is no terminal).")
+@click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
+def demo(headless: bool, endpoint: str | None) -> None:
+    """Fly three simulated copters: take off, change places, land. Ends with a summary; 0 only if all got there."""
+    console = Console()
+    start = time.monotonic()
+    with Processes() as processes:
+        ground = endpoint or f"tcp/127.0.0.1:{free_port()}"
+        start_fleet(processes, ground, console)
+        code, watch = asyncio.run(_fly(processes, ground, console, live=console.is_terminal and not headless))
+        said = processes.said("planner")
+    console.print(summary(watch))
+    if code != 0:
+        console.print(f"the planner said:\n{said}", style="red", markup=False)
+    console.print(f"{'done' if code == 0 else 'FAILED'} in {time.monotonic() - start:.0f} s", style="bold")
+    sys.exit(code)
+
+
+def start_fleet(processes: Processes, ground: str, console: Console) -> None:
+    """Simulator, one ``zmav up`` a copter linked in a line 1-2-3, and the ground's router linked to the first."""
+    home = Home()
+    links = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel=1;mixed_rel=1" for _ in NAMES]
+    mavlink = free_udp_ports(len(NAMES))
+    for port, (name, link, before) in enumerate(zip(NAMES, links, [None, *links], strict=False), start=mavlink):
+        console.print(f"{name}: router at {link.split('?')[0]}" + (", linked to the one before" if before else ""))
+        arguments = ["--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET, "-l", link]
+        origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
+        processes.start(name, "up", *arguments, *origin, *(["-e", before] if before else []))
+    console.print(f"ground: router at {ground}, linked to {NAMES[0]} only")
+    processes.start("ground", "router", "-l", ground, "-e", links[0])
+    console.print(f"simulator: {len(NAMES)} copters")
+    endpoint = f"udp:127.0.0.1:{mavlink}+1"
+    processes.start("sim", "sim", "--copters", str(len(NAMES)), "--spacing", "15", "--endpoint", endpoint)
+
+
+async def _fly(processes: Processes, ground: str, console: Console, live: bool) -> tuple[int, Watch]:
+    async with contextlib.AsyncExitStack() as stack:
+        z = await stack.enter_async_context(await _connect(ground, processes))
+        watch = Watch(z, NAMES)
+        watching = asyncio.create_task(watch.run())
+        planner = processes.start("planner", "swarm", "swap", *NAMES, "--fleet", FLEET, "-e", ground)
+        view = Live(console=console, refresh_per_second=4) if live else None
+        with view or contextlib.nullcontext():
+            code = await _until_ended(planner, processes, z, watch, view, console)
+        watching.cancel()
+        return code, watch
+
+
+async def _connect(ground: str, processes: Processes) -> zmav.Client:
+    """A client of the ground's router, once that router is up."""
+    deadline = time.monotonic() + 15.0
+    host, _, port = ground.split("/", 1)[1].rpartition(":")
+    while True:
+        processes.check()
+        with contextlib.suppress(OSError), socket.create_connection((host, int(port)), 0.5):
+            return zmav.open(fleet=FLEET, connect=[ground])
+        if time.monotonic() > deadline:
+            raise ZmavError(f"the ground's router does not come up at {ground}: {processes.said('ground')}")
+        await asyncio.sleep(0.1)
+
+
+async def _until_ended(
+    planner: subprocess.Popen[bytes], processes: Processes, z: zmav.Client, watch: Watch, view: Live | None,
+    console: Console,
+) -> int:  # fmt: skip
+    deadline, said = time.monotonic() + TIME_LIMIT, 0.0
+    while planner.poll() is None:
+        if time.monotonic() > deadline:
+            console.print(f"not done within {TIME_LIMIT:.0f} s", style="red")
+            return 1
+        if planner.poll() is None:
+            processes.check()
+        if view is not None:
+            view.update(_picture(z, watch))
+        elif time.monotonic() - said > 5.0:
+            said = time.monotonic()
+            console.print(fleet_table(z.fleet(), title=_phase(watch)))
+        await asyncio.sleep(0.2)
+    return int(planner.returncode)
+
+
+def _phase(watch: Watch) -> str:
+    return f"planner: {watch.planner.state if watch.planner else 'waiting for the vehicles to be ready'}"
+
+
+def _picture(z: zmav.Client, watch: Watch) -> Group:
+    return Group(Text(_phase(watch), style="bold"), fleet_table(z.fleet()))
+
+
+def summary(watch: Watch) -> Table:
+    """What was flown, and what the network did meanwhile."""
+    table = Table(title="what was flown", box=None, pad_edge=False, header_style="bold", title_justify="left")
+    for column in ("vehicle", "routers", "arrived", "off goal", "flown", "setpoints", "not flown", "MAVLink lost", "RTT"):
+        table.add_column(column, justify="left" if column == "vehicle" else "right")
+    parts = watch.planner.detail if watch.planner else {}
+    for hops, (name, track) in enumerate(watch.tracks.items(), start=2):
+        part = parts.get(name, {})
+        away, sent = part.get("away"), part.get("setpoints", 0)
+        rtt = f"{1e3 * statistics.median(track.rtts):.1f} ms" if track.rtts else "-"
+        table.add_row(
+            name, str(hops), "yes" if part.get("arrived") else "NO", "-" if away is None else f"{away:.2f} m",
+            f"{track.distance:.0f} m", str(sent), str(sent - watch.flown(name)),
+            f"{track.mavlink_lost} of {track.mavlink_frames}", rtt,
+        )  # fmt: skip
+    per_hop = watch.delay_per_hop()
+    table.caption = (
+        f"closest approach {watch.closest:.2f} m ({' and '.join(watch.closest_pair)}); "
+        f"delay per router {'-' if per_hop is None else f'{1e3 * per_hop:.2f} ms'} one way"
+    )
+    table.caption_justify = "left"
+    return table

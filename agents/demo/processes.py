@@ -1,0 +1,80 @@
+"""Child processes of a demo: started, their logs kept, all ended whatever happens."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+
+from zmav.errors import ZmavError
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A port nobody uses now on loopback."""
+    with socket.socket(socket.AF_INET, kind) as s:
+        s.bind(("127.0.0.1", 0))
+        port: int = s.getsockname()[1]
+        return port
+
+
+def free_udp_ports(count: int) -> int:
+    """The first of ``count`` neighbouring UDP ports nobody uses now on loopback."""
+    while True:
+        first = free_port(socket.SOCK_DGRAM)
+        with contextlib.ExitStack() as held, contextlib.suppress(OSError, OverflowError):
+            for port in range(first, first + count):
+                held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("127.0.0.1", port))
+            return first
+
+
+class Processes:
+    """``zmav`` verbs as processes of their own, each with a log file; on exit all get SIGTERM, then SIGKILL."""
+
+    def __init__(self) -> None:
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._folder = tempfile.TemporaryDirectory(prefix="zmav-demo-")
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        for process in self._running.values():
+            process.terminate()
+        deadline = time.monotonic() + 5.0
+        for process in self._running.values():
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+        self._folder.cleanup()
+
+    def start(self, name: str, *arguments: str) -> subprocess.Popen[bytes]:
+        """Start ``zmav ARGUMENTS`` under a name."""
+        with self._log(name).open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "zmav", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            )
+        self._running[name] = process
+        return process
+
+    def check(self) -> None:
+        """Raise where a process has ended that should run, with the last it said."""
+        for name, process in self._running.items():
+            code = process.poll()
+            if code not in (None, 0):
+                raise ZmavError(f"{name} ended with {code}:\n{self.said(name)}")
+
+    def said(self, name: str, lines: int = 15) -> str:
+        """The end of its log."""
+        return "\n".join(self._log(name).read_text("utf-8", "replace").splitlines()[-lines:])
+
+    def _log(self, name: str) -> Path:
+        return Path(self._folder.name) / f"{name}.log"

@@ -1,0 +1,61 @@
+"""``zmav up``: the one agent dropped on each vehicle: a router, the adapter and the services beside the autopilot."""
+
+from __future__ import annotations
+
+import asyncio
+
+import click
+import msgspec
+
+from zmav.cli.common import zenoh_options
+from zmav.config import FleetConfig, load_fleet
+from zmav.errors import BadConfig
+from zmav.onboard import Onboard, OnboardSettings
+from zmav.process import until_stopped
+from zmav.session import DEFAULT_ROUTER, SessionSettings, open_session
+from zmav.wire import Origin
+
+
+@click.command("up")
+@click.option(
+    "--link", help="The autopilot: /dev/ttyACM0, /dev/ttyUSB0,57600, udpin:HOST:PORT, tcp:HOST:PORT, replay:FILE."
+)
+@click.option("--name", default="quad1", show_default=True, help="The vehicle's name in the fleet.")
+@click.option("--fleet", help="The fleet's name.  [default: demo, or the fleet file's]")
+@click.option("--file", "fleet_file", metavar="FILE", help="Fleet file (TOML) with this vehicle's table.")
+@click.option("--sysid", type=int, help="Which MAVLink system is the vehicle; the first autopilot heard by default.")
+@click.option("--dialect", help="common, development, or an XML file.  [default: ardupilotmega]")
+@click.option("--origin", type=float, nargs=3, metavar="LAT LON AMSL", help="The fleet's origin, for local frames.")
+@zenoh_options
+def up(
+    link: str | None, name: str, fleet: str | None, fleet_file: str | None, sysid: int | None, dialect: str | None,
+    origin: tuple[float, float, float] | None, settings: SessionSettings,
+) -> None:  # fmt: skip
+    """Run beside an autopilot: 'zmav up --link /dev/ttyACM0 --name quad1'.
+
+    Opens a Zenoh router (on loopback unless -l says otherwise) and puts the vehicle on the key space. An autopilot that
+    comes late, goes away or is exchanged is waited for. SIGTERM ends it cleanly.
+    """
+    file = load_fleet(fleet_file) if fleet_file else FleetConfig()
+    table = file.vehicle(name) if fleet_file else None
+    url = link or (table.link if table else None)
+    if url is None:
+        raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
+    vehicle = OnboardSettings(
+        link=url,
+        name=name,
+        fleet=fleet or file.fleet,
+        sysid=sysid if sysid is not None else (table.sysid if table else None),
+        dialect=dialect or (table.dialect if table else "ardupilotmega"),
+        origin=Origin(lat_deg=origin[0], lon_deg=origin[1], alt_amsl=origin[2]) if origin else file.origin,
+    )
+    listen = settings.listen or (table.listen if table else ()) or (DEFAULT_ROUTER,)
+    connect = settings.connect or (table.connect if table else ())
+    asyncio.run(_up(vehicle, msgspec.structs.replace(settings, mode="router", listen=listen, connect=connect)))
+
+
+async def _up(vehicle: OnboardSettings, settings: SessionSettings) -> None:
+    with await asyncio.to_thread(open_session, settings) as session:
+        async with Onboard(session, vehicle):
+            click.echo(f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(settings.listen)}", err=True)
+            await until_stopped()

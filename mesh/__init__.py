@@ -1,0 +1,1 @@
+"""Routers, topologies, link quality and credentials: what makes a fleet reachable."""

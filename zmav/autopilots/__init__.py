@@ -1,0 +1,33 @@
+"""What differs between flight stacks, one file each, and nowhere else."""
+
+from __future__ import annotations
+
+from zmav.autopilots.ardupilot import ArduPilot
+from zmav.autopilots.base import Autopilot, Command, Latest, Message, Mode, Target
+from zmav.autopilots.generic import Generic
+from zmav.autopilots.px4 import Px4
+
+__all__ = ["Autopilot", "Command", "Latest", "Message", "Mode", "Target", "autopilot_for", "kind_of"]
+
+_KINDS = {
+    "copter": (2, 3, 13, 14, 15, 29, 35, 43),
+    "heli": (4,),
+    "plane": (1, 16, 17, 28),
+    "vtol": (19, 20, 21, 22, 23, 24, 25),
+    "rover": (10,),
+    "boat": (11,),
+    "sub": (12,),
+}
+"""MAV_TYPE numbers by kind"""
+_KIND_OF = {mav_type: kind for kind, types in _KINDS.items() for mav_type in types}
+_STACKS = {3: ArduPilot, 12: Px4}
+
+
+def kind_of(mav_type: int) -> str:
+    """copter, plane, rover... of a MAV_TYPE; ``other`` for what zmav has no rules for."""
+    return _KIND_OF.get(mav_type, "other")
+
+
+def autopilot_for(mav_autopilot: int, mav_type: int) -> Autopilot:
+    """The rules for a HEARTBEAT's ``autopilot`` (MAV_AUTOPILOT) and ``type`` (MAV_TYPE)."""
+    return _STACKS.get(mav_autopilot, Generic)(kind_of(mav_type))

@@ -1,0 +1,215 @@
+"""What services need to know about an autopilot: one interface, and the data that differs by vehicle kind.
+
+Nothing here talks: an autopilot turns intents into commands and messages and judges what came back, so that each file
+can be read against its vendor's documentation. Facts are those measured on ArduPilot 4.7 and PX4 1.16.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from zmav.errors import BadInput, Unsupported
+from zmav.wire import Vector
+
+NAN = math.nan
+Fields = Mapping[str, Any]
+Latest = Callable[[str], "Fields | None"]
+"""The decoded fields of the vehicle's last message of that name; None: never heard, or too old to judge by"""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A MAV_CMD with param1 to param7; ``frame`` given, it goes as COMMAND_INT with x = lat·1e7, y = lon·1e7."""
+
+    name: str
+    params: tuple[float, ...] = ()
+    frame: str | None = None
+
+    def padded(self) -> tuple[float, ...]:
+        return (*self.params, *(0.0,) * (7 - len(self.params)))
+
+
+@dataclass(frozen=True)
+class Message:
+    """A MAVLink message to send; the sender adds the target."""
+
+    name: str
+    fields: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where to be, in the terms autopilots share: WGS84 degrees, metres, NED m/s and m/s², radians.
+
+    ``alt_rel`` is above home. A position needs ``lat_deg``, ``lon_deg`` and one of the altitudes.
+    """
+
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    alt_amsl: float | None = None
+    alt_rel: float | None = None
+    vel: Vector | None = None
+    acc: Vector | None = None
+    yaw: float | None = None
+    yaw_rate: float | None = None
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What DO_SET_MODE takes: base mode flags, then custom mode (ArduPilot) or main and sub mode (PX4)."""
+
+    name: str
+    custom: int
+    command: Command
+
+
+class Autopilot(ABC):
+    """One flight stack; instances are of one vehicle kind and hold no state."""
+
+    name: ClassVar[str]
+    floor: ClassVar[Mapping[str, float]]
+    """messages that always flow, and their rate in Hz; what a VehicleState is made of"""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+
+    @abstractmethod
+    def mode_name(self, base_mode: int, custom_mode: int) -> str:
+        """The mode's name as the vendor writes it; ``MODE_23`` where it is not known."""
+
+    @abstractmethod
+    def modes(self) -> dict[str, Mode]:
+        """Every mode by name."""
+
+    def mode(self, name: str) -> Mode:
+        """The mode of that name, in any case; raises :class:`BadInput` listing the modes there are."""
+        modes = self.modes()
+        found = modes.get(name.upper())
+        if found is None:
+            known = ", ".join(modes) or "none known"
+            raise BadInput(
+                f"no mode {name!r} on this {self.name} {self.kind}; it has {known}",
+                field="mode",
+                value=name,
+                expected=known,
+            )
+        return found
+
+    @abstractmethod
+    def missing(self, latest: Latest) -> list[str]:
+        """What is not ready for arming, in words; empty: ready."""
+
+    @property
+    @abstractmethod
+    def guided(self) -> str:
+        """The mode in which the vehicle follows setpoints."""
+
+    def arm(self, on: bool) -> Command:
+        """MAV_CMD_COMPONENT_ARM_DISARM, never forced: a disarm in the air is refused by the autopilot."""
+        return Command("MAV_CMD_COMPONENT_ARM_DISARM", (1.0 if on else 0.0,))
+
+    @abstractmethod
+    def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
+        """The mode to enter first and the command then given, to climb to ``alt_rel`` metres above home."""
+
+    @abstractmethod
+    def hold(self) -> tuple[str, Message | None]:
+        """The mode, and the message then sent, that stop the vehicle where it is."""
+
+    @abstractmethod
+    def land(self) -> str:
+        """The mode that lands the vehicle where it is."""
+
+    @abstractmethod
+    def goto(self, target: Target) -> Command | Message:
+        """Fly to one point and stay there."""
+
+    @abstractmethod
+    def setpoint(self, target: Target) -> Message:
+        """One point of a stream."""
+
+    def unsupported(self, what: str) -> Unsupported:
+        return Unsupported(f"{what} is not something {self.name} does with a {self.kind}")
+
+
+POSITION, VELOCITY, ACCELERATION = 0b111, 0b111_000, 0b111_000_000
+YAW, YAW_RATE = 1 << 10, 1 << 11
+
+
+def type_mask(target: Target) -> int:
+    """POSITION_TARGET_TYPEMASK of what ``target`` leaves out (a set bit: ignore)."""
+    mask = 0
+    for absent, bits in (
+        (target.lat_deg is None, POSITION),
+        (target.vel is None, VELOCITY),
+        (target.acc is None, ACCELERATION),
+        (target.yaw is None, YAW),
+        (target.yaw_rate is None, YAW_RATE),
+    ):
+        mask |= bits if absent else 0
+    return mask
+
+
+def position_target(target: Target) -> Message:
+    """SET_POSITION_TARGET_GLOBAL_INT where a position is given, else SET_POSITION_TARGET_LOCAL_NED.
+
+    The global message keeps the vehicle's own start out of it; velocities need no origin.
+    """
+    vx, vy, vz = target.vel or (0.0, 0.0, 0.0)
+    ax, ay, az = target.acc or (0.0, 0.0, 0.0)
+    common = {
+        "type_mask": type_mask(target),
+        "vx": vx,
+        "vy": vy,
+        "vz": vz,
+        "afx": ax,
+        "afy": ay,
+        "afz": az,
+        "yaw": target.yaw or 0.0,
+        "yaw_rate": target.yaw_rate or 0.0,
+    }
+    if target.lat_deg is None or target.lon_deg is None:
+        return Message("SET_POSITION_TARGET_LOCAL_NED", {"coordinate_frame": 1, **common})
+    relative = target.alt_amsl is None
+    altitude = target.alt_rel if relative else target.alt_amsl
+    place = {
+        "coordinate_frame": 6 if relative else 5,
+        "lat_int": round(target.lat_deg * 1e7),
+        "lon_int": round(target.lon_deg * 1e7),
+        "alt": altitude or 0.0,
+    }
+    return Message("SET_POSITION_TARGET_GLOBAL_INT", {**place, **common})
+
+
+def stop() -> Message:
+    """A velocity target of nought."""
+    return position_target(Target(vel=(0.0, 0.0, 0.0)))
+
+
+def reposition(target: Target) -> Command:
+    """MAV_CMD_DO_REPOSITION as COMMAND_INT."""
+    if target.lat_deg is None or target.lon_deg is None:
+        raise BadInput("a reposition needs a position", field="lat_deg", value=None, expected="a position")
+    relative = target.alt_amsl is None
+    return Command(
+        "MAV_CMD_DO_REPOSITION",
+        (
+            -1.0,
+            1.0,
+            0.0,
+            NAN if target.yaw is None else target.yaw,
+            round(target.lat_deg * 1e7),
+            round(target.lon_deg * 1e7),
+            (target.alt_rel if relative else target.alt_amsl) or 0.0,
+        ),
+        "MAV_FRAME_GLOBAL_RELATIVE_ALT" if relative else "MAV_FRAME_GLOBAL",
+    )
+
+
+def custom_mode(name: str, number: int) -> Mode:
+    """A mode of MAV_MODE_FLAG_CUSTOM_MODE_ENABLED with one number."""
+    return Mode(name, number, Command("MAV_CMD_DO_SET_MODE", (1.0, float(number))))

@@ -1,0 +1,42 @@
+"""Any other MAVLink autopilot: what the common dialect promises, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from zmav.autopilots import base
+from zmav.autopilots.base import Autopilot, Command, Latest, Message, Mode, Target
+
+
+class Generic(Autopilot):
+    name = "generic"
+    floor: ClassVar[Mapping[str, float]] = {"GLOBAL_POSITION_INT": 5.0, "ATTITUDE": 5.0, "SYS_STATUS": 1.0}
+
+    def mode_name(self, base_mode: int, custom_mode: int) -> str:
+        return f"MODE_{custom_mode}"
+
+    def modes(self) -> dict[str, Mode]:
+        return {}
+
+    @property
+    def guided(self) -> str:
+        raise self.unsupported("a guided mode")
+
+    def missing(self, latest: Latest) -> list[str]:
+        return [] if latest("GLOBAL_POSITION_INT") is not None else ["no GLOBAL_POSITION_INT heard"]
+
+    def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
+        return None, Command("MAV_CMD_NAV_TAKEOFF", (0, 0, 0, 0, 0, 0, alt_rel))
+
+    def hold(self) -> tuple[str, Message | None]:
+        raise self.unsupported("hold")
+
+    def land(self) -> str:
+        raise self.unsupported("land by mode")
+
+    def goto(self, target: Target) -> Command | Message:
+        return base.reposition(target)
+
+    def setpoint(self, target: Target) -> Message:
+        return base.position_target(target)

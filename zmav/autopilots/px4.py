@@ -1,0 +1,73 @@
+"""PX4: main mode in bits 16-23 of the custom mode, sub mode in bits 24-31 (its ``px4_custom_mode.h``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from zmav.autopilots import base
+from zmav.autopilots.base import NAN, Autopilot, Command, Latest, Message, Mode, Target
+
+_MODES = (
+    "MANUAL:1/0 ALTCTL:2/0 POSCTL:3/0 READY:4/1 TAKEOFF:4/2 HOLD:4/3 MISSION:4/4 RTL:4/5 LAND:4/6 FOLLOW:4/8 "
+    "PRECLAND:4/9 ACRO:5/0 OFFBOARD:6/0 STABILIZED:7/0 RATTITUDE:8/0 TERMINATION:10/0"
+)
+PREARM_CHECK = 0x10000000
+
+
+def _mode(name: str, main: int, sub: int) -> Mode:
+    return Mode(name, main << 16 | sub << 24, Command("MAV_CMD_DO_SET_MODE", (1.0, float(main), float(sub))))
+
+
+class Px4(Autopilot):
+    name = "px4"
+    # PX4 sends all of these by itself on its onboard link.
+    floor: ClassVar[Mapping[str, float]] = {}
+
+    def __init__(self, kind: str) -> None:
+        super().__init__(kind)
+        self._modes = {}
+        for item in _MODES.split():
+            name, numbers = item.split(":")
+            main, sub = numbers.split("/")
+            self._modes[name] = _mode(name, int(main), int(sub))
+        self._names = {mode.custom: name for name, mode in self._modes.items()}
+
+    def mode_name(self, base_mode: int, custom_mode: int) -> str:
+        main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+        # Only AUTO (4) has sub modes that matter; POSCTL's (orbit, slow) are still POSCTL.
+        exact = self._names.get(custom_mode & 0xFFFF0000)
+        return exact or self._names.get(main << 16) or f"MODE_{main}/{sub}"
+
+    def modes(self) -> dict[str, Mode]:
+        return self._modes
+
+    @property
+    def guided(self) -> str:
+        return "OFFBOARD"
+
+    def missing(self, latest: Latest) -> list[str]:
+        status = latest("SYS_STATUS")
+        if status is None:
+            return ["SYS_STATUS not heard"]
+        return [] if status["onboard_control_sensors_health"] & PREARM_CHECK else ["pre-arm checks fail"]
+
+    def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
+        """NAV_TAKEOFF with an altitude above mean sea level, which is what PX4 takes; it changes the mode by itself."""
+        position = latest("GLOBAL_POSITION_INT")
+        if position is None:
+            raise self.unsupported("takeoff without a global position")
+        home_amsl = (position["alt"] - position["relative_alt"]) / 1000.0
+        return None, Command("MAV_CMD_NAV_TAKEOFF", (NAN, 0, 0, NAN, NAN, NAN, home_amsl + alt_rel))
+
+    def hold(self) -> tuple[str, Message | None]:
+        return "HOLD", None
+
+    def land(self) -> str:
+        return "LAND"
+
+    def goto(self, target: Target) -> Command | Message:
+        return base.reposition(target)
+
+    def setpoint(self, target: Target) -> Message:
+        raise self.unsupported("a setpoint stream (OFFBOARD entry is not built yet)")

@@ -1,0 +1,241 @@
+"""The key space from asyncio: what agents, scripts and the command line stand on.
+
+async with zmav.open() as z:
+    for vehicle in z.fleet():
+        print(vehicle.name, vehicle.state.mode)
+"""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import contextlib
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from types import TracebackType
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import msgspec
+import zenoh
+from zenoh import handlers
+
+from zmav import keys, wire
+from zmav.errors import BadInput, NoSuchVehicle, ZmavError
+from zmav.mavlink import Dialect, load_dialect
+from zmav.services.port import on_loop
+from zmav.session import SessionSettings, open_session, reason
+from zmav.vehicle import Vehicle
+
+T = TypeVar("T")
+FORGET = 30.0
+"""s without token or state after which a vehicle is no longer listed"""
+
+
+class Answer(NamedTuple):
+    """One reply to a query."""
+
+    key: str
+    payload: bytes
+
+
+class Heard(NamedTuple):
+    """A vehicle's last state and when it came (monotonic seconds)."""
+
+    state: wire.VehicleState
+    at: float
+
+
+class Subscription(Generic[T]):
+    """Samples of a key expression, newest wins: a reader that is slow loses the oldest, and nobody else waits for it.
+
+    Use it with ``async with`` and iterate; it ends when left or when the session closes.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int) -> None:
+        self._session, self._key, self._convert = session, key, convert
+        self._samples: collections.deque[zenoh.Sample] = collections.deque(maxlen=depth)
+        self._arrived = asyncio.Event()
+        self._subscriber: zenoh.Subscriber[None] | None = None
+        self.dropped = 0
+        """samples lost because the reader was slow"""
+
+    async def __aenter__(self) -> Subscription[T]:
+        arrived = on_loop(asyncio.get_running_loop(), self._on_sample)
+        self._subscriber = self._session.declare_subscriber(self._key, arrived)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._subscriber is not None:
+            self._subscriber.undeclare()
+            self._subscriber = None
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        if len(self._samples) == self._samples.maxlen:
+            self.dropped += 1
+        self._samples.append(sample)
+        self._arrived.set()
+
+    async def __aiter__(self) -> AsyncIterator[T]:
+        while True:
+            yield await self.get()
+
+    async def get(self) -> T:
+        """The next sample."""
+        while not self._samples:
+            self._arrived.clear()
+            await self._arrived.wait()
+        return self._convert(self._samples.popleft())
+
+
+class Client:
+    """An open session and the vehicles seen through it. Made by :func:`zmav.open`."""
+
+    def __init__(self, settings: SessionSettings, fleet: str, dialect: str) -> None:
+        self._settings, self.fleet_name, self._dialect_name = settings, fleet, dialect
+        self._heard: dict[str, Heard] = {}
+        self._tokens: dict[str, set[str]] = {}
+        self._news = asyncio.Event()
+        self._session: zenoh.Session | None = None
+
+    async def __aenter__(self) -> Client:
+        self._session = session = await asyncio.to_thread(open_session, self._settings)
+        loop = asyncio.get_running_loop()
+        session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
+        alive = keys.ALIVE.key(self.fleet_name, "*", role=keys.VEHICLE, sys="*", autopilot="*", uid="*", instance="*")
+        session.liveliness().declare_subscriber(alive, on_loop(loop, self._on_token), history=True)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._session is not None:
+            await asyncio.to_thread(self._session.close)
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The Zenoh session itself, for what is not here."""
+        if self._session is None:
+            raise RuntimeError("the client is not open: use 'async with zmav.open() as z'")
+        return self._session
+
+    @property
+    def dialect(self) -> Dialect:
+        """The MAVLink dialect messages are decoded with; loaded when first needed."""
+        return load_dialect(self._dialect_name)
+
+    # Vehicles.
+
+    def vehicle(self, name: str) -> Vehicle:
+        """The vehicle of that name, present or not; raises :class:`~zmav.errors.BadKey` for what cannot be a name."""
+        return Vehicle(self, keys.check_name(name, "vehicle"))
+
+    def fleet(self) -> list[Vehicle]:
+        """The vehicles present or heard within the last half minute, by name."""
+        now = time.monotonic()
+        names = {n for n, heard in self._heard.items() if now - heard.at < FORGET} | {
+            n for n, t in self._tokens.items() if t
+        }
+        return [Vehicle(self, name) for name in sorted(names)]
+
+    def heard(self, name: str) -> Heard | None:
+        return self._heard.get(name)
+
+    def present(self, name: str) -> bool:
+        """Its token is there, or its state came within the staleness limit: either may be lost without the other."""
+        heard = self._heard.get(name)
+        fresh = heard is not None and time.monotonic() - heard.at < (keys.STATE.stale_after or 0.0)
+        return fresh or bool(self._tokens.get(name))
+
+    async def wait_for(self, *names: str, timeout: float = 10.0) -> list[Vehicle]:
+        """Wait until vehicles of these names speak; raises :class:`~zmav.errors.NoSuchVehicle` naming the missing."""
+        deadline = time.monotonic() + timeout
+        while missing := [name for name in names if name not in self._heard]:
+            if not await self.news(deadline - time.monotonic()):
+                seen = ", ".join(v.name for v in self.fleet()) or "nobody"
+                raise NoSuchVehicle(f"not heard within {timeout:.0f} s: {', '.join(missing)} (present: {seen})")
+        return [self.vehicle(name) for name in names]
+
+    async def news(self, timeout: float) -> bool:
+        """Wait until any vehicle's state or presence changes; False when nothing came within ``timeout`` seconds."""
+        self._news.clear()
+        try:
+            await asyncio.wait_for(self._news.wait(), max(timeout, 0.0))
+        except asyncio.TimeoutError:
+            return False
+        return True
+
+    def _on_state(self, sample: zenoh.Sample) -> None:
+        name = str(sample.key_expr).split("/")[2]
+        try:
+            state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, f"state of {name}")
+        except BadInput:
+            return  # a newer or a broken peer: it is listed by its token, and 'zmav echo' shows what it says
+        self._heard[name] = Heard(state, time.monotonic())
+        self._tell()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        tokens = self._tokens.setdefault(key.split("/")[2], set())
+        if sample.kind == zenoh.SampleKind.PUT:
+            tokens.add(key)
+        else:
+            tokens.discard(key)
+        self._tell()
+
+    def _tell(self) -> None:
+        self._news.set()
+
+    # The key space.
+
+    def subscribe(
+        self, key: str, convert: Callable[[zenoh.Sample], T] | None = None, depth: int = 1000
+    ) -> Subscription[Any]:
+        """Samples of a key expression (``quad*/ATTITUDE`` or ``zmav/...``), converted one by one."""
+        return Subscription(self.session, keys.expression(key, self.fleet_name), convert or (lambda s: s), depth)
+
+    async def ask(self, key: str, payload: bytes = b"", timeout: float = 2.0) -> list[Answer | ZmavError]:
+        """Query a key expression; every answer that comes, error replies as exceptions in the list."""
+        loop, done = asyncio.get_running_loop(), asyncio.Event()
+        answers: list[Answer | ZmavError] = []
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                answers.append(Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
+            elif reply.err is not None:
+                answers.append(wire.error_from(reply.err.payload.to_bytes()))
+
+        # Straight on Zenoh's thread: all it does is hand over, and a thread for each query would cost more.
+        handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)
+        try:
+            self.session.get(
+                key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **keys.DO.qos.options()
+            )
+        except zenoh.ZError as e:
+            raise BadInput(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(done.wait(), timeout + 1.0)
+        return answers
+
+    def put(self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct) -> None:
+        """Put on a channel's key with its encoding and class of service."""
+        data = payload if isinstance(payload, bytes) else wire.encode(payload)
+        self.session.put(key, data, encoding=channel.encoding, **channel.qos.options())
+
+
+def connect(
+    *,
+    fleet: str = "demo",
+    connect: Sequence[str] = (),
+    settings: SessionSettings | None = None,
+    dialect: str = "ardupilotmega",
+) -> Client:
+    """Open the key space: ``async with zmav.open() as z``.
+
+    ``connect`` are Zenoh endpoints; the host's own router on loopback by default. ``fleet`` may be ``*``. Raises
+    :class:`~zmav.errors.SessionError` on entry where no router answers.
+    """
+    if fleet != "*":
+        keys.check_name(fleet, "fleet")
+    return Client(settings or SessionSettings(connect=tuple(connect)), fleet, dialect)

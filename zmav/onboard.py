@@ -1,0 +1,195 @@
+"""What runs beside one autopilot: the adapter and the services, put together.
+
+``zmav up`` runs it in a router's session; ``zmav replay`` runs it on a recording, where nothing can be commanded.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import zenoh
+
+from zmav import wire
+from zmav.adapter import Adapter
+from zmav.errors import ZmavError
+from zmav.links import LinkState, open_link
+from zmav.mavlink import load_dialect
+from zmav.services.command import Commander
+from zmav.services.events import Events
+from zmav.services.identity import Identity
+from zmav.services.lease import Leases
+from zmav.services.messages import Messages
+from zmav.services.orders import Handler, Orders, Report
+from zmav.services.port import on_loop
+from zmav.services.presence import Presence
+from zmav.services.quality import Quality
+from zmav.services.rate import Floor
+from zmav.services.setpoint import Setpoints
+from zmav.services.state import StateService
+
+TICK = 0.2
+
+
+class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
+    """One vehicle: where its autopilot is, what it is called, and where the fleet's frame begins."""
+
+    link: str
+    name: str
+    fleet: str = "demo"
+    dialect: str = "ardupilotmega"
+    sysid: int | None = None
+    """only this system is the vehicle; None: the first autopilot heard"""
+    origin: wire.Origin | None = None
+
+
+class Onboard:
+    """Adapter and services of one vehicle: ``async with Onboard(session, settings): ...``.
+
+    Raises :class:`~zmav.errors.BadInput` for bad settings, before anything runs.
+    """
+
+    def __init__(self, session: zenoh.Session, settings: OnboardSettings) -> None:
+        fleet, name, instance = settings.fleet, settings.name, str(session.info.zid())
+        self.settings = settings
+        self.adapter = Adapter(session, fleet, name, open_link(settings.link), load_dialect(settings.dialect))
+        port = self.adapter
+        self.events = Events(session, fleet, name)
+        self.identity = Identity(port, self.events, settings.sysid)
+        self.presence = Presence(session, fleet, name, instance, self.identity, self.events)
+        self.leases = Leases(name, self.events)
+        self.state = StateService(session, port, instance, self.identity, settings.origin)
+        self.messages = Messages(session, port, self.identity)
+        self.quality = Quality(session, port)
+        self.floor = Floor(port, self.identity)
+        self.commander = Commander(port, self.identity, self.state, self.events)
+        self.setpoints = Setpoints(
+            session, port, self.identity, self.leases, self.events, settings.origin, self.presence.check
+        )
+        self.orders = Orders(session, fleet, name)
+        self._housekeeper: asyncio.Task[None] | None = None
+        self._add_orders()
+
+    def _add_orders(self) -> None:
+        move, leases = self.commander, self.leases
+        self.orders.add("arm", wire.Arm, self._leased(move.arm))
+        self.orders.add("takeoff", wire.Takeoff, self._leased(move.takeoff))
+        self.orders.add("goto", wire.GoTo, self._leased(move.goto))
+        self.orders.add("set_mode", wire.SetMode, self._leased(move.set_mode))
+        self.orders.add("hold", wire.Order, self._open("hold", move.hold))
+        self.orders.add("land", wire.Order, self._open("land", move.land))
+        self.orders.add("disarm", wire.Order, self._open("disarm", move.disarm))
+        self.orders.add("lease", wire.TakeLease, self._guarded(leases.take))
+        self.orders.add("release", wire.DropLease, leases.drop)
+        self.orders.add("ping", wire.Order, _pong)
+
+    def _guarded(self, handler: Handler) -> Handler:
+        """Nobody commands a vehicle whose name or system id another one claims."""
+
+        async def guarded(args: wire.Order, report: Report) -> dict[str, Any]:
+            self.presence.check()
+            return await handler(args, report)
+
+        return guarded
+
+    def _leased(self, handler: Handler) -> Handler:
+        """While somebody commands, only the holder of the lease is obeyed."""
+
+        async def leased(args: wire.Order, report: Report) -> dict[str, Any]:
+            self.leases.allow(args.lease)
+            self.setpoints.stop()
+            return await handler(args, report)
+
+        return self._guarded(leased)
+
+    def _open(self, verb: str, handler: Handler) -> Handler:
+        """Open to everybody; it ends a stranger's lease, or the stranger's next setpoint would undo it."""
+
+        async def opened(args: wire.Order, report: Report) -> dict[str, Any]:
+            if not self.leases.holds(args.lease):
+                self.leases.revoke(f"{verb} was ordered")
+            self.setpoints.stop()
+            return await handler(args, report)
+
+        return self._guarded(opened)
+
+    async def __aenter__(self) -> Onboard:
+        loop, adapter = asyncio.get_running_loop(), self.adapter
+        changed = on_loop(loop, self._changed)
+        self.identity.on_change = self.presence.on_change = changed
+        self.setpoints.on_flow = self.commander.supersede
+        self.state.extras.append(self._add_to_state)
+        adapter.guard = self.presence.check
+        adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
+        adapter.on_link = lambda state, text: self._on_link(state, text, changed)
+        adapter.listen("STATUSTEXT", on_loop(loop, lambda frame: self.events.statustext(frame, adapter.dialect)))
+        self.identity.start()
+        self.presence.start()
+        self.state.start()
+        self.messages.start()
+        self.quality.start()
+        self.orders.start()
+        self.setpoints.start()
+        adapter.start()
+        self._housekeeper = loop.create_task(self._keep_house())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._housekeeper:
+            self._housekeeper.cancel()
+        self.setpoints.close()
+        await self.orders.close()
+        await asyncio.to_thread(self.adapter.close)
+        for service in (self.identity, self.presence, self.state, self.messages, self.quality, self.events):
+            service.close()
+
+    def _on_link(self, state: LinkState, text: str, changed: Callable[[], None]) -> None:
+        severity: wire.Severity = "info" if state is LinkState.UP else "warning"
+        words = f"link {state.value}: {text}" if text else f"link {state.value}"
+        self.events.emit("link", severity, words, limit="link")
+        changed()
+
+    def _changed(self) -> None:
+        """Who the vehicle is, its mode, its arming or its link changed: say so now and not at the next tick."""
+        if self.identity.source:
+            self.adapter.speak_as(self.identity.source[0])
+        if not self.identity.armed:
+            self.setpoints.stop()
+        self.presence.tick()
+        self.state.publish()
+
+    def _add_to_state(self, state: wire.VehicleState) -> None:
+        state.link = self.adapter.link.state.value
+        state.link_loss = self.quality.last.loss
+        state.lease = self.leases.info()
+        state.setpoints = dict(self.setpoints.counts)
+        state.clash = self.presence.clash
+
+    async def _keep_house(self) -> None:
+        """The slow work, five times a second; a fault in it is said and does not end it."""
+        beat = 0
+        while True:
+            try:
+                self.identity.tick()
+                self.presence.tick()
+                self.leases.tick()
+                self.state.publish()
+                if beat % 5 == 0:
+                    self.quality.tick()
+                    self._send_heartbeat()
+                    self.floor.tick()
+            except (ZmavError, ValueError, ArithmeticError) as e:
+                self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
+            beat += 1
+            await asyncio.sleep(TICK)
+
+    def _send_heartbeat(self) -> None:
+        """The companion's own: MAV_TYPE_ONBOARD_CONTROLLER, no autopilot, active."""
+        self.adapter.send("HEARTBEAT", type=18, autopilot=8, system_status=4, mavlink_version=3)
+
+
+async def _pong(args: wire.Order, report: Report) -> dict[str, Any]:
+    return {"t": time.time()}

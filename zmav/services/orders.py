@@ -1,0 +1,134 @@
+"""``do/{verb}``: queries that make the vehicle do something, once each however often they are sent.
+
+An order with an id is answered within its ``wait`` with status "running" while it lasts; the caller asks again with the
+same id, so that a lost answer costs one retry and no second takeoff.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput, Refused, ZmavError
+from zmav.services.port import on_loop
+
+MEMORY = 60.0
+"""seconds a finished order's outcome is kept for a caller who asks again"""
+
+Report = Callable[[dict[str, Any]], None]
+Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
+_VERB = re.compile(rf"{keys.ROOT}/[^/]+/[^/]+/do/([a-z_]+)\Z")
+
+
+@dataclass
+class Operation:
+    verb: str
+    payload: bytes
+    task: asyncio.Task[dict[str, Any]]
+    started: float = field(default_factory=time.monotonic)
+    ended: float | None = None
+    progress: dict[str, Any] = field(default_factory=dict)
+
+
+class Orders:
+    """The table of verbs and the orders under way. Lives on the event loop."""
+
+    def __init__(self, session: zenoh.Session, fleet: str, name: str) -> None:
+        self._session, self._fleet, self._name = session, fleet, name
+        self._verbs: dict[str, tuple[type[wire.Order], Handler]] = {}
+        self._operations: dict[str, Operation] = {}
+        self._answers: set[asyncio.Task[None]] = set()
+        self._queryable: Any = None
+
+    def add(self, verb: str, arguments: type[wire.Order], handler: Handler) -> None:
+        self._verbs[verb] = (arguments, handler)
+
+    def start(self) -> None:
+        key = keys.DO.key(self._fleet, self._name, verb="*")
+        accept = on_loop(asyncio.get_running_loop(), self._accept)
+        self._queryable = self._session.declare_queryable(key, accept)
+
+    async def close(self) -> None:
+        self._queryable.undeclare()
+        tasks = [op.task for op in self._operations.values() if not op.task.done()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
+
+    def _accept(self, query: zenoh.Query) -> None:
+        exact = _VERB.match(str(query.key_expr))
+        if exact is None:
+            query.drop()  # somebody looks around with a wildcard: that is no order
+            return
+        answer = asyncio.get_running_loop().create_task(self._answer(query, exact[1]))
+        self._answers.add(answer)
+        answer.add_done_callback(self._answers.discard)
+
+    async def _answer(self, query: zenoh.Query, verb: str) -> None:
+        with query:
+            key = keys.DO.key(self._fleet, self._name, verb=verb)
+            try:
+                payload = query.payload.to_bytes() if query.payload else b""
+                outcome = await self._outcome(verb, payload)
+            except ZmavError as e:
+                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+            else:
+                query.reply(key, wire.encode(outcome), encoding=keys.JSON, priority=keys.DO.qos.priority)
+
+    async def _outcome(self, verb: str, payload: bytes) -> wire.Outcome:
+        if verb not in self._verbs:
+            known = ", ".join(sorted(self._verbs))
+            raise BadInput(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
+        arguments, handler = self._verbs[verb]
+        args = wire.decode(payload, arguments, f"do/{verb}")
+        operation = self._operation(verb, args, payload, handler)
+        wait = min(max(args.wait, 0.0), 5.0) if args.id else None
+        await asyncio.wait({operation.task}, timeout=wait)
+        took = (operation.ended or time.monotonic()) - operation.started
+        if not operation.task.done():
+            return wire.Outcome(verb=verb, status="running", took=took, result=operation.progress)
+        return wire.Outcome(verb=verb, status="done", took=took, result=_result(operation))
+
+    def _operation(self, verb: str, args: wire.Order, payload: bytes, handler: Handler) -> Operation:
+        self._forget()
+        known = self._operations.get(args.id) if args.id else None
+        if known is not None:
+            if (known.verb, known.payload) != (verb, payload):
+                raise BadInput(f"id {args.id!r} was used for another order ({known.verb})", field="id", value=args.id)
+            return known
+        progress: dict[str, Any] = {}
+
+        def report(news: dict[str, Any]) -> None:
+            progress.update(news)
+
+        task = asyncio.get_running_loop().create_task(_run(handler, args, report))
+        operation = Operation(verb, payload, task, progress=progress)
+        task.add_done_callback(lambda _: setattr(operation, "ended", time.monotonic()))
+        self._operations[args.id or f"#{id(task)}"] = operation
+        return operation
+
+    def _forget(self) -> None:
+        old = time.monotonic() - MEMORY
+        self._operations = {k: op for k, op in self._operations.items() if op.ended is None or op.ended > old}
+
+
+async def _run(handler: Handler, args: wire.Order, report: Report) -> dict[str, Any]:
+    return await handler(args, report)
+
+
+def _result(operation: Operation) -> dict[str, Any]:
+    if operation.task.cancelled():
+        raise Refused(f"{operation.verb} was superseded by a later order or by the pilot", verb=operation.verb)
+    error = operation.task.exception()
+    if error is None:
+        return operation.task.result()
+    if isinstance(error, ZmavError):
+        raise error
+    raise ZmavError(f"{operation.verb} failed inside the vehicle agent: {error!r}") from error

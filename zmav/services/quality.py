@@ -1,0 +1,82 @@
+"""``link/{name}``: what the local link carries and loses, once a second, with the round trip by TIMESYNC."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from zmav import keys, wire
+from zmav.mavlink import Frame, decode
+from zmav.services.port import Port, on_loop
+
+LINK_NAME = "autopilot"
+
+
+class Quality:
+    """Counts and times the vehicle's link. Lives on the event loop."""
+
+    def __init__(self, session: zenoh.Session, port: Port) -> None:
+        self._port = port
+        key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
+        self._publisher = session.declare_publisher(key, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
+        self._rtt: float | None = None
+        self._pinged = 0
+        self._stop: Callable[[], None] = lambda: None
+        self._before = (0, 0, 0, time.monotonic())
+        self.last = self.measure()
+
+    def start(self) -> None:
+        self._stop = self._port.listen("TIMESYNC", on_loop(asyncio.get_running_loop(), self._on_timesync))
+
+    def close(self) -> None:
+        self._stop()
+        self._publisher.undeclare()
+
+    def _on_timesync(self, frame: Frame) -> None:
+        fields = decode(frame, self._port.dialect)
+        # An answer has tc1 set and carries our own time back in ts1; the autopilot's own questions do not.
+        if fields["tc1"] != 0 and fields["ts1"] == self._pinged:
+            self._rtt = (time.monotonic_ns() - self._pinged) / 1e9
+
+    def tick(self) -> None:
+        """Once a second: publish, then ask for the next round trip."""
+        self.last = self.measure()
+        self._publisher.put(wire.encode(self.last))
+        self._rtt, self._pinged = None, time.monotonic_ns()
+        self._port.send("TIMESYNC", tc1=0, ts1=self._pinged)
+
+    def measure(self) -> wire.LinkQuality:
+        """The quality since the last call."""
+        now, split, link = time.monotonic(), self._port.splitter.counters, self._port.link
+        frames, lost, size, then = self._before
+        self._before = (split.frames, split.lost, split.bytes, now)
+        span = max(now - then, 1e-3)
+        came, missed = split.frames - frames, split.lost - lost
+        heard, tx = self._port.heard, self._port.tx
+        return wire.LinkQuality(
+            t=time.time(),
+            name=LINK_NAME,
+            url=link.url,
+            state=link.state.value,
+            age=now - heard if heard else None,
+            rx_rate=came / span,
+            rx_bytes_rate=(split.bytes - size) / span,
+            loss=missed / (came + missed) if came + missed else 0.0,
+            rtt=self._rtt,
+            rx_frames=split.frames,
+            rx_bytes=split.bytes,
+            lost=split.lost,
+            bad_crc=split.bad_crc,
+            bad_length=split.bad_length,
+            bad_flags=split.bad_flags,
+            garbage=split.garbage,
+            unknown=split.unknown,
+            tx_frames=tx.frames,
+            tx_dropped=tx.dropped,
+            tx_refused=tx.refused,
+            opens=link.counters.opens,
+            last_error=link.counters.last_error,
+        )

@@ -1,0 +1,111 @@
+"""``state``: what the vehicle is and does, put together from the last frames five times a second and on change."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import zenoh
+
+from zmav import geo, keys, wire
+from zmav.mavlink import decode
+from zmav.services.identity import Identity
+from zmav.services.port import Port, on_loop
+
+FRESH = 3.0
+"""seconds after which a message no longer counts for readiness"""
+
+
+class StateService:
+    """Builds and publishes :class:`zmav.wire.VehicleState`. Lives on the event loop."""
+
+    def __init__(
+        self, session: zenoh.Session, port: Port, instance: str, identity: Identity, origin: wire.Origin | None
+    ) -> None:
+        self._session, self._instance = session, instance
+        self._port, self._identity, self.origin = port, identity, origin
+        self.extras: list[Callable[[wire.VehicleState], None]] = []
+        """other services' additions: link, lease, clash"""
+        self._key = keys.STATE.key(port.fleet, port.name)
+        self._publisher = session.declare_publisher(self._key, encoding=keys.STATE.encoding, **keys.STATE.qos.options())
+        self._queryable: Any = None
+
+    def start(self) -> None:
+        answer = on_loop(asyncio.get_running_loop(), self._on_query)
+        self._queryable = self._session.declare_queryable(self._key, answer)
+
+    def close(self) -> None:
+        self._queryable.undeclare()
+        self._publisher.undeclare()
+
+    def publish(self) -> None:
+        self._publisher.put(wire.encode(self.build()))
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(self._key, wire.encode(self.build()), encoding=keys.STATE.encoding)
+
+    def latest(self, name: str) -> Mapping[str, Any] | None:
+        """The vehicle's last message of that name where it is fresh enough to decide by."""
+        found = self._heard(name)
+        return found[0] if found and found[1] < FRESH else None
+
+    def _heard(self, name: str) -> tuple[Mapping[str, Any], float] | None:
+        source = self._identity.source
+        found = self._port.latest(name, source) if source else None
+        return (decode(found.frame, self._port.dialect), found.age) if found else None
+
+    def build(self) -> wire.VehicleState:
+        """The state now."""
+        who = self._identity
+        state = wire.VehicleState(t=time.time(), fleet=self._port.fleet, name=self._port.name, instance=self._instance)
+        if who.source and who.autopilot and who.heartbeat:
+            state.connected = who.connected
+            state.sysid, state.compid = who.source
+            state.uid, state.firmware, state.kind = who.uid, who.firmware, who.kind
+            state.autopilot, state.mode, state.armed = who.autopilot.name, who.mode, who.armed
+            status = self._port.dialect.enum_name("MAV_STATE", who.heartbeat["system_status"])
+            state.status = status.removeprefix("MAV_STATE_") if status else None
+            state.not_ready = who.autopilot.missing(self.latest) if not who.armed else []
+            state.ready = not state.not_ready
+            self._add_motion(state)
+            self._add_health(state)
+        for add in self.extras:
+            add(state)
+        return state
+
+    def _add_motion(self, state: wire.VehicleState) -> None:
+        if position := self._heard("GLOBAL_POSITION_INT"):
+            p, state.ages["position"] = position
+            state.position = wire.GlobalPosition(
+                lat_deg=p["lat"] / 1e7, lon_deg=p["lon"] / 1e7, alt_amsl=p["alt"] / 1e3, alt_rel=p["relative_alt"] / 1e3
+            )
+            state.velocity = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0)
+            if self.origin:
+                g = state.position
+                state.local = geo.to_ned(self.origin, g.lat_deg, g.lon_deg, g.alt_amsl)
+        if attitude := self._heard("ATTITUDE"):
+            a, state.ages["attitude"] = attitude
+            state.attitude = wire.Attitude(roll=a["roll"], pitch=a["pitch"], yaw=a["yaw"])
+        if extended := self._heard("EXTENDED_SYS_STATE"):
+            landed = extended[0]["landed_state"]
+            state.landed = None if landed == 0 else landed == 1
+
+    def _add_health(self, state: wire.VehicleState) -> None:
+        if status := self._heard("SYS_STATUS"):
+            s, state.ages["battery"] = status
+            state.battery = wire.Battery(
+                voltage=None if s["voltage_battery"] == 0xFFFF else s["voltage_battery"] / 1e3,
+                current=None if s["current_battery"] < 0 else s["current_battery"] / 100.0,
+                remaining=None if s["battery_remaining"] < 0 else s["battery_remaining"] / 100.0,
+            )
+        if gps := self._heard("GPS_RAW_INT"):
+            g, state.ages["gps"] = gps
+            fix = self._port.dialect.enum_name("GPS_FIX_TYPE", g["fix_type"]) or str(g["fix_type"])
+            state.gps = wire.Gps(
+                fix=fix.removeprefix("GPS_FIX_TYPE_"),
+                satellites=None if g["satellites_visible"] == 255 else g["satellites_visible"],
+                hdop=None if g["eph"] == 0xFFFF else g["eph"] / 100.0,
+            )

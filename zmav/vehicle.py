@@ -1,0 +1,250 @@
+"""A vehicle as a script sees it: state with its age, orders that end well or in a typed error, streams, setpoints."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+import uuid
+from collections.abc import AsyncIterator, Callable
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput, NoSuchVehicle, NotHolder, Stale, TimedOut, ZmavError
+from zmav.mavlink import MavMessage, describe, parse_frame
+
+if TYPE_CHECKING:
+    from zmav.client import Client, Subscription
+
+ASK_TIMEOUT = 2.0
+"""s for one query; the order itself may last much longer"""
+GIVE_UP = 10.0
+"""s without any answer from a vehicle that is present"""
+
+Progress = Callable[[dict[str, Any]], None]
+
+
+class Vehicle:
+    """A handle, cheap to make; nothing is sent until something is asked.
+
+    Orders raise :class:`~zmav.errors.Refused` with the autopilot's reason, :class:`~zmav.errors.TimedOut`,
+    :class:`~zmav.errors.NoSuchVehicle`, :class:`~zmav.errors.NotHolder` or :class:`~zmav.errors.Clash`.
+    """
+
+    def __init__(self, client: Client, name: str) -> None:
+        self._client, self.name = client, name
+        self._lease = ""
+
+    def __repr__(self) -> str:
+        return f"Vehicle({self.name!r})"
+
+    # What it is and does.
+
+    @property
+    def state(self) -> wire.VehicleState:
+        """The last state heard; raises :class:`NoSuchVehicle` or :class:`Stale` where it cannot be relied on."""
+        heard = self._client.heard(self.name)
+        if heard is None:
+            raise NoSuchVehicle(f"{self.name} has not been heard", vehicle=self.name)
+        age, limit = time.monotonic() - heard.at, keys.STATE.stale_after or 0.0
+        if age > limit:
+            raise Stale(f"{self.name} was last heard {age:.1f} s ago", vehicle=self.name, age=age)
+        return heard.state
+
+    @property
+    def last_state(self) -> wire.VehicleState | None:
+        """The last state heard, however old; None: never."""
+        heard = self._client.heard(self.name)
+        return heard.state if heard else None
+
+    @property
+    def age(self) -> float | None:
+        """Seconds since its state was last heard; None: never."""
+        heard = self._client.heard(self.name)
+        return time.monotonic() - heard.at if heard else None
+
+    @property
+    def present(self) -> bool:
+        return self._client.present(self.name)
+
+    async def wait_until(self, true: Callable[[wire.VehicleState], bool], timeout: float) -> wire.VehicleState:
+        """Wait for a state of which ``true`` holds; raises :class:`TimedOut`."""
+        deadline = time.monotonic() + timeout
+        while True:
+            state = self.last_state
+            if state is not None and true(state):
+                return state
+            if not await self._client.news(deadline - time.monotonic()) and time.monotonic() >= deadline:
+                raise TimedOut(f"{self.name}: it did not come true within {timeout:.0f} s", vehicle=self.name)
+
+    async def message(self, name: str) -> wire.LastMessage:
+        """The last message of that name, decoded, with its age; raises :class:`BadInput` if none came."""
+        answer = await self._ask(keys.MSG.key(self._fleet, self.name, msg=name))
+        return wire.decode(answer, wire.LastMessage, f"reply to msg/{name}")
+
+    def stream(self, name: str, depth: int = 1000) -> Subscription[MavMessage]:
+        """Every message of that name: ``async with vehicle.stream("ATTITUDE") as s: async for message in s: ...``."""
+        dialect = self._client.dialect
+        dialect.message(name)
+
+        def convert(sample: zenoh.Sample) -> MavMessage:
+            return describe(parse_frame(sample.payload.to_bytes(), dialect), dialect)
+
+        return self._client.subscribe(f"{self.name}/{name}", convert, depth)
+
+    # Orders.
+
+    async def arm(self, *, ready_timeout: float = 60.0, progress: Progress | None = None) -> None:
+        """Wait up to ``ready_timeout`` seconds until the autopilot is ready, and arm."""
+        await self.order("arm", wire.Arm(ready_timeout=ready_timeout), progress)
+
+    async def disarm(self) -> None:
+        """Disarm; refused in the air."""
+        await self.order("disarm", wire.Order())
+
+    async def takeoff(self, alt_rel: float, *, progress: Progress | None = None) -> None:
+        """Climb to ``alt_rel`` metres above home; returns when there."""
+        await self.order("takeoff", wire.Takeoff(alt_rel=alt_rel), progress)
+
+    async def goto(
+        self,
+        *,
+        pos: wire.Vector | None = None,
+        lat_deg: float | None = None,
+        lon_deg: float | None = None,
+        alt_amsl: float | None = None,
+        alt_rel: float | None = None,
+        yaw: float | None = None,
+        tolerance: float = 1.0,
+        timeout: float = 300.0,
+        arrive: bool = True,
+        progress: Progress | None = None,
+    ) -> None:
+        """Fly to ``pos`` (m, NED about the fleet's origin) or to a WGS84 place; returns on arrival."""
+        frame: Literal["ned", "global"] = "ned" if pos is not None else "global"
+        args = wire.GoTo(
+            frame=frame, pos=pos, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl=alt_amsl, alt_rel=alt_rel, yaw=yaw,
+            tolerance=tolerance, timeout=timeout, arrive=arrive,
+        )  # fmt: skip
+        await self.order("goto", args, progress)
+
+    async def hold(self) -> None:
+        """Stop where it is; open to everybody."""
+        await self.order("hold", wire.Order())
+
+    async def land(self, *, progress: Progress | None = None) -> None:
+        """Land where it is; returns when it has disarmed; open to everybody."""
+        await self.order("land", wire.Order(), progress)
+
+    async def set_mode(self, mode: str) -> None:
+        """Enter a flight mode by its name (``LOITER``)."""
+        await self.order("set_mode", wire.SetMode(mode=mode))
+
+    async def order(self, verb: str, args: wire.Order, progress: Progress | None = None) -> dict[str, Any]:
+        """Give an order and see it through: sent again with the same id until the vehicle says how it ended."""
+        args = msgspec.structs.replace(args, id=uuid.uuid4().hex, lease=args.lease or self._lease)
+        key, payload = keys.DO.key(self._fleet, self.name, verb=verb), wire.encode(args)
+        while True:
+            answer = await self._ask(key, payload)
+            outcome = wire.decode(answer, wire.Outcome, f"reply to do/{verb}")
+            if outcome.status == "done":
+                return outcome.result
+            if progress is not None:
+                progress(outcome.result)
+
+    async def ping(self) -> float:
+        """Seconds a query takes to the vehicle and back."""
+        start = time.perf_counter()
+        await self._ask(keys.DO.key(self._fleet, self.name, verb="ping"))
+        return time.perf_counter() - start
+
+    @contextlib.asynccontextmanager
+    async def lease(self, holder: str, ttl: float = 3.0) -> AsyncIterator[Lease]:
+        """Command the vehicle alone while the ``async with`` lasts; renewed by itself. Raises :class:`NotHolder`."""
+        granted = await self.order("lease", wire.TakeLease(holder=holder, ttl=ttl))
+        lease = Lease(self, self._client, holder, granted["lease"], ttl)
+        self._lease = lease.token
+        renewer = asyncio.create_task(lease.keep())
+        try:
+            yield lease
+        finally:
+            renewer.cancel()
+            self._lease = ""
+            with contextlib.suppress(ZmavError):
+                await self.order("release", wire.DropLease(lease=lease.token))
+
+    @property
+    def _fleet(self) -> str:
+        if self._client.fleet_name != "*":
+            return self._client.fleet_name
+        last = self.last_state
+        if last is None:
+            raise NoSuchVehicle(f"{self.name} has not been heard in any fleet", vehicle=self.name)
+        return last.fleet
+
+    async def _ask(self, key: str, payload: bytes = b"") -> bytes:
+        """One answer from this vehicle; asked again for a while where none comes."""
+        deadline = time.monotonic() + GIVE_UP
+        while True:
+            answers = await self._client.ask(key, payload, ASK_TIMEOUT)
+            for answer in answers:
+                if isinstance(answer, ZmavError):
+                    raise answer
+                return answer.payload
+            if time.monotonic() > deadline:
+                break
+            if not self.present and not await self._client.news(1.0):
+                raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self._fleet}", vehicle=self.name)
+            await asyncio.sleep(0.1)  # present, but not answering: it has just come, or the network has a hole
+        raise TimedOut(f"{self.name} does not answer on {key}", vehicle=self.name)
+
+
+class Lease:
+    """The right to command one vehicle, and the stream of setpoints under it."""
+
+    def __init__(self, vehicle: Vehicle, client: Client, holder: str, token: str, ttl: float) -> None:
+        self.vehicle, self.holder, self.token = vehicle, holder, token
+        self._client, self._ttl = client, ttl
+        self._seq = 0
+        self._lost: ZmavError | None = None
+        self._key = keys.SETPOINT.key(vehicle._fleet, vehicle.name, agent=keys.check_name(holder, "holder"))
+
+    def setpoint(
+        self,
+        *,
+        pos: wire.Vector | None = None,
+        vel: wire.Vector | None = None,
+        acc: wire.Vector | None = None,
+        yaw: float | None = None,
+        valid: float = 0.5,
+    ) -> None:
+        """Put one point (m, m/s, m/s², rad; NED about the fleet's origin), not to be flown later than ``valid`` seconds
+        from now. Repeat it at 5 Hz or more: half a second of silence and the vehicle holds. Raises what took the lease.
+        """
+        if self._lost is not None:
+            raise self._lost
+        self._seq += 1
+        point = wire.Setpoint(
+            lease=self.token, seq=self._seq, deadline=time.time() + valid, pos=pos, vel=vel, acc=acc, yaw=yaw
+        )
+        self._client.put(keys.SETPOINT, self._key, point)
+
+    @property
+    def sent(self) -> int:
+        """Setpoints put so far."""
+        return self._seq
+
+    async def keep(self) -> None:
+        """Renew until cancelled or until the vehicle says no; a bad network is no reason to stop trying."""
+        while True:
+            await asyncio.sleep(self._ttl / 3)
+            try:
+                await self.vehicle.order("lease", wire.TakeLease(holder=self.holder, ttl=self._ttl, lease=self.token))
+            except (NotHolder, BadInput) as e:
+                self._lost = e
+                return
+            except ZmavError:
+                continue
