@@ -1,0 +1,317 @@
+"""TCP links against real sockets: both ways, peers that come and go, that never read, that vanish without a word."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+import pytest
+
+from zmav.links import LinkState, TcpInLink, open_link, tcp
+
+if TYPE_CHECKING:
+    from tests.links.conftest import Watch, Watched
+
+PATIENCE_S = 30.0
+Server = Callable[..., socket.socket]
+Frames = Callable[[int], list[bytes]]
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    """Makes listening sockets on loopback, with a time limit."""
+    made: list[socket.socket] = []
+
+    def make(port: int = 0) -> socket.socket:
+        sock = socket.create_server(("127.0.0.1", port))
+        made.append(sock)
+        sock.settimeout(PATIENCE_S)
+        return sock
+
+    yield make
+    for sock in made:
+        sock.close()
+
+
+def port_of(sock: socket.socket) -> int:
+    return int(sock.getsockname()[1])
+
+
+def accept(sock: socket.socket) -> socket.socket:
+    peer, _ = sock.accept()
+    peer.settimeout(PATIENCE_S)
+    return peer
+
+
+def receive(sock: socket.socket, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        more = sock.recv(65536)
+        assert more, f"ended after {len(data)} of {count} bytes"
+        data += more
+    return data
+
+
+def listen(watch: Watch) -> tuple[Watched, TcpInLink, Callable[[], socket.socket]]:
+    """A tcpin link on a free port: under watch, itself, and a way to connect to it."""
+    watched = watch("tcpin:127.0.0.1:0")
+    watched.expect_state(LinkState.CONNECTING, "waiting for a peer at 127.0.0.1:")
+    link = watched.link
+    assert isinstance(link, TcpInLink)
+    assert link.local_address is not None
+    address = link.local_address[:2]
+    return watched, link, lambda: socket.create_connection(address, PATIENCE_S)
+
+
+def test_tcp_both_ways(watch: Watch, server: Server) -> None:
+    listener = server()
+    watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+    with closing(accept(listener)) as vehicle:
+        watched.expect_state(LinkState.UP, f"connected to 127.0.0.1:{port_of(listener)}")
+        vehicle.sendall(b"hello")
+        watched.expect_data(b"hello")
+        assert watched.link.send(b"answer") is True
+        assert receive(vehicle, 6) == b"answer"
+    counters = watched.link.counters
+    assert (counters.rx_bytes, counters.tx_bytes, counters.tx_dropped, counters.opens) == (5, 6, 0, 1)
+
+
+def test_tcp_comes_up_when_the_server_does_and_again_after_it_went(watch: Watch, server: Server) -> None:
+    first = server()
+    port = port_of(first)
+    first.close()
+    watched = watch(f"tcp:127.0.0.1:{port}")
+    after = watched.expect_state(LinkState.DOWN, f"cannot connect to 127.0.0.1 port {port}: Connection refused")
+    assert watched.link.send(b"x") is False
+    for round_ in range(2):
+        with closing(server(port)) as listener, closing(accept(listener)) as vehicle:
+            after = watched.expect_state(LinkState.UP, after=after)
+            vehicle.sendall(b"%d" % round_)
+            watched.expect_data(b"01"[: round_ + 1])
+        after = watched.expect_state(LinkState.DOWN, "closed the connection", after)
+    assert watched.link.counters.opens == 2
+    assert watched.link.counters.last_error is not None
+
+
+def test_tcp_reset_by_the_peer_is_reconnected(watch: Watch, server: Server) -> None:
+    listener = server()
+    watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+    vehicle = accept(listener)
+    after = watched.expect_state(LinkState.UP)
+    vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")  # close() sends a reset
+    vehicle.close()
+    after = watched.expect_state(LinkState.DOWN, "reset", after)
+    accept(listener).close()
+    watched.expect_state(LinkState.UP, after=after)
+
+
+@pytest.mark.parametrize("kind", ["tcp", "tcpin"])
+def test_a_peer_that_never_reads_gets_whole_frames_or_none(
+    watch: Watch, server: Server, frames: Frames, kind: str
+) -> None:
+    if kind == "tcp":
+        listener = server()
+        watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+        vehicle = accept(listener)
+    else:
+        watched, _, connect = listen(watch)
+        vehicle = connect()
+    watched.expect_state(LinkState.UP)
+    link = watched.link
+    with closing(vehicle):
+        accepted, refused = [], 0
+        series = frames(256) * 4000  # tens of megabytes: more than the buffers of both ends
+        for frame in series:
+            if link.send(frame):
+                accepted.append(frame)
+            else:
+                refused += 1
+                if refused == 100:
+                    break
+        assert refused == 100
+        assert link.counters.tx_dropped == 100
+        assert link.counters.last_error == "the other end does not read: the output buffer is full"
+        assert link.counters.tx_bytes == sum(map(len, accepted))
+        # Now it reads after all: every accepted frame comes whole, in order, and nothing else.
+        stream = b"".join(accepted)
+        assert receive(vehicle, len(stream)) == stream
+        assert link.send(b"and on") is True
+        assert receive(vehicle, 6) == b"and on"
+        vehicle.sendall(b"alive")
+        watched.expect_data(b"alive")
+
+
+def test_half_a_frame_is_not_continued_on_the_next_connection(watch: Watch, server: Server, frames: Frames) -> None:
+    listener = server()
+    watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+    vehicle = accept(listener)
+    after = watched.expect_state(LinkState.UP)
+    frame = max(frames(40), key=len)
+    while watched.link.send(frame):
+        pass
+    vehicle.close()
+    after = watched.expect_state(LinkState.DOWN, after=after)
+    with closing(accept(listener)) as vehicle:
+        watched.expect_state(LinkState.UP, after=after)
+        assert watched.link.send(b"first") is True
+        assert receive(vehicle, 5) == b"first"
+
+
+def test_tcp_burst_both_ways(watch: Watch, server: Server, frames: Frames) -> None:
+    listener = server()
+    watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+    stream = b"".join(frames(256)) * 100
+    with closing(accept(listener)) as vehicle:
+        watched.expect_state(LinkState.UP)
+        sender = threading.Thread(target=vehicle.sendall, args=(stream,))
+        sender.start()
+        watched.expect_data(stream)
+        sender.join()
+        for frame in frames(256):
+            assert watched.link.send(frame) is True
+        assert receive(vehicle, len(b"".join(frames(256)))) == b"".join(frames(256))
+
+
+def test_close_ends_a_connect_that_hangs(server: Server) -> None:
+    """A listener whose queue is full does not answer; close() must not wait for the connect to time out."""
+    listener = socket.socket()
+    listener.bind(("127.0.0.1", 0))
+    listener.listen(0)
+    blockers = []
+    with closing(listener):
+        while True:  # fill the queue
+            blocker = socket.socket()
+            blockers.append(blocker)
+            blocker.setblocking(False)
+            blocker.connect_ex(listener.getsockname())
+            if not select.select([], [blocker], [], 0.5)[1]:
+                break
+        link = open_link(f"tcp:127.0.0.1:{port_of(listener)}")
+        opening = threading.Event()
+        link.start(lambda data: None, lambda state, detail: opening.set())
+        assert opening.wait(PATIENCE_S)
+        assert not link.wait(LinkState.UP, 0.2)
+        link.close()
+        assert link.state is LinkState.CLOSED
+        for blocker in blockers:
+            blocker.close()
+
+
+def test_tcpin_both_ways_and_the_next_peer(watch: Watch) -> None:
+    watched, link, connect = listen(watch)
+    assert link.send(b"nobody there") is False
+    after = 0
+    for round_ in range(3):
+        with closing(connect()) as vehicle:
+            after = watched.expect_state(LinkState.UP, f"127.0.0.1:{port_of(vehicle)} is connected", after)
+            vehicle.sendall(b"%d" % round_)
+            watched.expect_data(b"012"[: round_ + 1])
+            assert link.send(b"answer") is True
+            assert receive(vehicle, 6) == b"answer"
+        after = watched.expect_state(LinkState.CONNECTING, "closed the connection; waiting for a peer", after)
+        assert link.send(b"nobody there") is False
+    assert link.counters.opens == 3
+    assert link.counters.tx_dropped == 4
+
+
+def test_tcpin_serves_one_peer_at_a_time(watch: Watch) -> None:
+    watched, link, connect = listen(watch)
+    with closing(connect()) as first:
+        watched.expect_state(LinkState.UP)
+        for count in (1, 2):
+            with closing(connect()) as second:
+                assert second.recv(10) == b""  # accepted, and closed at once
+            assert link.counters.refused == count
+        assert link.counters.last_error is not None
+        assert f"127.0.0.1:{port_of(first)} is connected" in link.counters.last_error
+        first.sendall(b"undisturbed")
+        watched.expect_data(b"undisturbed")
+        assert link.send(b"yes") is True
+        assert receive(first, 3) == b"yes"
+    assert [state for state, _ in watched.states].count(LinkState.UP) == 1
+
+
+def test_tcpin_takes_the_successor_of_a_peer_that_just_left(watch: Watch) -> None:
+    """A program that is restarted closes and connects at once: it must not be turned away for its own predecessor."""
+    watched, link, connect = listen(watch)
+    expected = b""
+    for number in range(30):
+        word = b"<%d>" % number
+        with closing(connect()) as vehicle:
+            vehicle.sendall(word)
+        expected += word
+    watched.expect_data(expected)
+    assert link.counters.refused == 0
+    assert link.counters.opens == 30
+
+
+def test_tcpin_reset_by_the_peer(watch: Watch) -> None:
+    watched, _, connect = listen(watch)
+    vehicle = connect()
+    after = watched.expect_state(LinkState.UP)
+    vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+    vehicle.close()
+    after = watched.expect_state(LinkState.CONNECTING, "lost 127.0.0.1:", after)
+    with closing(connect()):
+        watched.expect_state(LinkState.UP, after=after)
+
+
+def test_tcpin_port_in_use_then_freed(watch: Watch, server: Server) -> None:
+    holder = server()
+    port = port_of(holder)
+    watched = watch(f"tcpin:127.0.0.1:{port}")
+    after = watched.expect_state(LinkState.DOWN, f"port {port} on 127.0.0.1 is held by another program")
+    holder.close()
+    watched.expect_state(LinkState.CONNECTING, "waiting for a peer", after)
+    with closing(socket.create_connection(("127.0.0.1", port), PATIENCE_S)) as vehicle:
+        vehicle.sendall(b"here")
+        watched.expect_data(b"here")
+
+
+def test_tcp_and_tcpin_meet(watch: Watch) -> None:
+    one, link, _ = listen(watch)
+    assert link.local_address is not None
+    other = watch(f"tcp:127.0.0.1:{link.local_address[1]}")
+    one.expect_state(LinkState.UP)
+    other.expect_state(LinkState.UP)
+    assert one.link.send(b"ping") is True
+    other.expect_data(b"ping")
+    assert other.link.send(b"pong") is True
+    one.expect_data(b"pong")
+
+
+def test_options_of_a_stream() -> None:
+    with closing(socket.socket()) as sock:
+        tcp.set_stream_options(sock)
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
+        assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == tcp.KEEPALIVE_IDLE_S
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == tcp.DEAD_PEER_S * 1000
+
+
+@pytest.mark.root
+@pytest.mark.parametrize("kind", ["tcp", "tcpin"])
+def test_a_peer_that_vanished_is_found_by_keepalive(
+    watch: Watch, server: Server, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """TCP_REPAIR lets a socket end without a word to the other side, as a machine does that loses its power."""
+    monkeypatch.setattr(tcp, "KEEPALIVE_IDLE_S", 1)
+    if kind == "tcp":
+        listener = server()
+        watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+        vehicle = accept(listener)
+    else:
+        watched, _, connect = listen(watch)
+        vehicle = connect()
+    after = watched.expect_state(LinkState.UP)
+    try:
+        vehicle.setsockopt(socket.IPPROTO_TCP, 19, 1)  # TCP_REPAIR
+    except OSError:
+        vehicle.close()
+        pytest.skip("TCP_REPAIR is not permitted here")
+    vehicle.close()
+    watched.expect_state(LinkState.DOWN if kind == "tcp" else LinkState.CONNECTING, "", after)

@@ -1,0 +1,262 @@
+"""What every link is: one reader thread that opens, reads and reopens for ever, a state, counters, a bounded send.
+
+A transport adds four methods (``_open``, ``_read``, ``_write``, ``_release``) and, where a blocked read can be woken,
+a fifth (``_wake``). Threads, backoff, states and counters are here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import logging
+import random
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from types import TracebackType
+
+import msgspec
+
+from zmav.errors import LinkError, ZmavError
+
+logger = logging.getLogger(__name__)
+
+OnData = Callable[[bytes], None]
+JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
+
+
+class LinkState(str, enum.Enum):
+    CLOSED = "closed"  # not started, or closed for good
+    CONNECTING = "connecting"  # open or being opened, but nobody at the other end yet
+    UP = "up"
+    DOWN = "down"  # it failed (or a recording ended); the detail says why, and it is tried again
+
+
+OnState = Callable[[LinkState, str], None]
+
+
+class LinkCounters(msgspec.Struct):
+    """Sums since the link was made; bytes as the transport carried them, frames as given to ``send``."""
+
+    rx_bytes: int = 0
+    tx_bytes: int = 0  # sent, or queued to be sent
+    tx_dropped: int = 0  # frames that send() refused
+    opens: int = 0  # times the link came UP
+    last_error: str | None = None
+    rx_buffer: int = 0  # the kernel's receive buffer in bytes, as reported (Linux: twice what it granted)
+    rx_dropped: int = 0  # datagrams the kernel threw away because the buffer was full (UDP on Linux)
+    refused: int = 0  # peers turned away because there already was one (tcpin)
+    skipped: int = 0  # bytes of a recording that were no record (replay)
+
+
+class LinkFinished(Exception):
+    """Raised by a transport's ``_read`` when there is nothing more to come and nothing to retry: a normal end."""
+
+
+class Backoff:
+    """Seconds to wait before the next try: 0.2, 0.3, 0.45 ... 3, each up to a fifth shorter or longer, 3 at most."""
+
+    def __init__(
+        self, first: float = 0.2, factor: float = 1.5, most: float = 3.0, chance: Callable[[], float] = random.random
+    ) -> None:
+        self._first, self._factor, self._most, self._chance = first, factor, most, chance
+        self._base = first
+
+    def next(self) -> float:
+        base = self._base
+        self._base = min(self._most, base * self._factor)
+        return min(self._most, base * (0.8 + 0.4 * self._chance()))
+
+    def reset(self) -> None:
+        self._base = self._first
+
+
+class Link(ABC):
+    """A way to an autopilot, opened and reopened by itself. Made by :func:`zmav.links.open_link`, then started once.
+
+    ``send`` and ``close`` may be called from any thread, also from the callbacks. Nothing is raised out of the reader
+    thread: errors go to ``counters.last_error`` and to the state.
+    """
+
+    # Whether an open transport is UP at once, or only when the first bytes came (udpin: nobody is known before).
+    _up_when_open = True
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._counters = LinkCounters()
+        self._state = LinkState.CLOSED
+        self._detail = "not started"
+        self._changed = threading.Condition()
+        self._closing = threading.Event()
+        self._tx_lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._ended = False
+        self._complained: set[str] = set()  # callbacks whose failing was logged
+        self._finished = threading.Event()  # a normal end; only links that can end (recordings) set it
+        self._on_data: OnData = lambda data: None
+        self._on_state: OnState = lambda state, detail: None
+
+    # -- what users call ---------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> LinkState:
+        return self._state
+
+    @property
+    def detail(self) -> str:
+        """The state in words: what is being tried, who is connected, why it is down and what to do."""
+        return self._detail
+
+    @property
+    def counters(self) -> LinkCounters:
+        return self._counters
+
+    def start(self, on_data: OnData, on_state: OnState) -> None:
+        """Start the reader thread; it calls both callbacks inline, so they must be quick.
+
+        ``on_data(data)``: bytes as they were read, never empty; a datagram, a piece of a stream, or one recorded frame.
+        ``on_state(state, detail)``: on each change. An exception out of either is logged and otherwise ignored.
+        Raises LinkError when the link was started or closed before.
+        """
+        if self._thread is not None or self._closing.is_set():
+            raise LinkError(f"{self.url} was started or closed before; open another link", url=self.url)
+        self._on_data, self._on_state = on_data, on_state
+        self._state, self._detail = LinkState.CONNECTING, "starting"
+        self._thread = threading.Thread(target=self._run, name=f"link {self.url}", daemon=True)
+        self._thread.start()
+
+    def send(self, data: bytes) -> bool:
+        """Send one whole frame; never blocks long. False, and ``tx_dropped`` is one more, when it is down or full."""
+        with self._tx_lock:
+            try:
+                sent = self._write(data)
+            except (OSError, LinkError) as error:
+                self._note(error)
+                sent = 0
+            self._counters.tx_bytes += sent
+            if not sent:
+                self._counters.tx_dropped += 1
+        return sent > 0
+
+    def close(self) -> None:
+        """End the link for good and join its thread, within about a second; twice is harmless."""
+        self._closing.set()
+        self._wake()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(JOIN_S)
+
+    def wait(self, state: LinkState, timeout: float | None) -> bool:
+        """Wait until the link is in ``state``; False after ``timeout`` seconds, or once it is closed and cannot be."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._state is state or self._ended, timeout)
+            return self._state is state
+
+    def __enter__(self) -> Link:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url} {self._state.value}: {self._detail}>"
+
+    # -- what a transport provides -----------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _open(self) -> str:
+        """Open the transport and say in words what is open; raises OSError or LinkError. Runs in the reader thread."""
+
+    @abstractmethod
+    def _read(self) -> bytes:
+        """Block for at most about 0.25 s; b"" when nothing came. Raises OSError or LinkError when it broke."""
+
+    @abstractmethod
+    def _write(self, data: bytes) -> int:
+        """Bytes sent or queued, 0 when dropped; must not block. Called with ``_tx_lock`` held, by any thread."""
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Give back what ``_open`` took, also when it failed half way. Runs in the reader thread."""
+
+    def _wake(self) -> None:  # noqa: B027 - optional: without it close() waits for the read to return by itself
+        """Make a blocked ``_open`` or ``_read`` return soon. Called by ``close()``, by any thread."""
+
+    # -- the reader thread -------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        backoff = Backoff()
+        self._set_state(LinkState.CONNECTING, f"opening {self.url}")
+        while not self._closing.is_set():
+            heard = self._counters.rx_bytes
+            try:
+                detail = self._open()
+                self._set_state(LinkState.UP if self._up_when_open else LinkState.CONNECTING, detail)
+                self._pump()
+            except LinkFinished as end:
+                self._set_state(LinkState.DOWN, str(end))
+                self._finished.set()
+                self._closing.wait()
+            except Exception as error:
+                self._failed(error)
+            finally:
+                with contextlib.suppress(OSError):
+                    self._release()
+            if self._counters.rx_bytes > heard:
+                backoff.reset()
+            if not self._closing.is_set():
+                self._closing.wait(backoff.next())
+        self._ended = True
+        self._set_state(LinkState.CLOSED, "closed")
+
+    def _pump(self) -> None:
+        read, on_data, counters = self._read, self._on_data, self._counters
+        while not self._closing.is_set():
+            data = read()
+            if not data:
+                continue
+            counters.rx_bytes += len(data)
+            if self._state is not LinkState.UP:
+                self._set_state(LinkState.UP, self._heard())
+            try:
+                on_data(data)
+            except Exception as error:
+                self._callback_failed("on_data", error)
+
+    def _heard(self) -> str:
+        """The detail of UP for a transport that is up only once it heard somebody."""
+        return self._detail
+
+    def _failed(self, error: Exception) -> None:
+        if self._closing.is_set():
+            return  # close() pulled the transport from under the reader
+        if not isinstance(error, (OSError, ZmavError)):
+            logger.exception("%s: unexpected error; the link tries again", self.url)
+        self._note(error)
+        self._set_state(LinkState.DOWN, self._counters.last_error or "failed")
+
+    def _note(self, error: Exception | str) -> None:
+        strerror = getattr(error, "strerror", None)
+        self._counters.last_error = strerror or str(error) or type(error).__name__
+
+    def _set_state(self, state: LinkState, detail: str) -> None:
+        """Only the reader thread calls this, so that on_state sees the changes in order."""
+        with self._changed:
+            if (state, detail) == (self._state, self._detail):
+                return
+            if state is LinkState.UP and self._state is not LinkState.UP:
+                self._counters.opens += 1
+            self._state, self._detail = state, detail
+            self._changed.notify_all()
+        try:
+            self._on_state(state, detail)
+        except Exception as error:
+            self._callback_failed("on_state", error)
+
+    def _callback_failed(self, name: str, error: Exception) -> None:
+        self._note(f"{name} failed: {type(error).__name__}: {error}")
+        if name not in self._complained:  # once with its traceback; hundreds of frames a second may fail alike
+            self._complained.add(name)
+            logger.exception("%s: %s failed; the link goes on, and says so only once", self.url, name)

@@ -1,0 +1,86 @@
+"""Socket options and error texts that UDP and TCP share."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+import socket
+import struct
+import sys
+from typing import Any
+
+from zmav.errors import LinkDown, LinkError, PortInUse
+
+READ_WAKE_S = 0.25  # a blocked read returns after so long, to look whether the link is being closed
+RECEIVE_BUFFER = 4 * 1024 * 1024  # the usual 212,992 bytes hold only about 277 small datagrams
+MAX_READ = 65535
+
+# Linux: lets a privileged process pass net.core.rmem_max (asm-generic/socket.h; Python has no name for it).
+SO_RCVBUFFORCE = 33
+# A send that never blocks, on a socket whose reads do. Absent on Windows, where a send may then block.
+DONTWAIT: int = getattr(socket, "MSG_DONTWAIT", 0)
+
+Address = tuple[Any, ...]  # (host, port) or (host, port, flow, scope), as the socket module gives it
+
+
+def set_read_wake(sock: socket.socket, seconds: float = READ_WAKE_S) -> None:
+    """Let blocking reads end with BlockingIOError after ``seconds``.
+
+    Set in the kernel, because Python's own ``settimeout`` puts a poll before every read: one more system call each.
+    """
+    if sys.platform == "win32":
+        value = struct.pack("@L", int(seconds * 1000))
+    else:
+        # 66 is SO_RCVTIMEO_NEW: a 32-bit machine with 64-bit time.
+        layout = "@qq" if socket.SO_RCVTIMEO == 66 else "@ll"
+        value = struct.pack(layout, int(seconds), int(seconds % 1 * 1e6))
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, value)
+
+
+def grow_receive_buffer(sock: socket.socket, size: int = RECEIVE_BUFFER) -> int:
+    """Ask for ``size`` bytes of receive buffer; what the kernel then reports (Linux: twice what it granted)."""
+    try:
+        if sys.platform != "linux":
+            raise PermissionError
+        sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, size)
+    except OSError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+def resolve(host: str, port: int, kind: socket.SocketKind) -> list[tuple[int, Address]]:
+    """(family, address) of each meaning of ``host``; raises LinkDown when the name is not known (yet)."""
+    try:
+        found = socket.getaddrinfo(host, port, type=kind)
+    except (OSError, UnicodeError) as error:
+        raise LinkDown(f"cannot resolve {host!r}: {getattr(error, 'strerror', None) or error}", host=host) from error
+    return [(family, address) for family, _, _, _, address in found]
+
+
+def show(address: Address) -> str:
+    """``127.0.0.1:14550`` or ``[::1]:14550``."""
+    host, port = address[0], address[1]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def is_loopback(address: Address) -> bool:
+    return ipaddress.ip_address(str(address[0]).partition("%")[0]).is_loopback
+
+
+def bind_error(error: OSError, address: Address, scheme: str) -> LinkError:
+    """The error of a failed bind, saying which port and what to do about it."""
+    where = show(address)
+    if error.errno == errno.EADDRINUSE:
+        return PortInUse(
+            f"port {address[1]} on {address[0]} is held by another program: stop it, or use another port", address=where
+        )
+    if error.errno == errno.EADDRNOTAVAIL:
+        out = {"udpin": "udpout", "tcpin": "tcp"}.get(scheme, scheme)
+        return LinkDown(
+            f"{address[0]} is not an address of this machine, so nothing can listen there;"
+            f" to reach a vehicle at that address use {out}:{where}",
+            address=where,
+        )
+    if error.errno == errno.EACCES:
+        return LinkDown(f"not permitted to use port {address[1]}: ports below 1024 need privileges", address=where)
+    return LinkDown(f"cannot bind {where}: {error.strerror or error}", address=where)
