@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zmav.sim.arrays import Array
+from zmav.sim.arrays import Array, clamp
 from zmav.sim.control.cascade import Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
@@ -42,6 +42,7 @@ class Sense(NamedTuple):
     ref_ve: float
     want_roll: float
     want_pitch: float
+    want_yaw: float
     throttle: float  # mean of the rotors, 0..1
     current_a: float
     contact: float  # 1 on the ground
@@ -91,7 +92,8 @@ class CopterFleet:
                 est.q,
                 cascade.reference.vel[:2],
                 np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-                np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0)),
+                np.arcsin(clamp(2.0 * (w * y - x * z), -1.0, 1.0)),
+                cascade.yaw,
                 dyn.throttle.mean(0),
                 self._current(),
                 dyn.contact,

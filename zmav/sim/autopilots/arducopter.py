@@ -161,10 +161,10 @@ class ArduCopter:
         return True
 
     def arm(self, *, forced: bool = False) -> bool:
-        """Arm the motors; says why where it does not. ``forced`` skips the checks."""
+        """Arm the motors; says why where it does not. ``forced`` skips all checks but the mandatory ones."""
         if self.armed:
             return True
-        faults = [] if forced and self.boot.has("initialised") else arming_faults(self)
+        faults = arming_faults(self, forced=forced)
         for fault in faults:
             self.say(CRITICAL, f"Arm: {fault}")
         if faults:

@@ -8,30 +8,33 @@ if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter import ArduCopter
 
 
-def prearm_faults(copter: ArduCopter) -> list[str]:
-    """What the checks that always run would refuse arming for; empty: the pre-arm bit of SYS_STATUS is set."""
+def mandatory_faults(copter: ArduCopter) -> list[str]:
+    """What even a forced arming is refused for."""
     boot = copter.boot
     if not boot.has("initialised"):
         return ["System not initialised"]
-    faults = []
     if not boot.has("aligned"):
-        faults.append("AHRS: not using configured AHRS type")
-    if not boot.has("origin"):
-        faults.append("AHRS: waiting for home")
-    elif not boot.has("prearm"):
-        faults.append("Gyros inconsistent")
-    if copter.pilot.throttle > 0.1 and not copter.mode.by_pilot:
-        faults.append("Throttle too high")
+        return ["AHRS: EKF3 not healthy"]
+    if copter.mode.needs_position and not copter.position_ok:
+        return ["AHRS: waiting for home" if not boot.has("origin") else "Need Position Estimate"]
+    return []
+
+
+def prearm_faults(copter: ArduCopter) -> list[str]:
+    """What the checks that always run find, in the mode it is in; empty: the pre-arm bit of SYS_STATUS is set."""
+    faults = mandatory_faults(copter)
+    if not faults and not copter.boot.has("prearm"):
+        faults = ["AHRS not healthy"]
     return faults
 
 
-def arming_faults(copter: ArduCopter) -> list[str]:
-    """Why this vehicle does not arm now, in its current mode; empty: it does."""
-    if not copter.mode.armable:
-        return ["Mode not armable"]
-    faults = prearm_faults(copter)
-    if faults:
+def arming_faults(copter: ArduCopter, *, forced: bool) -> list[str]:
+    """Why this vehicle does not arm now on the ground station's word; empty: it does."""
+    faults = mandatory_faults(copter) if forced else prearm_faults(copter)
+    if faults or forced:
         return faults
-    if copter.mode.needs_position and not copter.position_ok:
-        return ["Need Position Estimate"]
+    if not copter.mode.armable:
+        return [f"{copter.mode.name} mode not armable"]
+    if copter.mode is not copter.guided and copter.pilot.throttle > copter.mode.throttle_to_arm:
+        return ["Throttle too high"]
     return []

@@ -15,7 +15,7 @@ import msgspec
 from zmav.sim.autopilots.modes import Mode
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
-SPOOL_UP_S = 1.0  # from the command to thrust
+SPOOL_UP_S = 2.0  # from the command to thrust, as measured
 TAKEOFF_DONE_M = 0.5
 
 
@@ -56,7 +56,7 @@ class AttitudeTarget(msgspec.Struct, frozen=True):
 
 
 class Guided(Mode):
-    number, name, armable = 4, "GUIDED", True
+    number, name, armable, changes_speed = 4, "GUIDED", True, True
     doing = Doing.HOLD
     target = Target()
     _until = math.inf
@@ -64,9 +64,10 @@ class Guided(Mode):
     _takeoff_down = 0.0
 
     def enter(self) -> None:
-        self._hold()
+        self.hold()
 
-    def _hold(self) -> None:
+    def hold(self) -> None:
+        """Stop here: what a target that makes no sense leads to as well."""
         self.doing, self.target, self._until = Doing.HOLD, Target(), math.inf
         self.stop_here()
 
@@ -85,24 +86,24 @@ class Guided(Mode):
         return self.doing is Doing.TAKEOFF and not reached
 
     def aim(self, target: Target) -> None:
-        """Take a target; one without position, velocity and acceleration means stop."""
+        """Take a target; one that holds nothing, or a position with an acceleration but no velocity, means stop."""
         copter, sp = self.copter, self.copter.sp
         timeout = copter.now + copter.params["GUID_TIMEOUT"]
         vel, acc = target.vel or (0.0, 0.0, 0.0), target.acc or (0.0, 0.0, 0.0)
         if target.pos is not None and target.vel is not None:
             self.doing, self._until = Doing.POSITION_VELOCITY, timeout
             sp.move(pos=target.pos, vel=vel, acc=acc)
-        elif target.pos is not None:
+        elif target.pos is not None and target.acc is None:
             self.doing, self._until = Doing.POSITION, math.inf
             sp.move(pos=target.pos)
         elif target.vel is not None:
             self.doing, self._until = Doing.VELOCITY, timeout
             sp.move(vel=vel, acc=acc, horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-        elif target.acc is not None:
+        elif target.pos is None and target.acc is not None:
             self.doing, self._until = Doing.ACCELERATION, timeout
             sp.move(acc=acc, horizontal=Axis.ACCELERATION, vertical=Axis.ACCELERATION)
         else:
-            self._hold()
+            self.hold()
             return
         self.target = target
         self._face(target.yaw)

@@ -26,6 +26,8 @@ class Mode:
     needs_position: ClassVar[bool] = True
     armable: ClassVar[bool] = False
     by_pilot: ClassVar[bool] = False
+    throttle_to_arm: ClassVar[float] = 0.5  # the highest throttle stick that it may be armed with
+    changes_speed: ClassVar[bool] = False  # takes DO_CHANGE_SPEED
 
     def __init__(self, copter: ArduCopter) -> None:
         self.copter = copter
@@ -50,6 +52,7 @@ class Mode:
 class Stabilize(Mode):
     number, name = 0, "STABILIZE"
     needs_position, armable, by_pilot = False, True, True
+    throttle_to_arm = 0.02
 
     def update(self) -> None:
         copter, pilot = self.copter, self.copter.pilot
@@ -154,6 +157,7 @@ class Land(Mode):
 
 class Rtl(Mode):
     number, name = 6, "RTL"
+    changes_speed = True
 
     def __init__(self, copter: ArduCopter) -> None:
         super().__init__(copter)

@@ -33,7 +33,7 @@ VEL_I_MAX = np.array([[4.0], [4.0], [4.0]])  # m/s^2
 ANGLE_P = np.array([[6.0], [6.0], [3.0]])
 RATE_MAX = np.array([[3.8], [3.8], [1.6]])  # rad/s
 RATE_P = np.array([[18.0], [18.0], [7.0]])  # 1/s
-RATE_I = np.array([[8.0], [8.0], [3.0]])  # 1/s^2
+RATE_I = np.array([[8.0], [8.0], [1.0]])  # 1/s^2
 RATE_I_MAX = 4.0  # rad/s^2
 YAW_P = 2.5  # 1/s, of the turn toward a heading
 IDLE_THROTTLE = 0.10  # MOT_SPIN_ARM
@@ -61,7 +61,8 @@ class Cascade:
         self.yaw: Array = yaw.astype(float).copy()  # the heading asked for now, on its way to the setpoint
         self.attitude: Array = quat_from_euler(np.zeros(n), np.zeros(n), self.yaw)
         self.thrust: Array = np.zeros(n)  # newtons asked of all rotors together
-        self._turn: Array = np.zeros(n)
+        self._turn: Array = np.zeros(n)  # yaw rate and acceleration fed forward
+        self._turn_acc: Array = np.zeros(n)
         self._vel_i: Array = np.zeros((3, n))
         self._rate_i: Array = np.zeros((3, n))
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
@@ -100,6 +101,7 @@ class Cascade:
         self.attitude = est.q.copy()
         self.yaw = _yaw_of(est.q)
         self._turn[:] = 0.0
+        self._turn_acc[:] = 0.0
 
     def _head(self, est: Estimated, grounded: Array, dt: float) -> None:
         sp = self.setpoints
@@ -108,8 +110,9 @@ class Cascade:
         rate = np.where(sp.yaw_kind == Yaw.ANGLE, toward, sp.yaw_rate)
         # Easing in and out: the rate asked for may change by about 150 deg/s^2.
         step = 2.6 * dt
-        self._turn += clamp(rate - self._turn, -step, step)
-        self._turn[grounded] = 0.0
+        change = clamp(rate - self._turn, -step, step) * ~grounded
+        self._turn = (self._turn + change) * ~grounded
+        self._turn_acc = change / dt
         self.yaw = wrap_pi(self.yaw + self._turn * dt)
         if grounded.any():
             self.yaw[grounded] = _yaw_of(est.q)[grounded]

@@ -122,7 +122,8 @@ class CopterDynamics:
         touching = depth > 0.0
         now = touching.any(0)
         first = now & ~self.contact[index]
-        self.impact[index[first]] = np.maximum(self.vel[2, index[first]], 1e-3)
+        fresh = index[first]
+        self.impact[fresh] = np.maximum(self.impact[fresh], self.vel[2, fresh])
         self.contact[index] = now
         if not now.any():
             return

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from zmav.sim.autopilots.guided import Target, YawWish
+from zmav.sim.autopilots.guided import Target
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.setpoint import point
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
@@ -27,6 +27,7 @@ COMMAND_INT_ONLY = 8
 _FORCE = 21196  # param2 of arming that skips the checks, and of disarming in flight
 _CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+_RELATIVE_ALT = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
 _E7 = 1e7
 
 
@@ -52,7 +53,7 @@ Handler = Callable[["MavNode", Command], int]
 
 def from_long(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
     p1, p2, p3, p4, x, y, z = (msg[f"param{i}"] for i in range(1, 8))
-    return Command(msg["command"], p1, p2, p3, p4, x, y, z, 3, False, channel, sender)
+    return Command(msg["command"], p1, p2, p3, p4, x, y, z, _RELATIVE_ALT, False, channel, sender)
 
 
 def from_int(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
@@ -98,6 +99,8 @@ def _set_mode(node: MavNode, c: Command) -> int:
 
 
 def _takeoff(node: MavNode, c: Command) -> int:
+    if c.frame != _RELATIVE_ALT:
+        return DENIED
     return _verdict(math.isfinite(c.z) and node.copter.take_off(c.z))
 
 
@@ -181,31 +184,33 @@ def _reposition(node: MavNode, c: Command) -> int:
         return COMMAND_INT_ONLY
     copter = node.copter
     place = _place(node, c.x, c.y, c.z, c.frame)
-    if place is None:
+    if place is None or (c.x == 0 and c.y == 0):
         return DENIED
     if copter.mode is not copter.guided and not int(c.p2) & _CHANGE_MODE:
         return DENIED
     if not copter.set_mode(copter.guided.number):
         return FAILED
-    yaw = YawWish(angle=c.p4) if math.isfinite(c.p4) and c.p4 != 0 else YawWish()
-    if math.isfinite(c.p1) and c.p1 > 0:
-        copter.sp.limit("speed", c.p1)
-    copter.guided.aim(Target(pos=place, yaw=yaw))
+    # The speed and yaw that the command can carry are not looked at.
+    copter.guided.aim(Target(pos=place))
     return ACCEPTED
 
 
 def _change_speed(node: MavNode, c: Command) -> int:
     limit = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}.get(int(c.p1))
-    if limit is None or c.p2 <= 0:
+    if c.p2 <= 0:
         return DENIED
+    if limit is None or not node.copter.mode.changes_speed:
+        return FAILED
     node.copter.sp.limit(limit, min(c.p2, 50.0))
     return ACCEPTED
 
 
 def _condition_yaw(node: MavNode, c: Command) -> int:
     copter = node.copter
-    if copter.mode is not copter.guided or not 0 <= c.p1 <= 360:
+    if not 0 <= c.p1 <= 360 or c.p4 not in (0, 1):
         return FAILED
+    if copter.mode is not copter.guided:
+        return ACCEPTED  # and without effect: other modes turn the nose by themselves
     angle = math.radians(c.p1)
     if c.p4 == 1:
         angle = copter.sense.yaw + math.copysign(angle, c.p3 or 1.0)
@@ -239,7 +244,7 @@ def _banner(node: MavNode, c: Command) -> int:
 
 
 def _mission_start(node: MavNode, c: Command) -> int:
-    return FAILED
+    return DENIED if c.p1 or c.p2 else FAILED  # there is no mission
 
 
 HANDLERS: dict[int, Handler] = {
@@ -248,6 +253,7 @@ HANDLERS: dict[int, Handler] = {
     21: _enter(9),  # NAV_LAND
     22: _takeoff,
     84: _takeoff,  # NAV_VTOL_TAKEOFF
+    85: _enter(9),  # NAV_VTOL_LAND
     115: _condition_yaw,
     176: _set_mode,
     178: _change_speed,

@@ -22,12 +22,16 @@ _ABSOLUTE = (0, 5)
 _RELATIVE = (3, 6, 10, 11)  # above home; the ground of the simulated world is flat, so above terrain is the same
 _NO_THRUST, _NO_ATTITUDE = 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_IS_THRUST = 8  # GUID_OPTIONS
+_MOST = 1000.0  # m/s, m/s^2
 
 
 def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_LOCAL_NED."""
+    if copter.mode is not copter.guided:
+        return
     frame, mask = msg["coordinate_frame"], msg["type_mask"]
-    if frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET) or not _usable(copter, mask):
+    if frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET) or _asks_force(mask):
+        copter.guided.hold()
         return
     s = copter.sense
     turned = frame in (_BODY, _BODY_OFFSET)
@@ -42,14 +46,20 @@ def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
 
 def global_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_GLOBAL_INT."""
-    frame, mask = msg["coordinate_frame"], msg["type_mask"]
-    if frame not in _ABSOLUTE + _RELATIVE or not _usable(copter, mask):
+    if copter.mode is not copter.guided:
         return
+    mask = msg["type_mask"]
     pos, vel, acc = _vectors(msg, mask, ("lat_int", "lon_int", "alt"))
     if pos is not None:
-        pos = point(copter, msg["lat_int"], msg["lon_int"], msg["alt"], frame)
+        pos = point(copter, msg["lat_int"], msg["lon_int"], msg["alt"], msg["coordinate_frame"])
         if pos is None:
+            copter.guided.hold()
             return
+        if vel is not None:
+            acc = None  # not taken beside a position and a velocity
+    if _asks_force(mask):
+        copter.guided.hold()
+        return
     _apply(copter, Target(pos, vel, acc, _yaw(msg, mask, 0.0)))
 
 
@@ -66,21 +76,24 @@ def point(copter: ArduCopter, lat_e7: int, lon_e7: int, alt: float, frame: int) 
 
 
 def attitude_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
-    """Apply a SET_ATTITUDE_TARGET; the thrust field is a climb rate (0.5: none) unless GUID_OPTIONS says otherwise."""
+    """Apply a SET_ATTITUDE_TARGET; the thrust field is a climb rate (0.5: none) unless GUID_OPTIONS says otherwise.
+
+    The attitude is needed; body rates are not flown.
+    """
+    if copter.mode is not copter.guided:
+        return
     mask, q, thrust = msg["type_mask"], msg["q"], msg["thrust"]
     norm = math.sqrt(sum(c * c for c in q))
-    known = math.isfinite(norm) and norm > 0.5 and math.isfinite(thrust)
-    if not _usable(copter, 0) or mask & (_NO_ATTITUDE | _NO_THRUST) or not known:
+    if mask & (_NO_ATTITUDE | _NO_THRUST) or not abs(norm - 1.0) < 1e-3 or not math.isfinite(thrust):
+        copter.guided.hold()
         return
     w, x, y, z = (c / norm for c in q)
+    lean = copter.sp.limit_of("lean")
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    lean = copter.sp.limit_of("lean")
+    wish = YawWish(angle=math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
     roll, pitch = min(max(roll, -lean), lean), min(max(pitch, -lean), lean)
     thrust = min(max(thrust, 0.0), 1.0)
-    rate = msg["body_yaw_rate"]
-    wish = YawWish(rate=rate) if not mask & 4 and rate else YawWish(angle=yaw)
     if int(copter.params["GUID_OPTIONS"]) & _THRUST_IS_THRUST:
         target = AttitudeTarget(roll, pitch, None, thrust, wish)
     else:
@@ -89,10 +102,9 @@ def attitude_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     copter.guided.lean(target)
 
 
-def _usable(copter: ArduCopter, mask: int) -> bool:
-    """In GUIDED, and no force asked for in place of an acceleration."""
-    force = mask & _FORCE and not mask & _ACC
-    return copter.mode is copter.guided and not force
+def _asks_force(mask: int) -> bool:
+    """A force instead of an acceleration, which ArduCopter does not take."""
+    return bool(mask & _FORCE) and not mask & _ACC
 
 
 def _vectors(
@@ -126,7 +138,13 @@ def _yaw(msg: dict[str, Any], mask: int, about: float) -> YawWish:
 
 
 def _apply(copter: ArduCopter, target: Target) -> None:
+    """Hand it to GUIDED; vectors that are no numbers, or beyond reason, mean stop."""
     for vector in (target.pos, target.vel, target.acc):
         if vector is not None and not all(math.isfinite(c) for c in vector):
+            copter.guided.hold()
+            return
+    for vector in (target.vel, target.acc):
+        if vector is not None and any(abs(c) > _MOST for c in vector):
+            copter.guided.hold()
             return
     copter.guided.aim(target)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from zmav.sim.autopilots.boot import Flag
 from zmav.sim.autopilots.guided import Doing
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.geo import Position
 
@@ -30,6 +31,7 @@ GIT_HASH = "zmav-sim"
 
 _ARMED, _MANUAL, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
 _PREARM_BIT = 0x10000000
+_AHRS_BIT = 0x00200000
 _SENSORS_PRESENT = 0x5371FC2F
 _SENSORS_ENABLED = 0x52619C2F
 _SENSORS_WHEN_ARMED = 0x01006000
@@ -76,6 +78,8 @@ def sys_status(node: MavNode) -> Fields:
         present, enabled, health = _SENSORS_BOOTING
     else:
         present, enabled, health = _SENSORS_PRESENT, _SENSORS_ENABLED, _SENSORS_HEALTHY
+        if not copter.boot.has("prearm"):
+            enabled, health = enabled & ~_AHRS_BIT, health & ~_AHRS_BIT
         if copter.armed:
             enabled |= _SENSORS_WHEN_ARMED
         if node.prearm_ok:
@@ -275,19 +279,29 @@ def vibration(node: MavNode) -> Fields:
 
 
 def nav_controller_output(node: MavNode) -> Fields:
-    copter, s = node.copter, node.copter.sense
-    fields: Fields = {"nav_roll": math.degrees(s.want_roll), "nav_pitch": math.degrees(s.want_pitch)}
-    target = copter.guided.target.pos if copter.mode is copter.guided else None
+    s = node.copter.sense
+    fields: Fields = {
+        "nav_roll": math.degrees(s.want_roll),
+        "nav_pitch": math.degrees(s.want_pitch),
+        "nav_bearing": round(math.degrees(s.want_yaw)),
+    }
+    target = _held_position(node)
     if target is not None:
         north, east = target[0] - s.north, target[1] - s.east
-        bearing = round(math.degrees(math.atan2(east, north)))
         fields.update(
-            nav_bearing=bearing,
-            target_bearing=bearing,
+            target_bearing=round(math.degrees(math.atan2(east, north))) % 360,
             wp_dist=min(round(math.hypot(north, east)), 65535),
             alt_error=s.down - target[2],
         )
     return fields
+
+
+def _held_position(node: MavNode) -> Vector | None:
+    """The position GUIDED flies to or holds, in the world's NED."""
+    guided = node.copter.guided
+    if node.copter.mode is guided and guided.doing in (Doing.POSITION, Doing.POSITION_VELOCITY):
+        return guided.target.pos
+    return None
 
 
 def mission_current(node: MavNode) -> Fields:
@@ -344,50 +358,40 @@ def autopilot_version(node: MavNode) -> Fields:
     }
 
 
-def _position_target(node: MavNode) -> tuple[Fields, tuple[float, float, float] | None] | None:
-    """The fields both target messages share, and the position (world NED) if one is held."""
-    copter = node.copter
-    guided = copter.guided
+def position_target_local_ned(node: MavNode) -> Fields | None:
+    copter, guided = node.copter, node.copter.guided
     if copter.mode is not guided or guided.doing in (Doing.HOLD, Doing.ATTITUDE):
         return None
-    target = guided.target
-    mask = 0xFE00  # as ArduPilot fills it: yaw and what else is not held stay ignored
-    fields: Fields = {"time_boot_ms": _ms(node)}
-    for bits, vector, names in ((0x7, target.pos, ()), (0x38, target.vel, _VEL), (0x1C0, target.acc, _ACC)):
+    mask = 0xC00  # yaw and yaw rate
+    fields: Fields = {"time_boot_ms": _ms(node), "coordinate_frame": 1}
+    north, east, down = copter.origin_world
+    pos = guided.target.pos
+    about = (pos[0] - north, pos[1] - east, pos[2] - down) if pos is not None else None
+    for bits, vector, names in (
+        (0x007, about, ("x", "y", "z")),
+        (0x038, guided.target.vel, ("vx", "vy", "vz")),
+        (0x1C0, guided.target.acc, ("afx", "afy", "afz")),
+    ):
         if vector is None:
             mask |= bits
         else:
-            fields.update(zip(names, vector, strict=False))
+            fields.update(zip(names, vector, strict=True))
     fields["type_mask"] = mask
-    return fields, target.pos
-
-
-_VEL = ("vx", "vy", "vz")
-_ACC = ("afx", "afy", "afz")
-
-
-def position_target_local_ned(node: MavNode) -> Fields | None:
-    held = _position_target(node)
-    if held is None:
-        return None
-    fields, pos = held
-    fields["coordinate_frame"] = 1
-    if pos is not None:
-        fields.update(
-            zip(("x", "y", "z"), (a - b for a, b in zip(pos, node.copter.origin_world, strict=True)), strict=True)
-        )
     return fields
 
 
 def position_target_global_int(node: MavNode) -> Fields | None:
-    held = _position_target(node)
-    if held is None:
+    pos = _held_position(node)
+    if pos is None:
         return None
-    fields, pos = held
-    if pos is not None:
-        place = node.copter.place(pos)
-        fields.update(lat_int=_e7(place.lat_deg), lon_int=_e7(place.lon_deg), alt=place.alt_amsl_m)
-    return fields
+    place = node.copter.place(pos)
+    return {
+        "time_boot_ms": _ms(node),
+        "type_mask": 0xFDF8,
+        "lat_int": _e7(place.lat_deg),
+        "lon_int": _e7(place.lon_deg),
+        "alt": place.alt_amsl_m,
+    }
 
 
 def simstate(node: MavNode) -> Fields:
