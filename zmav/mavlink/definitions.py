@@ -79,17 +79,18 @@ def read_xml(path: Path) -> tuple[list[MessageType], Enums]:
     # The generator reports by print(): what it says is the reason of an error, and otherwise nobody's business.
     with contextlib.redirect_stdout(said):
         files = _with_includes(path, mavparse)
+        # Before files' enums are merged: an extension of an enum need not repeat that it holds flags.
+        bitmasks = {enum.name for file in files for enum in file.enum if enum.bitmask}
         try:
             if mavparse.check_duplicates(files):
                 raise _bad(path, _last_error(said.getvalue()))
-            return _tables(path, files)
+            return _tables(path, files, bitmasks)
         except (LookupError, ValueError, TypeError, AttributeError, struct.error) as error:
             # The generator takes much for granted, and a wrong file makes it stumble in many ways.
             raise _bad(path, f"{type(error).__name__}: {error}") from error
 
 
-def _tables(path: Path, files: list[Any]) -> tuple[list[MessageType], Enums]:
-    bitmasks = {enum.name for file in files for enum in file.enum if enum.bitmask}
+def _tables(path: Path, files: list[Any], bitmasks: set[str]) -> tuple[list[MessageType], Enums]:
     enums = {
         enum.name: {entry.name: entry.value for entry in enum.entry if not entry.end_marker}
         for file in files
@@ -153,19 +154,13 @@ def _find_include(includer: Path, name: str) -> Path:
     raise _bad(includer, f"it includes {name!r}, which is neither beside it nor among pymavlink's dialects")
 
 
+_ARRAY_LENGTH = re.compile(r"(25[0-5]|2[0-4]\d|1\d\d|[1-9]\d?)\]")
 _ENUM_VALUE = re.compile(r"\s*(0x[0-9a-fA-F]+|\d+|2\*\*\d{1,2})\s*")
 
 
 def _parse(path: Path, mavparse: Any) -> Any:
     try:
-        root = ET.parse(path).getroot()
-        if root.tag != "mavlink":
-            raise _bad(path, f"its root element is <{root.tag}>, not <mavlink>")
-        # The generator hands an entry's value to eval(): let nothing through but the number the schema allows.
-        for entry in root.iter("entry"):
-            value = entry.get("value")
-            if value is not None and not _ENUM_VALUE.fullmatch(value):
-                raise _bad(path, f"enum entry {entry.get('name')} has value {value!r}, which is no number")
+        _check_numbers(path, ET.parse(path).getroot())
         return mavparse.MAVXML(str(path), mavparse.PROTOCOL_2_0)
     except OSError as error:
         raise _bad(path, str(error.strerror or error)) from error
@@ -175,6 +170,21 @@ def _parse(path: Path, mavparse: Any) -> Any:
         raise _bad(path, str(error)) from error
     except (AssertionError, LookupError, ValueError, TypeError, AttributeError) as error:
         raise _bad(path, f"{type(error).__name__}: {error}") from error
+
+
+def _check_numbers(path: Path, root: ET.Element) -> None:
+    """Refuse what the generator would take too lightly."""
+    if root.tag != "mavlink":
+        raise _bad(path, f"its root element is <{root.tag}>, not <mavlink>")
+    for entry in root.iter("entry"):
+        # The generator hands this to eval(): let nothing through but the number the schema allows.
+        value = entry.get("value")
+        if value is not None and not _ENUM_VALUE.fullmatch(value):
+            raise _bad(path, f"enum entry {entry.get('name')} has value {value!r}, which is no number")
+    for field in root.iter("field"):
+        ctype, bracket, length = field.get("type", "").partition("[")
+        if bracket and not _ARRAY_LENGTH.fullmatch(length):
+            raise _bad(path, f"field {field.get('name')} is a {ctype}[{length}: arrays have 1 to 255 elements")
 
 
 def _last_error(said: str) -> str:

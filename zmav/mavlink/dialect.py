@@ -77,6 +77,9 @@ class MessageType(msgspec.Struct, frozen=True):
     target_component: int | None
     by_name: dict[str, Field]
 
+    def __repr__(self) -> str:
+        return f"<MessageType {self.name} ({self.id})>"
+
     @classmethod
     def build(cls, msgid: int, name: str, crc_extra: int, fields: list[Field], wire_order: list[str]) -> MessageType:
         """Lay out the payload; ``wire_order`` names the fields as they lie in it (base by size, then extensions)."""
@@ -118,6 +121,9 @@ class Dialect(msgspec.Struct, frozen=True):
     by_name: dict[str, MessageType]
     enums: dict[str, dict[str, int]]
     enum_names: dict[str, dict[int, str]]
+
+    def __repr__(self) -> str:  # the whole table would be megabytes
+        return f"<Dialect {self.name}: {len(self.by_id)} messages, {len(self.enums)} enums>"
 
     @classmethod
     def build(cls, name: str, messages: list[MessageType], enums: dict[str, dict[str, int]]) -> Dialect:

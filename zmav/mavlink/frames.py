@@ -34,7 +34,7 @@ _LONGEST_UNSIGNED_V2 = HEADER_V2 + 255 + CHECKSUM
 
 _ANY_MAGIC = re.compile(b"[\xfd\xfe]")
 _MAX_ROUTES = 4096
-_LATE = 32
+_LATE = 32  # how many numbers back a frame counts as late and not as a restart
 
 
 # The counters are dataclasses and not Structs for speed: setting a Struct's field costs three times as much.
@@ -71,10 +71,10 @@ class Splitter:
     (SYSID32 and TARGETTED, pymavlink#1229) lengthen the header that way. A payload longer than the dialect's (newer
     extension fields) is fine.
 
-    Losses are gaps in the sequence numbers, which each (system, component) counts modulo 256. A gap of 128 and more is
-    no loss: up to 32 back it is a duplicate or a frame that was overtaken (which stays counted as lost: it was late),
-    and else a restart, or an outage too long for eight bits to tell. A restart can look like a loss of up to 127
-    frames. Only checked frames make a new entry in ``sources``, so that garbage cannot.
+    Losses are gaps in the sequence numbers, which each (system, component) counts modulo 256. A frame from up to 32
+    back is a duplicate, or was overtaken: if it had been counted as lost, it no longer is. Any other gap of 128 and
+    more is a restart, or an outage too long for eight bits to tell, and no loss; a restart can look like a loss of up
+    to 127 frames. Only checked frames make a new entry in ``sources``, so that garbage cannot.
 
     One thread at a time may use a splitter. Memory is bounded: at most one unfinished frame is kept.
     """
@@ -88,6 +88,8 @@ class Splitter:
         # What the fast paths need to know of a frame, by its bytes 5 to 9: system, component and message id. It fills
         # as frames come by the general path, and is emptied when somebody invents ids without end.
         self._routes: dict[bytes, tuple[int, int, SourceCounters]] = {}
+        # By system and component: the numbers counted as lost that may only be late.
+        self._missing: dict[bytes, set[int]] = {}
         self._layouts = _layouts()
         self._residues = residues()
 
@@ -106,7 +108,7 @@ class Splitter:
                         if seq == source.last_seq + 1:
                             source.last_seq = seq
                         else:
-                            self._jump(source, seq)
+                            self._jump(key[:2], source, seq)
                         source.frames += 1
                         counters = self.counters
                         counters.bytes += size
@@ -159,7 +161,7 @@ class Splitter:
                 if seq == source.last_seq + 1:
                     source.last_seq = seq
                 else:
-                    self._jump(source, seq)
+                    self._jump(key[:2], source, seq)
                 source.frames += 1
                 frames.append(Frame(data, msgid, True))
                 pos += size
@@ -224,21 +226,29 @@ class Splitter:
             source = self.sources[sender] = SourceCounters(last_seq=(frame.seq - 1) & 0xFF)
         if source is None:
             return
-        self._jump(source, frame.seq)
+        self._jump(bytes(sender), source, frame.seq)
         source.frames += 1
         if message is not None and frame.version == 2:
             if len(self._routes) >= _MAX_ROUTES:
                 self._routes.clear()
             self._routes[frame.data[5:10]] = (residue_of(message.crc_extra), message.id, source)
 
-    def _jump(self, source: SourceCounters, seq: int) -> None:
+    def _jump(self, sender: bytes, source: SourceCounters, seq: int) -> None:
         """Move a source's sequence number on, by the rules in the class's docstring."""
-        gap = (seq - source.last_seq - 1) & 0xFF
-        if gap >= 256 - _LATE:
+        missing = self._missing.get(sender, set())
+        if (source.last_seq - seq) & 0xFF <= _LATE:
+            if seq in missing:
+                missing.remove(seq)
+                source.lost -= 1
+                self.counters.lost -= 1
             return
+        gap = (seq - source.last_seq - 1) & 0xFF
         if gap < 128:
             source.lost += gap
             self.counters.lost += gap
+            missing = missing.union(number & 0xFF for number in range(seq - gap, seq))
+        # Every wrap to 0 comes by here, so that no number is kept until its next turn.
+        self._missing[sender] = {number for number in missing if (seq - number) & 0xFF <= _LATE}
         source.last_seq = seq
 
 

@@ -82,17 +82,18 @@ def expected(field: Field) -> str:
     """What the field takes, in words."""
     if field.type == "char":
         return f"text of at most {field.length or 1} bytes"
-    if field.type in _FLOATS:
-        what = "a number or null"
-    else:
-        low, high = _RANGES[field.type]
-        what = f"an integer from {low} to {high}"
-        if field.enum:
-            what += f" or {'flags' if field.bitmask else 'an entry'} of {field.enum}"
     if not field.length:
-        return what
+        return _expected_scalar(field)
     count = f"up to {field.length}" if field.type in _BYTES else str(field.length)
-    return f"a list of {count} values, each {what}"
+    return f"a list of {count} values, each {_expected_scalar(field)}"
+
+
+def _expected_scalar(field: Field) -> str:
+    if field.type in _FLOATS:
+        return "a number or null"
+    low, high = _RANGES[field.type]
+    enum = f" or {'flags' if field.bitmask else 'an entry'} of {field.enum}" if field.enum else ""
+    return f"an integer from {low} to {high}{enum}"
 
 
 def _chars(field: Field, value: Any) -> bytes:
@@ -116,10 +117,10 @@ def _scalar(field: Field, value: Any, dialect: Dialect) -> int | float:
     elif isinstance(value, float) and value.is_integer():
         value = int(value)  # JSON writers without integers say 5.0
     if not isinstance(value, int):
-        raise ValueError(f"{_short(value)} is not {expected(field)}")
+        raise ValueError(f"{_short(value)} is not {_expected_scalar(field)}")
     low, high = _RANGES[field.type]
     if not low <= value <= high:
-        raise ValueError(f"{_short(value)} is out of range; expected {expected(field)}")
+        raise ValueError(f"{_short(value)} is out of range; expected {_expected_scalar(field)}")
     return int(value)
 
 
@@ -127,7 +128,7 @@ def _float(field: Field, value: Any) -> float:
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"{_short(value)} is not {expected(field)}")
+        raise ValueError(f"{_short(value)} is not {_expected_scalar(field)}")
     try:
         number = float(value)
     except OverflowError:
