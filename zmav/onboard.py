@@ -15,9 +15,9 @@ import zenoh
 
 from zmav import wire
 from zmav.adapter import Adapter
-from zmav.errors import ZmavError
+from zmav.errors import BadConfig
 from zmav.links import LinkState, open_link
-from zmav.mavlink import load_dialect
+from zmav.mavlink import Frame, load_dialect
 from zmav.services.command import Commander
 from zmav.services.events import Events
 from zmav.services.identity import Identity
@@ -54,9 +54,14 @@ class Onboard:
 
     def __init__(self, session: zenoh.Session, settings: OnboardSettings) -> None:
         fleet, name, instance = settings.fleet, settings.name, str(session.info.zid())
+        if settings.sysid is not None and not 1 <= settings.sysid <= 255:
+            why = f"no system id {settings.sysid}; expected 1 to 255"
+            raise BadConfig(why, field="sysid", value=settings.sysid, expected="1 to 255")
         self.settings = settings
         self.adapter = Adapter(session, fleet, name, open_link(settings.link), load_dialect(settings.dialect))
         port = self.adapter
+        if settings.sysid is not None:
+            port.speak_as(settings.sysid)  # until it is heard, too
         self.events = Events(session, fleet, name)
         self.identity = Identity(port, self.events, settings.sysid)
         self.presence = Presence(session, fleet, name, instance, self.identity, self.events)
@@ -120,12 +125,12 @@ class Onboard:
         loop, adapter = asyncio.get_running_loop(), self.adapter
         changed = on_loop(loop, self._changed)
         self.identity.on_change = self.presence.on_change = changed
-        self.setpoints.on_flow = self.commander.supersede
+        self.setpoints.busy = lambda: self.commander.moving
         self.state.extras.append(self._add_to_state)
         adapter.guard = self.presence.check
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)
-        adapter.listen("STATUSTEXT", on_loop(loop, lambda frame: self.events.statustext(frame, adapter.dialect)))
+        adapter.listen("STATUSTEXT", on_loop(loop, self._on_statustext))
         self.identity.start()
         self.presence.start()
         self.state.start()
@@ -151,6 +156,12 @@ class Onboard:
         words = f"link {state.value}: {text}" if text else f"link {state.value}"
         self.events.emit("link", severity, words, limit="link")
         changed()
+
+    def _on_statustext(self, frame: Frame) -> None:
+        """Only the vehicle's own words: they are taken for its reasons."""
+        source = self.identity.source
+        if source is None or frame.sysid == source[0]:
+            self.events.statustext(frame, self.adapter.dialect)
 
     def _changed(self) -> None:
         """Who the vehicle is, its mode, its arming or its link changed: say so now and not at the next tick."""
@@ -181,7 +192,7 @@ class Onboard:
                     self.quality.tick()
                     self._send_heartbeat()
                     self.floor.tick()
-            except (ZmavError, ValueError, ArithmeticError) as e:
+            except Exception as e:
                 self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
             beat += 1
             await asyncio.sleep(TICK)

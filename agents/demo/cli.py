@@ -1,4 +1,4 @@
-"""``zmav demo``: three simulated copters, each behind a router of its own, in a line; the ground sees only the first."""
+"""``zmav demo``: three simulated copters, each behind its own router, in a line whose first the ground sees."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from rich.text import Text
 import zmav
 from agents.demo.processes import Processes, free_port, free_udp_ports
 from agents.demo.watch import Watch
-from zmav.cli.ls import table as fleet_table
+from zmav.cli.common import console
+from zmav.cli.ls import fleet_view
 from zmav.errors import ZmavError
 from zmav.sim import Home
 
@@ -33,17 +34,17 @@ TIME_LIMIT = 115.0
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
 def demo(headless: bool, endpoint: str | None) -> None:
     """Fly three simulated copters: take off, change places, land. Ends with a summary; 0 only if all got there."""
-    console = Console()
+    out = console()
     start = time.monotonic()
     with Processes() as processes:
         ground = endpoint or f"tcp/127.0.0.1:{free_port()}"
-        start_fleet(processes, ground, console)
-        code, watch = asyncio.run(_fly(processes, ground, console, live=console.is_terminal and not headless))
+        start_fleet(processes, ground, out)
+        code, watch = asyncio.run(_fly(processes, ground, out, live=out.is_terminal and not headless))
         said = processes.said("planner")
-    console.print(summary(watch))
+    out.print(summary(watch))
     if code != 0:
-        console.print(f"the planner said:\n{said}", style="red", markup=False)
-    console.print(f"{'done' if code == 0 else 'FAILED'} in {time.monotonic() - start:.0f} s", style="bold")
+        out.print(f"the planner said:\n{said}", style="red", markup=False)
+    out.print(f"{'done' if code == 0 else 'FAILED'} in {time.monotonic() - start:.0f} s", style="bold")
     sys.exit(code)
 
 
@@ -69,7 +70,7 @@ async def _fly(processes: Processes, ground: str, console: Console, live: bool) 
         z = await stack.enter_async_context(await _connect(ground, processes))
         watch = Watch(z, NAMES)
         watching = asyncio.create_task(watch.run())
-        planner = processes.start("planner", "swarm", "swap", *NAMES, "--fleet", FLEET, "-e", ground)
+        planner = processes.start("planner", "swarm", "swap", *NAMES, "--fleet", FLEET, "-e", ground, may_end=True)
         view = Live(console=console, refresh_per_second=4) if live else None
         with view or contextlib.nullcontext():
             code = await _until_ended(planner, processes, z, watch, view, console)
@@ -105,7 +106,7 @@ async def _until_ended(
             view.update(_picture(z, watch))
         elif time.monotonic() - said > 5.0:
             said = time.monotonic()
-            console.print(fleet_table(z.fleet(), title=_phase(watch)))
+            console.print(_picture(z, watch))
         await asyncio.sleep(0.2)
     return int(planner.returncode)
 
@@ -115,28 +116,30 @@ def _phase(watch: Watch) -> str:
 
 
 def _picture(z: zmav.Client, watch: Watch) -> Group:
-    return Group(Text(_phase(watch), style="bold"), fleet_table(z.fleet()))
+    return Group(Text(_phase(watch), style="bold"), fleet_view(z.fleet()))
 
 
-def summary(watch: Watch) -> Table:
+def summary(watch: Watch) -> Group:
     """What was flown, and what the network did meanwhile."""
-    table = Table(title="what was flown", box=None, pad_edge=False, header_style="bold", title_justify="left")
-    for column in ("vehicle", "routers", "arrived", "off goal", "flown", "setpoints", "not flown", "MAVLink lost", "RTT"):
-        table.add_column(column, justify="left" if column == "vehicle" else "right")
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("vehicle", "relays", "arrived", "off goal", "flown", "setpoints", "lost", "MAVLink lost", "RTT"):
+        table.add_column(name, justify="left" if name == "vehicle" else "right", no_wrap=True)
     parts = watch.planner.detail if watch.planner else {}
-    for hops, (name, track) in enumerate(watch.tracks.items(), start=2):
+    for relays, (name, track) in enumerate(watch.tracks.items()):
         part = parts.get(name, {})
         away, sent = part.get("away"), part.get("setpoints", 0)
-        rtt = f"{1e3 * statistics.median(track.rtts):.1f} ms" if track.rtts else "-"
         table.add_row(
-            name, str(hops), "yes" if part.get("arrived") else "NO", "-" if away is None else f"{away:.2f} m",
-            f"{track.distance:.0f} m", str(sent), str(sent - watch.flown(name)),
-            f"{track.mavlink_lost} of {track.mavlink_frames}", rtt,
-        )  # fmt: skip
+            name,
+            str(relays),
+            "yes" if part.get("arrived") else "NO",
+            "-" if away is None else f"{away:.2f} m",
+            f"{track.distance:.0f} m",
+            str(sent),
+            str(sent - watch.received(name)),
+            f"{track.mavlink_lost}/{track.mavlink_frames}",
+            f"{1e3 * statistics.median(track.rtts):.1f} ms" if track.rtts else "-",
+        )
     per_hop = watch.delay_per_hop()
-    table.caption = (
-        f"closest approach {watch.closest:.2f} m ({' and '.join(watch.closest_pair)}); "
-        f"delay per router {'-' if per_hop is None else f'{1e3 * per_hop:.2f} ms'} one way"
-    )
-    table.caption_justify = "left"
-    return table
+    closest = f"closest approach {watch.closest:.2f} m ({' and '.join(watch.closest_pair)})"
+    delay = f"delay per relay {'-' if per_hop is None else f'{1e3 * per_hop:.2f} ms'} one way"
+    return Group(table, Text(f"{closest}; {delay}"))

@@ -6,13 +6,17 @@ import asyncio
 import itertools
 import math
 import statistics
+from typing import TypeVar
 
 import msgspec
+import zenoh
 
 import zmav
 from zmav import keys, wire
-from zmav.errors import BadInput, ZmavError
+from zmav.errors import ZmavError
 from zmav.wire import Vector
+
+W = TypeVar("W", bound=msgspec.Struct)
 
 
 class Track(msgspec.Struct):
@@ -42,11 +46,19 @@ class Watch:
     async def run(self) -> None:
         await asyncio.gather(self._positions(), self._links(), self._pings(), self._planner())
 
+    def _samples(self, key: str, kind: type[W]) -> zmav.Subscription[tuple[str, W]]:
+        """The vehicle's name and what was published under ``key``; what is not a ``kind`` is left out."""
+
+        def convert(sample: zenoh.Sample) -> tuple[str, W]:
+            key = str(sample.key_expr)
+            return key.split("/")[2], wire.decode(sample.payload.to_bytes(), kind, key)
+
+        return self._z.subscribe(key, convert)
+
     async def _positions(self) -> None:
-        async with self._z.subscribe(keys.STATE.key(self._z.fleet_name, "*")) as samples:
-            async for sample in samples:
-                state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, "state")
-                track = self.tracks.get(state.name)
+        async with self._samples(keys.STATE.key(self._z.fleet_name, "*"), wire.VehicleState) as states:
+            async for name, state in states:
+                track = self.tracks.get(name)
                 if track is None or state.local is None:
                     continue
                 track.states += 1
@@ -65,11 +77,11 @@ class Watch:
                     self.closest, self.closest_pair = apart, (a, b)
 
     async def _links(self) -> None:
-        async with self._z.subscribe(keys.LINK.key(self._z.fleet_name, "*", link="autopilot")) as samples:
-            async for sample in samples:
-                quality = wire.decode(sample.payload.to_bytes(), wire.LinkQuality, "link")
-                track = self.tracks.get(str(sample.key_expr).split("/")[2])
-                if track is not None:
+        async with self._samples(
+            keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), wire.LinkQuality
+        ) as qualities:
+            async for name, quality in qualities:
+                if track := self.tracks.get(name):
                     track.mavlink_lost, track.mavlink_frames = quality.lost, quality.rx_frames
 
     async def _pings(self) -> None:
@@ -83,17 +95,14 @@ class Watch:
 
     async def _planner(self) -> None:
         key = keys.AGENT_STATUS.key(self._z.fleet_name, "*", agent="planner")
-        async with self._z.subscribe(key) as samples:
-            async for sample in samples:
-                try:
-                    self.planner = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "planner status")
-                except BadInput:
-                    continue
+        async with self._samples(key, wire.AgentStatus) as statuses:
+            async for _, status in statuses:
+                self.planner = status
 
-    def flown(self, name: str) -> int:
-        """Setpoints that the vehicle says it passed to its autopilot."""
+    def received(self, name: str) -> int:
+        """Setpoints that reached the vehicle, flown or dropped there for a reason."""
         state = self._z.vehicle(name).last_state
-        return state.setpoints.get("flown", 0) if state else 0
+        return sum(n for kind, n in state.setpoints.items() if kind != "held") if state else 0
 
     def delay_per_hop(self) -> float | None:
         """Seconds one more router costs, one way: half the slope of the median round trip over the vehicles in line."""

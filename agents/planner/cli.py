@@ -23,12 +23,12 @@ def swarm() -> None:
 @fleet_option
 @json_option
 @zenoh_options
-def swap_command(
-    vehicles: tuple[str, ...], node: str, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+def swap_command(vehicles: tuple[str, ...], node: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     """Take off, change places in a ring at separate heights, land: 'zmav swarm swap quad1 quad2 quad3'."""
     if len(set(vehicles)) < 2:
-        raise BadInput("a swap needs two vehicles or more", field="vehicles", value=list(vehicles), expected="two names")
+        raise BadInput(
+            "a swap needs two vehicles or more", field="vehicles", value=list(vehicles), expected="two names"
+        )
     run(_swap(tuple(dict.fromkeys(vehicles)), node, fleet, as_json, settings))
 
 
@@ -38,6 +38,8 @@ async def _swap(vehicles: tuple[str, ...], node: str, fleet: str, as_json: bool,
     for name, part in flown.items():
         away = "-" if part.away is None else f"{part.away:.2f} m from its goal"
         line = {"vehicle": name, **msgspec.to_builtins(part)}
-        click.echo(dump(line, pretty=False) if as_json else f"{name}: {'arrived' if part.arrived else 'FAILED'}, {away}")
+        click.echo(
+            dump(line, pretty=False) if as_json else f"{name}: {'arrived' if part.arrived else 'FAILED'}, {away}"
+        )
     if not all(part.arrived for part in flown.values()):
         raise SystemExit(1)

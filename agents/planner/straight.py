@@ -6,10 +6,12 @@ no two vehicles share a height while they move. The planner that finds its way a
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from zmav.errors import BadInput
 from zmav.wire import Vector
 
 
@@ -39,9 +41,9 @@ class Line:
 
     def at(self, t: float) -> Vector:
         """The point at ``t`` seconds: the start before, the goal after."""
-        if self.length == 0.0:
+        if t >= self.duration:
             return self.goal
-        t = min(max(t, 0.0), self.duration)
+        t = max(t, 0.0)
         ramp, a = self._ramp, self.acceleration
         rest = self.duration - t
         if t < ramp:
@@ -62,22 +64,31 @@ class Route:
     line: Line
 
 
-def rotate(starts: Mapping[str, Vector], lowest: float = 6.0, spacing: float = 3.0) -> dict[str, Route]:
+def rotate(
+    starts: Mapping[str, Vector], lowest: float = 6.0, spacing: float = 3.0, apart: float = 2.0
+) -> dict[str, Route]:
     """Everyone to the next one's place (two vehicles swap): NED starts on the ground in, routes out.
 
-    The lines are level: a vehicle's height is counted from its own start, and the plan keeps ``spacing`` metres between
-    any two. Raises ValueError for fewer than two vehicles, or starts that differ so much in height that levels mix.
+    Each line is level, ``spacing`` metres above the one before; the first is ``lowest`` metres above the highest start.
+    Raises :class:`BadInput` for fewer than two vehicles, and for starts that are no places or less than ``apart``
+    metres from each other, for there vehicles would meet while they climb.
     """
     names = list(starts)
     if len(names) < 2:
-        raise ValueError("a swap needs two vehicles or more")
-    downs = [starts[name][2] for name in names]
-    if max(downs) - min(downs) > spacing / 2.0:
-        raise ValueError(f"the starts differ by {max(downs) - min(downs):.1f} m in height: more than the levels can bear")
+        raise BadInput("a swap needs two vehicles or more", field="vehicles", value=names, expected="two names")
+    for name, start in starts.items():
+        if not all(map(math.isfinite, start)):
+            raise BadInput(f"{name} starts at {start}, which is no place", field=name, value=list(start))
+    for one, other in itertools.combinations(names, 2):
+        distance = math.dist(starts[one][:2], starts[other][:2])
+        if distance < apart:
+            text = f"{one} and {other} start {distance:.1f} m apart: they would meet while they climb"
+            raise BadInput(text, field=one, value=distance, expected=f"{apart} m")
+    highest = min(down for _, _, down in starts.values())
     routes = {}
     for i, name in enumerate(names):
-        height = lowest + i * spacing
+        level = highest - lowest - i * spacing
         north, east, down = starts[name]
         goal = starts[names[(i + 1) % len(names)]]
-        routes[name] = Route(height, Line((north, east, down - height), (goal[0], goal[1], down - height)))
+        routes[name] = Route(down - level, Line((north, east, level), (goal[0], goal[1], level)))
     return routes

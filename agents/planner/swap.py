@@ -19,7 +19,9 @@ from zmav.errors import Refused, TimedOut, ZmavError
 NAME = "planner"
 RATE = 10.0
 TOLERANCE = 1.0
-"""m from the goal, over the ground"""
+"""m from the goal over the ground, after landing"""
+SETTLED = 0.15
+"""m from the goal before landing; after five seconds of trying, half the tolerance will do"""
 
 
 class Flown(msgspec.Struct):
@@ -77,10 +79,11 @@ class Swap:
             for lease in leases:
                 lease.setpoint(pos=lines[lease.vehicle.name].at(now))
                 self.flown[lease.vehicle.name].setpoints = lease.sent
-            if now > ends and all(self._away(lease.vehicle, routes) < TOLERANCE / 2 for lease in leases):
+            near = SETTLED if now < ends + 5.0 else TOLERANCE / 2
+            late = [lease.vehicle.name for lease in leases if self._away(lease.vehicle, routes) > near]
+            if now > ends and not late:
                 return
             if now > ends + 30.0:
-                late = [n for n in routes if self._away(self._z.vehicle(n), routes) >= TOLERANCE / 2]
                 raise TimedOut(f"not at the goal 30 s after the plan's end: {', '.join(late)}")
             if step % int(RATE) == 0:
                 self._tell("swap")
@@ -111,7 +114,7 @@ async def swap(z: zmav.Client, names: tuple[str, ...], node: str, say: Callable[
     flight = Swap(z, names, node, say)
     try:
         await flight.fly()
-    except (ZmavError, ValueError, asyncio.CancelledError):
+    except (ZmavError, asyncio.CancelledError):
         landings = (z.vehicle(name).land() for name in names)
         await asyncio.gather(*landings, return_exceptions=True)
         raise

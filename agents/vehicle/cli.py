@@ -6,14 +6,15 @@ import asyncio
 
 import click
 import msgspec
+import zenoh
 
-from zmav.cli.common import zenoh_options
-from zmav.config import FleetConfig, load_fleet
+from zmav import keys, wire
+from zmav.cli.common import listening, run, zenoh_options
+from zmav.config import FleetConfig, load_fleet, origin_of
 from zmav.errors import BadConfig
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import until_stopped
-from zmav.session import DEFAULT_ROUTER, SessionSettings, open_session
-from zmav.wire import Origin
+from zmav.session import SessionSettings, open_session
 
 
 @click.command("up")
@@ -23,7 +24,9 @@ from zmav.wire import Origin
 @click.option("--name", default="quad1", show_default=True, help="The vehicle's name in the fleet.")
 @click.option("--fleet", help="The fleet's name.  [default: demo, or the fleet file's]")
 @click.option("--file", "fleet_file", metavar="FILE", help="Fleet file (TOML) with this vehicle's table.")
-@click.option("--sysid", type=int, help="Which MAVLink system is the vehicle; the first autopilot heard by default.")
+@click.option(
+    "--sysid", type=click.IntRange(1, 255), help="Which MAVLink system is the vehicle.  [default: the first autopilot]"
+)
 @click.option("--dialect", help="common, development, or an XML file.  [default: ardupilotmega]")
 @click.option("--origin", type=float, nargs=3, metavar="LAT LON AMSL", help="The fleet's origin, for local frames.")
 @zenoh_options
@@ -47,15 +50,22 @@ def up(
         fleet=fleet or file.fleet,
         sysid=sysid if sysid is not None else (table.sysid if table else None),
         dialect=dialect or (table.dialect if table else "ardupilotmega"),
-        origin=Origin(lat_deg=origin[0], lon_deg=origin[1], alt_amsl=origin[2]) if origin else file.origin,
+        origin=origin_of(*origin) if origin else file.origin,
     )
-    listen = settings.listen or (table.listen if table else ()) or (DEFAULT_ROUTER,)
-    connect = settings.connect or (table.connect if table else ())
-    asyncio.run(_up(vehicle, msgspec.structs.replace(settings, mode="router", listen=listen, connect=connect)))
+    settings = listening(settings, table.listen if table else ())
+    run(_up(vehicle, msgspec.structs.replace(settings, connect=settings.connect or (table.connect if table else ()))))
 
 
 async def _up(vehicle: OnboardSettings, settings: SessionSettings) -> None:
     with await asyncio.to_thread(open_session, settings) as session:
-        async with Onboard(session, vehicle):
+        onboard = Onboard(session, vehicle)
+        session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
+        async with onboard:
             click.echo(f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(settings.listen)}", err=True)
             await until_stopped()
+
+
+def _log(sample: zenoh.Sample) -> None:
+    """An event as a line of the process's log: what happens to the link and the autopilot, and what was refused."""
+    event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
+    click.echo(f"{event.severity}: {event.text}", err=True)

@@ -115,6 +115,11 @@ class ArduPilot(Autopilot):
             missing.append("pre-arm checks fail")
         return missing
 
+    def has_position(self, latest: Latest) -> bool:
+        """Before its origin is set, the EKF reports a place near 0, 0."""
+        ekf = latest("EKF_STATUS_REPORT")
+        return super().has_position(latest) and (ekf is None or bool(ekf["flags"] & EKF_POS_HORIZ_ABS))
+
     def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
         if self.rules.takeoff_mode is None:
             raise self.unsupported("takeoff")

@@ -103,6 +103,11 @@ class Autopilot(ABC):
     def missing(self, latest: Latest) -> list[str]:
         """What is not ready for arming, in words; empty: ready."""
 
+    def has_position(self, latest: Latest) -> bool:
+        """GLOBAL_POSITION_INT can be believed: it also flows before there is a fix."""
+        position = latest("GLOBAL_POSITION_INT")
+        return position is not None and bool(position["lat"] or position["lon"])
+
     @property
     @abstractmethod
     def guided(self) -> str:

@@ -6,13 +6,16 @@ import asyncio
 import functools
 import json
 import os
-from collections.abc import Callable, Coroutine
+import sys
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
 import click
+import msgspec
+from rich.console import Console
 
 from zmav.errors import BadInput
-from zmav.session import Mode, SessionSettings
+from zmav.session import DEFAULT_ROUTER, Mode, SessionSettings
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -24,12 +27,14 @@ def zenoh_options(command: F) -> F:
         "-e", "--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint to connect to (repeatable)."
     )
     @click.option("-l", "--listen", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint to listen on (repeatable).")
-    @click.option("-m", "--mode", type=click.Choice(["client", "peer", "router"]), default="client", show_default=True)
+    @click.option(
+        "-m", "--mode", type=click.Choice(["client", "peer", "router"]), help="[default: client, or the file's]"
+    )
     @click.option("-c", "--config", metavar="FILE", help="Zenoh configuration file.")
     @click.option("--cfg", multiple=True, metavar="PATH:VALUE", help="One Zenoh configuration value (repeatable).")
     @functools.wraps(command)
     def wrapped(
-        *args: Any, connect: tuple[str, ...], listen: tuple[str, ...], mode: Mode, config: str | None,
+        *args: Any, connect: tuple[str, ...], listen: tuple[str, ...], mode: Mode | None, config: str | None,
         cfg: tuple[str, ...], **kwargs: Any,
     ) -> Any:  # fmt: skip
         settings = SessionSettings(mode=mode, connect=connect, listen=listen, file=config, cfg=cfg)
@@ -42,12 +47,25 @@ fleet_option = click.option(
     "--fleet", default=lambda: os.environ.get("ZMAV_FLEET", "demo"), show_default="demo, or $ZMAV_FLEET",
     help="Fleet to look at; '*' for all.",
 )  # fmt: skip
+seconds_option = click.option(
+    "--for", "seconds", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to listen."
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document a line, for scripts.")
 
 
 def run(coroutine: Coroutine[Any, Any, None]) -> None:
-    """Run a verb's coroutine; Ctrl-C ends it without a traceback."""
-    asyncio.run(coroutine)
+    """Run a verb's coroutine; Ctrl-C ends it without a traceback, and so does a reader who has seen enough."""
+    try:
+        asyncio.run(coroutine)
+    except BrokenPipeError:  # 'zmav echo | head'
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or what is buffered fails again at the exit
+        sys.exit(0)
+
+
+def listening(settings: SessionSettings, otherwise: Sequence[str] = ()) -> SessionSettings:
+    """As a router's settings: it listens where told, else on loopback; a Zenoh configuration file tells, too."""
+    listen = settings.listen or otherwise or (() if settings.file else (DEFAULT_ROUTER,))
+    return msgspec.structs.replace(settings, mode="router", listen=listen)
 
 
 def assignments(pairs: tuple[str, ...]) -> dict[str, Any]:
@@ -62,6 +80,11 @@ def assignments(pairs: tuple[str, ...]) -> dict[str, Any]:
         except json.JSONDecodeError:
             values[name] = text
     return values
+
+
+def console() -> Console:
+    """Where tables go: the terminal's width, or one that holds them where there is no terminal."""
+    return Console(width=None if sys.stdout.isatty() else 120)
 
 
 def dump(value: Any, *, pretty: bool) -> str:

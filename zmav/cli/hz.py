@@ -11,11 +11,12 @@ from typing import Any
 
 import click
 import zenoh
-from rich.console import Console
 from rich.table import Table
 
 import zmav
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav import keys
+from zmav.cli.common import console, dump, fleet_option, json_option, run, seconds_option, zenoh_options
+from zmav.errors import Stale
 from zmav.session import SessionSettings
 
 
@@ -33,12 +34,14 @@ class Meter:
 
 
 async def measure(key: str, seconds: float, fleet: str, settings: SessionSettings) -> Meter:
-    """Listen to a key expression for ``seconds``."""
-    meter = Meter()
+    """Listen to a key expression for ``seconds``; raises :class:`Stale` where nothing came."""
+    meter, expression = Meter(), keys.expression(key, fleet)
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        subscriber = z.session.declare_subscriber(zmav.keys.expression(key, fleet), meter)
+        subscriber = z.session.declare_subscriber(expression, meter)
         await asyncio.sleep(seconds)
         subscriber.undeclare()
+    if not meter.times:
+        raise Stale(f"nothing was published on {expression} within {seconds:g} s; 'zmav ls' shows who is there")
     return meter
 
 
@@ -57,12 +60,12 @@ def rates(meter: Meter) -> list[dict[str, Any]]:
 
 @click.command("hz")
 @click.argument("key")
-@click.option("--for", "seconds", default=3.0, show_default=True, help="Seconds to listen.")
+@seconds_option
 @fleet_option
 @json_option
 @zenoh_options
 def command(key: str, seconds: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    """Measure the rate of every key that matches ('quad1/*', 'zmav/**')."""
+    """Measure the rate of every key that matches ('quad1/**', 'zmav/**')."""
     run(_hz(key, seconds, fleet, as_json, settings))
 
 
@@ -77,15 +80,12 @@ def show(rows: list[dict[str, Any]], as_json: bool, columns: tuple[str, ...]) ->
         for row in rows:
             click.echo(dump(row, pretty=False))
         return
-    if not rows:
-        click.echo("nothing was published there", err=True)
-        return
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in columns:
         table.add_column(column, justify="left" if column in ("key", "vehicle") else "right", no_wrap=True)
     for row in rows:
         table.add_row(*(_cell(row.get(column)) for column in columns))
-    Console().print(table)
+    console().print(table)
 
 
 def _cell(value: object) -> str:

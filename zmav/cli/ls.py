@@ -7,11 +7,12 @@ import time
 
 import click
 import msgspec
-from rich.console import Console
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 import zmav
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
 from zmav.session import SessionSettings
 
 
@@ -38,22 +39,31 @@ async def _list(wait: float, fleet: str, as_json: bool, settings: SessionSetting
             known = msgspec.to_builtins(state) if state else {"name": vehicle.name}
             click.echo(dump({**known, "age": vehicle.age, "present": vehicle.present}, pretty=False))
     elif vehicles:
-        Console().print(table(vehicles))
+        console().print(fleet_view(vehicles))
     else:
         click.echo(f"no vehicle in fleet {fleet!r} spoke within {wait:g} s", err=True)
 
 
-def table(vehicles: list[zmav.Vehicle], title: str | None = None) -> Table:
-    """The fleet as a table; a vehicle that is stale or not connected is red."""
-    t = Table(title=title, box=None, pad_edge=False, header_style="bold")
-    for name in ("vehicle", "id", "kind", "autopilot", "mode", "armed", "battery", "position", "age", "loss", "note"):
-        t.add_column(name, justify="right" if name in ("id", "battery", "age", "loss") else "left")
+def fleet_view(vehicles: list[zmav.Vehicle]) -> Group:
+    """The fleet as a table that fits 80 columns, and below it what somebody should know first.
+
+    A vehicle that is stale, silent or in a clash is red, an armed one green.
+    """
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("vehicle", "id", "kind", "autopilot", "mode", "armed", "batt", "place", "age", "loss", "by"):
+        right = name in ("id", "batt", "age", "loss")
+        table.add_column(name, justify="right" if right else "left", no_wrap=True)
+    notes = []
     for vehicle in vehicles:
-        t.add_row(*row(vehicle), style=_style(vehicle))
-    return t
+        table.add_row(*row(vehicle), style=style(vehicle))
+        state = vehicle.last_state
+        if words := note(state) if state else "its token is there, but no state was heard":
+            notes.append(Text(f"{vehicle.name}: {words}", style=style(vehicle)))
+    return Group(table, *notes)
 
 
-def _style(vehicle: zmav.Vehicle) -> str:
+def style(vehicle: zmav.Vehicle) -> str:
+    """red: do not rely on it; green: armed."""
     state, age = vehicle.last_state, vehicle.age
     if state is None or age is None or age > 2.0 or not state.connected or state.clash:
         return "red"
@@ -64,20 +74,36 @@ def row(vehicle: zmav.Vehicle) -> list[str]:
     """One vehicle's cells, a dash for what is not known."""
     s, age = vehicle.last_state, vehicle.age
     if s is None:
-        return [vehicle.name, *["-"] * 9, "token only: no state heard"]
-    p, b = s.position, s.battery
-    volts = "-" if b is None or b.voltage is None else f"{b.voltage:.1f} V"
-    share = "" if b is None or b.remaining is None else f" {b.remaining:.0%}"
-    if s.local:
-        place = "N {:.1f} E {:.1f} D {:.1f} m".format(*s.local)
-    else:
-        place = "-" if p is None else f"{p.lat_deg:.6f} {p.lon_deg:.6f} {p.alt_rel:+.1f} m"
+        return [vehicle.name, *["-"] * 10]
     armed = "-" if s.armed is None else ("ARMED" if s.armed else "no")
     return [
-        s.name, str(s.sysid or "-"), s.kind or "-", " ".join(filter(None, (s.autopilot, s.firmware))) or "-",
-        s.mode or "-", armed, volts + share, place, "-" if age is None else f"{age:.1f} s", f"{s.link_loss:.1%}",
-        note(s),
-    ]  # fmt: skip
+        s.name,
+        str(s.sysid or "-"),
+        s.kind or "-",
+        s.autopilot or "-",
+        s.mode or "-",
+        armed,
+        _battery(s),
+        _place(s),
+        "-" if age is None else f"{age:.1f}s",
+        f"{s.link_loss:.0%}",
+        s.lease.holder if s.lease else "",
+    ]
+
+
+def _battery(s: zmav.VehicleState) -> str:
+    if s.battery is None:
+        return "-"
+    if s.battery.remaining is not None:
+        return f"{s.battery.remaining:.0%}"
+    return "-" if s.battery.voltage is None else f"{s.battery.voltage:.1f}V"
+
+
+def _place(s: zmav.VehicleState) -> str:
+    if s.local:
+        return "{:+.1f}N {:+.1f}E {:+.1f}D".format(*s.local)
+    p = s.position
+    return "-" if p is None else f"{p.lat_deg:.5f} {p.lon_deg:.5f} {p.alt_rel:+.1f}"
 
 
 def note(s: zmav.VehicleState) -> str:
@@ -88,6 +114,4 @@ def note(s: zmav.VehicleState) -> str:
         return f"link {s.link}: no autopilot heard"
     if not s.connected:
         return f"autopilot silent (link {s.link})"
-    if s.lease:
-        return f"commanded by {s.lease.holder}"
     return "" if s.armed or not s.not_ready else "; ".join(s.not_ready)

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
 from zmav import geo, wire
@@ -37,6 +37,11 @@ class Commander:
 
     # What others use.
 
+    @property
+    def moving(self) -> bool:
+        """An order is moving the vehicle, or is about to."""
+        return self._mover is not None
+
     def supersede(self) -> None:
         """End the order that moves the vehicle, if one is under way."""
         if self._mover is not None and self._mover is not asyncio.current_task():
@@ -48,20 +53,24 @@ class Commander:
         autopilot, deadline = self._autopilot(), time.monotonic() + args.ready_timeout
         if self._identity.armed:
             return {"armed": True}
-        await self._until_ready(autopilot, deadline, report)
-        while True:
-            try:
-                await self.command(autopilot.arm(True))
-                break
-            except Refused as e:
-                report({"refused": e.message})
-                if time.monotonic() + 1.0 > deadline:
-                    raise
-                await asyncio.sleep(1.0)
-        await self._until_heartbeat(lambda: self._identity.armed is True, "armed, but HEARTBEAT does not show it")
+        async with self._moving():  # so that whoever orders otherwise meanwhile is not surprised by it later
+            if args.ready_timeout > 0:
+                await self._until_ready(autopilot, deadline, report)
+            while True:
+                try:
+                    await self.command(autopilot.arm(True))
+                    break
+                except Refused as e:
+                    report({"refused": e.message})
+                    if time.monotonic() + 1.0 > deadline:
+                        raise
+                    await asyncio.sleep(1.0)
+            await self._until_heartbeat(lambda: self._identity.armed is True, "armed, but HEARTBEAT does not show it")
         return {"armed": True}
 
     async def disarm(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        if not self._identity.armed:
+            self.supersede()  # somebody waits to arm it
         await self.command(self._autopilot().arm(False))
         await self._until_heartbeat(lambda: self._identity.armed is False, "disarmed, but HEARTBEAT does not show it")
         return {"armed": False}
@@ -83,7 +92,7 @@ class Commander:
                 await self._enter(mode)
             if command:
                 await self.command(command)
-            altitude = await self._climb(args.alt_rel, report)
+            altitude = await self._climb(args.alt_rel, mode, report)
         return {"alt_rel": altitude}
 
     async def goto(self, args: wire.GoTo, report: Report) -> dict[str, Any]:
@@ -115,7 +124,8 @@ class Commander:
     async def land(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Land where the vehicle is; done when it has disarmed itself."""
         async with self._moving():
-            await self._enter(self._autopilot().land())
+            mode = self._autopilot().land()
+            await self._enter(mode)
             with self._inbox("HEARTBEAT", "GLOBAL_POSITION_INT") as inbox:
                 deadline = time.monotonic() + 180.0
                 while self._identity.armed:
@@ -124,6 +134,8 @@ class Commander:
                         raise TimedOut("still armed three minutes after LAND", vehicle=self._port.name)
                     if heard[0] == "GLOBAL_POSITION_INT":
                         report({"alt_rel": heard[1]["relative_alt"] / 1000.0})
+                    elif self._identity.armed:
+                        self._check_mode(mode)
         return {"armed": False}
 
     async def command(self, command: Command) -> None:
@@ -171,16 +183,18 @@ class Commander:
             deadline = time.monotonic() + ACK_TIMEOUT
             while (heard := await inbox.get(deadline - time.monotonic())) is not None:
                 name, fields = heard
-                if name != "COMMAND_ACK" or fields["command"] != number:
+                if name != "COMMAND_ACK" or fields["command"] != number or not self._is_for_us(fields):
                     continue
                 if fields["result"] != IN_PROGRESS:
                     return int(fields["result"])
                 deadline = time.monotonic() + IN_PROGRESS_TIMEOUT
-        raise TimedOut(
-            f"no acknowledgement of {command.name} after {RETRIES + 1} attempts",
-            vehicle=self._port.name,
-            command=command.name,
-        )
+        why = f"no acknowledgement of {command.name} after {RETRIES + 1} attempts"
+        raise TimedOut(why, vehicle=self._port.name, command=command.name)
+
+    def _is_for_us(self, ack: Mapping[str, Any]) -> bool:
+        """A ground station behind ``mav/tx`` may have given the same command; nought is everybody."""
+        system, component = self._port.address
+        return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
 
     def _send_command(self, command: Command, number: int, attempt: int) -> None:
         system, component = self._source()
@@ -202,13 +216,8 @@ class Commander:
         name = self._port.dialect.enum_name("MAV_RESULT", result) or str(result)
         reasons = self._events.texts_since(since)
         text = f"{command.name} refused: {name.removeprefix('MAV_RESULT_')}"
-        return Refused(
-            f"{text} ({'; '.join(reasons)})" if reasons else text,
-            vehicle=self._port.name,
-            command=command.name,
-            result=name,
-            reasons=reasons,
-        )
+        text += f" ({'; '.join(reasons)})" if reasons else ""
+        return Refused(text, vehicle=self._port.name, command=command.name, result=name, reasons=reasons)
 
     async def _give(self, action: Command | Message) -> None:
         if isinstance(action, Command):
@@ -241,7 +250,12 @@ class Commander:
                 raise Refused(f"not ready to arm: {', '.join(missing)}", vehicle=self._port.name, reasons=missing)
             await asyncio.sleep(0.2)
 
-    async def _climb(self, alt_rel: float, report: Report) -> float:
+    def _check_mode(self, mode: str | None) -> None:
+        """The pilot wins: an order ends when the mode is no longer its own."""
+        if self._identity.mode != mode:
+            raise Refused(f"taken over: the mode is now {self._identity.mode}", vehicle=self._port.name)
+
+    async def _climb(self, alt_rel: float, mode: str | None, report: Report) -> float:
         timeout = time.monotonic() + 20.0 + 2.0 * alt_rel
         with self._inbox("GLOBAL_POSITION_INT") as inbox:
             altitude = -math.inf
@@ -253,6 +267,8 @@ class Commander:
                 report({"alt_rel": altitude})
                 if not self._identity.armed:
                     raise Refused("it disarmed during the takeoff", vehicle=self._port.name)
+                if mode:  # where a command alone takes off, the autopilot changes the mode by itself
+                    self._check_mode(mode)
         return altitude
 
     async def _arrive(self, action: Command | Message, target: Target, args: wire.GoTo, report: Report) -> float:
@@ -267,8 +283,7 @@ class Commander:
                 report({"away": away})
                 if away <= args.tolerance:
                     return away
-                if self._identity.mode != mode:
-                    raise Refused(f"taken over: the mode is now {self._identity.mode}", vehicle=self._port.name)
+                self._check_mode(mode)
                 if isinstance(action, Message) and time.monotonic() - given > 1.0:
                     given = time.monotonic()
                     await self._give(action)  # a target has no acknowledgement: say it again in case it was lost

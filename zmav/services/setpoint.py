@@ -44,8 +44,8 @@ class Setpoints:
         self._session, self._port, self._identity = session, port, identity
         self._leases, self._events, self._origin, self._guard = leases, events, origin, guard
         self.counts: collections.Counter[str] = collections.Counter()
-        self.on_flow: Callable[[], None] = lambda: None
-        """a stream begins: whatever order was moving the vehicle ends"""
+        self.busy: Callable[[], bool] = lambda: False
+        """an order moves the vehicle: setpoints wait until it has ended, or they would undo a landing just ordered"""
         self._seq = -1
         self._lease = ""
         self._last: float | None = None
@@ -91,8 +91,8 @@ class Setpoints:
                 f"only armed in {autopilot.guided}",
                 count="mode",
             )
-        if self._last is None:
-            self.on_flow()
+        if self.busy():
+            raise Refused("an order moves the vehicle: setpoints are followed when it has ended", count="busy")
         if not self._send(message):
             raise LinkDown("the link to the autopilot is down or full", count="link")
         self._last = time.monotonic()
@@ -131,7 +131,10 @@ class Setpoints:
             await asyncio.sleep(0.05)
             if self._last is not None and time.monotonic() - self._last > HOLD_AFTER:
                 self._last = None
-                self._hold()
+                try:
+                    self._hold()
+                except ZmavError as e:
+                    self._events.emit("setpoint", "error", f"no setpoint for {HOLD_AFTER} s, and no hold: {e}")
 
     def _hold(self) -> None:
         autopilot = self._identity.autopilot

@@ -52,6 +52,10 @@ class StateService:
         found = self._heard(name)
         return found[0] if found and found[1] < FRESH else None
 
+    def _last(self, name: str) -> Mapping[str, Any] | None:
+        found = self._heard(name)
+        return found[0] if found else None
+
     def _heard(self, name: str) -> tuple[Mapping[str, Any], float] | None:
         source = self._identity.source
         found = self._port.latest(name, source) if source else None
@@ -77,7 +81,8 @@ class StateService:
         return state
 
     def _add_motion(self, state: wire.VehicleState) -> None:
-        if position := self._heard("GLOBAL_POSITION_INT"):
+        position = self._heard("GLOBAL_POSITION_INT")
+        if position and self._identity.autopilot and self._identity.autopilot.has_position(self._last):
             p, state.ages["position"] = position
             state.position = wire.GlobalPosition(
                 lat_deg=p["lat"] / 1e7, lon_deg=p["lon"] / 1e7, alt_amsl=p["alt"] / 1e3, alt_rel=p["relative_alt"] / 1e3
