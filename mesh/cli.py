@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 
 import click
-import msgspec
 
-from zmav.cli.common import zenoh_options
+from zmav.cli.common import listening, run, zenoh_options
 from zmav.process import until_stopped
-from zmav.session import DEFAULT_ROUTER, SessionSettings, open_session
+from zmav.session import SessionSettings, open_session
 
 
 @click.command("router")
@@ -19,8 +18,7 @@ def router(settings: SessionSettings) -> None:
 
     It listens on loopback only unless told otherwise. Ground programs are its clients; it relays to and for vehicles.
     """
-    listen = settings.listen or (DEFAULT_ROUTER,)
-    asyncio.run(_route(msgspec.structs.replace(settings, mode="router", listen=listen)))
+    run(_route(listening(settings)))
 
 
 async def _route(settings: SessionSettings) -> None:

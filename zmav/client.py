@@ -13,14 +13,14 @@ import contextlib
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from types import TracebackType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 import msgspec
 import zenoh
 from zenoh import handlers
 
 from zmav import keys, wire
-from zmav.errors import BadInput, NoSuchVehicle, ZmavError
+from zmav.errors import BadInput, BadKey, NoSuchVehicle, ZmavError
 from zmav.mavlink import Dialect, load_dialect
 from zmav.services.port import on_loop
 from zmav.session import SessionSettings, open_session, reason
@@ -29,6 +29,10 @@ from zmav.vehicle import Vehicle
 T = TypeVar("T")
 FORGET = 30.0
 """s without token or state after which a vehicle is no longer listed"""
+
+
+Place = tuple[str, str]
+"""A fleet's name and a vehicle's"""
 
 
 class Answer(NamedTuple):
@@ -48,7 +52,7 @@ class Heard(NamedTuple):
 class Subscription(Generic[T]):
     """Samples of a key expression, newest wins: a reader that is slow loses the oldest, and nobody else waits for it.
 
-    Use it with ``async with`` and iterate; it ends when left or when the session closes.
+    Use it with ``async with`` and iterate; it lasts until it is left, and goes on when a lost router is found again.
     """
 
     def __init__(self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int) -> None:
@@ -58,6 +62,8 @@ class Subscription(Generic[T]):
         self._subscriber: zenoh.Subscriber[None] | None = None
         self.dropped = 0
         """samples lost because the reader was slow"""
+        self.bad = 0
+        """samples left out because they were not what they should be"""
 
     async def __aenter__(self) -> Subscription[T]:
         arrived = on_loop(asyncio.get_running_loop(), self._on_sample)
@@ -82,11 +88,15 @@ class Subscription(Generic[T]):
             yield await self.get()
 
     async def get(self) -> T:
-        """The next sample."""
-        while not self._samples:
-            self._arrived.clear()
-            await self._arrived.wait()
-        return self._convert(self._samples.popleft())
+        """The next sample; what cannot be converted is counted and left out."""
+        while True:
+            while not self._samples:
+                self._arrived.clear()
+                await self._arrived.wait()
+            try:
+                return self._convert(self._samples.popleft())
+            except BadInput:
+                self.bad += 1
 
 
 class Client:
@@ -94,8 +104,8 @@ class Client:
 
     def __init__(self, settings: SessionSettings, fleet: str, dialect: str) -> None:
         self._settings, self.fleet_name, self._dialect_name = settings, fleet, dialect
-        self._heard: dict[str, Heard] = {}
-        self._tokens: dict[str, set[str]] = {}
+        self._heard: dict[Place, Heard] = {}
+        self._tokens: dict[Place, set[str]] = {}
         self._news = asyncio.Event()
         self._session: zenoh.Session | None = None
 
@@ -129,33 +139,52 @@ class Client:
 
     def vehicle(self, name: str) -> Vehicle:
         """The vehicle of that name, present or not; raises :class:`~zmav.errors.BadKey` for what cannot be a name."""
-        return Vehicle(self, keys.check_name(name, "vehicle"))
+        return Vehicle(self, keys.check_name(name, "vehicle"), self.fleet_name)
 
     def fleet(self) -> list[Vehicle]:
         """The vehicles present or heard within the last half minute, by name."""
         now = time.monotonic()
-        names = {n for n, heard in self._heard.items() if now - heard.at < FORGET} | {
-            n for n, t in self._tokens.items() if t
-        }
-        return [Vehicle(self, name) for name in sorted(names)]
+        recent = {place for place, heard in self._heard.items() if now - heard.at < FORGET}
+        tokens = {place for place, held in self._tokens.items() if held}
+        return [Vehicle(self, name, fleet) for fleet, name in sorted(recent | tokens)]
 
-    def heard(self, name: str) -> Heard | None:
-        return self._heard.get(name)
+    def heard(self, name: str, fleet: str) -> Heard | None:
+        """The last state of a vehicle, the newest of its namesakes' where ``fleet`` is ``*``; None: never heard."""
+        found = [heard for place, heard in self._heard.items() if _is(place, name, fleet)]
+        return max(found, key=lambda heard: heard.at, default=None)
 
-    def present(self, name: str) -> bool:
+    def present(self, name: str, fleet: str) -> bool:
         """Its token is there, or its state came within the staleness limit: either may be lost without the other."""
-        heard = self._heard.get(name)
+        heard = self.heard(name, fleet)
         fresh = heard is not None and time.monotonic() - heard.at < (keys.STATE.stale_after or 0.0)
-        return fresh or bool(self._tokens.get(name))
+        return fresh or any(held for place, held in self._tokens.items() if _is(place, name, fleet))
+
+    def fleets_of(self, name: str) -> list[str]:
+        """The fleets in which a vehicle of that name is known."""
+        return sorted({fleet for fleet, known in (*self._heard, *self._tokens) if known == name})
 
     async def wait_for(self, *names: str, timeout: float = 10.0) -> list[Vehicle]:
         """Wait until vehicles of these names speak; raises :class:`~zmav.errors.NoSuchVehicle` naming the missing."""
-        deadline = time.monotonic() + timeout
-        while missing := [name for name in names if name not in self._heard]:
+        vehicles, deadline = [self.vehicle(name) for name in names], time.monotonic() + timeout
+        while missing := [v.name for v in vehicles if v.age is None or v.age > (keys.STATE.stale_after or 0.0)]:
             if not await self.news(deadline - time.monotonic()):
-                seen = ", ".join(v.name for v in self.fleet()) or "nobody"
-                raise NoSuchVehicle(f"not heard within {timeout:.0f} s: {', '.join(missing)} (present: {seen})")
-        return [self.vehicle(name) for name in names]
+                present = ", ".join(v.name for v in self.fleet() if v.name not in missing) or "nobody else"
+                raise NoSuchVehicle(
+                    f"not heard within {timeout:.0f} s: {', '.join(missing)} (present: {present})", missing=missing
+                )
+        return vehicles
+
+    async def settle(self, timeout: float = 2.0, quiet: float = 0.5) -> list[Vehicle]:
+        """Wait until nobody new has spoken for ``quiet`` seconds, ``timeout`` at most; the vehicles known then."""
+        deadline, known, since = time.monotonic() + timeout, 0, 0.0
+        while (now := time.monotonic()) < deadline:
+            count = len(self._heard) + len(self._tokens)
+            if count != known:
+                known, since = count, now
+            elif known and now - since >= quiet:
+                break
+            await self.news((min(deadline, since + quiet) if known else deadline) - now)
+        return self.fleet()
 
     async def news(self, timeout: float) -> bool:
         """Wait until any vehicle's state or presence changes; False when nothing came within ``timeout`` seconds."""
@@ -167,32 +196,38 @@ class Client:
         return True
 
     def _on_state(self, sample: zenoh.Sample) -> None:
-        name = str(sample.key_expr).split("/")[2]
+        place = _place(sample)
         try:
-            state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, f"state of {name}")
+            state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, f"state of {place[1]}")
         except BadInput:
             return  # a newer or a broken peer: it is listed by its token, and 'zmav echo' shows what it says
-        self._heard[name] = Heard(state, time.monotonic())
-        self._tell()
+        self._heard[place] = Heard(state, time.monotonic())
+        self._news.set()
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr)
-        tokens = self._tokens.setdefault(key.split("/")[2], set())
+        tokens = self._tokens.setdefault(_place(sample), set())
         if sample.kind == zenoh.SampleKind.PUT:
-            tokens.add(key)
+            tokens.add(str(sample.key_expr))
         else:
-            tokens.discard(key)
-        self._tell()
-
-    def _tell(self) -> None:
+            tokens.discard(str(sample.key_expr))
         self._news.set()
 
     # The key space.
 
+    @overload
+    def subscribe(self, key: str, *, depth: int = 1000) -> Subscription[zenoh.Sample]: ...
+
+    @overload
+    def subscribe(self, key: str, convert: Callable[[zenoh.Sample], T], depth: int = 1000) -> Subscription[T]: ...
+
     def subscribe(
-        self, key: str, convert: Callable[[zenoh.Sample], T] | None = None, depth: int = 1000
+        self, key: str, convert: Callable[[zenoh.Sample], Any] | None = None, depth: int = 1000
     ) -> Subscription[Any]:
-        """Samples of a key expression (``quad*/ATTITUDE`` or ``zmav/...``), converted one by one."""
+        """Samples of a key expression (``quad*/ATTITUDE`` or ``zmav/...``), converted one by one.
+
+        A sample for which ``convert`` raises :class:`~zmav.errors.BadInput` is counted and left out. At most ``depth``
+        of them wait for the reader. Raises :class:`~zmav.errors.BadKey`.
+        """
         return Subscription(self.session, keys.expression(key, self.fleet_name), convert or (lambda s: s), depth)
 
     async def ask(self, key: str, payload: bytes = b"", timeout: float = 2.0) -> list[Answer | ZmavError]:
@@ -213,7 +248,7 @@ class Client:
                 key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **keys.DO.qos.options()
             )
         except zenoh.ZError as e:
-            raise BadInput(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
+            raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(done.wait(), timeout + 1.0)
         return answers
@@ -222,6 +257,15 @@ class Client:
         """Put on a channel's key with its encoding and class of service."""
         data = payload if isinstance(payload, bytes) else wire.encode(payload)
         self.session.put(key, data, encoding=channel.encoding, **channel.qos.options())
+
+
+def _place(sample: zenoh.Sample) -> Place:
+    _, fleet, name, *_ = str(sample.key_expr).split("/")
+    return fleet, name
+
+
+def _is(place: Place, name: str, fleet: str) -> bool:
+    return place[1] == name and fleet in ("*", place[0])
 
 
 def connect(

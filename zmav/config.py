@@ -16,18 +16,19 @@ connect = ["udp/10.77.0.2:7447?rel=1;mixed_rel=1"]
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
 from zmav import keys, wire
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 
 
 class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One vehicle's table."""
 
     link: str
-    sysid: int | None = None
+    sysid: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
     dialect: str = "ardupilotmega"
     listen: list[str] = []
     connect: list[str] = []
@@ -58,8 +59,30 @@ def load_fleet(path: str | Path) -> FleetConfig:
         raise BadConfig(f"cannot read the fleet file {path}: {e.strerror}", field="file", value=str(path)) from e
     try:
         fleet = msgspec.toml.decode(data, type=FleetConfig)
-    except (msgspec.DecodeError, ValueError) as e:
-        raise BadConfig(f"{path}: {e}", field="file", value=str(path)) from e
-    for name in (fleet.fleet, *fleet.vehicles):
-        keys.check_name(name, "name in the fleet file")
+        for name in (fleet.fleet, *fleet.vehicles):
+            keys.check_name(name)
+        if fleet.origin:
+            _check_origin(fleet.origin)
+    except msgspec.ValidationError as e:
+        what, _, where = str(e).partition(" - at `$")
+        field = where.strip("`").lstrip(".") or "the file"
+        raise BadConfig(f"{path}: {what} (at {field})", field=field, expected=what) from None
+    except BadInput as e:
+        raise BadConfig(f"{path}: {e}", **e.detail) from None
+    except ValueError as e:
+        raise BadConfig(f"{path} is not TOML: {e}", field="file", value=str(path), expected="TOML") from e
     return fleet
+
+
+def origin_of(lat_deg: float, lon_deg: float, alt_amsl: float) -> wire.Origin:
+    """The fleet's origin at a place that there is; raises :class:`BadConfig` otherwise."""
+    return _check_origin(wire.Origin(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl=alt_amsl))
+
+
+def _check_origin(origin: wire.Origin) -> wire.Origin:
+    for name, most in (("lat_deg", 89.0), ("lon_deg", 180.0), ("alt_amsl", 10_000.0)):
+        value = getattr(origin, name)
+        if not abs(value) <= most:  # so that NaN is refused, too
+            text = f"the origin's {name} is {value}; expected ±{most:.0f} at most"
+            raise BadConfig(text, field=f"origin.{name}", value=value, expected=f"±{most:.0f}")
+    return origin

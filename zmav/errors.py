@@ -33,7 +33,7 @@ class ZmavError(Exception):
 
     code: ClassVar[str] = "error"
 
-    def __init__(self, message: str, **detail: Any) -> None:
+    def __init__(self, message: str, /, **detail: Any) -> None:
         super().__init__(message)
         self.message = message
         self.detail = detail

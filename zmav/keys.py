@@ -19,7 +19,7 @@ from zmav.errors import BadKey
 
 ROOT = "zmav"
 NAME = re.compile(r"[a-z0-9_-]+\Z")
-MESSAGE = re.compile(r"[A-Z][A-Z0-9_]*\Z")
+MESSAGE = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
 
 class Qos(enum.Enum):
@@ -143,6 +143,16 @@ def check_name(name: str, field: str = "name") -> str:
     return name
 
 
+def check_message(name: str) -> str:
+    """``name`` itself where it can be a MAVLink message's or ``UNKNOWN_410``; raises :class:`BadKey` otherwise."""
+    if not MESSAGE.match(name):
+        raise BadKey(
+            f"{name!r} cannot be a message's name: they are like ATTITUDE or GPS_RAW_INT",
+            field="msg", value=name, expected="[A-Za-z][A-Za-z0-9_]*",
+        )  # fmt: skip
+    return name
+
+
 def match(key: str) -> tuple[Channel, dict[str, str]]:
     """The channel a concrete key belongs to, and its parts by name; raises :class:`BadKey` for a foreign key."""
     for channel, pattern in _PATTERNS:
@@ -153,7 +163,9 @@ def match(key: str) -> tuple[Channel, dict[str, str]]:
 
 
 def _pattern(template: str) -> re.Pattern[str]:
-    return re.compile(f"{ROOT}/" + re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", template) + r"\Z")
+    """A fleet and a vehicle are names, so that ``@fleet`` is nobody's; other parts may hold whatever a key may."""
+    named = re.sub(r"{(fleet|vehicle)}", r"(?P<\1>[a-z0-9_-]+)", template)
+    return re.compile(f"{ROOT}/" + re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", named) + r"\Z")
 
 
 _PATTERNS = [(channel, _pattern(channel.template)) for channel in CHANNELS.values()]
@@ -176,7 +188,8 @@ def expression(text: str, fleet: str = "*") -> str:
     chunks = [c if c in ("*", "**") else re.sub(r"(?<!\$)\*+", "$*", c) for c in text.split("/")]
     try:
         return str(zenoh.KeyExpr.autocanonize("/".join(chunks)))
-    except zenoh.ZError as e:
+    except (zenoh.ZError, UnicodeError) as e:
+        why = str(e).partition(" at /")[0]  # the rest is a place in Zenoh's sources
         raise BadKey(
-            f"{text!r} is not a key expression: {e}", field="key", value=text, expected="VEHICLE/MESSAGE or zmav/..."
+            f"{text!r} is not a key expression: {why}", field="key", value=text, expected="VEHICLE/MESSAGE or zmav/..."
         ) from e

@@ -25,57 +25,80 @@ Mode = Literal["client", "peer", "router"]
 class SessionSettings(msgspec.Struct, kw_only=True, frozen=True):
     """What a session is opened with: the options ``-m -e -l -c --cfg`` of the zenoh tools."""
 
-    mode: Mode = "client"
+    mode: Mode | None = None
+    """None: client, unless ``file`` says otherwise"""
     connect: Sequence[str] = ()
     listen: Sequence[str] = ()
     file: str | None = None
-    """a Zenoh configuration file; what follows is laid over it"""
+    """a Zenoh configuration file: it goes before zmav's own defaults, and the other settings here go before it"""
     cfg: Sequence[str] = ()
     """``PATH:VALUE`` pairs, VALUE in JSON5, as the zenoh tools take them"""
 
-    def values(self) -> dict[str, Any]:
-        """Zenoh configuration paths and their values, without ``file`` and ``cfg``."""
-        connect = list(self.connect) or ([DEFAULT_ROUTER] if self.mode == "client" else [])
-        values: dict[str, Any] = {
+    def given(self) -> dict[str, Any]:
+        """Zenoh configuration paths and values that were asked for here."""
+        asked = {
             "mode": self.mode,
-            "connect/endpoints": connect,
+            "connect/endpoints": list(self.connect),
             "listen/endpoints": list(self.listen),
-            "scouting/multicast/enabled": False,
-            "transport/shared_memory/enabled": False,
-            "transport/unicast/open_timeout": 1000,
-            "transport/unicast/accept_timeout": 1000,
-            "transport/link/tx/lease": 1000,
-            "transport/link/tx/keep_alive": 4,
         }
-        if self.mode == "client":
-            values["connect/timeout_ms"] = 3000
-        else:
-            # A neighbour that is not there yet is no reason to stop: it is tried for ever.
-            values["connect/timeout_ms"] = -1
-            values["connect/exit_on_failure"] = False
-            values["connect/retry"] = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}
-        if self.mode == "router":
-            values["adminspace/enabled"] = True
-            values["adminspace/permissions"] = {"read": True, "write": False}
-        return values
+        return {path: value for path, value in asked.items() if value}
+
+
+def defaults(mode: str) -> dict[str, Any]:
+    """What zmav sets, by Zenoh configuration path, where neither the settings nor a file say otherwise."""
+    values: dict[str, Any] = {
+        "mode": mode,
+        "connect/endpoints": [DEFAULT_ROUTER] if mode == "client" else [],
+        "listen/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
+        "transport/unicast/open_timeout": 1000,
+        "transport/unicast/accept_timeout": 1000,
+        "transport/link/tx/lease": 1000,
+        "transport/link/tx/keep_alive": 4,
+    }
+    if mode == "client":
+        values["connect/timeout_ms"] = 3000
+    else:
+        # A neighbour that is not there yet is no reason to stop: it is tried for ever.
+        values["connect/timeout_ms"] = -1
+        values["connect/exit_on_failure"] = False
+        values["connect/retry"] = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}
+    if mode == "router":
+        values["adminspace/enabled"] = True
+        values["adminspace/permissions"] = {"read": True, "write": False}
+    return values
 
 
 def config(settings: SessionSettings) -> zenoh.Config:
     """The Zenoh configuration of ``settings``; raises :class:`BadConfig` naming the value Zenoh refuses."""
-    try:
-        built = zenoh.Config.from_file(Path(settings.file)) if settings.file else zenoh.Config()
-    except zenoh.ZError as e:
-        raise BadConfig(
-            f"cannot read the Zenoh configuration {settings.file!r}: {reason(e)}", field="config", value=settings.file
-        ) from e
-    for path, value in settings.values().items():
+    built = _from_file(settings.file) if settings.file else zenoh.Config()
+    in_file = {path: text for path, text in _texts(built).items() if text != _texts(zenoh.Config())[path]}
+    given = settings.given()
+    values = defaults(settings.mode or json.loads(in_file.get("mode", "null")) or "client")
+    for path, value in {**{p: v for p, v in values.items() if p not in in_file}, **given}.items():
         _insert(built, path, json.dumps(value))
     for pair in settings.cfg:
         path, colon, text = pair.partition(":")
         if not colon:
             raise BadConfig(f"--cfg {pair!r}: expected PATH:VALUE", field="cfg", value=pair, expected="PATH:VALUE")
-        _insert(built, path, text)
+        try:
+            _insert(built, path, text)
+        except BadConfig:
+            _insert(built, path, json.dumps(text))  # a bare word: the zenoh tools take it for a string
     return built
+
+
+def _from_file(file: str) -> zenoh.Config:
+    try:
+        return zenoh.Config.from_file(Path(file))
+    except zenoh.ZError as e:
+        raise BadConfig(f"cannot read the Zenoh configuration {file!r}: {reason(e)}", field="config", value=file) from e
+
+
+def _texts(built: zenoh.Config) -> dict[str, str]:
+    """The JSON of every value that zmav has a default of, as it stands in a configuration."""
+    return {path: built.get_json(path) for path in {**defaults("client"), **defaults("router")}}
 
 
 def _insert(built: zenoh.Config, path: str, value: str) -> None:
@@ -90,27 +113,31 @@ def open_session(settings: SessionSettings | None = None) -> zenoh.Session:
 
     Raises :class:`SessionError` that says what to do, where no router answers or a listening port is taken.
     """
-    settings = settings or SessionSettings()
-    built = config(settings)
+    built = config(settings or SessionSettings())
     try:
         return zenoh.open(built)
     except zenoh.ZError as e:
-        raise SessionError(_advice(settings, reason(e)), endpoints=[*settings.connect, *settings.listen]) from e
+        raise _unopened(built, reason(e)) from e
 
 
 def reason(error: zenoh.ZError) -> str:
-    """Zenoh's words without the places in its sources."""
-    return re.sub(r" at \S+\.rs:\d+\.?", "", str(error))
+    """Zenoh's words without the places in its sources and without its parser's wrapping."""
+    text = re.sub(r" at /\S+\.rs:\d+\.?", "", str(error))
+    parser = re.search(r'msg: "(.*?)", location', text)
+    return parser[1].rpartition("= ")[2] if parser else text
 
 
-def _advice(settings: SessionSettings, why: str) -> str:
-    if settings.mode == "client":
-        where = ", ".join(settings.connect) or DEFAULT_ROUTER
-        return (
-            f"no Zenoh router answers at {where}. Start one ('zmav up' on a vehicle, 'zmav router' on a ground "
-            f"station, 'zmav demo' to look around) or name it with -e. ({why})"
+def _unopened(built: zenoh.Config, why: str) -> SessionError:
+    """The error for a session that does not open, with what to do about it."""
+    mode = json.loads(built.get_json("mode"))
+    connect, listen = (json.loads(built.get_json(f"{way}/endpoints")) for way in ("connect", "listen"))
+    if mode == "client":
+        text = (
+            f"no Zenoh router answers at {', '.join(connect)}. Start one ('zmav up' on a vehicle, 'zmav router' on a "
+            f"ground station, 'zmav demo' to look around) or name it with -e. ({why})"
         )
-    if "in use" in why.lower() or "os error 98" in why.lower():
-        ports = ", ".join(settings.listen)
-        return f"a listening port of {ports} is in use by another program: choose another with -l. ({why})"
-    return f"cannot open a Zenoh session in {settings.mode} mode: {why}"
+    elif "in use" in why.lower() or "os error 98" in why.lower():
+        text = f"a port of {', '.join(listen)} is in use by another program: choose another with -l. ({why})"
+    else:
+        text = f"cannot open a Zenoh session in {mode} mode: {why}"
+    return SessionError(text, endpoints=[*connect, *listen])

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 ASK_TIMEOUT = 2.0
 """s for one query; the order itself may last much longer"""
 GIVE_UP = 10.0
-"""s without any answer from a vehicle that is present"""
+"""s without any answer from a vehicle that has been heard"""
+APPEAR = 1.0
+"""s for a vehicle that has not been heard to appear: the session may just have been opened"""
 
 Progress = Callable[[dict[str, Any]], None]
 
@@ -34,8 +36,8 @@ class Vehicle:
     :class:`~zmav.errors.NoSuchVehicle`, :class:`~zmav.errors.NotHolder` or :class:`~zmav.errors.Clash`.
     """
 
-    def __init__(self, client: Client, name: str) -> None:
-        self._client, self.name = client, name
+    def __init__(self, client: Client, name: str, fleet: str) -> None:
+        self._client, self.name, self._within = client, name, fleet
         self._lease = ""
 
     def __repr__(self) -> str:
@@ -44,9 +46,24 @@ class Vehicle:
     # What it is and does.
 
     @property
+    def fleet(self) -> str:
+        """The fleet it flies in. A client of all fleets finds it by the vehicle's name: raises :class:`NoSuchVehicle`,
+        or :class:`BadInput` where several fleets have one of that name.
+        """
+        if self._within != "*":
+            return self._within
+        found = self._client.fleets_of(self.name)
+        if not found:
+            raise NoSuchVehicle(f"{self.name} has not been heard in any fleet", vehicle=self.name)
+        if len(found) > 1:
+            text = f"{self.name} is in the fleets {', '.join(found)}: open one of them"
+            raise BadInput(text, field="fleet", value="*", expected=" or ".join(found))
+        return found[0]
+
+    @property
     def state(self) -> wire.VehicleState:
         """The last state heard; raises :class:`NoSuchVehicle` or :class:`Stale` where it cannot be relied on."""
-        heard = self._client.heard(self.name)
+        heard = self._client.heard(self.name, self._within)
         if heard is None:
             raise NoSuchVehicle(f"{self.name} has not been heard", vehicle=self.name)
         age, limit = time.monotonic() - heard.at, keys.STATE.stale_after or 0.0
@@ -57,18 +74,18 @@ class Vehicle:
     @property
     def last_state(self) -> wire.VehicleState | None:
         """The last state heard, however old; None: never."""
-        heard = self._client.heard(self.name)
+        heard = self._client.heard(self.name, self._within)
         return heard.state if heard else None
 
     @property
     def age(self) -> float | None:
         """Seconds since its state was last heard; None: never."""
-        heard = self._client.heard(self.name)
+        heard = self._client.heard(self.name, self._within)
         return time.monotonic() - heard.at if heard else None
 
     @property
     def present(self) -> bool:
-        return self._client.present(self.name)
+        return self._client.present(self.name, self._within)
 
     async def wait_until(self, true: Callable[[wire.VehicleState], bool], timeout: float) -> wire.VehicleState:
         """Wait for a state of which ``true`` holds; raises :class:`TimedOut`."""
@@ -82,18 +99,23 @@ class Vehicle:
 
     async def message(self, name: str) -> wire.LastMessage:
         """The last message of that name, decoded, with its age; raises :class:`BadInput` if none came."""
-        answer = await self._ask(keys.MSG.key(self._fleet, self.name, msg=name))
+        answer = await self._ask(keys.MSG.key(self.fleet, self.name, msg=keys.check_message(name)))
         return wire.decode(answer, wire.LastMessage, f"reply to msg/{name}")
 
     def stream(self, name: str, depth: int = 1000) -> Subscription[MavMessage]:
-        """Every message of that name: ``async with vehicle.stream("ATTITUDE") as s: async for message in s: ...``."""
+        """Every message of that name: ``async with vehicle.stream("ATTITUDE") as s: async for message in s: ...``.
+
+        Raises :class:`~zmav.errors.BadMessage` where the dialect lacks it; ``UNKNOWN_410`` names it by its number.
+        """
         dialect = self._client.dialect
-        dialect.message(name)
+        if not keys.check_message(name).startswith("UNKNOWN_"):
+            dialect.message(name)
 
         def convert(sample: zenoh.Sample) -> MavMessage:
             return describe(parse_frame(sample.payload.to_bytes(), dialect), dialect)
 
-        return self._client.subscribe(f"{self.name}/{name}", convert, depth)
+        key = keys.RX.key(self._within, self.name, sys="*", comp="*", msg=name)
+        return self._client.subscribe(key, convert, depth)
 
     # Orders.
 
@@ -146,7 +168,7 @@ class Vehicle:
     async def order(self, verb: str, args: wire.Order, progress: Progress | None = None) -> dict[str, Any]:
         """Give an order and see it through: sent again with the same id until the vehicle says how it ended."""
         args = msgspec.structs.replace(args, id=uuid.uuid4().hex, lease=args.lease or self._lease)
-        key, payload = keys.DO.key(self._fleet, self.name, verb=verb), wire.encode(args)
+        key, payload = keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args)
         while True:
             answer = await self._ask(key, payload)
             outcome = wire.decode(answer, wire.Outcome, f"reply to do/{verb}")
@@ -158,12 +180,13 @@ class Vehicle:
     async def ping(self) -> float:
         """Seconds a query takes to the vehicle and back."""
         start = time.perf_counter()
-        await self._ask(keys.DO.key(self._fleet, self.name, verb="ping"))
+        await self._ask(keys.DO.key(self.fleet, self.name, verb="ping"))
         return time.perf_counter() - start
 
     @contextlib.asynccontextmanager
     async def lease(self, holder: str, ttl: float = 3.0) -> AsyncIterator[Lease]:
         """Command the vehicle alone while the ``async with`` lasts; renewed by itself. Raises :class:`NotHolder`."""
+        keys.check_name(holder, "holder")
         granted = await self.order("lease", wire.TakeLease(holder=holder, ttl=ttl))
         lease = Lease(self, self._client, holder, granted["lease"], ttl)
         self._lease = lease.token
@@ -176,29 +199,23 @@ class Vehicle:
             with contextlib.suppress(ZmavError):
                 await self.order("release", wire.DropLease(lease=lease.token))
 
-    @property
-    def _fleet(self) -> str:
-        if self._client.fleet_name != "*":
-            return self._client.fleet_name
-        last = self.last_state
-        if last is None:
-            raise NoSuchVehicle(f"{self.name} has not been heard in any fleet", vehicle=self.name)
-        return last.fleet
-
     async def _ask(self, key: str, payload: bytes = b"") -> bytes:
-        """One answer from this vehicle; asked again for a while where none comes."""
-        deadline = time.monotonic() + GIVE_UP
+        """One answer from this vehicle; asked again for a while where none comes: the network may have a hole."""
+        start = time.monotonic()
         while True:
             answers = await self._client.ask(key, payload, ASK_TIMEOUT)
             for answer in answers:
                 if isinstance(answer, ZmavError):
                     raise answer
                 return answer.payload
-            if time.monotonic() > deadline:
+            waited = time.monotonic() - start
+            if self.age is None and not self.present and waited > APPEAR:
+                raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self.fleet}", vehicle=self.name)
+            if waited > GIVE_UP:
                 break
-            if not self.present and not await self._client.news(1.0):
-                raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self._fleet}", vehicle=self.name)
-            await asyncio.sleep(0.1)  # present, but not answering: it has just come, or the network has a hole
+            await asyncio.sleep(0.1)
+        if not self.present:
+            raise Stale(f"{self.name} was last heard {self.age or 0.0:.1f} s ago", vehicle=self.name, age=self.age)
         raise TimedOut(f"{self.name} does not answer on {key}", vehicle=self.name)
 
 
@@ -210,7 +227,7 @@ class Lease:
         self._client, self._ttl = client, ttl
         self._seq = 0
         self._lost: ZmavError | None = None
-        self._key = keys.SETPOINT.key(vehicle._fleet, vehicle.name, agent=keys.check_name(holder, "holder"))
+        self._key = keys.SETPOINT.key(vehicle.fleet, vehicle.name, agent=holder)
 
     def setpoint(
         self,
@@ -239,12 +256,15 @@ class Lease:
 
     async def keep(self) -> None:
         """Renew until cancelled or until the vehicle says no; a bad network is no reason to stop trying."""
-        while True:
+        while self._lost is None:
             await asyncio.sleep(self._ttl / 3)
             try:
-                await self.vehicle.order("lease", wire.TakeLease(holder=self.holder, ttl=self._ttl, lease=self.token))
+                args = wire.TakeLease(holder=self.holder, ttl=self._ttl, lease=self.token)
+                granted = (await self.vehicle.order("lease", args))["lease"]
+                if granted != self.token:  # it had run out, and nobody knows who flew meanwhile: that is for our user
+                    self._lost = NotHolder(f"the lease of {self.vehicle.name} ran out", vehicle=self.vehicle.name)
+                    await self.vehicle.order("release", wire.DropLease(lease=granted))
             except (NotHolder, BadInput) as e:
                 self._lost = e
-                return
             except ZmavError:
                 continue

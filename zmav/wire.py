@@ -8,6 +8,7 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 
 from __future__ import annotations
 
+import re
 from typing import Any, Literal, TypeVar
 
 import msgspec
@@ -79,6 +80,8 @@ class LinkQuality(Wire, kw_only=True):
     tx_dropped: int = 0
     tx_refused: int = 0
     """frames put on ``mav/tx`` that were not fit to be sent"""
+    rx_dropped: int = 0
+    """datagrams that the kernel threw away because nobody took them in time (UDP on Linux)"""
     opens: int = 0
     last_error: str | None = None
 
@@ -275,6 +278,7 @@ class ErrorBody(Wire, kw_only=True):
 
 W = TypeVar("W", bound=msgspec.Struct)
 _encoder = msgspec.json.Encoder(enc_hook=str)
+_NAMED_FIELD = re.compile(r"field `([^`]*)`")
 
 
 def encode(payload: msgspec.Struct) -> bytes:
@@ -288,9 +292,10 @@ def decode(data: bytes, kind: type[W], what: str) -> W:
         return msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as e:
         text, _, path = str(e).partition(" - at `$")
-        field = path.strip("`").lstrip(".") or kind.__name__
+        named = _NAMED_FIELD.search(text)  # a missing or an unknown field: the path is that of the object around it
+        field = ".".join(filter(None, (path.strip("`").lstrip("."), named and named[1]))) or kind.__name__
         raise BadInput(f"{what}: {text} (at {field})", field=field, value=_clip(data), expected=text) from None
-    except msgspec.DecodeError as e:
+    except (msgspec.DecodeError, UnicodeDecodeError) as e:
         raise BadInput(f"{what}: not JSON: {e}", field=what, value=_clip(data), expected="a JSON object") from None
 
 
@@ -306,6 +311,6 @@ def error_from(data: bytes) -> ZmavError:
     """The exception an error reply stands for."""
     try:
         body = msgspec.json.decode(data, type=ErrorBody)
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, UnicodeDecodeError):
         return ZmavError(_clip(data) or "an error without a text")
     return from_code(body.code, body.message, body.detail)

@@ -43,12 +43,13 @@ def zmav() -> None:
 def main() -> None:
     """The ``zmav`` program: 0 done, 1 an error that is said, 2 wrong usage, 130 interrupted."""
     try:
-        zmav()
+        code = zmav(standalone_mode=False)
+    except click.ClickException as e:
+        e.show()
+        sys.exit(e.exit_code)
     except ZmavError as e:
         click.echo(f"zmav: {e}", err=True)
         sys.exit(1)
-    except KeyboardInterrupt:
+    except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
-    except BrokenPipeError:
-        sys.stderr.close()  # 'zmav echo | head': the reader has seen enough
-        sys.exit(0)
+    sys.exit(code if isinstance(code, int) else 0)

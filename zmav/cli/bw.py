@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import click
 
-from zmav.cli.common import fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import fleet_option, json_option, run, seconds_option, zenoh_options
 from zmav.cli.hz import measure, show
 from zmav.session import SessionSettings
 
 
 @click.command("bw")
 @click.argument("key")
-@click.option("--for", "seconds", default=3.0, show_default=True, help="Seconds to listen.")
+@seconds_option
 @fleet_option
 @json_option
 @zenoh_options
@@ -26,7 +26,6 @@ async def _bw(key: str, seconds: float, fleet: str, as_json: bool, settings: Ses
         {"key": k, "bytes_per_s": size / seconds, "mean_bytes": size / len(meter.times[k])}
         for k, size in sorted(meter.sizes.items(), key=lambda item: -item[1])
     ]
-    if rows:
-        total, count = sum(meter.sizes.values()), sum(map(len, meter.times.values()))
-        rows.append({"key": "all", "bytes_per_s": total / seconds, "mean_bytes": total / count})
+    total, count = sum(meter.sizes.values()), sum(map(len, meter.times.values()))
+    rows.append({"key": "all", "bytes_per_s": total / seconds, "mean_bytes": total / count})
     show(rows, as_json, ("key", "bytes_per_s", "mean_bytes"))

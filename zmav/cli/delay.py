@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import statistics
 import time
 
 import click
+import zenoh
 
 import zmav
-from zmav import keys
+from zmav import keys, wire
 from zmav.cli.common import fleet_option, json_option, run, zenoh_options
 from zmav.cli.hz import show
 from zmav.client import Client
+from zmav.errors import NoSuchVehicle, Stale
 from zmav.session import SessionSettings
 
 
 @click.command("delay")
 @click.argument("vehicles", nargs=-1)
-@click.option("-n", "--count", default=20, show_default=True, help="Round trips a vehicle.")
+@click.option("-n", "--count", type=click.IntRange(1), default=20, show_default=True, help="Round trips a vehicle.")
 @fleet_option
 @json_option
 @zenoh_options
@@ -31,29 +34,33 @@ def command(vehicles: tuple[str, ...], count: int, fleet: str, as_json: bool, se
 
 async def _delay(vehicles: tuple[str, ...], count: int, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        if vehicles:
-            await z.wait_for(*vehicles)
-        else:
-            await z.news(1.5)
+        found = await (z.wait_for(*vehicles) if vehicles else z.settle())
+        if not found:
+            raise NoSuchVehicle(f"no vehicle is present in fleet {fleet}")
         rows = []
-        for name in vehicles or tuple(v.name for v in z.fleet()):
-            trips = sorted([1e3 * await z.vehicle(name).ping() for _ in range(count)])
-            ages = await _ages(z, name)
+        for vehicle in found:
+            trips = [1e3 * await vehicle.ping() for _ in range(count)]
             rows.append(
                 {
-                    "vehicle": name, "min_ms": trips[0], "median_ms": statistics.median(trips), "max_ms": trips[-1],
-                    "state_age_ms": statistics.median(ages),
+                    "vehicle": vehicle.name, "min_ms": min(trips), "median_ms": statistics.median(trips),
+                    "max_ms": max(trips), "state_age_ms": 1e3 * statistics.median(await ages(z, vehicle)),
                 }
             )  # fmt: skip
     show(rows, as_json, ("vehicle", "min_ms", "median_ms", "max_ms", "state_age_ms"))
 
 
-async def _ages(z: Client, name: str) -> list[float]:
-    """Milliseconds between writing and hearing of three states."""
-    ages = []
-    async with z.subscribe(keys.STATE.key(z.fleet_name, name)) as states:
-        for _ in range(3):
-            sample = await states.get()
-            state = zmav.wire.decode(sample.payload.to_bytes(), zmav.VehicleState, "state")
-            ages.append(1e3 * (time.time() - state.t))
-    return ages
+async def ages(z: Client, vehicle: zmav.Vehicle, count: int = 3) -> list[float]:
+    """Seconds between writing and hearing of the next states, by two clocks; raises :class:`Stale`."""
+    found: list[float] = []
+    async with z.subscribe(keys.STATE.key(vehicle.fleet, vehicle.name), _age) as states:
+        try:
+            while len(found) < count:
+                found.append(await asyncio.wait_for(states.get(), keys.STATE.stale_after))
+        except asyncio.TimeoutError:
+            raise Stale(f"{vehicle.name} answers but does not publish its state", vehicle=vehicle.name) from None
+    return found
+
+
+def _age(sample: zenoh.Sample) -> float:
+    """``t`` is of the moment the state was built; a subscription's reader is awake within a millisecond."""
+    return time.time() - wire.decode(sample.payload.to_bytes(), wire.VehicleState, "state").t

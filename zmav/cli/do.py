@@ -77,10 +77,9 @@ async def matching(z: Client, pattern: str) -> list[zmav.Vehicle]:
         if not pattern:
             raise BadInput("no vehicle is named", field="vehicles", value=pattern, expected="a name or a pattern")
         return await z.wait_for(pattern, timeout=5.0)
-    await z.news(1.5)
-    await asyncio.sleep(0.5)
-    found = [v for v in z.fleet() if fnmatch.fnmatch(v.name, pattern)]
+    known = await z.settle()
+    found = [v for v in known if fnmatch.fnmatchcase(v.name, pattern)]
     if not found:
-        present = ", ".join(v.name for v in z.fleet()) or "nobody"
+        present = ", ".join(v.name for v in known) or "nobody"
         raise NoSuchVehicle(f"no vehicle matches {pattern!r}; present: {present}")
     return found

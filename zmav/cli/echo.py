@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import json
+import asyncio
 import time
 from typing import Any
 
 import click
-import msgspec
 import zenoh
 
 import zmav
-from zmav import keys
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
-from zmav.client import Client
-from zmav.errors import BadInput
-from zmav.mavlink import describe, parse_frame
+from zmav.mavlink import Dialect
 from zmav.session import SessionSettings
+from zmav.zenoh_codec import readable
 
 
 @click.command("echo")
 @click.argument("key")
-@click.option("-n", "--count", type=int, help="End after that many.")
+@click.option("-n", "--count", type=click.IntRange(1), help="End after that many.")
 @click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file.")
 @fleet_option
 @json_option
@@ -35,31 +32,22 @@ async def _echo(
     key: str, count: int | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings
 ) -> None:
     async with zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z, z.subscribe(key) as samples:
+        await asyncio.to_thread(lambda: z.dialect)  # an unknown one is said now, and not at every message
         seen = 0
         async for sample in samples:
-            document = document_of(z, sample)
+            document = document_of(sample, z.dialect)
             click.echo(dump(document, pretty=False) if as_json else text_of(document))
             seen += 1
             if seen == count:
                 return
 
 
-def document_of(z: Client, sample: zenoh.Sample) -> dict[str, Any]:
-    """A sample as a JSON document: a frame decoded, JSON as it is, anything else as hexadecimal digits."""
-    key, payload = str(sample.key_expr), sample.payload.to_bytes()
-    document: dict[str, Any] = {"t": time.time(), "key": key}
-    if str(sample.kind).endswith("DELETE"):
+def document_of(sample: zenoh.Sample, dialect: Dialect) -> dict[str, Any]:
+    """A sample as a JSON document: when it came, its key, and what it holds."""
+    document: dict[str, Any] = {"t": time.time(), "key": str(sample.key_expr)}
+    if sample.kind == zenoh.SampleKind.DELETE:
         return {**document, "deleted": True}
-    try:
-        channel = keys.match(key)[0].name
-        if channel in ("rx", "tx"):
-            return {**document, "message": msgspec.to_builtins(describe(parse_frame(payload, z.dialect), z.dialect))}
-    except BadInput as e:
-        document["error"] = str(e)
-    try:
-        return {**document, "value": json.loads(payload)}
-    except ValueError:
-        return {**document, "hex": payload.hex()}
+    return {**document, **readable(document["key"], sample.payload.to_bytes(), dialect)}
 
 
 def text_of(document: dict[str, Any]) -> str:
@@ -78,4 +66,6 @@ def text_of(document: dict[str, Any]) -> str:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.7g}" if isinstance(value, float) and abs(value) < 1e9 else str(value)
+    if isinstance(value, float):
+        return f"{value:.7g}" if abs(value) < 1e6 else str(value)
+    return value if isinstance(value, str) else dump(value, pretty=False)

@@ -17,7 +17,7 @@ from zmav.session import SessionSettings
 @click.command("get")
 @click.argument("key")
 @click.option("--value", default="", help="JSON to send with the query.")
-@click.option("--timeout", default=3.0, show_default=True, help="Seconds to wait for replies.")
+@click.option("--timeout", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to wait.")
 @fleet_option
 @json_option
 @zenoh_options
@@ -31,11 +31,15 @@ async def _get(key: str, value: str, timeout: float, fleet: str, as_json: bool, 
     async with zmav.open(fleet=fleet, settings=settings) as z:
         answers = await z.ask(expression, value.encode(), timeout)
     if not answers:
-        raise NoSuchVehicle(f"nobody answers on {expression}")
+        raise NoSuchVehicle(
+            f"nobody answers on {expression}: 'zmav ls' shows who is there; vehicles answer on state, msg/NAME, do/VERB"
+        )
+    for answer in answers:
+        if isinstance(answer, Answer):
+            _show(answer, as_json)
     for answer in answers:
         if isinstance(answer, ZmavError):
             raise answer
-        _show(answer, as_json)
 
 
 def _show(answer: Answer, as_json: bool) -> None:

@@ -25,7 +25,7 @@ def command(fleet: str, as_json: bool, settings: SessionSettings) -> None:
 
 async def _info(fleet: str, as_json: bool, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        await z.news(1.0)
+        await z.settle()
         known: dict[str, Any] = {
             "versions": {name: version(name) for name in ("zmav", "eclipse-zenoh", "pymavlink", "msgspec")},
             "session": str(z.session.info.zid()),
@@ -61,5 +61,12 @@ async def routers(z: Client) -> list[dict[str, Any]]:
                 }
                 for s in body.get("sessions", [])
             ]
-            found.append({"zid": answer.key.split("/")[1], "locators": body.get("locators", []), "links": links})
+            found.append(
+                {
+                    "zid": answer.key.split("/")[1],
+                    "version": str(body.get("version")).removeprefix("v").partition("-")[0],
+                    "locators": body.get("locators", []),
+                    "links": links,
+                }
+            )
     return found

@@ -20,8 +20,8 @@ from zmav.session import SessionSettings
 @click.argument("vehicles")
 @click.argument("message")
 @click.argument("fields", nargs=-1, metavar="[FIELD=VALUE]...")
-@click.option("--sysid", default=255, show_default=True, help="System id to speak as.")
-@click.option("--compid", default=190, show_default=True, help="Component id to speak as.")
+@click.option("--sysid", type=click.IntRange(1, 255), default=255, show_default=True, help="System id to speak as.")
+@click.option("--compid", type=click.IntRange(1, 255), default=190, show_default=True, help="Component id to speak as.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
 @fleet_option
 @zenoh_options

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import signal
 import sys
-import threading
 
 import click
 from rich.console import Console
@@ -23,32 +22,39 @@ from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, Home, World, WorldStatu
 @click.option("--home", type=float, nargs=4, metavar="LAT LON AMSL YAW", help="Where the first stands, degrees and m.")
 @click.option("--spacing", default=10.0, show_default=True, help="Metres between starts, in a row to the east.")
 @click.option("--wind", type=float, nargs=2, default=(0.0, 0.0), metavar="N E", help="m/s, where it blows to.")
-@click.option("--speed", default=1.0, show_default=True, help="Times real time; 0: as fast as it goes.")
+@click.option(
+    "--speed", type=click.FloatRange(min=0.0), default=1.0, show_default=True,
+    help="Times real time; 0: as fast as it goes.",
+)  # fmt: skip
 @click.option("--seed", default=0, show_default=True)
-@click.option("--real-boot", is_flag=True, help=f"Take as long as the real one to be ready ({REALISTIC_READY_S:.0f} s).")
+@click.option("--real-boot", is_flag=True, help=f"Be ready as late as the real one ({REALISTIC_READY_S:.0f} s).")
 def command(
     copters: int, endpoints: tuple[str, ...], home: tuple[float, float, float, float] | None, spacing: float,
     wind: tuple[float, float], speed: float, seed: int, real_boot: bool,
 ) -> None:  # fmt: skip
-    """Simulate copters that speak as ArduPilot does: 'zmav sim --copters 3', then 'zmav up --link tcp:127.0.0.1:5760'."""
+    """Simulate copters that speak as ArduPilot does: 'zmav sim', then 'zmav up --link tcp:127.0.0.1:5760'."""
     world = World(
         copters, home=Home(*home) if home else None, spacing_m=spacing, endpoint=endpoints, speed=speed or math.inf,
         seed=seed, wind=(wind[0], wind[1], 0.0), ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
     )  # fmt: skip
-    stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    with world:
+        signal.signal(number, lambda *_: world.stop())
+    console = Console(stderr=True)
+    try:
+        world.open()
         for vehicle in world.vehicles:
             click.echo(f"{vehicle.name} (system id {vehicle.sysid}): {' '.join(vehicle.urls)}")
         sys.stdout.flush()
-        console = Console(stderr=True)
-        with Live(console=console, auto_refresh=False, transient=True) as live:
-            while not stop.wait(1.0):
-                if console.is_terminal:
-                    live.update(_line(world.status()), refresh=True)
+        with Live(
+            get_renderable=lambda: _line(world.status()), console=console, auto_refresh=console.is_terminal,
+            refresh_per_second=1, transient=True,
+        ):  # fmt: skip
+            world.run()
+    finally:
+        world.close()
 
 
 def _line(status: WorldStatus) -> str:
     flying = sum(v.armed for v in status.vehicles)
-    return f"{status.time_s:.0f} s simulated at ×{status.speed_reached:.1f}, {len(status.vehicles)} vehicles, {flying} armed"
+    clock = f"{status.time_s:.0f} s simulated at ×{status.speed_reached:.1f}"
+    return f"{clock}, {len(status.vehicles)} vehicles, {flying} armed"

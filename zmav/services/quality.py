@@ -77,6 +77,7 @@ class Quality:
             tx_frames=tx.frames,
             tx_dropped=tx.dropped,
             tx_refused=tx.refused,
+            rx_dropped=link.counters.rx_dropped,
             opens=link.counters.opens,
             last_error=link.counters.last_error,
         )
