@@ -1,4 +1,6 @@
-"""What the simulator's tests share: a ground station in memory, so that a world can be stepped without sockets or clocks."""
+"""What the simulator's tests share: a ground station in memory, so that a world can be stepped without sockets or
+clocks.
+"""
 
 from __future__ import annotations
 
@@ -105,21 +107,15 @@ class Desk:
         assert self.command(22, 0, 0, 0, 0, 0, 0, height) == 0
         self.until(lambda: abs(self.ned[2] + height) < 0.3 and abs(self.vehicle.copter.sense.vd) < 0.2)
 
-    def goto(self, north: float, east: float, down: float, *, frame: int = 1, mask: int = POSITION, **more: float) -> None:
-        self.send(
-            "SET_POSITION_TARGET_LOCAL_NED",
-            coordinate_frame=frame,
-            type_mask=mask,
-            x=north,
-            y=east,
-            z=down,
-            **more,
-        )
+    def goto(self, north: float, east: float, down: float, frame: int = 1, mask: int = POSITION, **more: float) -> None:
+        """A position target."""
+        more = {"x": north, "y": east, "z": down, **more}
+        self.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=frame, type_mask=mask, **more)
 
-    def fly(self, vn: float, ve: float, vd: float = 0.0, *, frame: int = 1, mask: int = VELOCITY, **more: float) -> None:
-        self.send(
-            "SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=frame, type_mask=mask, vx=vn, vy=ve, vz=vd, **more
-        )
+    def fly(self, vn: float, ve: float, vd: float = 0.0, frame: int = 1, mask: int = VELOCITY, **more: float) -> None:
+        """A velocity target."""
+        more = {"vx": vn, "vy": ve, "vz": vd, **more}
+        self.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=frame, type_mask=mask, **more)
 
 
 MakeDesk = Callable[..., Desk]

@@ -143,9 +143,12 @@ def test_an_armed_vehicle_without_a_position_refuses_modes_that_need_one(make_de
 
 
 @pytest.mark.parametrize(
-    ("mode", "armed", "height"), [(GUIDED, False, 10.0), (LOITER, True, 10.0), (GUIDED, True, 0.0), (GUIDED, True, -5.0)]
+    ("mode", "armed", "height"),
+    [(GUIDED, False, 10.0), (LOITER, True, 10.0), (GUIDED, True, 0.0), (GUIDED, True, -5.0)],
 )
-def test_takeoff_is_for_an_armed_vehicle_in_guided_and_upward(desk: Desk, mode: int, armed: bool, height: float) -> None:
+def test_takeoff_is_for_an_armed_vehicle_in_guided_and_upward(
+    desk: Desk, mode: int, armed: bool, height: float
+) -> None:
     desk.world.step(1.0)
     assert desk.command(SET_MODE, 1, mode) == ACCEPTED
     assert not armed or desk.command(ARM, 1) == ACCEPTED
@@ -315,9 +318,7 @@ class TestGcsFailsafe:
         assert "GCS Failsafe Cleared" in desk.texts()
         assert desk.last("HEARTBEAT")["system_status"] == 4
 
-    def test_heartbeats_of_others_do_not_count(
-        self, make_desk: MakeDesk, another_desk: Callable[..., Desk]
-    ) -> None:
+    def test_heartbeats_of_others_do_not_count(self, make_desk: MakeDesk, another_desk: Callable[..., Desk]) -> None:
         desk = self.airborne(make_desk, FS_GCS_ENABLE=1)
         companion = another_desk(desk.world, desk.vehicle, sysid=1, compid=191)
         for _ in range(60):

@@ -27,9 +27,7 @@ class Hover:
         start = np.array([[0.0], [0.0], [-100.0]])
         rng = np.random.default_rng(1)
         self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, rng, 0.0)
-        self.fleet.dynamics.rotor[:] = math.sqrt(
-            self.fleet.airframe.hover_thrust_n / self.fleet.airframe.thrust_max_n
-        )
+        self.fleet.dynamics.rotor[:] = math.sqrt(self.fleet.airframe.hover_thrust_n / self.fleet.airframe.thrust_max_n)
         self.sp: SetpointHandle = self.fleet.handle(0)
         self.sp.spool(Spool.FLY)
         self.sp.move(pos=(0.0, 0.0, -100.0))

@@ -15,6 +15,8 @@ from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.sensors.estimate import Estimator
 
+OUTER_EVERY = 2  # ticks
+
 
 class Sense(NamedTuple):
     """What one autopilot knows at a tick: metres, m/s NED of the world; radians; m/s^2 body; fractions."""
@@ -64,14 +66,19 @@ class CopterFleet:
         self.estimate = Estimator(self.dynamics, rng, gps_noise_m)
         self.cascade = Cascade(airframe, self.setpoints, start, yaw)
         self._dt = dt
+        self._ticks = 0
 
     def handle(self, index: int) -> SetpointHandle:
         return self.setpoints.handle(index)
 
     def advance(self, steps: int) -> None:
-        """Outer loops once, then ``steps`` steps of inner loops and physics, then the sensors."""
+        """One tick: ``steps`` steps of inner loops and physics, then the sensors; every other tick the outer loops
+        first.
+        """
         est, dyn = self.estimate, self.dynamics
-        self.cascade.outer(est, steps * self._dt)
+        if self._ticks % OUTER_EVERY == 0:
+            self.cascade.outer(est, OUTER_EVERY * steps * self._dt)
+        self._ticks += 1
         for _ in range(steps):
             dyn.throttle = self.cascade.inner(est, self._dt)
             dyn.step()

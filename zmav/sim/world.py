@@ -11,6 +11,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
+from typing import TypeVar
 
 import msgspec
 
@@ -21,6 +24,8 @@ from zmav.sim.control.setpoints import Vector
 from zmav.sim.endpoints import open_endpoint, parse_endpoint
 from zmav.sim.spec import Home, VehicleSpec
 from zmav.sim.vehicle import SimVehicle, VehicleStatus
+
+T = TypeVar("T")
 
 PHYSICS_HZ = 200
 STEPS_PER_TICK = 2
@@ -235,22 +240,27 @@ class World:
         except BlockingIOError:
             return
 
-    def call(self, function: Callable[[], None], timeout: float = 10.0) -> None:
-        """Run ``function`` between two ticks in the world's thread and wait until it is done. Raises
-        :class:`TimedOut`.
+    def call(self, function: Callable[[], T], timeout: float = 10.0) -> T:
+        """Run ``function`` between two ticks in the world's thread; gives its result, or raises what it raised.
+
+        Raises :class:`TimedOut` where the world does not run.
         """
-        done = threading.Event()
+        future: Future[T] = Future()
 
         def task() -> None:
             try:
-                function()
-            finally:
-                done.set()
+                future.set_result(function())
+            except BaseException as error:
+                future.set_exception(error)
 
         self._calls.append(task)
         self._ring()
-        if not done.wait(timeout):
-            raise TimedOut("the simulated world does not run")
+        try:
+            return future.result(timeout)
+        except FutureTimeout:
+            if future.done():
+                raise  # the function's own
+            raise TimedOut("the simulated world does not run") from None
 
     def wait_for(self, true: Callable[[], bool], sim_s: float = 120.0) -> None:
         """Wait until ``true()`` holds, looked at after every tick; :class:`TimedOut` after ``sim_s`` simulated

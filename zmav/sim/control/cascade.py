@@ -14,6 +14,7 @@ import numpy as np
 
 from zmav.sim.arrays import (
     Array,
+    Flags,
     body_z,
     clamp,
     limit_length,
@@ -23,7 +24,7 @@ from zmav.sim.arrays import (
     wrap_pi,
 )
 from zmav.sim.control.reference import Reference
-from zmav.sim.control.setpoints import Axis, Setpoints, Spool, Yaw
+from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe, throttle_for
 
 POS_P = 1.0  # PSC_POSXY_P, PSC_POSZ_P
@@ -72,12 +73,12 @@ class Cascade:
     def outer(self, est: Estimated, dt: float) -> None:
         """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
         sp = self.setpoints
-        grounded = sp.spool != Spool.FLY
+        grounded = sp.spool != FLY
         if grounded.all():
             self._stand(est)
             return
-        by_hand = grounded | (sp.horizontal == Axis.DIRECT)
-        ballistic = grounded | (sp.vertical == Axis.DIRECT)
+        by_hand = grounded | (sp.horizontal == DIRECT)
+        ballistic = grounded | (sp.vertical == DIRECT)
         ref = self.reference
         ref.follow(by_hand, ballistic, est.pos, est.vel)
         ref.advance(dt)
@@ -103,11 +104,11 @@ class Cascade:
         self._turn[:] = 0.0
         self._turn_acc[:] = 0.0
 
-    def _head(self, est: Estimated, grounded: Array, dt: float) -> None:
+    def _head(self, est: Estimated, grounded: Flags, dt: float) -> None:
         sp = self.setpoints
         slew = sp.limits.yaw_slew
         toward = clamp(wrap_pi(sp.yaw - self.yaw) * YAW_P, -slew, slew)
-        rate = np.where(sp.yaw_kind == Yaw.ANGLE, toward, sp.yaw_rate)
+        rate = np.where(sp.yaw_kind == YAW_ANGLE, toward, sp.yaw_rate)
         # Easing in and out: the rate asked for may change by about 150 deg/s^2.
         step = 2.6 * dt
         change = clamp(rate - self._turn, -step, step) * ~grounded
@@ -117,7 +118,7 @@ class Cascade:
         if grounded.any():
             self.yaw[grounded] = _yaw_of(est.q)[grounded]
 
-    def _lean_and_lift(self, est: Estimated, acc: Array, by_hand: Array, ballistic: Array) -> None:
+    def _lean_and_lift(self, est: Estimated, acc: Array, by_hand: Flags, ballistic: Flags) -> None:
         sp, frame = self.setpoints, self.airframe
         pull = -acc
         pull[2] += GRAVITY  # the specific force wanted, turned round: along the body's down axis
@@ -135,10 +136,10 @@ class Cascade:
     def inner(self, est: Estimated, dt: float) -> Array:
         """Attitude and rate loops, and the mix: throttles (M, N), 0..1."""
         sp = self.setpoints
-        flying = sp.spool == Spool.FLY
+        flying = sp.spool == FLY
         if not flying.any():
             self._rate_i[:] = 0.0
-            still: Array = np.where(sp.spool == Spool.IDLE, IDLE_THROTTLE, 0.0) * np.ones((len(self._mix_lift), 1))
+            still: Array = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0) * np.ones((len(self._mix_lift), 1))
             return still
         error = quat_error(self.attitude, est.q)
         turn = error[1:] * (2.0 * np.sign(error[0]))
@@ -152,7 +153,7 @@ class Cascade:
             [q * jr - r * jq, r * jp - p * jr, p * jq - q * jp]
         )
         throttle = self._mix(torque)
-        idle = np.where(sp.spool == Spool.IDLE, IDLE_THROTTLE, 0.0)
+        idle = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0)
         return np.where(flying, throttle, idle)
 
     def _mix(self, torque: Array) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmav.sim.arrays import Array, Flags, clamp, limit_length
-from zmav.sim.control.setpoints import Axis, Setpoints
+from zmav.sim.control.setpoints import ACCELERATION, POSITION, Setpoints
 
 BRAKING = 0.6  # share of the allowed acceleration that braking is planned with: measured on ArduCopter SITL
 # How fast speed and acceleration errors are worked off, 1/s. The second must well exceed the first, or arrivals
@@ -52,10 +52,10 @@ class Reference:
         error = sp.pos[:2] - self.pos[:2]
         distance = np.maximum(np.sqrt((error * error).sum(0)), 1e-9)
         speed = np.minimum(root_speed(distance, POSITION_GAIN, BRAKING * lim.accel), lim.speed)
-        holding = sp.horizontal == Axis.POSITION
+        holding = sp.horizontal == POSITION
         wanted = sp.vel[:2] + error * (holding * speed / distance)
         wanted = limit_length(wanted, lim.speed)
-        acc = sp.acc[:2] + (wanted - self.vel[:2]) * (SPEED_GAIN * (sp.horizontal != Axis.ACCELERATION))
+        acc = sp.acc[:2] + (wanted - self.vel[:2]) * (SPEED_GAIN * (sp.horizontal != ACCELERATION))
         acc = limit_length(acc, lim.accel)
         self.acc[:2] += limit_length(acc - self.acc[:2], lim.jerk * dt)
 
@@ -63,9 +63,9 @@ class Reference:
         sp, lim = self._sp, self._sp.limits
         error = sp.pos[2] - self.pos[2]
         speed = root_speed(np.abs(error), POSITION_GAIN, BRAKING * lim.accel_z)
-        holding = sp.vertical == Axis.POSITION
+        holding = sp.vertical == POSITION
         wanted = clamp(sp.vel[2] + holding * np.sign(error) * speed, -lim.speed_up, lim.speed_down)
-        acc = sp.acc[2] + (wanted - self.vel[2]) * (SPEED_GAIN * (sp.vertical != Axis.ACCELERATION))
+        acc = sp.acc[2] + (wanted - self.vel[2]) * (SPEED_GAIN * (sp.vertical != ACCELERATION))
         acc = clamp(acc, -lim.accel_z, lim.accel_z)
         self.acc[2] += clamp(acc - self.acc[2], -lim.jerk_z * dt, lim.jerk_z * dt)
 

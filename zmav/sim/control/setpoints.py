@@ -37,6 +37,12 @@ class Yaw(enum.IntEnum):
     RATE = 1
 
 
+# As plain numbers, for comparing whole rows many times a second.
+FLY, IDLE = int(Spool.FLY), int(Spool.IDLE)
+POSITION, ACCELERATION, DIRECT = int(Axis.POSITION), int(Axis.ACCELERATION), int(Axis.DIRECT)
+YAW_ANGLE = int(Yaw.ANGLE)
+
+
 class Limits:
     """What a vehicle may do at most: (N,) rows, SI units; defaults are ArduCopter's parameters."""
 

@@ -107,8 +107,13 @@ class MavNode:
     def report(self, channel: Channel, name: str) -> None:
         """Send one message of :data:`REPORTS`, unless there is nothing to say yet."""
         fields = REPORTS[name](self)
-        if fields is not None:
+        if fields is None:
+            return
+        try:
             channel.send(name, **fields)
+        except BadMessage:
+            # A number that its field cannot hold, such as a speed beyond all reason: this one message is not sent.
+            self.bad_messages += 1
 
     def after_ack(self, channel: Channel, name: str) -> None:
         """Send a message once the acknowledgement of what is being handled is out."""

@@ -23,6 +23,8 @@ _RELATIVE = (3, 6, 10, 11)  # above home; the ground of the simulated world is f
 _NO_THRUST, _NO_ATTITUDE = 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_IS_THRUST = 8  # GUID_OPTIONS
 _MOST = 1000.0  # m/s, m/s^2
+_FARTHEST = 1e7  # m
+_HIGHEST = 80_000.0  # m, up or down: what ArduPilot keeps as an altitude
 
 
 def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
@@ -65,7 +67,7 @@ def global_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
 
 def point(copter: ArduCopter, lat_e7: int, lon_e7: int, alt: float, frame: int) -> Vector | None:
     """A place in degrees times 1e7 and metres, in the world's NED; None where there is no such place or frame."""
-    if abs(lat_e7) > 900_000_000 or abs(lon_e7) > 1_800_000_000 or not math.isfinite(alt):
+    if abs(lat_e7) > 900_000_000 or abs(lon_e7) > 1_800_000_000 or not abs(alt) < _HIGHEST:
         return None
     north, east, down = to_ned(Position(lat_e7 * 1e-7, lon_e7 * 1e-7, alt), copter.world)
     if frame in _RELATIVE:
@@ -139,12 +141,8 @@ def _yaw(msg: dict[str, Any], mask: int, about: float) -> YawWish:
 
 def _apply(copter: ArduCopter, target: Target) -> None:
     """Hand it to GUIDED; vectors that are no numbers, or beyond reason, mean stop."""
-    for vector in (target.pos, target.vel, target.acc):
-        if vector is not None and not all(math.isfinite(c) for c in vector):
-            copter.guided.hold()
-            return
-    for vector in (target.vel, target.acc):
-        if vector is not None and any(abs(c) > _MOST for c in vector):
+    for vector, most in ((target.pos, _FARTHEST), (target.vel, _MOST), (target.acc, _MOST)):
+        if vector is not None and not all(abs(c) <= most for c in vector):
             copter.guided.hold()
             return
     copter.guided.aim(target)

@@ -1,0 +1,307 @@
+"""GUIDED's targets: frames, masks, timeouts, and what makes no sense."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from zmav.sim.autopilots.guided import Doing
+from zmav.sim.geo import METRES_PER_DEGREE
+
+if TYPE_CHECKING:
+    from tests.sim.conftest import Desk, MakeDesk
+
+LOCAL, OFFSET, BODY, BODY_OFFSET = 1, 7, 8, 9
+POSITION, VELOCITY, BOTH, ACCELERATION = 0x0DF8, 0x0DC7, 0x0DC0, 0x0C3F
+NO_YAW, NO_YAW_RATE = 0x400, 0x800
+ACCEPTED, DENIED, FAILED, COMMAND_INT_ONLY = 0, 2, 4, 8
+
+
+@pytest.fixture
+def up(desk: Desk) -> Desk:
+    """A copter 5 m over its start, in GUIDED."""
+    desk.take_off(5.0)
+    return desk
+
+
+def test_a_position_target_is_reached_and_never_times_out(up: Desk) -> None:
+    up.goto(12.0, -4.0, -7.0)
+    up.until(lambda: up.near(12.0, -4.0, -7.0))
+    up.world.step(8.0)
+    assert up.near(12.0, -4.0, -7.0, 0.3)
+
+
+def test_on_the_ground_targets_lift_nothing(desk: Desk) -> None:
+    desk.world.step(1.0)
+    assert desk.command(176, 1, 4) == ACCEPTED
+    assert desk.command(400, 1) == ACCEPTED
+    desk.goto(10.0, 0.0, -10.0)
+    desk.world.step(3.0)
+    desk.fly(1.0, 0.0, -2.0)
+    desk.world.step(2.0)
+    assert desk.ned == (0.0, 0.0, 0.0)
+
+
+def test_outside_guided_targets_are_ignored(up: Desk) -> None:
+    assert up.command(176, 1, 17) == ACCEPTED  # BRAKE
+    up.goto(20.0, 0.0, -5.0)
+    up.world.step(3.0)
+    assert up.near(0.0, 0.0, -5.0)
+
+
+def test_a_velocity_is_flown_and_dropped_after_guid_timeout(up: Desk) -> None:
+    up.fly(3.0, 0.0)
+    up.world.step(2.9)
+    assert up.vehicle.copter.sense.vn == pytest.approx(3.0, abs=0.2)
+    up.world.step(2.4)
+    assert abs(up.vehicle.copter.sense.vn) < 0.4  # at rest within about 5 s of the last word
+    up.world.step(1.5)
+    there = up.ned
+    up.world.step(2.0)
+    assert up.near(*there, within=0.2)
+
+
+def test_a_repeated_velocity_keeps_it_going(up: Desk) -> None:
+    for _ in range(6):
+        up.fly(0.0, 2.0, -0.5)
+        up.world.step(1.0)
+    sense = up.vehicle.copter.sense
+    assert (sense.vn, sense.ve, sense.vd) == pytest.approx((0.0, 2.0, -0.5), abs=0.15)
+
+
+def test_guid_timeout_is_a_parameter(up: Desk) -> None:
+    up.send("PARAM_SET", param_id="GUID_TIMEOUT", param_value=1.0, param_type=9)
+    up.fly(3.0, 0.0)
+    up.world.step(1.5)
+    moving = up.vehicle.copter.sense.vn
+    up.world.step(1.5)
+    assert moving > 1.5
+    assert up.vehicle.copter.sense.vn < 0.5
+
+
+@pytest.mark.parametrize(
+    ("frame", "east_of_north"), [(LOCAL, False), (OFFSET, False), (BODY, True), (BODY_OFFSET, True)]
+)
+def test_position_frames(up: Desk, frame: int, east_of_north: bool) -> None:
+    """From (4, 0), nose to the east, 3 m "forward": north of the origin or of here, or east of here."""
+    up.goto(4.0, 0.0, -5.0, mask=POSITION & ~NO_YAW, yaw=math.pi / 2)
+    up.until(lambda: up.near(4.0, 0.0, -5.0, 0.1) and abs(up.vehicle.copter.sense.yaw - math.pi / 2) < 0.02)
+    up.goto(3.0, 0.0, -6.0 if frame == LOCAL else -1.0, frame=frame)
+    expected = {LOCAL: (3.0, 0.0, -6.0), OFFSET: (7.0, 0.0, -6.0)}.get(frame, (4.0, 3.0, -6.0))
+    assert east_of_north == (expected[1] > 1.0)
+    up.until(lambda: up.near(*expected, within=0.3), 15.0)
+
+
+@pytest.mark.parametrize("frame", [BODY, BODY_OFFSET])
+def test_velocity_in_body_axes(up: Desk, frame: int) -> None:
+    up.goto(0.0, 0.0, -5.0, mask=POSITION & ~NO_YAW, yaw=math.pi / 2)
+    up.world.step(4.0)
+    up.fly(2.0, 0.0, frame=frame)
+    up.world.step(2.5)
+    assert up.vehicle.copter.sense.ve == pytest.approx(2.0, abs=0.2)
+    assert abs(up.vehicle.copter.sense.vn) < 0.2
+
+
+def test_position_with_velocity_leads_along_and_holds_when_starved(up: Desk) -> None:
+    for tick in range(40):
+        at = 0.1 * tick * 2.0
+        up.goto(at, 0.0, -5.0, mask=BOTH, vx=2.0)
+        up.world.step(0.1)
+    assert up.vehicle.copter.sense.vn == pytest.approx(2.0, abs=0.3)
+    up.world.step(6.0)
+    assert up.near(7.8, 0.0, -5.0)
+
+
+def test_acceleration_is_flown_for_guid_timeout(up: Desk) -> None:
+    up.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=ACCELERATION, afx=1.0, afy=0.0, afz=0.0)
+    up.world.step(2.5)
+    assert up.vehicle.copter.sense.vn == pytest.approx(2.5, abs=0.6)
+    up.world.step(4.0)
+    assert abs(up.vehicle.copter.sense.vn) < 0.3
+
+
+def test_yaw_angle_and_yaw_rate(up: Desk) -> None:
+    up.goto(0.0, 0.0, -5.0, mask=POSITION & ~NO_YAW, yaw=-1.0)
+    up.world.step(3.0)
+    assert up.vehicle.copter.sense.yaw == pytest.approx(-1.0, abs=0.05)
+    up.fly(0.0, 0.0, mask=VELOCITY & ~NO_YAW_RATE, yaw_rate=0.5)
+    up.world.step(2.5)
+    assert up.vehicle.copter.sense.r == pytest.approx(0.5, abs=0.05)
+    up.world.step(4.0)
+    assert abs(up.vehicle.copter.sense.r) < 0.05  # starved: it turns no more
+
+
+def test_it_looks_where_it_flies_unless_told_not_to(up: Desk) -> None:
+    up.goto(0.0, 8.0, -5.0)
+    up.until(lambda: up.near(0.0, 8.0, -5.0))
+    assert up.vehicle.copter.sense.yaw == pytest.approx(math.pi / 2, abs=0.1)
+    up.send("PARAM_SET", param_id="WP_YAW_BEHAVIOR", param_value=0.0, param_type=2)
+    up.goto(0.0, 0.0, -5.0)
+    up.until(lambda: up.near(0.0, 0.0, -5.0))
+    assert up.vehicle.copter.sense.yaw == pytest.approx(math.pi / 2, abs=0.1)
+
+
+def test_global_frames(up: Desk) -> None:
+    home = up.vehicle.copter.world
+    for frame, alt in {0: 592.09, 5: 592.09, 3: 8.0, 6: 8.0, 10: 8.0, 11: 8.0}.items():
+        up.goto(0.0, 0.0, -5.0)
+        up.send(
+            "SET_POSITION_TARGET_GLOBAL_INT",
+            coordinate_frame=frame,
+            type_mask=POSITION,
+            lat_int=round((home.lat_deg + 6.0 / METRES_PER_DEGREE) * 1e7),
+            lon_int=round(home.lon_deg * 1e7),
+            alt=alt,
+        )
+        assert up.vehicle.copter.guided.target.pos == pytest.approx((6.0, 0.0, -8.0), abs=0.02), frame
+    up.until(lambda: up.near(6.0, 0.0, -8.0, 0.3), 15.0)
+
+
+NO_TARGETS: list[dict[str, float]] = [
+    {"coordinate_frame": 12},
+    {"type_mask": POSITION | 0x001},
+    {"x": math.nan},
+    {"type_mask": VELOCITY, "vx": math.inf},
+    {"type_mask": VELOCITY, "vx": 5000.0},
+    {"type_mask": 0x0E3F, "afx": 1.0},  # a force
+    {"type_mask": 0x0C38},  # a position with an acceleration alone
+]
+NO_PLACES: list[dict[str, float]] = [{"lat_int": 950_000_000}, {"coordinate_frame": 1}, {"alt": math.nan}]
+
+
+def test_targets_that_make_no_sense_stop_it(up: Desk) -> None:
+    guided = up.vehicle.copter.guided
+    target = {"coordinate_frame": 1, "type_mask": POSITION, "x": 40.0, "z": -5.0}
+    for bad in NO_TARGETS:
+        up.goto(40.0, 0.0, -5.0)
+        assert guided.doing is Doing.POSITION
+        up.send("SET_POSITION_TARGET_LOCAL_NED", **{**target, **bad})
+        assert guided.doing is Doing.HOLD, bad
+    place = {"coordinate_frame": 6, "type_mask": POSITION, "lat_int": -353632610, "lon_int": 1491652300, "alt": 5.0}
+    for bad in NO_PLACES:
+        up.send("SET_POSITION_TARGET_GLOBAL_INT", **place)
+        assert guided.doing is Doing.POSITION
+        up.send("SET_POSITION_TARGET_GLOBAL_INT", **{**place, **bad})
+        assert guided.doing is Doing.HOLD, bad
+
+
+def test_stopped_means_at_rest(up: Desk) -> None:
+    up.goto(60.0, 0.0, -5.0)
+    up.world.step(3.0)
+    assert up.vehicle.copter.sense.vn > 3.0
+    up.goto(math.nan, 0.0, -5.0)
+    up.world.step(4.5)
+    assert abs(up.vehicle.copter.sense.vn) < 0.3
+    assert up.ned[0] < 35.0
+
+
+class TestReposition:
+    def place(self, desk: Desk, north: float) -> dict[str, int]:
+        home = desk.vehicle.copter.world
+        lat = round((home.lat_deg + north / METRES_PER_DEGREE) * 1e7)
+        return {"x": lat, "y": round(home.lon_deg * 1e7)}
+
+    def test_flies_there(self, up: Desk) -> None:
+        assert up.command_int(192, z=6.0, frame=6, **self.place(up, 8.0)) == ACCEPTED
+        up.until(lambda: up.near(8.0, 0.0, -6.0))
+
+    def test_as_a_long_it_is_refused(self, up: Desk) -> None:
+        assert up.command(192, 0, 0, 0, 0, -35.36, 149.16, 10.0) == COMMAND_INT_ONLY
+
+    def test_outside_guided_it_needs_leave_to_change_the_mode(self, up: Desk) -> None:
+        assert up.command(176, 1, 17) == ACCEPTED
+        assert up.command_int(192, z=6.0, frame=6, **self.place(up, 8.0)) == DENIED
+        assert up.command_int(192, z=6.0, frame=6, param2=1.0, **self.place(up, 8.0)) == ACCEPTED
+        assert up.vehicle.copter.mode.name == "GUIDED"
+
+    @pytest.mark.parametrize("place", [{"x": 950_000_000, "y": 0}, {"x": 0, "y": 0}])
+    def test_needs_a_place(self, up: Desk, place: dict[str, int]) -> None:
+        assert up.command_int(192, z=6.0, frame=6, **place) == DENIED
+
+
+def test_speed_can_be_changed_in_flight(up: Desk) -> None:
+    assert up.command(178, 1, 1.5) == ACCEPTED
+    up.goto(20.0, 0.0, -5.0)
+    up.world.step(4.0)
+    assert up.vehicle.copter.sense.vn == pytest.approx(1.5, abs=0.15)
+    assert up.command(178, 1, -1) == DENIED
+    assert up.command(178, 9, 2.0) == FAILED
+    assert up.command(176, 1, 17) == ACCEPTED
+    assert up.command(178, 1, 2.0) == FAILED  # BRAKE has no speed
+
+
+def test_condition_yaw_absolute_and_relative(up: Desk) -> None:
+    assert up.command(115, 90, 0, 1, 0) == ACCEPTED
+    up.world.step(4.0)
+    assert up.vehicle.copter.sense.yaw == pytest.approx(math.pi / 2, abs=0.05)
+    assert up.command(115, 45, 0, -1, 1) == ACCEPTED
+    up.world.step(3.0)
+    assert up.vehicle.copter.sense.yaw == pytest.approx(math.pi / 4, abs=0.05)
+    assert up.command(115, 400, 0, 1, 0) == FAILED
+
+
+class TestAttitude:
+    def lean(self, desk: Desk, **fields: object) -> None:
+        pitch = math.radians(-10.0)
+        q = [math.cos(pitch / 2), 0.0, math.sin(pitch / 2), 0.0]
+        desk.send("SET_ATTITUDE_TARGET", **{"type_mask": 0x07, "q": q, "thrust": 0.5, **fields})
+
+    def test_leans_and_keeps_its_height(self, up: Desk) -> None:
+        for _ in range(4):
+            self.lean(up)
+            up.world.step(0.5)
+        assert math.degrees(up.vehicle.copter.sense.pitch) == pytest.approx(-10.0, abs=1.0)
+        assert up.vehicle.copter.sense.vn > 2.0
+        assert abs(up.ned[2] + 5.0) < 0.3
+
+    def test_thrust_is_a_climb_rate(self, up: Desk) -> None:
+        self.lean(up, q=[1.0, 0.0, 0.0, 0.0], thrust=0.7)
+        up.world.step(2.5)
+        assert up.vehicle.copter.sense.vd == pytest.approx(-1.0, abs=0.15)  # 0.4 of WPNAV_SPEED_UP
+
+    def test_thrust_is_thrust_with_that_option(self, up: Desk) -> None:
+        up.send("PARAM_SET", param_id="GUID_OPTIONS", param_value=8.0, param_type=6)
+        self.lean(up, q=[1.0, 0.0, 0.0, 0.0], thrust=up.vehicle.copter.hover_thrust * 1.2)
+        up.world.step(1.0)
+        assert up.vehicle.copter.sense.vd == pytest.approx(-0.2 * 9.81, abs=0.5)
+
+    def test_times_out_to_level_flight(self, up: Desk) -> None:
+        self.lean(up)
+        up.world.step(3.5)
+        assert abs(math.degrees(up.vehicle.copter.sense.pitch)) < 2.0
+
+    def test_what_makes_no_sense_stops_it(self, up: Desk) -> None:
+        bads: list[dict[str, object]] = [{"q": [2.0, 0.0, 0.0, 0.0]}, {"type_mask": 0x87}, {"type_mask": 0x47}]
+        for bad in bads:
+            self.lean(up)
+            assert up.vehicle.copter.guided.doing is Doing.ATTITUDE
+            self.lean(up, **bad)
+            assert up.vehicle.copter.guided.doing is Doing.HOLD, bad
+
+
+def test_targets_are_reported_back(up: Desk) -> None:
+    up.goto(12.0, -4.0, -7.0)
+    local = up.last("POSITION_TARGET_LOCAL_NED")
+    assert (local["coordinate_frame"], local["type_mask"]) == (1, POSITION)
+    assert (local["x"], local["y"], local["z"]) == pytest.approx((12.0, -4.0, -7.0), abs=1e-3)
+    world = up.last("POSITION_TARGET_GLOBAL_INT")
+    assert (world["coordinate_frame"], world["type_mask"]) == (0, 0xFDF8)
+    assert world["alt"] == pytest.approx(584.09 + 7.0, abs=0.01)
+    nav = up.last("NAV_CONTROLLER_OUTPUT")
+    assert (nav["wp_dist"], nav["target_bearing"]) == (13, 342)
+    up.fly(1.0, 2.0, -0.5)
+    local = up.last("POSITION_TARGET_LOCAL_NED")
+    assert local["type_mask"] == VELOCITY
+    assert (local["vx"], local["vy"], local["vz"]) == (1.0, 2.0, -0.5)
+
+
+def test_the_ekf_origin_is_where_the_vehicle_started(make_desk: MakeDesk, another_desk: type[Desk]) -> None:
+    first = make_desk(2)
+    second = another_desk(first.world, first.world.vehicles[1])
+    second.take_off(3.0)
+    second.goto(0.0, 5.0, -3.0)
+    second.until(lambda: second.near(0.0, 5.0, -3.0))
+    assert first.world.vehicles[1].status().ned_m == pytest.approx((0.0, 15.0, -3.0), abs=0.5)
+    assert first.ned == (0.0, 0.0, 0.0)
