@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import json
 import os
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import zenoh
 from hypothesis import HealthCheck, settings
 
+from zmav import keys, wire
+from zmav.onboard import Onboard, OnboardSettings
+from zmav.session import SessionSettings, open_session
+
 ROOT = Path(__file__).resolve().parent.parent
+PATIENCE_S = 30.0  # how long an event may take on a busy machine before the test fails
 
 # Machines differ in speed and tests run side by side, so an example's time proves nothing.
 settings.register_profile("zmav", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -28,6 +40,125 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the recordings (../shared/data) are not beside this checkout")
     return folder
+
+
+class Samples:
+    """What came on a key expression so far, in order, with waits that end on the next sample."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.items: list[tuple[str, bytes]] = []
+        self._changed = threading.Condition()
+        session.declare_subscriber(key, self._on_sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        with self._changed:
+            self.items.append((str(sample.key_expr), sample.payload.to_bytes()))
+            self._changed.notify_all()
+
+    async def until(self, true: Callable[[], bool], what: str) -> None:
+        """Wait until ``true()`` holds; it is asked again after each sample."""
+
+        def wait() -> bool:
+            with self._changed:
+                return self._changed.wait_for(true, PATIENCE_S)
+
+        assert await asyncio.to_thread(wait), f"no {what} among {len(self.items)} samples: {self.items[-5:]}"
+
+    def objects(self) -> list[dict[str, Any]]:
+        """The samples' JSON."""
+        return [json.loads(payload) for _, payload in self.items]
+
+    async def object(self, true: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
+        """The first sample whose JSON is as wanted, past ones included."""
+        await self.until(lambda: any(map(true, self.objects())), what)
+        return next(filter(true, self.objects()))
+
+
+class Ground:
+    """A client session as a ground station has it, beside one vehicle's keys."""
+
+    def __init__(self, session: zenoh.Session, fleet: str = "demo", name: str = "quad1") -> None:
+        self.session, self.fleet, self.name = session, fleet, name
+
+    def samples(self, what: keys.Channel | str, **chunks: object) -> Samples:
+        """Collect what comes on a channel of the vehicle, or on any key expression, from now on."""
+        key = what if isinstance(what, str) else what.key(self.fleet, self.name, **chunks)
+        return Samples(self.session, key)
+
+    def put(self, channel: keys.Channel, payload: bytes, **chunks: object) -> None:
+        self.session.put(channel.key(self.fleet, self.name, **chunks), payload, **channel.qos.options())
+
+    async def ask(self, key: str, payload: bytes = b"") -> list[zenoh.Reply]:
+        return await asyncio.to_thread(lambda: list(self.session.get(key, payload=payload, timeout=PATIENCE_S)))
+
+    async def do(self, verb: str, payload: bytes | None = None, **args: Any) -> wire.Outcome:
+        """Give an order once; raises what an error reply stands for."""
+        data = json.dumps(args).encode() if payload is None else payload
+        (reply,) = await self.ask(keys.DO.key(self.fleet, self.name, verb=verb), data)
+        if reply.ok is None:
+            assert reply.err is not None
+            raise wire.error_from(reply.err.payload.to_bytes())
+        return wire.decode(reply.ok.payload.to_bytes(), wire.Outcome, verb)
+
+
+class Net:
+    """Routers and clients on loopback, each router on a port of its own choice; all are closed at the test's end."""
+
+    def __init__(self) -> None:
+        self.sessions: list[zenoh.Session] = []
+
+    def router(self, *connect: str) -> tuple[zenoh.Session, str]:
+        """A router and where it listens."""
+        session = self._open(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], connect=connect))
+        (reply,) = session.get(f"@/{session.info.zid()}/router")
+        assert reply.ok is not None
+        endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]
+        return session, endpoint
+
+    def ground(self, endpoint: str, name: str = "quad1") -> Ground:
+        return Ground(self._open(SessionSettings(connect=[endpoint])), name=name)
+
+    async def linked(self, session: zenoh.Session, key: str) -> None:
+        """Wait until ``session`` knows of a subscriber of ``key``: what is put before is lost."""
+        known = threading.Event()
+
+        def on_match(status: Any) -> None:
+            if status.matching:
+                known.set()
+
+        publisher = session.declare_publisher(key)
+        listener = publisher.declare_matching_listener(on_match)
+        status: Any = publisher.matching_status
+        if not status.matching:
+            assert await asyncio.to_thread(known.wait, PATIENCE_S), f"nobody subscribes to {key}"
+        listener.undeclare()
+        publisher.undeclare()
+
+    def _open(self, how: SessionSettings) -> zenoh.Session:
+        self.sessions.append(open_session(how))
+        return self.sessions[-1]
+
+
+@pytest.fixture
+def net() -> Iterator[Net]:
+    net = Net()
+    yield net
+    for session in reversed(net.sessions):
+        session.close()
+
+
+StartOnboard = Callable[..., Awaitable[Onboard]]
+
+
+@pytest.fixture
+async def onboard(net: Net) -> AsyncIterator[StartOnboard]:
+    """Start an Onboard: ``await onboard(session, link, name=..., sysid=...)``."""
+    async with contextlib.AsyncExitStack() as stack:
+
+        async def start(session: zenoh.Session, link: str, name: str = "quad1", **more: Any) -> Onboard:
+            return await stack.enter_async_context(Onboard(session, OnboardSettings(link=link, name=name, **more)))
+
+        yield start
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

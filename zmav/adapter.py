@@ -10,6 +10,8 @@ link) and sent; what is not fit is counted and said in ``event``.
 
 from __future__ import annotations
 
+import re
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -22,8 +24,11 @@ from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
 from zmav.services.port import Heard, Listener, TxCounters
 
-MAX_PUBLISHERS = 1024
-"""Declared publishers a vehicle: beyond it (a hostile stream of invented ids) frames are put undeclared."""
+MAX_STREAMS = 1024
+"""Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
+MAX_UNKNOWN = 256
+"""... of which the dialect lacks the message: invented ids must not take the place of the vehicle's own."""
+ADDRESS = re.compile(r"0|[1-9]\d{0,2}", re.ASCII)
 
 
 class Put(Protocol):
@@ -65,7 +70,10 @@ class Adapter:
         self._packer = Packer(dialect, 1, component)
         self._routes: dict[bytes, Stream] = {}
         self._streams: dict[tuple[int, int, int], Stream] = {}
+        self._unknown = 0
         self._listeners: dict[int, tuple[Listener, ...]] = {}
+        self._listening = threading.Lock()
+        """a stream that begins while somebody begins to listen must not miss it"""
         self._publishers: list[zenoh.Publisher] = []
         self._subscriber: zenoh.Subscriber[None] | None = None
 
@@ -110,20 +118,23 @@ class Adapter:
         raw, place = frame.data, (frame.sysid, frame.compid, frame.msgid)
         stream = self._streams.get(place)
         if stream is None:
-            stream = Stream(self._putter(frame))
-            stream.listeners = self._listeners.get(frame.msgid, ())
-            if len(self._streams) >= MAX_PUBLISHERS:
-                return stream
-            self._streams[place] = stream
+            kept = len(self._streams) < MAX_STREAMS and (frame.verified or self._unknown < MAX_UNKNOWN)
+            stream = Stream(self._putter(frame, kept))
+            with self._listening:
+                stream.listeners = self._listeners.get(frame.msgid, ())
+                if not kept:
+                    return stream
+                self._streams[place] = stream
+            self._unknown += not frame.verified
         self._routes[raw[5:10] if raw[0] == 0xFD else raw[3:6]] = stream
         return stream
 
-    def _putter(self, frame: Frame) -> Put:
+    def _putter(self, frame: Frame, declared: bool) -> Put:
         key = keys.RX.key(
             self.fleet, self.name, sys=frame.sysid, comp=frame.compid, msg=self.dialect.name_of(frame.msgid)
         )
         options = keys.RX.qos.options()
-        if len(self._publishers) >= MAX_PUBLISHERS:
+        if not declared:
             return lambda payload: self.session.put(key, payload, **options)
         publisher = self.session.declare_publisher(key, encoding=keys.RX.encoding, **options)
         self._publishers.append(publisher)
@@ -153,22 +164,32 @@ class Adapter:
         name = self.dialect.name_of(frame.msgid)
         if parts["msg"] != name:
             raise BadKey(f"it holds {name}", field="key", value=parts["msg"], expected=name)
-        try:
-            address = int(parts["sys"]), int(parts["comp"])
-        except ValueError:
-            raise BadKey("its system and component must be numbers", field="key", value=key, expected="0-255") from None
-        inside = targets(frame, self.dialect)
-        if inside != (0, 0) and inside != address:
-            raise BadMessage(f"its fields address {inside[0]}/{inside[1]}", fields={"target_system": inside[0]})
-        if address[0] != 0 and address[0] not in {system for system, _, _ in list(self._streams)}:
-            raise BadKey(f"no system {address[0]} is on this link", field="sys", value=address[0])
+        if not (ADDRESS.fullmatch(parts["sys"]) and ADDRESS.fullmatch(parts["comp"])):
+            raise BadKey("its system and component must be numbers", field="key", value=key, expected="0-255")
+        system, component = int(parts["sys"]), int(parts["comp"])
+        message, inside = self.dialect.by_id.get(frame.msgid), targets(frame, self.dialect)
+        if message is not None:  # only what the message says can contradict the key: SET_MODE names no component
+            for part, field, said, offset in (
+                (system, "target_system", inside[0], message.target_system),
+                (component, "target_component", inside[1], message.target_component),
+            ):
+                if offset is not None and said != part:
+                    raise BadMessage(f"its {field} is {said}", fields={field: f"{said}, but {part} in the key"})
+        if system != 0 and not any(heard == system for heard, _ in list(self.splitter.sources)):
+            raise BadKey(f"no system {system} is on this link", field="sys", value=system)
         return frame
 
     # What services use; every method is thread-safe.
 
     def speak_as(self, sysid: int) -> None:
         """Use the vehicle's own system id, so that the companion never masks the loss of the real ground station."""
-        self._packer = Packer(self.dialect, sysid, self._component)
+        if sysid != self._packer.sysid:
+            self._packer = Packer(self.dialect, sysid, self._component)
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """The system and component id we speak as."""
+        return self._packer.sysid, self._component
 
     def send(self, name: str, **fields: Any) -> bool:
         """Send a message of our own; False where the link is down or full."""
@@ -205,20 +226,17 @@ class Adapter:
 
     def _msgid(self, name: str) -> int:
         number = name.removeprefix("UNKNOWN_")
-        return int(number) if number != name and number.isdigit() else self.dialect.message(name).id
+        return int(number) if number != name and re.fullmatch("[0-9]+", number) else self.dialect.message(name).id
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
         """Call ``listener(frame)`` in the reader thread for every such message of any source; returns what ends it."""
         msgid = self.dialect.message(name).id
-        self._set_listeners(msgid, (*self._listeners.get(msgid, ()), listener))
+        self._set_listeners(msgid, lambda before: (*before, listener))
+        return lambda: self._set_listeners(msgid, lambda before: tuple(x for x in before if x is not listener))
 
-        def stop() -> None:
-            self._set_listeners(msgid, tuple(x for x in self._listeners.get(msgid, ()) if x is not listener))
-
-        return stop
-
-    def _set_listeners(self, msgid: int, listeners: tuple[Listener, ...]) -> None:
-        self._listeners[msgid] = listeners
-        for place, stream in list(self._streams.items()):
-            if place[2] == msgid:
-                stream.listeners = listeners
+    def _set_listeners(self, msgid: int, change: Callable[[tuple[Listener, ...]], tuple[Listener, ...]]) -> None:
+        with self._listening:
+            listeners = self._listeners[msgid] = change(self._listeners.get(msgid, ()))
+            for place, stream in self._streams.items():
+                if place[2] == msgid:
+                    stream.listeners = listeners

@@ -38,6 +38,8 @@ class Identity:
         self._heard = 0.0
         self._asked = 0.0
         self._uids: dict[str, float] = {}
+        self._others: set[tuple[int, int]] = set()
+        """autopilots heard beside ours: a link of several vehicles is no exchange when ours falls silent"""
         self._stops: list[Callable[[], None]] = []
 
     def start(self) -> None:
@@ -70,10 +72,8 @@ class Identity:
         if fields["autopilot"] == AUTOPILOT_INVALID or fields["type"] in NOT_AUTOPILOTS:
             return
         source = (frame.sysid, frame.compid)
-        if self._wanted is not None and frame.sysid != self._wanted:
-            self._say_other(source)
-            return
-        if source != self.source and self.connected:
+        unwanted = self._wanted is not None and frame.sysid != self._wanted
+        if unwanted or source in self._others or (source != self.source and self.connected):
             self._say_other(source)
             return
         same = source == self.source and self.autopilot is not None and self._is(fields)
@@ -82,6 +82,7 @@ class Identity:
         if not same:
             self._adopt(source, fields)
         elif not self.connected:
+            self.uid, self._asked = None, 0.0  # it may be another one by now: its uid tells
             self._events.emit("autopilot", "notice", f"autopilot {source[0]} is heard again")
         self.connected = True
         self._say_changes(before)
@@ -102,12 +103,15 @@ class Identity:
         self.on_change()
 
     def _say_other(self, source: tuple[int, int]) -> None:
+        if source in self._others:
+            return
+        self._others.add(source)
+        advice = "" if self._wanted is not None else "; choose one with --sysid"
         self._events.emit(
             "autopilot",
             "warning",
-            f"another autopilot ({source[0]}/{source[1]}) is on this link and is not "
-            "commanded from here; choose one with --sysid",
-            limit=f"other {source}",
+            f"another autopilot ({source[0]}/{source[1]}) is on this link and is not commanded from here{advice}",
+            sysid=source[0],
         )
 
     def _say_changes(self, before: tuple[str | None, bool | None]) -> None:

@@ -7,7 +7,6 @@ same id, so that a lost answer costs one retry and no second takeoff.
 from __future__ import annotations
 
 import asyncio
-import re
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
@@ -24,7 +23,6 @@ MEMORY = 60.0
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
-_VERB = re.compile(rf"{keys.ROOT}/[^/]+/[^/]+/do/([a-z_]+)\Z")
 
 
 @dataclass
@@ -35,6 +33,11 @@ class Operation:
     started: float = field(default_factory=time.monotonic)
     ended: float | None = None
     progress: dict[str, Any] = field(default_factory=dict)
+
+    def end(self, task: asyncio.Task[dict[str, Any]]) -> None:
+        self.ended = time.monotonic()
+        if not task.cancelled():
+            task.exception()  # looked at, so that asyncio does not complain where nobody asks how it ended
 
 
 class Orders:
@@ -63,11 +66,11 @@ class Orders:
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
 
     def _accept(self, query: zenoh.Query) -> None:
-        exact = _VERB.match(str(query.key_expr))
-        if exact is None:
+        asked = str(query.key_expr)
+        if "*" in asked:
             query.drop()  # somebody looks around with a wildcard: that is no order
             return
-        answer = asyncio.get_running_loop().create_task(self._answer(query, exact[1]))
+        answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2]))
         self._answers.add(answer)
         answer.add_done_callback(self._answers.discard)
 
@@ -110,7 +113,7 @@ class Orders:
 
         task = asyncio.get_running_loop().create_task(_run(handler, args, report))
         operation = Operation(verb, payload, task, progress=progress)
-        task.add_done_callback(lambda _: setattr(operation, "ended", time.monotonic()))
+        task.add_done_callback(operation.end)
         self._operations[args.id or f"#{id(task)}"] = operation
         return operation
 

@@ -42,6 +42,9 @@ class Port(Protocol):
     tx: TxCounters
     heard: float
 
+    @property
+    def address(self) -> tuple[int, int]: ...
+
     def send(self, name: str, **fields: Any) -> bool: ...
 
     def latest(self, name: str, source: tuple[int, int]) -> Heard | None: ...

@@ -101,11 +101,11 @@ class Presence:
         if other["vehicle"] == self._name:
             return f"another vehicle is named {self._name}"
         mine = self._identity
-        if not mine.connected or mine.source is None or int(other["sys"]) != mine.source[0]:
+        if not mine.connected or mine.source is None or other["sys"] != str(mine.source[0]):
             return None
         if mine.uid is not None and other["uid"] == mine.uid:
             return None  # one autopilot, heard by two companions
-        if self._token_key and f"/{mine.source[0]}/" not in self._token_key:
+        if keys.match(self._token_key)[1]["sys"] != other["sys"]:
             return None  # we have not yet said who we are: the uids can be compared in a moment
         return f"{other['vehicle']} and {self._name} both have system id {mine.source[0]}"
 
