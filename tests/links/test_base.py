@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zmav.errors import LinkError
-from zmav.links import Link, LinkState, SocketUrl, TcpLink, UdpInLink, open_link
+from zmav.links import Link, LinkState, SocketUrl, TcpLink, UdpInLink, base, open_link
 from zmav.links.base import Backoff
 
 if TYPE_CHECKING:
@@ -175,6 +175,28 @@ def test_states_are_told_once_each_and_end_with_closed(watch: Watch) -> None:
     watched.link.close()
     assert [state for state, _ in watched.states] == [LinkState.CONNECTING, LinkState.DOWN, LinkState.CLOSED]
     assert "closed" in repr(watched.link)
+
+
+def test_backoff_starts_again_only_after_something_was_heard(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
+    resets: list[int] = []
+
+    class Recorded(Backoff):
+        def reset(self) -> None:
+            resets.append(1)
+            super().reset()
+
+    monkeypatch.setattr(base, "Backoff", Recorded)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(PATIENCE_S)
+        watched = watch(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        after = 0
+        for word, expected in ((b"", 0), (b"hello", 1), (b"", 1)):
+            peer, _ = server.accept()
+            peer.sendall(word)
+            peer.close()
+            after = watched.expect_state(LinkState.DOWN, after=after)
+            after = watched.expect_state(LinkState.UP, after=after)  # by then the last end was dealt with
+            assert len(resets) == expected
 
 
 def _make_url(kind: str, tmp_path: Path) -> tuple[str, Callable[[], None]]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import select
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -291,6 +294,43 @@ def test_options_of_a_stream() -> None:
         assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == tcp.KEEPALIVE_IDLE_S
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == tcp.DEAD_PEER_S * 1000
+
+
+SELF_CONNECT = """
+import socket, subprocess, threading
+from pathlib import Path
+from zmav.links import LinkState, open_link
+subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+Path("/proc/sys/net/ipv4/ip_local_port_range").write_text("40000 40001")
+with socket.socket() as plain:  # the kernel does it, when it is let
+    while plain.connect_ex(("127.0.0.1", 40000)):
+        pass
+    assert plain.getsockname() == plain.getpeername()
+    plain.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, bytes([1, 0, 0, 0, 0, 0, 0, 0]))
+link = open_link("tcp:127.0.0.1:40000")
+states, enough = [], threading.Event()
+def on_state(state, detail):
+    states.append((state, detail))
+    if "nobody listens there" in detail:
+        enough.set()
+link.start(lambda data: None, on_state)
+assert enough.wait(60), states
+link.close()
+assert not [state for state, _ in states if state is LinkState.UP], states
+"""
+
+
+@pytest.mark.root
+def test_tcp_does_not_connect_to_itself(root: Path) -> None:
+    """A port nobody listens on, among those the kernel chooses from, can be connected to itself: that is no peer."""
+    try:
+        subprocess.run(["unshare", "-n", "ip", "link"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no network namespaces here")
+    done = subprocess.run(
+        ["unshare", "-n", sys.executable, "-c", SELF_CONNECT], cwd=root, capture_output=True, text=True, timeout=100
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.root

@@ -148,6 +148,10 @@ def test_udpin_of_a_foreign_address_says_what_to_use(watch: Watch) -> None:
     watched.expect_state(LinkState.DOWN, "use udpout:192.0.2.1:14550")
 
 
+def test_localhost_listens_where_autopilots_send(watch: Watch) -> None:
+    watch("udpin:localhost:0").expect_state(LinkState.CONNECTING, "listening on 127.0.0.1:")
+
+
 def test_unknown_host_is_down_and_retried(watch: Watch) -> None:
     watched = watch("udpout:no-such-host.invalid:14550")
     watched.expect_state(LinkState.DOWN, "cannot resolve 'no-such-host.invalid'")
@@ -259,6 +263,7 @@ def test_what_the_kernel_drops_is_counted(peer: Peer) -> None:
     while not last.wait(0.05):  # sent until there is room for it
         vehicle.sendto(b"last", link.local_address)
     link.close()
+    assert link.counters.rx_dropped >= dropped  # the last word, kept
     assert len([data for data in heard if data != b"last"]) == sent - dropped
 
 

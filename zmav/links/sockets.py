@@ -49,11 +49,15 @@ def grow_receive_buffer(sock: socket.socket, size: int = RECEIVE_BUFFER) -> int:
 
 
 def resolve(host: str, port: int, kind: socket.SocketKind) -> list[tuple[int, Address]]:
-    """(family, address) of each meaning of ``host``; raises LinkDown when the name is not known (yet)."""
+    """(family, address) of each meaning of ``host``, IPv4 first; raises LinkDown when the name is not known (yet).
+
+    IPv4 first, because autopilots and simulators speak nothing else: ``localhost`` must not listen on ::1 alone.
+    """
     try:
         found = socket.getaddrinfo(host, port, type=kind)
     except (OSError, UnicodeError) as error:
         raise LinkDown(f"cannot resolve {host!r}: {getattr(error, 'strerror', None) or error}", host=host) from error
+    found.sort(key=lambda one: one[0] != socket.AF_INET)
     return [(family, address) for family, _, _, _, address in found]
 
 

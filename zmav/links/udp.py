@@ -59,11 +59,14 @@ class UdpLink(Link):
 
     @property
     def counters(self) -> LinkCounters:
+        self._count_drops()
+        return self._counters
+
+    def _count_drops(self) -> None:
         if sys.platform == "linux" and self._sock is not None:
             with contextlib.suppress(OSError, struct.error):
                 meminfo = self._sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 4 * (MEMINFO_DROPS + 1))
                 self._counters.rx_dropped = struct.unpack_from("=I", meminfo, 4 * MEMINFO_DROPS)[0]
-        return self._counters
 
     def _bind(self, family: int, address: Address) -> None:
         sock = socket.socket(family, socket.SOCK_DGRAM)
@@ -105,6 +108,7 @@ class UdpLink(Link):
 
     def _release(self) -> None:
         if self._closing.is_set() and self._sock is not None:
+            self._count_drops()
             self._sock.close()
             self._sock = None
 
