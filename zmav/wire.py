@@ -295,7 +295,7 @@ def decode(data: bytes, kind: type[W], what: str) -> W:
         named = _NAMED_FIELD.search(text)  # a missing or an unknown field: the path is that of the object around it
         field = ".".join(filter(None, (path.strip("`").lstrip("."), named and named[1]))) or kind.__name__
         raise BadInput(f"{what}: {text} (at {field})", field=field, value=_clip(data), expected=text) from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as e:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
         raise BadInput(f"{what}: not JSON: {e}", field=what, value=_clip(data), expected="a JSON object") from None
 
 
@@ -311,6 +311,6 @@ def error_from(data: bytes) -> ZmavError:
     """The exception an error reply stands for."""
     try:
         body = msgspec.json.decode(data, type=ErrorBody)
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return ZmavError(_clip(data) or "an error without a text")
     return from_code(body.code, body.message, body.detail)

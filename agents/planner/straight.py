@@ -43,7 +43,8 @@ class Line:
         """The point at ``t`` seconds: the start before, the goal after."""
         if t >= self.duration:
             return self.goal
-        t = max(t, 0.0)
+        if t <= 0.0:
+            return self.start
         ramp, a = self._ramp, self.acceleration
         rest = self.duration - t
         if t < ramp:
