@@ -83,7 +83,7 @@ class Orders:
             except ZmavError as e:
                 query.reply_err(wire.error_body(e), encoding=keys.JSON)
             else:
-                query.reply(key, wire.encode(outcome), encoding=keys.JSON, priority=keys.DO.qos.priority)
+                query.reply(key, wire.encode(outcome), encoding=keys.JSON)
 
     async def _outcome(self, verb: str, payload: bytes) -> wire.Outcome:
         if verb not in self._verbs:

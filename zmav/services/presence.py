@@ -25,7 +25,7 @@ class Presence:
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, instance: str, identity: Identity, events: Events
     ) -> None:
-        self._session, self._fleet, self._name, self._instance = session, fleet, name, instance
+        self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
         self._identity, self._events = identity, events
         self.clash: str | None = None
         self.on_change: Callable[[], None] = lambda: None
@@ -66,7 +66,7 @@ class Presence:
             sys=known.source[0] if known and known.source else 0,
             autopilot=known.autopilot.name if known and known.autopilot else NOBODY,
             uid=(known.uid if known else None) or NOBODY,
-            instance=self._instance,
+            instance=self.instance,
         )
         if key != self._token_key:
             token = self._session.liveliness().declare_token(key)
@@ -77,7 +77,7 @@ class Presence:
     def _on_token(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         _, parts = keys.match(key)
-        if parts["instance"] == self._instance:
+        if parts["instance"] == self.instance:
             return
         if sample.kind == zenoh.SampleKind.PUT:
             self._others[key] = parts

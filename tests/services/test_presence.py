@@ -1,0 +1,168 @@
+"""Clashes: two vehicles of one name or one system id are noticed and said by both, and nobody commands them."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from zmav import keys, wire
+from zmav.errors import Clash
+from zmav.mavlink import Packer, encode
+from zmav.onboard import Onboard, OnboardSettings
+from zmav.services import identity
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
+    from tests.services.conftest import Bench, Peer, StartBench, StartPeer
+
+ARM, REQUEST_MESSAGE = 400, 512
+
+
+def tokens(b: Bench) -> list[dict[str, str]]:
+    """The vehicles' tokens as the ground sees them."""
+    found = b.ground.session.liveliness().get("zmav/demo/*/alive/**")
+    return [keys.match(str(reply.ok.key_expr))[1] for reply in found if reply.ok is not None]
+
+
+async def refuses_everything(b: Bench) -> None:
+    """Orders, frames and setpoints to a vehicle in a clash."""
+    for verb, args in (
+        ("arm", {}), ("takeoff", {"alt_rel": 5.0}), ("goto", {"pos": [0, 0, -5]}), ("set_mode", {"mode": "GUIDED"}),
+        ("hold", {}), ("land", {}), ("disarm", {}), ("lease", {"holder": "a"}),
+    ):  # fmt: skip
+        with pytest.raises(Clash):
+            await b.ground.do(verb, **args)
+    fields = {"target_system": 1, "target_component": 1, "command": ARM, "confirmation": 0}
+    fields.update({f"param{n}": 0 for n in range(1, 8)})
+    frame = encode(b.peer.dialect, "COMMAND_LONG", fields, sysid=255, compid=190)
+    b.ground.put(keys.TX, frame, sys=1, comp=1, msg="COMMAND_LONG")
+    await b.event("COMMAND_LONG refused", kind="refused")
+    b.ground.put(keys.SETPOINT, setpoint(), agent="a")
+    await b.state(lambda s: s["setpoints"].get("clash") == 1, "dropped setpoint")
+    assert b.vehicle.adapter.tx.refused == 1
+    assert b.peer.commands(ARM) == []
+
+
+def setpoint() -> bytes:
+    return wire.encode(wire.Setpoint(lease="x", seq=1, deadline=time.time() + 1, vel=(0.0, 0.0, 0.0)))
+
+
+async def test_one_system_id_twice(bench: StartBench) -> None:
+    a = await (await bench(name="quad1", uid=1)).connected()
+    b = await bench(name="quad2", uid=2, connect=(a.endpoint,))
+    for one in (a, b):
+        state = await one.state(lambda s: s["clash"], "clash")
+        assert "quad1" in state["clash"] and "quad2" in state["clash"] and "system id 1" in state["clash"]
+        said = await one.event("both have system id 1", kind="clash")
+        assert said["severity"] == "critical"
+    await refuses_everything(a)
+    await refuses_everything(b)
+    b.peer.beating = False
+    await a.state(lambda s: s["clash"] is None, "end of the clash")
+    await a.event("the clash is over")
+    assert (await a.ground.do("ping")).status == "done"
+    a.peer.armed = True
+    await a.ground.do("disarm")
+    assert a.peer.armed is False
+
+
+async def test_one_name_twice(bench: StartBench, peer: StartPeer, net: Net) -> None:
+    a = await (await bench(name="quad1", sysid=1)).connected()
+    other, _ = net.router(a.endpoint)
+    async with Onboard(other, OnboardSettings(link=(await peer(sysid=2)).url, name="quad1")) as b:
+        await b_clash(a, b)
+        with pytest.raises(Clash):
+            b.presence.check()
+    await a.state(lambda s: s["clash"] is None and s["instance"] == a.vehicle.presence.instance, "end of the clash")
+    a.vehicle.presence.check()
+
+
+async def b_clash(a: Bench, b: Onboard) -> None:
+    """Both instances say so; they share every key, so the ground hears them side by side."""
+    instances = {a.vehicle.presence.instance, b.presence.instance}
+    await a.states.until(
+        lambda: (
+            {s["instance"] for s in a.states.objects() if s["clash"] == "another vehicle is named quad1"} == instances
+        ),
+        "the clash in both states",
+    )
+    replies = await a.ground.ask("zmav/demo/quad1/do/arm")
+    assert replies
+    for reply in replies:
+        assert reply.err is not None
+        assert wire.error_from(reply.err.payload.to_bytes()).code == "clash"
+    await a.events.until(
+        lambda: sum(e["kind"] == "clash" and e["severity"] == "critical" for e in a.events.objects()) == 2,
+        "two events of a clash",
+    )
+
+
+async def test_one_autopilot_heard_by_two_companions_is_no_clash(bench: StartBench, peer: StartPeer) -> None:
+    silent = await peer(uid=5)
+    silent.mute = {REQUEST_MESSAGE}
+    silent.results = {REQUEST_MESSAGE: [4]}
+    a = await (await bench(name="quad1", uid=5)).connected()
+    b = await bench(silent, name="quad2", connect=(a.endpoint,))
+    # As long as the second cannot tell who it is, they may be two.
+    await a.state(lambda s: s["clash"], "clash with an unknown")
+    await b.state(lambda s: s["clash"], "clash of an unknown")
+    silent.mute = set()
+    for one in (a, b):
+        state = await one.state(lambda s: s["uid"] and s["clash"] is None, "peace")
+        assert state["uid"] == f"{5:016x}"
+    a.vehicle.presence.check()
+    b.vehicle.presence.check()
+
+
+async def test_two_system_ids_are_no_clash_and_the_tokens_say_who_is_there(bench: StartBench) -> None:
+    a = await (await bench(name="1", sysid=1, uid=1)).connected()
+    b = await (await bench(name="2", sysid=2, uid=2, connect=(a.endpoint,))).connected()
+    wanted = {("1", "1", f"{1:016x}"), ("2", "2", f"{2:016x}")}
+    await b.state(lambda s: {(t["vehicle"], t["sys"], t["uid"]) for t in tokens(b)} == wanted, "both tokens")
+    assert {t["autopilot"] for t in tokens(b)} == {"ardupilot"}
+    await a.state(lambda s: True, "another state")
+    assert all(s["clash"] is None for s in a.states.objects() + b.states.objects())
+
+
+async def test_two_autopilots_of_one_system_id_on_one_link(
+    bench: StartBench, peer: StartPeer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identity, "UID_MEMORY", 2.0)
+    monkeypatch.setattr(identity, "ASK_EVERY", 0.5)
+    one = await peer(uid=1)
+    b = await (await bench(one)).connected()
+    answers = one.obey
+
+    def both(number: int, fields: dict[str, Any]) -> None:
+        answers(number, fields)
+        if number == REQUEST_MESSAGE:
+            twin(one)
+
+    monkeypatch.setattr(one, "obey", both)
+    state = await b.state(lambda s: s["clash"], "clash")
+    assert state["clash"] == "2 autopilots with system id 1 on this link"
+    with pytest.raises(Clash):
+        await b.ground.do("arm")
+    monkeypatch.setattr(one, "obey", answers)
+    await b.state(lambda s: s["clash"] is None and s["uid"] == f"{1:016x}", "end of the clash")
+
+
+def twin(one: Peer) -> None:
+    """The same system's answer, from another machine."""
+    one.raw(Packer(one.dialect, 1, 1).pack("AUTOPILOT_VERSION", uid=2))
+
+
+async def test_a_token_that_makes_no_sense_harms_nobody(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    liveliness = b.ground.session.liveliness()
+    odd = [
+        liveliness.declare_token(f"zmav/demo/odd/alive/vehicle/{rest}")
+        for rest in ("first/none/-/nobody", "1/ardupilot/77/somebody")
+    ]
+    assert "odd" in (await b.state(lambda s: s["clash"], "clash with the one that does"))["clash"]
+    assert not [e for e in b.events.objects() if e["kind"] == "fault"]
+    for token in odd:
+        token.undeclare()
+    await b.state(lambda s: s["clash"] is None, "end of the clash")
