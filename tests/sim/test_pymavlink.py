@@ -96,10 +96,11 @@ def test_a_whole_flight(script: Script) -> None:
 
     for north, east in ((20, 0), (20, 20), (0, 20), (0, 0)):
         script.goto(north, east, -10)
-        there = script.next(
-            "LOCAL_POSITION_NED",
-            lambda m, n=north, e=east: math.hypot(m.x - n, m.y - e) < 0.5 and abs(m.vx + m.vy) < 0.3,
-        )
+
+        def arrived(m: Any, n: float = north, e: float = east) -> bool:
+            return math.hypot(m.x - n, m.y - e) < 0.5 and abs(m.vx + m.vy) < 0.3
+
+        there = script.next("LOCAL_POSITION_NED", arrived)
         assert abs(there.z + 10) < 0.5
 
     script.fly(3.0, 0.0, 0.0)

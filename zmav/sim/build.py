@@ -76,15 +76,17 @@ def build(
             uid = specs[i].uid
             node = MavNode(copter, dialect, uid=_uid(seed, i) if uid is None else uid, epoch_us=epoch_us)
             node.wind = wind
-            node.throttles = _throttles(squad.fleet, place)
+            node.throttles = _column(squad.fleet, "throttle", place)
+            node.rotor_speeds = _column(squad.fleet, "rotor", place)
             vehicle = SimVehicle(specs[i].name or f"copter{i + 1}", copter, node)
             squad.vehicles.append(vehicle)
             built[i] = (squad, vehicle)
     return [built[i] for i in range(len(specs))]
 
 
-def _throttles(fleet: CopterFleet, place: int) -> Callable[[], list[float]]:
-    return lambda: [float(u) for u in fleet.dynamics.throttle[:, place]]
+def _column(fleet: CopterFleet, name: str, place: int) -> Callable[[], list[float]]:
+    """Reads one vehicle's rotors out of an array of the physics."""
+    return lambda: [float(value) for value in getattr(fleet.dynamics, name)[:, place]]
 
 
 def _uid(seed: int, index: int) -> int:

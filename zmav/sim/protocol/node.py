@@ -16,9 +16,11 @@ from zmav.sim.protocol import commands, setpoint
 from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.protocol.mission import MissionProtocol
 from zmav.sim.protocol.params import ParamProtocol
+from zmav.sim.protocol.reports.status import GIT_HASH
 from zmav.sim.protocol.router import Router
 from zmav.sim.protocol.streams import RATE_PARAMS
-from zmav.sim.protocol.telemetry import GIT_HASH, REPORTS
+from zmav.sim.protocol.telemetry import REPORTS
+from zmav.sim.sensors.magnetic import earth_field
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 TIMESYNC_PERIOD_S = 10.0
@@ -38,7 +40,10 @@ class MavNode:
         self.dialect = dialect
         self.uid = uid
         self.wind: Vector = (0.0, 0.0, 0.0)
-        self.throttles: Callable[[], list[float]] = list
+        place = copter.world
+        self.field = earth_field(place.lat_deg, place.lon_deg)
+        self.throttles: Callable[[], list[float]] = list  # of each rotor, 0..1
+        self.rotor_speeds: Callable[[], list[float]] = list  # shares of the highest
         self.channels: list[Channel] = []
         self.bad_messages = 0
         self._epoch_us = epoch_us

@@ -10,7 +10,7 @@ HEARTBEAT_PERIOD_S = 1.0
 
 # MAV_DATA_STREAM -> what ArduPilot sends in it, of what is simulated.
 GROUPS: dict[int, tuple[str, ...]] = {
-    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_PRESSURE"),
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2"),
     2: (
         "SYS_STATUS",
         "POWER_STATUS",
@@ -22,9 +22,9 @@ GROUPS: dict[int, tuple[str, ...]] = {
     ),
     3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
-    10: ("ATTITUDE", "SIMSTATE", "AHRS2"),
+    10: ("ATTITUDE", "SIMSTATE", "AHRS2", "ESC_TELEMETRY_1_TO_4"),
     11: ("VFR_HUD",),
-    12: ("AHRS", "SYSTEM_TIME", "WIND", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION"),
+    12: ("AHRS", "SYSTEM_TIME", "WIND", "TERRAIN_REPORT", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION"),
 }
 # The parameter that holds a group's default rate on the first serial port, Hz.
 RATE_PARAMS = {

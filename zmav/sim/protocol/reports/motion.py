@@ -1,0 +1,211 @@
+"""Where the vehicle is, how it moves, and where it wants to go."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from zmav.sim.autopilots.guided import Doing
+from zmav.sim.control.setpoints import Vector
+from zmav.sim.geo import Position
+from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.node import MavNode
+
+
+def attitude(node: MavNode) -> Fields:
+    s = node.copter.sense
+    return {
+        "time_boot_ms": boot_ms(node),
+        "roll": s.roll,
+        "pitch": s.pitch,
+        "yaw": s.yaw,
+        "rollspeed": s.p,
+        "pitchspeed": s.q,
+        "yawspeed": s.r,
+    }
+
+
+def attitude_quaternion(node: MavNode) -> Fields:
+    s = node.copter.sense
+    return {
+        "time_boot_ms": boot_ms(node),
+        "q1": s.qw,
+        "q2": s.qx,
+        "q3": s.qy,
+        "q4": s.qz,
+        "rollspeed": s.p,
+        "pitchspeed": s.q,
+        "yawspeed": s.r,
+    }
+
+
+def local_position_ned(node: MavNode) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.position_ok:
+        return None
+    x, y, z = copter.local
+    return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}
+
+
+def global_position_int(node: MavNode) -> Fields:
+    copter, s = node.copter, node.copter.sense
+    if not copter.boot.has("origin"):
+        return {"time_boot_ms": boot_ms(node), "hdg": centidegrees(s.yaw)}
+    here = copter.position
+    return {
+        "time_boot_ms": boot_ms(node),
+        "lat": e7(here.lat_deg),
+        "lon": e7(here.lon_deg),
+        "alt": round(here.alt_amsl_m * 1000),
+        "relative_alt": round((copter.home_world[2] - s.down) * 1000),
+        "vx": round(s.vn * 100),
+        "vy": round(s.ve * 100),
+        "vz": round(s.vd * 100),
+        "hdg": centidegrees(s.yaw),
+    }
+
+
+def vfr_hud(node: MavNode) -> Fields:
+    copter, s = node.copter, node.copter.sense
+    speed = math.hypot(s.vn, s.ve)
+    wind_n, wind_e, wind_d = node.wind
+    return {
+        "airspeed": math.sqrt((s.vn - wind_n) ** 2 + (s.ve - wind_e) ** 2 + (s.vd - wind_d) ** 2),
+        "groundspeed": speed,
+        "heading": int(math.degrees(s.yaw)) % 360,
+        "throttle": round(s.throttle * 100) if copter.armed else 0,
+        "alt": copter.position.alt_amsl_m if copter.boot.has("origin") else 0.0,
+        "climb": -s.vd,
+    }
+
+
+def home_position(node: MavNode) -> Fields | None:
+    copter = node.copter
+    if not copter.boot.has("origin"):
+        return None
+    home, origin = copter.home_world, copter.origin_world
+    place = copter.place(home)
+    return {
+        "latitude": e7(place.lat_deg),
+        "longitude": e7(place.lon_deg),
+        "altitude": round(place.alt_amsl_m * 1000),
+        "x": home[0] - origin[0],
+        "y": home[1] - origin[1],
+        "z": home[2] - origin[2],
+        "q": [math.nan] * 4,
+        "time_usec": boot_us(node),
+    }
+
+
+def gps_global_origin(node: MavNode) -> Fields | None:
+    copter = node.copter
+    if not copter.boot.has("origin"):
+        return None
+    place = copter.place(copter.origin_world)
+    return {
+        "latitude": e7(place.lat_deg),
+        "longitude": e7(place.lon_deg),
+        "altitude": round(place.alt_amsl_m * 1000),
+        "time_usec": boot_us(node),
+    }
+
+
+def nav_controller_output(node: MavNode) -> Fields:
+    s = node.copter.sense
+    fields: Fields = {
+        "nav_roll": math.degrees(s.want_roll),
+        "nav_pitch": math.degrees(s.want_pitch),
+        "nav_bearing": round(math.degrees(s.want_yaw)),
+    }
+    target = _held_position(node)
+    if target is not None:
+        north, east = target[0] - s.north, target[1] - s.east
+        fields.update(
+            target_bearing=round(math.degrees(math.atan2(east, north))) % 360,
+            wp_dist=min(round(math.hypot(north, east)), 65535),
+            alt_error=s.down - target[2],
+        )
+    return fields
+
+
+def _held_position(node: MavNode) -> Vector | None:
+    """The position GUIDED flies to or holds, in the world's NED."""
+    guided = node.copter.guided
+    if node.copter.mode is guided and guided.doing in (Doing.POSITION, Doing.POSITION_VELOCITY):
+        return guided.target.pos
+    return None
+
+
+def position_target_local_ned(node: MavNode) -> Fields | None:
+    copter, guided = node.copter, node.copter.guided
+    if copter.mode is not guided or guided.doing in (Doing.HOLD, Doing.ATTITUDE):
+        return None
+    mask = 0xC00  # yaw and yaw rate
+    fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1}
+    north, east, down = copter.origin_world
+    pos = guided.target.pos
+    about = (pos[0] - north, pos[1] - east, pos[2] - down) if pos is not None else None
+    for bits, vector, names in (
+        (0x007, about, ("x", "y", "z")),
+        (0x038, guided.target.vel, ("vx", "vy", "vz")),
+        (0x1C0, guided.target.acc, ("afx", "afy", "afz")),
+    ):
+        if vector is None:
+            mask |= bits
+        else:
+            fields.update(zip(names, vector, strict=True))
+    fields["type_mask"] = mask
+    return fields
+
+
+def position_target_global_int(node: MavNode) -> Fields | None:
+    pos = _held_position(node)
+    if pos is None:
+        return None
+    place = node.copter.place(pos)
+    return {
+        "time_boot_ms": boot_ms(node),
+        "type_mask": 0xFDF8,
+        "lat_int": e7(place.lat_deg),
+        "lon_int": e7(place.lon_deg),
+        "alt": place.alt_amsl_m,
+    }
+
+
+def simstate(node: MavNode) -> Fields:
+    copter, s = node.copter, node.copter.sense
+    true: Position = copter.place((s.true_north, s.true_east, s.true_down))
+    return {
+        "roll": s.roll,
+        "pitch": s.pitch,
+        "yaw": s.yaw,
+        "xacc": s.fx,
+        "yacc": s.fy,
+        "zacc": s.fz,
+        "xgyro": s.p,
+        "ygyro": s.q,
+        "zgyro": s.r,
+        "lat": e7(true.lat_deg),
+        "lng": e7(true.lon_deg),
+    }
+
+
+def ahrs(node: MavNode) -> Fields:
+    return {"error_rp": 0.004, "error_yaw": 0.004}
+
+
+def ahrs2(node: MavNode) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.boot.has("ekf_started"):
+        return None
+    here = copter.position if copter.boot.has("origin") else Position(0.0, 0.0, 0.0)
+    return {
+        "roll": s.roll,
+        "pitch": s.pitch,
+        "yaw": s.yaw,
+        "altitude": here.alt_amsl_m,
+        "lat": e7(here.lat_deg),
+        "lng": e7(here.lon_deg),
+    }

@@ -1,0 +1,138 @@
+"""What sensors measure and outputs are given."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from zmav.sim.dynamics.airframe import GRAVITY
+from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7, int16
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.node import MavNode
+
+MOST_RPM = 10_000.0
+
+
+def gps_raw_int(node: MavNode) -> Fields:
+    copter, s = node.copter, node.copter.sense
+    if not copter.boot.has("gps"):
+        return {"eph": 65535, "epv": 65535}
+    here = copter.position
+    speed = math.hypot(s.vn, s.ve)
+    return {
+        "time_usec": boot_us(node),
+        "fix_type": 6,
+        "lat": e7(here.lat_deg),
+        "lon": e7(here.lon_deg),
+        "alt": round(here.alt_amsl_m * 1000),
+        "eph": 121,
+        "epv": 200,
+        "vel": min(round(speed * 100), 65534),
+        "cog": centidegrees(math.atan2(s.ve, s.vn)),
+        "satellites_visible": 10,
+        "alt_ellipsoid": round(here.alt_amsl_m * 1000),
+        "h_acc": 300,
+        "v_acc": 300,
+    }
+
+
+def raw_imu(node: MavNode) -> Fields:
+    return {"time_usec": boot_us(node), **_imu(node)}
+
+
+def scaled_imu2(node: MavNode) -> Fields:
+    return {"time_boot_ms": boot_ms(node), **_imu(node)}
+
+
+def scaled_imu3(node: MavNode) -> Fields:
+    """There are two accelerometers and gyroscopes, but three compasses."""
+    return {"time_boot_ms": boot_ms(node), **_compass(node)}
+
+
+def _imu(node: MavNode) -> Fields:
+    s = node.copter.sense
+    to_mg = 1000.0 / GRAVITY
+    return {
+        "xacc": int16(s.fx * to_mg),
+        "yacc": int16(s.fy * to_mg),
+        "zacc": int16(s.fz * to_mg),
+        "xgyro": int16(s.p * 1000.0),
+        "ygyro": int16(s.q * 1000.0),
+        "zgyro": int16(s.r * 1000.0),
+        "temperature": 3200,
+        **_compass(node),
+    }
+
+
+def _compass(node: MavNode) -> Fields:
+    """The Earth's field in body axes, milligauss."""
+    s = node.copter.sense
+    n, e, d = (1000.0 * part for part in node.field)
+    w, x, y, z = s.qw, s.qx, s.qy, s.qz
+    return {
+        "xmag": int16((1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d),
+        "ymag": int16(2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d),
+        "zmag": int16(2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d),
+    }
+
+
+def scaled_pressure(node: MavNode) -> Fields:
+    # The International Standard Atmosphere up to 11 km.
+    height = node.copter.position.alt_amsl_m
+    return {
+        "time_boot_ms": boot_ms(node),
+        "press_abs": 1013.25 * (1.0 - 2.25577e-5 * min(height, 40000.0)) ** 5.25588,
+        "temperature": 3100,
+    }
+
+
+def terrain_report(node: MavNode) -> Fields | None:
+    """The flat ground, as one who has no terrain data says it."""
+    copter = node.copter
+    if not copter.boot.has("origin"):
+        return {"spacing": 100, "pending": 56}
+    here = copter.position
+    return {"lat": e7(here.lat_deg), "lon": e7(here.lon_deg), "current_height": here.alt_amsl_m, "pending": 504}
+
+
+def esc_telemetry(node: MavNode) -> Fields:
+    turning = [round(MOST_RPM * speed) for speed in node.rotor_speeds()[:4]]
+    volts = round(node.copter.airframe.battery_v * 100)
+    amps = round(node.copter.sense.current_a * 100 / len(node.copter.airframe.rotors))
+    return {
+        "temperature": [32] * 4,
+        "voltage": [volts] * 4,
+        "current": [amps] * 4,
+        "totalcurrent": [round(node.copter.consumed_mah / 4)] * 4,
+        "rpm": turning,
+        "count": [int(node.copter.uptime * 400) % 65536] * 4,
+    }
+
+
+def vibration(node: MavNode) -> Fields:
+    level = 0.02 if not node.copter.landed else 0.003
+    return {"time_usec": boot_us(node), "vibration_x": level, "vibration_y": level, "vibration_z": level}
+
+
+def rc_channels(node: MavNode) -> Fields:
+    fields: Fields = {f"chan{i}_raw": pwm for i, pwm in enumerate(node.copter.pilot.pwm, start=1)}
+    return {"time_boot_ms": boot_ms(node), "chancount": len(fields), "rssi": 255, **fields}
+
+
+def servo_output_raw(node: MavNode) -> Fields:
+    fields: Fields = {f"servo{i}_raw": round(1000 + 1000 * u) for i, u in enumerate(node.throttles(), start=1)}
+    return {"time_usec": boot_us(node), **fields}
+
+
+def wind(node: MavNode) -> Fields | None:
+    copter = node.copter
+    if not copter.position_ok:
+        return None
+    north, east, down = node.wind
+    # Where it comes from.
+    return {
+        "direction": math.degrees(math.atan2(-east, -north)),
+        "speed": math.hypot(north, east),
+        "speed_z": down,
+    }

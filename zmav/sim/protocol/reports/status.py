@@ -1,0 +1,132 @@
+"""How the vehicle is: heartbeat, health, battery, time, versions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from zmav.sim.autopilots.boot import Flag
+from zmav.sim.protocol.reports.base import Fields, boot_ms
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.node import MavNode
+
+# AUTOPILOT_VERSION.capabilities: float and int missions, float parameters, COMMAND_INT, attitude and position
+# targets, flight termination, MAVLink 2, values cast to float.
+CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x40 | 0x80 | 0x100 | 0x800 | 0x2000
+VERSION = 0x04070000  # 4.7.0-dev
+GIT_HASH = "zmav-sim"
+
+_ARMED, _MANUAL, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
+_PREARM_BIT = 0x10000000
+_AHRS_BIT = 0x00200000
+_SENSORS_PRESENT = 0x5371FC2F
+_SENSORS_ENABLED = 0x52619C2F
+_SENSORS_WHEN_ARMED = 0x01006000
+_SENSORS_HEALTHY = 0x47719C2F
+_SENSORS_BOOTING = 0x5331FC0F, 0x52019C0F, 0x45119C0B
+
+
+def heartbeat(node: MavNode) -> Fields:
+    copter = node.copter
+    mode = _MANUAL | _STABILIZE | _CUSTOM
+    if copter.mode.needs_position or copter.mode.number == 9 or copter.system_status == 1:
+        mode |= _GUIDED
+    if copter.armed:
+        mode |= _ARMED
+    return {
+        "type": 13 if len(copter.airframe.rotors) == 6 else 2,
+        "autopilot": 3,
+        "base_mode": mode,
+        "custom_mode": copter.mode.number,
+        "system_status": copter.system_status,
+        "mavlink_version": 3,
+    }
+
+
+def sys_status(node: MavNode) -> Fields:
+    copter = node.copter
+    if not copter.boot.has("gps"):
+        present, enabled, health = _SENSORS_BOOTING
+    else:
+        present, enabled, health = _SENSORS_PRESENT, _SENSORS_ENABLED, _SENSORS_HEALTHY
+        if not copter.boot.has("prearm"):
+            enabled, health = enabled & ~_AHRS_BIT, health & ~_AHRS_BIT
+        if copter.armed:
+            enabled |= _SENSORS_WHEN_ARMED
+        if node.prearm_ok:
+            health |= _PREARM_BIT
+    return {
+        "onboard_control_sensors_present": present,
+        "onboard_control_sensors_enabled": enabled,
+        "onboard_control_sensors_health": health,
+        "voltage_battery": round(copter.airframe.battery_v * 1000),
+        "current_battery": round(copter.sense.current_a * 100),
+        "battery_remaining": _battery_left(node),
+    }
+
+
+def battery_status(node: MavNode) -> Fields:
+    copter = node.copter
+    volts = copter.airframe.battery_v
+    return {
+        "temperature": 32767,
+        "voltages": [round(volts * 1000)] + [65535] * 9,
+        "current_battery": round(copter.sense.current_a * 100),
+        "current_consumed": round(copter.consumed_mah),
+        "energy_consumed": round(copter.consumed_mah * volts * 0.036),  # hectojoules
+        "battery_remaining": _battery_left(node),
+        "charge_state": 1,
+    }
+
+
+def _battery_left(node: MavNode) -> int:
+    capacity = max(node.copter.params["BATT_CAPACITY"], 1.0)
+    return max(round(100.0 * (1.0 - node.copter.consumed_mah / capacity)), 0)
+
+
+def power_status(node: MavNode) -> Fields:
+    return {"Vcc": 5000}
+
+
+def meminfo(node: MavNode) -> Fields:
+    return {"freemem": 65535, "freemem32": 524288}
+
+
+def system_time(node: MavNode) -> Fields:
+    unix = node.unix_us if node.copter.boot.has("gps") else 0
+    return {"time_unix_usec": unix, "time_boot_ms": boot_ms(node)}
+
+
+def ekf_status_report(node: MavNode) -> Fields:
+    flags = node.copter.boot.ekf_flags
+    known = 0.0 if flags in (Flag(0), Flag.UNINITIALIZED) else 1.0
+    return {
+        "flags": int(flags),
+        "velocity_variance": 0.008 * known,
+        "pos_horiz_variance": 0.004 * known,
+        "pos_vert_variance": 0.0005 * known,
+        "compass_variance": 0.011 * known,
+    }
+
+
+def extended_sys_state(node: MavNode) -> Fields:
+    copter = node.copter
+    if copter.landed and not (copter.armed and copter.guided.taking_off):
+        return {"landed_state": 1}
+    if copter.mode is copter.guided and copter.guided.taking_off:
+        return {"landed_state": 3}
+    return {"landed_state": 4 if copter.mode.number == 9 else 2}
+
+
+def mission_current(node: MavNode) -> Fields:
+    return {"mission_state": 1}
+
+
+def autopilot_version(node: MavNode) -> Fields:
+    return {
+        "capabilities": CAPABILITIES,
+        "flight_sw_version": VERSION,
+        "flight_custom_version": list(GIT_HASH.encode("ascii")),
+        "uid": node.uid,
+        "uid2": list(node.uid.to_bytes(8, "little")) + [0] * 10,
+    }
