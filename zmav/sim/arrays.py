@@ -15,7 +15,7 @@ Flags = NDArray[np.bool_]
 
 def limit_length(vector: Array, limit: Array | float) -> Array:
     """``vector`` (k, N), shortened where it is longer than ``limit`` (N,)."""
-    length = np.sqrt((vector * vector).sum(0))
+    length = np.sqrt(dot(vector, vector))
     shorter: Array = vector * (limit / np.maximum(length, np.maximum(limit, 1e-9)))
     return shorter
 
@@ -40,6 +40,24 @@ def quat_multiply(a: Array, b: Array) -> Array:
     out[2] = aw * by - ax * bz + ay * bw + az * bx
     out[3] = aw * bz + ax * by - ay * bx + az * bw
     return out
+
+
+def quat_rate(q: Array, rate: Array) -> Array:
+    """Time derivative of attitude ``q`` (4, N) at body rates ``rate`` (3, N) rad/s: ``q * (0, rate) / 2``."""
+    w, x, y, z = q
+    a, b, c = rate * 0.5
+    out = np.empty_like(q)
+    out[0] = -x * a - y * b - z * c
+    out[1] = w * a + y * c - z * b
+    out[2] = w * b + z * a - x * c
+    out[3] = w * c + x * b - y * a
+    return out
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Scalar products of the columns of two (k, N) arrays, (N,)."""
+    product: Array = np.einsum("ij,ij->j", a, b)
+    return product
 
 
 def quat_error(target: Array, actual: Array) -> Array:

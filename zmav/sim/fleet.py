@@ -79,6 +79,7 @@ class CopterFleet:
         if self._ticks % OUTER_EVERY == 0:
             self.cascade.outer(est, OUTER_EVERY * steps * self._dt)
         self._ticks += 1
+        self.cascade.level(est)
         for _ in range(steps):
             dyn.throttle = self.cascade.inner(est, self._dt)
             dyn.step()

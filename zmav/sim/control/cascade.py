@@ -1,9 +1,9 @@
 """The cascade: reference -> position -> velocity -> lean and thrust (outer), attitude -> rate -> rotors (inner).
 
-The outer loops run once per tick, the inner ones with every step of the physics. Structure and gains after
-ArduCopter's position and attitude controllers (ardupilot.org, "Copter Position Control and Navigation", "Copter
-Attitude Control"); the thrust is projected on the actual body axis as in Lee, Leok, McClamroch, "Geometric tracking
-control of a quadrotor UAV on SE(3)", CDC 2010.
+The outer loops run every other tick, the attitude loop every tick, the rate loop with every step of the physics.
+Structure and gains after ArduCopter's position and attitude controllers (ardupilot.org, "Copter Position Control and
+Navigation", "Copter Attitude Control"); the thrust is projected on the actual body axis as in Lee, Leok, McClamroch,
+"Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from zmav.sim.arrays import (
     Flags,
     body_z,
     clamp,
+    dot,
     limit_length,
     quat_error,
     quat_from_euler,
@@ -68,12 +69,17 @@ class Cascade:
         self._rate_i: Array = np.zeros((3, n))
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
         mix = np.linalg.pinv(airframe.wrench_matrix())
-        self._mix_lift, self._mix_lean, self._mix_turn = mix[:, :1], mix[:, 1:3], mix[:, 3:]
+        self._mix_lean, self._mix_turn = mix[:, 1:3], mix[:, 3:]
+        self._rate: Array = np.zeros((3, n))  # body rates asked for
+        self._flying: Flags = np.zeros(n, dtype=bool)
+        self._idle: Array = np.zeros((len(mix), n))
 
     def outer(self, est: Estimated, dt: float) -> None:
         """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
         sp = self.setpoints
-        grounded = sp.spool != FLY
+        self._flying = sp.spool == FLY
+        self._idle[:] = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0)
+        grounded = ~self._flying
         if grounded.all():
             self._stand(est)
             return
@@ -99,6 +105,7 @@ class Cascade:
         ref.pos, ref.vel, ref.acc = est.pos.copy(), est.vel.copy(), np.zeros_like(est.vel)
         self._vel_i[:] = 0.0
         self._rate_i[:] = 0.0
+        self._rate[:] = 0.0
         self.attitude = est.q.copy()
         self.yaw = _yaw_of(est.q)
         self._turn[:] = 0.0
@@ -122,10 +129,10 @@ class Cascade:
         sp, frame = self.setpoints, self.airframe
         pull = -acc
         pull[2] += GRAVITY  # the specific force wanted, turned round: along the body's down axis
-        down = pull / np.maximum(np.sqrt((pull * pull).sum(0)), 1e-6)
+        down = pull / np.maximum(np.sqrt(dot(pull, pull)), 1e-6)
         self.attitude = thrust_frame(down, self.yaw)
         actual_down = body_z(est.q)
-        lift = frame.mass_kg * (pull * actual_down).sum(0)
+        lift = frame.mass_kg * dot(pull, actual_down)
         if by_hand.any():
             self.attitude[:, by_hand] = quat_from_euler(sp.roll[by_hand], sp.pitch[by_hand], self.yaw[by_hand])
             # Lean as told: what is left to do is to carry the height, so divide by how upright the body is.
@@ -133,41 +140,35 @@ class Cascade:
         full = frame.thrust_max_n * len(frame.rotors)
         self.thrust = np.where(ballistic, sp.thrust * full, clamp(lift, 0.0, full))
 
-    def inner(self, est: Estimated, dt: float) -> Array:
-        """Attitude and rate loops, and the mix: throttles (M, N), 0..1."""
-        sp = self.setpoints
-        flying = sp.spool == FLY
-        if not flying.any():
-            self._rate_i[:] = 0.0
-            still: Array = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0) * np.ones((len(self._mix_lift), 1))
-            return still
+    def level(self, est: Estimated) -> None:
+        """Attitude loop, once a tick: sets the body rates to hold."""
         error = quat_error(self.attitude, est.q)
-        turn = error[1:] * (2.0 * np.sign(error[0]))
-        rate = clamp(turn * ANGLE_P, -RATE_MAX, RATE_MAX)
+        rate = clamp(error[1:] * (2.0 * np.sign(error[0])) * ANGLE_P, -RATE_MAX, RATE_MAX)
         rate[2] += self._turn
-        miss = rate - est.rate
-        self._rate_i = clamp(self._rate_i + miss * (RATE_I * dt), -RATE_I_MAX, RATE_I_MAX) * flying
-        p, q, r = est.rate
-        jp, jq, jr = self._inertia * est.rate
-        torque = self._inertia * (miss * RATE_P + self._rate_i) + np.array(
-            [q * jr - r * jq, r * jp - p * jr, p * jq - q * jp]
-        )
-        throttle = self._mix(torque)
-        idle = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0)
-        return np.where(flying, throttle, idle)
+        self._rate = rate
+
+    def inner(self, est: Estimated, dt: float) -> Array:
+        """Rate loop and mix, with every step of the physics: throttles (M, N), 0..1."""
+        if not self._flying.any():
+            return self._idle
+        miss = self._rate - est.rate
+        self._rate_i = clamp(self._rate_i + miss * (RATE_I * dt), -RATE_I_MAX, RATE_I_MAX) * self._flying
+        spin = miss * RATE_P + self._rate_i
+        spin[2] += self._turn_acc
+        throttle = self._mix(self._inertia * spin)
+        return throttle if self._flying.all() else np.where(self._flying, throttle, self._idle)
 
     def _mix(self, torque: Array) -> Array:
         """Rotor throttles for the thrust and torque asked; where they do not fit, turning gives way first, then
         height.
         """
         frame = self.airframe
+        most = frame.thrust_max_n
         lean = self._mix_lean @ torque[:2]
-        room = YAW_SHARE * frame.thrust_max_n
-        turn = clamp(self._mix_turn @ torque[2:], -room, room)
+        turn = clamp(self._mix_turn * torque[2], -YAW_SHARE * most, YAW_SHARE * most)
         spread = lean + turn
-        lift = self._mix_lift @ self.thrust[None, :]
-        lift = np.maximum(np.minimum(lift, frame.thrust_max_n - spread.max(0)), 0.0)
-        share = clamp((lift + spread) / frame.thrust_max_n, 0.0, 1.0)
+        lift = np.maximum(np.minimum(self.thrust / len(frame.rotors), most - spread.max(0)), 0.0)
+        share = clamp((lift + spread) * (1.0 / most), 0.0, 1.0)
         return np.maximum(throttle_for(share, frame.thrust_expo), MIN_THROTTLE)
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, body_z, quat_multiply, rotation_matrix
+from zmav.sim.arrays import Array, Flags, body_z, dot, quat_rate, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY, Airframe
 
 SINK_M = 0.005  # how far the feet press into the ground under the vehicle's own weight
@@ -58,6 +58,9 @@ class CopterDynamics:
         self.impact: Array = np.zeros(n)  # down speed of the last touch of the ground, m/s; cleared by who reads it
         self._wrench = airframe.wrench_matrix()
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
+        jx, jy, jz = airframe.inertia_kgm2
+        self._gyro: Array = np.zeros((3, n))
+        self._gyro_inertia = np.array([[jz - jy], [jx - jz], [jy - jx]])
         self._lag = 1.0 - np.exp(-dt / airframe.rotor_tau_s)
         leg = airframe.leg_m
         self._feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
@@ -89,7 +92,7 @@ class CopterDynamics:
 
     def energy(self) -> Array:
         """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero on the ground."""
-        kinetic = 0.5 * self.airframe.mass_kg * (self.vel * self.vel).sum(0)
+        kinetic = 0.5 * self.airframe.mass_kg * dot(self.vel, self.vel)
         spinning = 0.5 * (self._inertia * self.rate * self.rate).sum(0)
         height: Array = self.ground_down - self.pos[2]
         result: Array = kinetic + spinning + self.airframe.weight_n * height
@@ -99,16 +102,19 @@ class CopterDynamics:
         """Air forces in newtons, world NED."""
         frame = self.airframe
         air = self.vel - self.wind
-        speed = np.sqrt((air * air).sum(0))
+        speed = np.sqrt(dot(air, air))
         body = air * (-0.5 * AIR_DENSITY * frame.drag_area_m2 * speed)
         # The discs' drag goes with the rotors' speed: with the square root of thrust, one at hover.
-        in_plane = air - down * (air * down).sum(0)
+        in_plane = air - down * dot(air, down)
         discs = in_plane * (-frame.rotor_drag_kgps * np.sqrt(total / frame.weight_n))
         result: Array = body + discs
         return result
 
     def _ground(self, force: Array, torque: Array) -> None:
         """Add the forces of the ground on the feet of those near it; notes first touches in ``impact``."""
+        if self.pos[2].max() < self.ground_down - CONTACT_REACH_M:
+            self.contact[:] = False
+            return
         near = (self.pos[2] > self.ground_down - CONTACT_REACH_M) & ~self.resting
         self.contact &= near | self.resting
         index = np.flatnonzero(near)
@@ -139,24 +145,31 @@ class CopterDynamics:
         torque[:, index] += np.einsum("jin,jn->in", rot, twist)
 
     def _integrate(self, force: Array, torque: Array) -> None:
-        dt, inertia = self.dt, self._inertia
-        moving = ~self.resting
+        dt = self.dt
         accel = force / self.airframe.mass_kg
         accel[2] += GRAVITY
-        accel *= moving
-        self.accel = accel
-        before = self.vel
-        self.vel = (before + accel * dt) * moving
-        self.pos += (before + self.vel) * (0.5 * dt)
+        # w x Jw, for an inertia without products.
         p, q, r = self.rate
-        jp, jq, jr = inertia * self.rate
-        gyro = np.array([q * jr - r * jq, r * jp - p * jr, p * jq - q * jp])
-        self.rate = (self.rate + (torque - gyro) / inertia * dt) * moving
-        spin = np.zeros_like(self.q)
-        spin[1:] = self.rate
-        self.q += quat_multiply(self.q, spin) * (0.5 * dt)
-        self.q /= np.sqrt((self.q * self.q).sum(0))
+        np.multiply(q, r, out=self._gyro[0])
+        np.multiply(r, p, out=self._gyro[1])
+        np.multiply(p, q, out=self._gyro[2])
+        spin = (torque - self._gyro * self._gyro_inertia) / self._inertia
+        before = self.vel
+        self.vel = before + accel * dt
+        self.rate = self.rate + spin * dt
         if self.contact.any():
-            slow = ((self.vel * self.vel).sum(0) < REST_SPEED**2) & ((self.rate * self.rate).sum(0) < REST_SPEED**2)
-            light = self.thrust.sum(0) < REST_THRUST * self.airframe.weight_n
-            self.resting |= self.contact & slow & light
+            self._rest(accel)
+        self.accel = accel
+        self.pos += (before + self.vel) * (0.5 * dt)
+        self.q += quat_rate(self.q, self.rate) * dt
+        self.q /= np.sqrt(dot(self.q, self.q))
+
+    def _rest(self, accel: Array) -> None:
+        """Those on the ground that hardly move and do not lift come to rest; those at rest do not move."""
+        slow = (dot(self.vel, self.vel) < REST_SPEED**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
+        light = self.thrust.sum(0) < REST_THRUST * self.airframe.weight_n
+        self.resting |= self.contact & slow & light
+        moving = ~self.resting
+        self.vel *= moving
+        self.rate *= moving
+        accel *= moving
