@@ -99,7 +99,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path, name: str, words: str) -> No
 
 def test_an_origin_must_be_a_place() -> None:
     assert origin_of(-35.363261, 149.16523, 584.09).alt_amsl == 584.09
-    with pytest.raises(BadConfig, match="lat_deg is 90.0"):
+    with pytest.raises(BadConfig, match=r"lat_deg is 90\.0"):
         origin_of(90.0, 0.0, 0.0)
     with pytest.raises(BadConfig, match="lon_deg is -181"):
         origin_of(0.0, -181.0, 0.0)

@@ -109,5 +109,5 @@ def test_a_port_in_use_is_said() -> None:
 
 
 def test_an_address_that_is_not_ours_is_said() -> None:
-    with pytest.raises(SessionError, match="router mode: .*192.0.2.1"):
+    with pytest.raises(SessionError, match=r"router mode: .*192\.0\.2\.1"):
         open_session(SessionSettings(mode="router", listen=["tcp/192.0.2.1:0"]))

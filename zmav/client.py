@@ -25,6 +25,7 @@ from zmav.mavlink import Dialect, load_dialect
 from zmav.services.port import on_loop
 from zmav.session import SessionSettings, open_session, reason
 from zmav.vehicle import Vehicle
+from zmav.waiting import within
 
 T = TypeVar("T")
 FORGET = 30.0
@@ -190,7 +191,7 @@ class Client:
         """Wait until any vehicle's state or presence changes; False when nothing came within ``timeout`` seconds."""
         self._news.clear()
         try:
-            await asyncio.wait_for(self._news.wait(), max(timeout, 0.0))
+            await within(timeout, self._news.wait())
         except asyncio.TimeoutError:
             return False
         return True
@@ -250,7 +251,7 @@ class Client:
         except zenoh.ZError as e:
             raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(done.wait(), timeout + 1.0)
+            await within(timeout + 1.0, done.wait())
         return answers
 
     def put(self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct) -> None:

@@ -16,6 +16,7 @@ from zmav.cli.hz import show
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle, Stale
 from zmav.session import SessionSettings
+from zmav.waiting import within
 
 
 @click.command("delay")
@@ -55,7 +56,7 @@ async def ages(z: Client, vehicle: zmav.Vehicle, count: int = 3) -> list[float]:
     async with z.subscribe(keys.STATE.key(vehicle.fleet, vehicle.name), _age) as states:
         try:
             while len(found) < count:
-                found.append(await asyncio.wait_for(states.get(), keys.STATE.stale_after))
+                found.append(await within(keys.STATE.stale_after or 0.0, states.get()))
         except asyncio.TimeoutError:
             raise Stale(f"{vehicle.name} answers but does not publish its state", vehicle=vehicle.name) from None
     return found

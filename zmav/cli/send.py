@@ -14,6 +14,7 @@ from zmav.cli.do import matching
 from zmav.errors import Stale
 from zmav.mavlink import encode
 from zmav.session import SessionSettings
+from zmav.waiting import within
 
 
 @click.command("send")
@@ -56,7 +57,7 @@ async def _send(
                 click.echo(f"{vehicle.name}: {message} sent ({len(frame)} bytes)")
                 with contextlib.suppress(asyncio.TimeoutError):
                     while True:  # a refusal comes as an event: a put has no answer
-                        event = await asyncio.wait_for(events.get(), 0.3)
+                        event = await within(0.3, events.get())
                         told = zmav.wire.decode(event.payload.to_bytes(), zmav.wire.Event, "event")
                         if told.kind == "refused":
                             click.echo(f"{vehicle.name}: {told.text}", err=True)

@@ -11,6 +11,7 @@ import msgspec
 
 from zmav.links import Link
 from zmav.mavlink import Dialect, Frame, Splitter, decode
+from zmav.waiting import within
 
 Listener = Callable[[Frame], None]
 
@@ -93,6 +94,6 @@ class Inbox:
     async def get(self, timeout: float) -> tuple[str, Mapping[str, Any]] | None:
         """The next message's name and fields; None when none came within ``timeout`` seconds."""
         try:
-            return await asyncio.wait_for(self._queue.get(), max(timeout, 0.0))
+            return await within(timeout, self._queue.get())
         except asyncio.TimeoutError:
             return None

@@ -1,0 +1,26 @@
+"""Waiting on the event loop, for so long and no longer."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+async def within(seconds: float, coroutine: Coroutine[Any, Any, T]) -> T:
+    """What the coroutine returns; raises asyncio.TimeoutError and cancels it after ``seconds`` (nought and less: it may
+    only do what needs no waiting).
+
+    As ``asyncio.wait_for``, which before Python 3.12 swallows a cancellation that comes together with the result: an
+    order that was told to end would go on, and the vehicle with it.
+    """
+    task = asyncio.ensure_future(coroutine)
+    try:
+        await asyncio.wait({task}, timeout=max(seconds, 0.0))
+        if not task.done():
+            raise asyncio.TimeoutError
+        return task.result()
+    finally:
+        task.cancel()
