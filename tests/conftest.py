@@ -91,7 +91,7 @@ class Ground:
     async def ask(self, key: str, payload: bytes = b"") -> list[zenoh.Reply]:
         return await asyncio.to_thread(lambda: list(self.session.get(key, payload=payload, timeout=PATIENCE_S)))
 
-    async def do(self, verb: str, payload: bytes | None = None, **args: Any) -> wire.Outcome:
+    async def do(self, verb: str, payload: bytes | None = None, /, **args: Any) -> wire.Outcome:
         """Give an order once; raises what an error reply stands for."""
         data = json.dumps(args).encode() if payload is None else payload
         (reply,) = await self.ask(keys.DO.key(self.fleet, self.name, verb=verb), data)

@@ -143,6 +143,10 @@ class Peer(asyncio.DatagramProtocol):
         """The messages of that name it was sent, with these fields."""
         return [t for t in self.told if t.name == name and fields.items() <= t.fields.items()]
 
+    async def count(self, name: str, count: int) -> None:
+        """Wait until it was sent so many messages of that name."""
+        await self.until(lambda: len(self.heard(name)) >= count, f"{count} of {name}")
+
     def commands(self, number: int) -> list[Told]:
         return self.heard("COMMAND_LONG", command=number)
 

@@ -29,10 +29,11 @@ class Leases:
 
     async def take(self, args: wire.TakeLease, report: object = None) -> dict[str, Any]:
         """Grant or renew; raises :class:`NotHolder` while another holds it (a namesake without the token included)."""
-        if not args.holder or not 0.1 <= args.ttl <= MAX_TTL:
-            raise BadInput(
-                f"a lease needs a holder's name and a ttl from 0.1 to {MAX_TTL:.0f} s", field="ttl", value=args.ttl
-            )
+        if not args.holder:
+            raise BadInput("a lease needs a holder's name", field="holder", value=args.holder, expected="a name")
+        if not 0.1 <= args.ttl <= MAX_TTL:
+            expected = f"0.1 to {MAX_TTL:.0f} s"
+            raise BadInput(f"a lease needs a ttl from {expected}", field="ttl", value=args.ttl, expected=expected)
         self.tick()
         if self._token and args.lease != self._token:
             raise self._held()

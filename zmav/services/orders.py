@@ -49,6 +49,7 @@ class Orders:
         self._operations: dict[str, Operation] = {}
         self._answers: set[asyncio.Task[None]] = set()
         self._queryable: Any = None
+        self._closed = False
 
     def add(self, verb: str, arguments: type[wire.Order], handler: Handler) -> None:
         self._verbs[verb] = (arguments, handler)
@@ -58,7 +59,14 @@ class Orders:
         accept = on_loop(asyncio.get_running_loop(), self._accept)
         self._queryable = self._session.declare_queryable(key, accept)
 
+    @property
+    def under_way(self) -> int:
+        """Orders that have not ended."""
+        return sum(not op.task.done() for op in self._operations.values())
+
     async def close(self) -> None:
+        """End what is under way, and say so to whoever asked."""
+        self._closed = True
         self._queryable.undeclare()
         tasks = [op.task for op in self._operations.values() if not op.task.done()]
         for task in tasks:
@@ -67,7 +75,7 @@ class Orders:
 
     def _accept(self, query: zenoh.Query) -> None:
         asked = str(query.key_expr)
-        if "*" in asked:
+        if self._closed or "*" in asked:
             query.drop()  # somebody looks around with a wildcard: that is no order
             return
         answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2]))
