@@ -77,6 +77,11 @@ class Autopilot(ABC):
     def __init__(self, kind: str) -> None:
         self.kind = kind
 
+    @property
+    def on_surface(self) -> bool:
+        """It keeps to the ground or the water: where it is has no height of its own choosing."""
+        return self.kind in ("rover", "boat")
+
     @abstractmethod
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         """The mode's name as the vendor writes it; ``MODE_23`` where it is not known."""

@@ -279,7 +279,7 @@ class Commander:
                 heard = await inbox.get(deadline - time.monotonic())
                 if heard is None:
                     raise TimedOut(f"not there after {args.timeout:.0f} s", vehicle=self._port.name)
-                away = _distance(target, heard[1])
+                away = _distance(target, heard[1], flat=self._autopilot().on_surface)
                 report({"away": away})
                 if away <= args.tolerance:
                     return away
@@ -289,9 +289,12 @@ class Commander:
                     await self._give(action)  # a target has no acknowledgement: say it again in case it was lost
 
 
-def _distance(target: Target, position: Any) -> float:
+def _distance(target: Target, position: Any, flat: bool) -> float:
+    """Metres from a GLOBAL_POSITION_INT to the target; over the ground alone where ``flat``."""
     assert target.lat_deg is not None and target.lon_deg is not None
     over_ground = geo.horizontal_distance(target.lat_deg, target.lon_deg, position["lat"] / 1e7, position["lon"] / 1e7)
+    if flat:
+        return over_ground
     if target.alt_amsl is not None:
         up = target.alt_amsl - position["alt"] / 1e3
     else:

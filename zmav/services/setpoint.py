@@ -24,6 +24,7 @@ from zmav.services.port import Port, on_loop
 from zmav.services.target import resolve
 
 HOLD_AFTER = 0.5
+HOLD_REPEATS = 3
 MAX_AHEAD = 5.0
 """s: a deadline farther away is a mistake or a clock that is off"""
 
@@ -50,22 +51,26 @@ class Setpoints:
         self._lease = ""
         self._last: float | None = None
         self._subscriber: Any = None
-        self._watch: asyncio.Task[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
         key = keys.SETPOINT.key(self._port.fleet, self._port.name, agent="*")
         self._subscriber = self._session.declare_subscriber(key, on_loop(loop, self._on_sample))
-        self._watch = loop.create_task(self._watch_for_silence())
 
     def close(self) -> None:
+        """End; a vehicle that follows a stream is told to hold, for nobody will watch over it any more."""
         self._subscriber.undeclare()
-        if self._watch:
-            self._watch.cancel()
+        if self._last is not None:
+            self._hold(repeats=0)
+        self.stop()
 
     def stop(self) -> None:
         """The stream is over on purpose: an order moves the vehicle now, or it has landed."""
         self._last = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         agent = str(sample.key_expr).rpartition("/")[2]
@@ -96,6 +101,8 @@ class Setpoints:
         if not self._send(message):
             raise LinkDown("the link to the autopilot is down or full", count="link")
         self._last = time.monotonic()
+        if self._timer is None:
+            self._watch(HOLD_AFTER)
         self.counts["flown"] += 1
 
     def _check_order(self, point: wire.Setpoint) -> None:
@@ -126,22 +133,39 @@ class Setpoints:
         system, component = self._identity.source
         return self._port.send(message.name, target_system=system, target_component=component, **message.fields)
 
-    async def _watch_for_silence(self) -> None:
-        while True:
-            await asyncio.sleep(0.05)
-            if self._last is not None and time.monotonic() - self._last > HOLD_AFTER:
-                self._last = None
-                try:
-                    self._hold()
-                except ZmavError as e:
-                    self._events.emit("setpoint", "error", f"no setpoint for {HOLD_AFTER} s, and no hold: {e}")
+    def _watch(self, delay: float) -> None:
+        self._timer = asyncio.get_running_loop().call_later(delay, self._on_timer)
 
-    def _hold(self) -> None:
+    def _on_timer(self) -> None:
+        """The stream may have ended: hold once it has been silent for HOLD_AFTER."""
+        self._timer = None
+        if self._last is None:
+            return
+        silent = time.monotonic() - self._last
+        if silent < HOLD_AFTER:
+            self._watch(HOLD_AFTER - silent)
+            return
+        self._last = None
+        self.counts["held"] += 1
+        self._events.emit("setpoint", "warning", f"no setpoint for {HOLD_AFTER} s: holding position")
+        self._hold(repeats=HOLD_REPEATS)
+
+    def _hold(self, repeats: int) -> None:
+        """Tell the autopilot to stop, and again a little later, for the message has no acknowledgement."""
         autopilot = self._identity.autopilot
         if autopilot is None or self._identity.mode != autopilot.guided or not self._identity.armed:
             return
-        _, message = autopilot.hold()
+        try:
+            _, message = autopilot.hold()
+        except ZmavError as e:
+            self._events.emit("setpoint", "error", f"no setpoint for {HOLD_AFTER} s, and no hold: {e}")
+            return
         if message is not None:
             self._send(message)
-        self.counts["held"] += 1
-        self._events.emit("setpoint", "warning", f"no setpoint for {HOLD_AFTER} s: holding position")
+        if repeats:
+            self._timer = asyncio.get_running_loop().call_later(0.2, self._hold_again, repeats - 1)
+
+    def _hold_again(self, repeats: int) -> None:
+        self._timer = None
+        if self._last is None and not self.busy():
+            self._hold(repeats)
