@@ -199,8 +199,8 @@ def test_an_armed_vehicle_on_the_ground_disarms_itself(desk: Desk) -> None:
 def test_return_to_launch_climbs_comes_back_lands_and_disarms(make_desk: MakeDesk) -> None:
     desk = make_desk([VehicleSpec(params={"RTL_ALT": 600, "RTL_LOIT_TIME": 1000})])
     desk.take_off(3.0)
-    desk.goto(15.0, 5.0, -3.0)
-    desk.until(lambda: desk.near(15.0, 5.0, -3.0))
+    desk.goto(8.0, 3.0, -3.0)
+    desk.until(lambda: desk.near(8.0, 3.0, -3.0))
     assert desk.command(20) == ACCEPTED
     highest = 0.0
 

@@ -64,7 +64,7 @@ def test_hover_throttle_carries_the_weight(frame: Airframe) -> None:
     run(dyn, 1.0)
     assert dyn.thrust.sum() == pytest.approx(frame.weight_n, rel=1e-6)
     dyn.vel[:] = 0.0
-    run(dyn, 10.0)
+    run(dyn, 4.0)
     assert abs(dyn.vel[2, 0]) < 1e-3
 
 
@@ -98,9 +98,9 @@ def test_it_drifts_with_the_wind(frame: Airframe) -> None:
     dyn.rotor[:] = math.sqrt(frame.hover_thrust_n / frame.thrust_max_n)
     dyn.throttle[:] = frame.hover_throttle
     dyn.wind[:, 0] = (3.0, -4.0, 0.0)
-    run(dyn, 60.0)
-    assert dyn.vel[0, 0] == pytest.approx(3.0, rel=0.05)
-    assert dyn.vel[1, 0] == pytest.approx(-4.0, rel=0.05)
+    run(dyn, 40.0)
+    assert dyn.vel[0, 0] == pytest.approx(3.0, rel=0.08)
+    assert dyn.vel[1, 0] == pytest.approx(-4.0, rel=0.08)
 
 
 @pytest.mark.parametrize(("axis", "sign"), [("right", -1.0), ("left", 1.0)])
@@ -162,7 +162,7 @@ def test_it_falls_on_its_feet_and_stays_there(frame: Airframe) -> None:
     assert np.abs(dyn.q[1:3, 0]).max() < 0.02  # upright
     there = dyn.pos.copy()
     dyn.wind[0] = 8.0
-    run(dyn, 20.0)
+    run(dyn, 5.0)
     assert (dyn.pos == there).all()
 
 

@@ -186,6 +186,11 @@ class TestParameters:
         with pytest.raises(BadConfig, match="NO_SUCH"):
             make_desk([VehicleSpec(params={"NO_SUCH": 1.0})])
 
+    def test_a_system_id_there_cannot_be_is_not_spoken_with(self, desk: Desk) -> None:
+        for value in (0.0, 999.0):
+            desk.send("PARAM_SET", target_system=0, param_id="MAV_SYSID", param_value=value, param_type=4)
+            assert desk.frames[-1].sysid == (1 if value == 0.0 else 255)
+
     def test_the_system_id_is_one_and_is_spoken_with_at_once(self, desk: Desk) -> None:
         desk.send("PARAM_SET", param_id="MAV_SYSID", param_value=42.0, param_type=4)
         assert desk.frames[-1].sysid == 42
@@ -358,6 +363,24 @@ class TestRobustness:
         assert other.splitter.counters.lost == 0
         assert len(other.all("ATTITUDE")) > 15
         assert len(desk.all("HEARTBEAT")) == 5
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_no_parameter_upsets_the_flight(self, desk: Desk, seed: int) -> None:
+        """Every parameter at the ends of what it can hold: the copter may fly badly, but its numbers stay numbers."""
+        desk.take_off(3.0)
+        desk.goto(30.0, 0.0, -5.0)
+        rng = random.Random(seed)
+        desk.send("REQUEST_DATA_STREAM", req_stream_id=0, req_message_rate=10, start_stop=1)
+        for name in desk.vehicle.copter.params.names:
+            if name != "MAV_SYSID":
+                value = rng.choice([0.0, -1.0, 1e-30, 3e38, -3e38, 100.0])
+                desk.send("PARAM_SET", param_id=name, param_value=value, param_type=9)
+        for mode in (5, 2, 0, 6, 17, 9, 4):
+            desk.command(176, 1, mode)
+            desk.vehicle.copter.pilot.sticks(roll=0.5, pitch=-0.5, yaw=1.0, throttle=0.8)
+            desk.world.step(0.4)
+        assert all(math.isfinite(number) for number in desk.vehicle.copter.sense)
+        assert desk.vehicle.node.bad_messages == 0
 
     def test_garbage_and_torn_frames_disturb_nothing(self, desk: Desk) -> None:
         rng = random.Random(3)

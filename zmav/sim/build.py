@@ -16,7 +16,7 @@ from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.fleet import CopterFleet
 from zmav.sim.protocol.node import MavNode
 from zmav.sim.protocol.params import ParamStore, defaults
-from zmav.sim.spec import Home, VehicleSpec, check_sysid
+from zmav.sim.spec import Home, VehicleSpec, check
 from zmav.sim.vehicle import SimVehicle
 
 
@@ -54,6 +54,8 @@ def build(
     epoch_us: int,
 ) -> list[tuple[Squad, SimVehicle]]:
     """All vehicles in the order of ``specs``, each with the squad it flies in."""
+    for i, spec in enumerate(specs):
+        check(spec, spec.name or f"copter{i + 1}")
     starts = [spec.start_ned_m or (0.0, i * spacing_m, 0.0) for i, spec in enumerate(specs)]
     yaws = [math.radians(home.yaw_deg if spec.yaw_deg is None else spec.yaw_deg) for spec in specs]
     built: dict[int, tuple[Squad, SimVehicle]] = {}
@@ -68,8 +70,8 @@ def build(
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
             params = ParamStore(defaults("arducopter"))
-            params.set("MAV_SYSID", check_sysid(i + 1 if specs[i].sysid is None else specs[i].sysid or 0))
             params.preset(specs[i].params)
+            params.set("MAV_SYSID", specs[i].sysid or i + 1)
             copter = ArduCopter(
                 squad.fleet.airframe, params, squad.fleet.handle(place), senses[place], home.position, ready_s
             )

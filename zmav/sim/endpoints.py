@@ -2,9 +2,8 @@
 port.
 
 ``tcp`` or ``tcp:[HOST:]PORT[+STEP]`` listens (port 0: any free one; ``+STEP`` adds that much per vehicle), as
-ArduPilot's SERIAL0 does at 5760+10*i.
-``udp:HOST:PORT[+STEP]`` sends there, as SITL and PX4 do, from a local port that stays the same; whoever answers is
-heard.
+ArduPilot's SERIAL0 does at 5760+10*i. ``udp:HOST:PORT[+STEP]`` sends there, as SITL and PX4 do, from a local port
+that stays the same; whoever answers is heard.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zmav.sim.arrays import Array, clamp
+from zmav.sim.arrays import Array
 from zmav.sim.control.cascade import Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
@@ -42,8 +42,10 @@ class Sense(NamedTuple):
     qz: float
     ref_vn: float  # velocity the reference asks for
     ref_ve: float
-    want_roll: float
-    want_pitch: float
+    want_qw: float  # attitude asked for
+    want_qx: float
+    want_qy: float
+    want_qz: float
     want_yaw: float
     throttle: float  # mean of the rotors, 0..1
     current_a: float
@@ -67,6 +69,7 @@ class CopterFleet:
         self.cascade = Cascade(airframe, self.setpoints, start, yaw)
         self._dt = dt
         self._ticks = 0
+        self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
 
     def handle(self, index: int) -> SetpointHandle:
         return self.setpoints.handle(index)
@@ -89,26 +92,22 @@ class CopterFleet:
     def senses(self) -> list[Sense]:
         """One row of plain floats per vehicle; a touch of the ground is reported once."""
         est, dyn, cascade = self.estimate, self.dynamics, self.cascade
-        w, x, y, z = cascade.attitude
-        table = np.vstack(
-            (
-                est.pos,
-                est.vel,
-                est.euler,
-                est.rate,
-                est.force,
-                est.q,
-                cascade.reference.vel[:2],
-                np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-                np.arcsin(clamp(2.0 * (w * y - x * z), -1.0, 1.0)),
-                cascade.yaw,
-                dyn.throttle.mean(0),
-                self._current(),
-                dyn.contact,
-                dyn.impact,
-                dyn.pos,
-            )
-        )
+        table = self._table
+        # In the order of Sense.
+        table[0:3] = est.pos
+        table[3:6] = est.vel
+        table[6:9] = est.euler
+        table[9:12] = est.rate
+        table[12:15] = est.force
+        table[15:19] = est.q
+        table[19:21] = cascade.reference.vel[:2]
+        table[21:25] = cascade.attitude
+        table[25] = cascade.yaw
+        table[26] = dyn.throttle.mean(0)
+        table[27] = self._current()
+        table[28] = dyn.contact
+        table[29] = dyn.impact
+        table[30:33] = dyn.pos
         dyn.impact[:] = 0.0
         return [Sense._make(row) for row in table.T.tolist()]
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import msgspec
 
 from zmav.errors import BadConfig
 from zmav.sim.geo import Position
+
+FARTHEST_M = 1e6
 
 
 class Home(msgspec.Struct, frozen=True):
@@ -39,8 +43,18 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     params: dict[str, float] = {}
 
 
-def check_sysid(sysid: int) -> int:
-    """``sysid`` if it is one; :class:`BadConfig` otherwise."""
-    if not 1 <= sysid <= 255:
-        raise BadConfig(f"no system id {sysid}; expected 1 to 255", field="sysid", value=sysid, expected="1 to 255")
-    return sysid
+def check(spec: VehicleSpec, where: str) -> None:
+    """:class:`BadConfig` names what in ``spec`` (called ``where``) cannot be."""
+    if spec.sysid is not None and not 1 <= spec.sysid <= 255:
+        raise _bad(where, "sysid", spec.sysid, "1 to 255")
+    if spec.uid is not None and not 1 <= spec.uid < 1 << 64:
+        raise _bad(where, "uid", spec.uid, "1 to 2^64 - 1")
+    if spec.yaw_deg is not None and not math.isfinite(spec.yaw_deg):
+        raise _bad(where, "yaw_deg", spec.yaw_deg, "degrees")
+    start = spec.start_ned_m
+    if start is not None and not all(abs(c) < FARTHEST_M for c in start):
+        raise _bad(where, "start_ned_m", start, "three numbers of metres, north, east and down")
+
+
+def _bad(where: str, field: str, value: object, expected: str) -> BadConfig:
+    return BadConfig(f"{where}: {field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)

@@ -23,6 +23,7 @@ LANDED_AFTER_S = 1.0  # of standing on the ground without thrust
 LOW_THRUST_SHARE = 0.65  # of the hover throttle
 PREARM_REMINDER_S = 30.0
 HARD_TOUCH = 0.25  # m/s
+HIGHEST_M = 80_000.0
 
 # Parameter -> (limit of the cascade, factor to SI).
 _LIMITS = {
@@ -41,9 +42,9 @@ _LIMITS = {
 class ArduCopter:
     """Modes, arming, landing and failsafes of one vehicle.
 
-    The world calls :meth:`update` at every autopilot tick with the time and what the vehicle senses. ``say(severity,
-    text)`` and
-    ``beat()`` (a heartbeat out of turn) are the protocol's, and so is ``announce()``, which sends home and origin.
+    The world calls :meth:`update` at every autopilot tick with the time and what the vehicle senses.
+    ``say(severity, text)`` and ``beat()`` (a heartbeat out of turn) are the protocol's, and so is ``announce()``,
+    which sends home and origin.
     """
 
     def __init__(
@@ -88,7 +89,8 @@ class ArduCopter:
         self.armed = False
         self.landed = True
         self.failsafe = False
-        self.mode: Mode = self.modes[0]
+        switched = self.modes.get(int(self.params[f"FLTMODE{self.pilot.switch}"]))
+        self.mode: Mode = switched or self.modes[0]
         self.gcs = GcsFailsafe(self)
         self.consumed_mah = 0.0
         self._switch = self.pilot.switch
@@ -194,7 +196,7 @@ class ArduCopter:
     def take_off(self, height: float) -> bool:
         """Rise to ``height`` metres above home: GUIDED, armed and on the ground only."""
         ready = self.armed and self.landed and self.mode is self.guided and self.position_ok
-        if not ready or height <= 0.0:
+        if not ready or not 0.0 < height < HIGHEST_M:
             return False
         down = self.home_world[2] - height
         if down > self.sense.down - 0.1:
@@ -277,4 +279,4 @@ class ArduCopter:
     def _param_changed(self, name: str, value: float) -> None:
         if name in _LIMITS:
             limit, factor = _LIMITS[name]
-            self.sp.limit(limit, max(value * factor, 1e-3))
+            self.sp.limit(limit, value * factor)

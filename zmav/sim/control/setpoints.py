@@ -61,6 +61,20 @@ class Limits:
         self.yaw_slew = row(math.radians(60.0))  # ATC_SLEW_YAW
 
 
+# What no parameter raises a limit above: beyond it the numbers, not the vehicle, would fly away.
+HIGHEST = {
+    "speed": 50.0,
+    "speed_up": 20.0,
+    "speed_down": 20.0,
+    "accel": 20.0,
+    "accel_z": 10.0,
+    "jerk": 100.0,
+    "jerk_z": 100.0,
+    "lean": math.radians(80.0),
+    "yaw_slew": 6.0,
+}
+
+
 class Setpoints:
     """Targets of N vehicles: metres, m/s, m/s^2 in world NED; radians; thrust as a fraction of the rotors' sum."""
 
@@ -138,11 +152,11 @@ class SetpointHandle:
     def turn(self, rate: float) -> None:
         """Turn at ``rate`` rad/s, clockwise from above."""
         self._t.yaw_kind[self._i] = Yaw.RATE
-        self._t.yaw_rate[self._i] = rate
+        self._t.yaw_rate[self._i] = min(max(rate, -HIGHEST["yaw_slew"]), HIGHEST["yaw_slew"])
 
     def limit(self, name: str, value: float) -> None:
-        """Set one of :class:`Limits` by its name."""
-        getattr(self._t.limits, name)[self._i] = value
+        """Set one of :class:`Limits` by its name; never beyond :data:`HIGHEST`."""
+        getattr(self._t.limits, name)[self._i] = min(max(value, 1e-3), HIGHEST[name])
 
     def limit_of(self, name: str) -> float:
         return float(getattr(self._t.limits, name)[self._i])

@@ -201,7 +201,7 @@ def _change_speed(node: MavNode, c: Command) -> int:
         return DENIED
     if limit is None or not node.copter.mode.changes_speed:
         return FAILED
-    node.copter.sp.limit(limit, min(c.p2, 50.0))
+    node.copter.sp.limit(limit, c.p2)
     return ACCEPTED
 
 

@@ -60,7 +60,8 @@ class MavNode:
 
     @property
     def sysid(self) -> int:
-        return int(self.copter.params["MAV_SYSID"])
+        """MAV_SYSID, or the nearest there is."""
+        return min(max(int(self.copter.params["MAV_SYSID"]), 1), 255)
 
     @property
     def unix_us(self) -> int:
@@ -111,12 +112,11 @@ class MavNode:
 
     def report(self, channel: Channel, name: str) -> None:
         """Send one message of :data:`REPORTS`, unless there is nothing to say yet."""
-        fields = REPORTS[name](self)
-        if fields is None:
-            return
         try:
-            channel.send(name, **fields)
-        except BadMessage:
+            fields = REPORTS[name](self)
+            if fields is not None:
+                channel.send(name, **fields)
+        except (BadMessage, ArithmeticError, ValueError):
             # A number that its field cannot hold, such as a speed beyond all reason: this one message is not sent.
             self.bad_messages += 1
 
@@ -165,7 +165,8 @@ class MavNode:
             return
         try:
             answer(channel, decode(frame, self.dialect), (frame.sysid, frame.compid))
-        except BadMessage:
+        except (BadMessage, ArithmeticError, ValueError):
+            # Whatever one client sends, the world goes on for the others.
             self.bad_messages += 1
         pending, self._pending = self._pending, []
         for where, name in pending:
@@ -233,6 +234,6 @@ class MavNode:
             flying(name, value)
             if name == "MAV_SYSID":
                 for channel in self.channels:
-                    channel.adopt(int(value))
+                    channel.adopt(self.sysid)
 
         self.copter.params.changed = changed
