@@ -130,6 +130,9 @@ def test_two_airframes_fly_side_by_side(make_desk: MakeDesk, another_desk: type[
         ({"speed": float("nan")}, "speed"),
         ({"copters": [VehicleSpec(sysid=0)]}, "sysid"),
         ({"copters": [VehicleSpec(sysid=256)]}, "sysid"),
+        ({"spacing_m": float("nan")}, "spacing_m"),
+        ({"ready_s": -1.0}, "ready_s"),
+        ({"wind": (float("inf"), 0.0, 0.0)}, "wind"),
         ({"copters": [VehicleSpec(uid=0)]}, "uid"),
         ({"copters": [VehicleSpec(uid=1 << 64)]}, "uid"),
         ({"copters": [VehicleSpec(start_ned_m=(0.0, float("inf"), 0.0))]}, "start_ned_m"),
@@ -173,10 +176,9 @@ def test_a_port_in_use_is_said_and_leaves_nothing_open() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         world = World([VehicleSpec(endpoints=("tcp:0",)), VehicleSpec(endpoints=(f"tcp:{port}",))])
-        with pytest.raises(PortInUse, match=str(port)):
-            world.start()
+        with pytest.raises(PortInUse, match=str(port)), world:
+            pytest.fail("it has started")
         assert world.vehicles[0].endpoints == []
-        world.close()
 
 
 def test_a_vehicle_without_an_endpoint_says_so(make_desk: MakeDesk) -> None:

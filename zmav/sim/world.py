@@ -32,6 +32,7 @@ STEPS_PER_TICK = 2
 TICK_S = STEPS_PER_TICK / PHYSICS_HZ
 DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
+MOST = 1e6  # of any option that is a number: beyond it nothing makes sense
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
 
 
@@ -74,6 +75,10 @@ class World:
     ) -> None:
         if not speed > 0.0:
             raise BadConfig(f"speed {speed}; expected more than 0", field="speed", value=speed, expected="more than 0")
+        numbers = {"spacing_m": spacing_m, "ready_s": ready_s, "gps_noise_m": gps_noise_m, "wind": sum(map(abs, wind))}
+        for field, value in numbers.items():
+            if not 0.0 <= value < MOST:
+                raise BadConfig(f"{field} {value}; expected 0 or more", field=field, value=value, expected="0 or more")
         self.home = home or Home()
         self.speed = speed
         self.ticks = 0
@@ -112,7 +117,11 @@ class World:
     # ---- life
 
     def __enter__(self) -> World:
-        self.start()
+        try:
+            self.start()
+        except BaseException:
+            self.close()
+            raise
         return self
 
     def __exit__(self, *exc: object) -> None:
