@@ -44,7 +44,8 @@ def demo(headless: bool, endpoint: str | None) -> None:
     out.print(summary(watch))
     if code != 0:
         out.print(f"the planner said:\n{said}", style="red", markup=False)
-    out.print(f"{'done' if code == 0 else 'FAILED'} in {time.monotonic() - start:.0f} s", style="bold")
+    verdict = "every vehicle got there" if code == 0 else "FAILED: not every vehicle got there"
+    out.print(f"{verdict}, in {time.monotonic() - start:.0f} s", style="bold green" if code == 0 else "bold red")
     sys.exit(code)
 
 
