@@ -222,7 +222,7 @@ async def test_a_flight(scene: Scene) -> None:
 
 async def test_a_refusal_brings_the_autopilots_own_reason(scene: Scene) -> None:
     scene.world.call(lambda: scene.sim.copter.pilot.sticks(throttle=0.9))
-    with pytest.raises(Refused, match="MAV_CMD_COMPONENT_ARM_DISARM refused: .*Throttle too high") as caught:
+    with pytest.raises(Refused, match=r"MAV_CMD_COMPONENT_ARM_DISARM refused: .*Throttle too high") as caught:
         await scene.quad.arm(ready_timeout=0.0)
     detail = caught.value.detail
     assert detail["vehicle"] == "quad1"
@@ -235,7 +235,7 @@ async def test_a_refusal_brings_the_autopilots_own_reason(scene: Scene) -> None:
 async def test_what_is_not_ready_is_said_while_it_is_waited_for(make_scene: MakeScene) -> None:
     scene = await make_scene(ready_s=10_000.0)
     said: list[dict[str, object]] = []
-    with pytest.raises(Refused, match="not ready to arm: .*EKF has no position estimate"):
+    with pytest.raises(Refused, match=r"not ready to arm: .*EKF has no position estimate"):
         await scene.quad.arm(ready_timeout=1.0, progress=said.append)
     assert any("EKF has no position estimate" in str(news.get("waiting_for")) for news in said)
     assert scene.quad.state.ready is False
@@ -243,7 +243,7 @@ async def test_what_is_not_ready_is_said_while_it_is_waited_for(make_scene: Make
 
 async def test_orders_that_make_no_sense_are_bad_input(airborne: Scene) -> None:
     quad = airborne.quad
-    with pytest.raises(BadInput, match="no mode 'HOVER'.*LOITER") as bad:
+    with pytest.raises(BadInput, match=r"no mode 'HOVER'.*LOITER") as bad:
         await quad.set_mode("HOVER")
     assert (bad.value.detail["field"], bad.value.detail["value"]) == ("mode", "HOVER")
     for order, field in (
@@ -363,7 +363,7 @@ async def test_setpoints_fly_the_vehicle_and_silence_holds_it(airborne: Scene) -
 async def test_a_lease_that_ran_out_is_not_taken_back_in_silence(scene: Scene) -> None:
     """The holder's process was stopped for longer than the lease lasts: it must ask anew."""
     async with scene.quad.lease("planner", ttl=0.6) as lease:
-        time.sleep(1.0)  # noqa: ASYNC251 - the point: nothing runs meanwhile
+        time.sleep(1.0)  # the point: nothing runs meanwhile
         with pytest.raises(NotHolder):
             while True:
                 lease.setpoint(pos=(0.0, 0.0, -6.0))
@@ -395,7 +395,7 @@ async def test_the_last_message_of_a_name(scene: Scene) -> None:
 async def test_messages_that_are_not_there_say_why(scene: Scene) -> None:
     with pytest.raises(BadMessage, match="did you mean ATTITUDE"):
         await scene.quad.message("ATITUDE")
-    with pytest.raises(BadInput, match="no WIND_COV has come from quad1; heard so far: .*HEARTBEAT"):
+    with pytest.raises(BadInput, match=r"no WIND_COV has come from quad1; heard so far: .*HEARTBEAT"):
         await scene.quad.message("WIND_COV")
     for hostile in ("*", "A/B", "", "ATT*", "?"):
         with pytest.raises(BadKey, match="cannot be a message's name"):

@@ -152,9 +152,9 @@ class Onboard:
             service.close()
 
     def _on_link(self, state: LinkState, text: str, changed: Callable[[], None]) -> None:
-        severity: wire.Severity = "info" if state is LinkState.UP else "warning"
+        severity: wire.Severity = "warning" if state is LinkState.DOWN else "info"
         words = f"link {state.value}: {text}" if text else f"link {state.value}"
-        self.events.emit("link", severity, words, limit="link")
+        self.events.emit("link", severity, words, limit=f"link {state.value}")  # a failure follows its attempt at once
         changed()
 
     def _on_statustext(self, frame: Frame) -> None:
