@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import os
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -147,18 +146,28 @@ def net() -> Iterator[Net]:
         session.close()
 
 
-StartOnboard = Callable[..., Awaitable[Onboard]]
+class StartOnboard:
+    """Start an Onboard: ``await onboard(session, link, name=..., sysid=...)``; closed at the end, or before."""
+
+    def __init__(self) -> None:
+        self.running: list[Onboard] = []
+
+    async def __call__(self, session: zenoh.Session, link: str, name: str = "quad1", **more: Any) -> Onboard:
+        vehicle = Onboard(session, OnboardSettings(link=link, name=name, **more))
+        self.running.append(await vehicle.__aenter__())
+        return vehicle
+
+    async def close(self, vehicle: Onboard) -> None:
+        self.running.remove(vehicle)
+        await vehicle.__aexit__(None, None, None)
 
 
 @pytest.fixture
 async def onboard(net: Net) -> AsyncIterator[StartOnboard]:
-    """Start an Onboard: ``await onboard(session, link, name=..., sysid=...)``."""
-    async with contextlib.AsyncExitStack() as stack:
-
-        async def start(session: zenoh.Session, link: str, name: str = "quad1", **more: Any) -> Onboard:
-            return await stack.enter_async_context(Onboard(session, OnboardSettings(link=link, name=name, **more)))
-
-        yield start
+    onboard = StartOnboard()
+    yield onboard
+    for vehicle in reversed(onboard.running):
+        await vehicle.__aexit__(None, None, None)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

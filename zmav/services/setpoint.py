@@ -146,26 +146,33 @@ class Setpoints:
             self._watch(HOLD_AFTER - silent)
             return
         self._last = None
-        self.counts["held"] += 1
-        self._events.emit("setpoint", "warning", f"no setpoint for {HOLD_AFTER} s: holding position")
-        self._hold(repeats=HOLD_REPEATS)
+        if self._hold(repeats=HOLD_REPEATS):
+            self.counts["held"] += 1
+            self._events.emit("setpoint", "warning", f"no setpoint for {HOLD_AFTER} s: holding position")
 
-    def _hold(self, repeats: int) -> None:
-        """Tell the autopilot to stop, and again a little later, for the message has no acknowledgement."""
+    def _hold(self, repeats: int) -> bool:
+        """Tell the autopilot to stop, and again a little later, for the message has no acknowledgement.
+
+        False where it is not ours to stop: the pilot has it, or it is disarmed.
+        """
         autopilot = self._identity.autopilot
-        if autopilot is None or self._identity.mode != autopilot.guided or not self._identity.armed:
-            return
         try:
+            if autopilot is None or self._identity.mode != autopilot.guided or not self._identity.armed:
+                return False
             _, message = autopilot.hold()
         except ZmavError as e:
             self._events.emit("setpoint", "error", f"no setpoint for {HOLD_AFTER} s, and no hold: {e}")
-            return
-        if message is not None:
-            self._send(message)
+            return False
+        if message is None:
+            return False
+        self._send(message)
         if repeats:
             self._timer = asyncio.get_running_loop().call_later(0.2, self._hold_again, repeats - 1)
+        return True
 
     def _hold_again(self, repeats: int) -> None:
         self._timer = None
-        if self._last is None and not self.busy():
+        if self._last is not None:
+            self._on_timer()  # the stream goes on, and is watched again
+        elif not self.busy():
             self._hold(repeats)
