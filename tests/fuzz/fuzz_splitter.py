@@ -157,7 +157,17 @@ def run_atheris(dialect: Dialect, seed: int, runs: int | None, seconds: float | 
         arguments.append(f"-runs={runs}")
     if seconds is not None:
         arguments.append(f"-max_total_time={max(1, round(seconds))}")
-    atheris.Setup(arguments, lambda data: check(dialect, data))
+
+    def mutate(data: bytes, max_size: int, chosen: int) -> bytes:
+        """Its own mutations, with frames among them: by chance alone it would meet no right checksum."""
+        rng = random.Random(chosen)
+        place = rng.randrange(len(data) + 1)
+        if rng.random() < 0.3:
+            data = data[:place] + Mutator(dialect, rng).piece() + data[place:]
+        mutated: bytes = atheris.Mutate(data[:max_size], max_size)
+        return mutated
+
+    atheris.Setup(arguments, lambda data: check(dialect, data), custom_mutator=mutate)
     atheris.Fuzz()
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -361,6 +363,16 @@ def test_packer_packs_fields_called_name_and_self(dialect: Dialect) -> None:
     assert decode(parse_frame(data, dialect), dialect) == {"time_boot_ms": 0, "name": "speed", "value": 2.5}
 
 
+@pytest.fixture
+def hasty_threads() -> Iterator[None]:
+    """Threads that take turns as often as they can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("hasty_threads")
 def test_packer_may_be_used_by_many_threads(dialect: Dialect) -> None:
     packer = Packer(dialect, 1, 1)
     made: list[bytes] = []

@@ -20,7 +20,8 @@ OWN = """<?xml version="1.0"?>
     <enum name="BREW_STATE"><entry name="BREW_COLD"/><entry value="7" name="BREW_HOT"/></enum>
     <enum name="BREW_FLAG" bitmask="true">
       <entry value="1" name="BREW_FLAG_MILK"/><entry value="0x2" name="BREW_FLAG_SUGAR"/>
-      <entry value="2**2" name="BREW_FLAG_RUM"/>
+      <entry value="2**2" name="BREW_FLAG_RUM"/><entry value="3" name="BREW_FLAG_USUAL"/>
+      <entry value="0" name="BREW_FLAG_BLACK"/>
     </enum>
   </enums>
   <messages>
@@ -180,6 +181,20 @@ def test_own_message(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     # Nothing is left behind, and nothing was said.
     assert [entry.name for entry in tmp_path.iterdir()] == ["own.xml"]
     assert capfd.readouterr() == ("", "")
+
+
+def test_flags_with_names_for_none_and_for_several(tmp_path: Path) -> None:
+    dialect = load_dialect(write(tmp_path, OWN))
+    packer, splitter = Packer(dialect, 1, 1), Splitter(dialect)
+    shown = [describe(splitter.feed(packer.pack("BREW", flags=k))[0], dialect).fields["flags"] for k in (0, 3, 7, 13)]
+    assert shown == [
+        "BREW_FLAG_BLACK",
+        "BREW_FLAG_USUAL",
+        "BREW_FLAG_MILK | BREW_FLAG_SUGAR | BREW_FLAG_RUM",
+        "BREW_FLAG_MILK | BREW_FLAG_RUM | 8",
+    ]
+    data = [packer.pack("BREW", flags=text) for text in (*shown, "BREW_FLAG_USUAL | 4")]
+    assert [decode(splitter.feed(frame)[0], dialect)["flags"] for frame in data] == [0, 3, 7, 13, 7]
 
 
 def test_own_message_is_what_pymavlinks_generator_makes_of_it(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from types import ModuleType
 import pytest
 
 from zmav.mavlink import Dialect, Packer, Splitter, load_dialect
+from zmav.mavlink.checksum import checksum
 from zmav.mavlink.frame import MAGIC_V2, build_frame
 
 
@@ -93,6 +94,18 @@ def test_flags_that_are_not_understood_are_refused(dialect: Dialect, flags: int)
     assert splitter.counters.bad_crc == 0
 
 
+@pytest.mark.parametrize(("place", "value"), [(0, 8), (0, 10), (1, 0x02), (1, 0x01), (1, 0x80)])
+def test_a_right_checksum_does_not_excuse_length_or_flags(dialect: Dialect, place: int, value: int) -> None:
+    """In one datagram, from a sender that is known already: what the fast path sees most."""
+    good = heartbeat(dialect, 0)
+    body = bytearray(good[1:-2])
+    body[place] = value
+    forged = b"\xfd" + body + checksum(bytes(body), dialect.message("HEARTBEAT").crc_extra).to_bytes(2, "little")
+    splitter = Splitter(dialect)
+    splitter.feed(good)
+    assert feed_all(splitter, forged) == []
+
+
 def test_refused_flags_are_refused_at_the_third_byte(dialect: Dialect) -> None:
     splitter = Splitter(dialect)
     assert feed_all(splitter, b"\xfd\xff\x02") == []
@@ -101,8 +114,6 @@ def test_refused_flags_are_refused_at_the_third_byte(dialect: Dialect) -> None:
 
 
 def test_compatibility_flags_change_nothing(dialect: Dialect) -> None:
-    from zmav.mavlink.checksum import checksum
-
     message = dialect.message("HEARTBEAT")
     body = bytes([1, 0, 0x55, 0, 1, 1, 0, 0, 0, 9])
     data = b"\xfd" + body + checksum(body, message.crc_extra).to_bytes(2, "little")
@@ -157,6 +168,13 @@ def test_unknown_messages_out_of_step_are_passed_over_at_once(dialect: Dialect) 
     assert splitter.counters.unknown == 0
     assert splitter.counters.garbage == 1 + len(unknown(1))
     assert feed_all(splitter, unknown(6)) == [unknown(6)]
+
+
+def test_unknown_messages_out_of_step_hold_up_nothing(dialect: Dialect) -> None:
+    """What looks like the head of a long unknown message must not keep back the good frame behind it."""
+    splitter = Splitter(dialect)
+    good = heartbeat(dialect, 5)
+    assert feed_all(splitter, b"x" + unknown(1, payload=bytes(200))[:12] + good) == [good]
 
 
 def test_unknown_frames_make_no_sources(dialect: Dialect) -> None:

@@ -145,12 +145,16 @@ class Splitter:
     def _run(self, buf: bytes, pos: int, frames: list[Frame]) -> int:
         """Take frames like the fast path's for as long as they follow each other; returns where that ended."""
         layouts, table, routes = self._layouts, self._residues, self._routes
-        last = len(buf) - _SHORTEST_V2
+        total = len(buf)
+        last = total - _SHORTEST_V2
         start = pos
         try:
             while pos <= last:
-                data = buf[pos : pos + _SHORTEST_V2 + buf[pos + 1]]
-                size = len(data)
+                size = _SHORTEST_V2 + buf[pos + 1]
+                end = pos + size
+                if end > total:
+                    break
+                data = buf[pos:end]
                 unpack, expected = layouts[size]
                 head, seq, key, checked = unpack(data)
                 if head != expected:
@@ -164,7 +168,7 @@ class Splitter:
                     self._jump(key[:2], source, seq)
                 source.frames += 1
                 frames.append(Frame(data, msgid, True))
-                pos += size
+                pos = end
         except KeyError:  # a new route: the general path will add it
             pass
         if pos > start:
@@ -218,20 +222,24 @@ class Splitter:
 
     def _account(self, frame: Frame, message: MessageType | None) -> None:
         """Count a frame of the general path, and let the fast paths know its route."""
-        sender = (frame.sysid, frame.compid)
-        source = self.sources.get(sender)
+        data, seq = frame.data, frame.seq
+        sender = data[5:7] if data[0] == MAGIC_V2 else data[3:5]
+        source = self.sources.get((sender[0], sender[1]))
         if message is None:
             self.counters.unknown += 1
         elif source is None:
-            source = self.sources[sender] = SourceCounters(last_seq=(frame.seq - 1) & 0xFF)
+            source = self.sources[sender[0], sender[1]] = SourceCounters(last_seq=seq)
         if source is None:
             return
-        self._jump(bytes(sender), source, frame.seq)
+        if seq == source.last_seq + 1:
+            source.last_seq = seq
+        else:
+            self._jump(sender, source, seq)
         source.frames += 1
-        if message is not None and frame.version == 2:
+        if message is not None and data[0] == MAGIC_V2 and data[5:10] not in self._routes:
             if len(self._routes) >= _MAX_ROUTES:
                 self._routes.clear()
-            self._routes[frame.data[5:10]] = (residue_of(message.crc_extra), message.id, source)
+            self._routes[data[5:10]] = (residue_of(message.crc_extra), message.id, source)
 
     def _jump(self, sender: bytes, source: SourceCounters, seq: int) -> None:
         """Move a source's sequence number on, by the rules in the class's docstring."""
