@@ -67,10 +67,16 @@ class Samples:
         """The samples' JSON."""
         return [json.loads(payload) for _, payload in self.items]
 
-    async def object(self, true: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
-        """The first sample whose JSON is as wanted, past ones included."""
-        await self.until(lambda: any(map(true, self.objects())), what)
-        return next(filter(true, self.objects()))
+    async def object(self, true: Callable[[dict[str, Any]], bool], what: str, after: int = 0) -> dict[str, Any]:
+        """The first sample whose JSON is as wanted among ``items[after:]``, past ones included."""
+        found: list[dict[str, Any]] = []
+
+        def there() -> bool:
+            found[:] = [body for body in self.objects()[after:] if true(body)][:1]
+            return bool(found)
+
+        await self.until(there, what)
+        return found[0]
 
 
 class Ground:

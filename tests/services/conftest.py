@@ -42,7 +42,7 @@ class Told(NamedTuple):
 class Peer(asyncio.DatagramProtocol):
     """An autopilot: beats, keeps a mode and arming, and answers commands by ``results`` (ACCEPTED unless given).
 
-    ``mute`` are commands it does not answer; ``told`` is all it was sent.
+    ``mute`` are commands it does not answer; ``told`` is all it was sent, ``sent`` what it sent itself.
     """
 
     def __init__(self, sysid: int = 1, *, mav_type: int = 2, autopilot: int = 3, uid: int = 1) -> None:
@@ -50,6 +50,7 @@ class Peer(asyncio.DatagramProtocol):
         self.mav_type, self.autopilot, self.uid = mav_type, autopilot, uid
         self.mode, self.armed = STABILIZE, False
         self.told: list[Told] = []
+        self.sent: list[bytes] = []
         self.results: dict[int, list[int]] = {}
         """what to answer a command with, one after the other; a last one is kept"""
         self.mute: set[int] = set()
@@ -87,6 +88,7 @@ class Peer(asyncio.DatagramProtocol):
     def raw(self, data: bytes) -> None:
         if self._companion is not None and self._transport is not None:
             self._transport.sendto(data, self._companion)
+            self.sent.append(data)
 
     def heartbeat(self) -> None:
         armed = ARMED if self.armed else 0
@@ -176,9 +178,7 @@ class Bench(NamedTuple):
 
     async def state(self, true: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
         """Wait for a state as wanted, from now on."""
-        before = len(self.states.items)
-        await self.states.until(lambda: any(map(true, self.states.objects()[before:])), what)
-        return next(filter(true, self.states.objects()[before:]))
+        return await self.states.object(true, what, after=len(self.states.items))
 
     async def event(self, words: str, **same: Any) -> dict[str, Any]:
         """The first event with these words."""
