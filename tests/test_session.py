@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +98,29 @@ def test_without_a_router_it_is_said_what_to_do() -> None:
     with socket.create_server(("127.0.0.1", 0)) as closed:
         nobody = f"tcp/127.0.0.1:{closed.getsockname()[1]}"
     with pytest.raises(SessionError, match=f"no Zenoh router answers at {nobody}.*'zmav up'.*-e") as caught:
-        open_session(SessionSettings(connect=[nobody], cfg=["connect/timeout_ms:200"]))
+        open_session(SessionSettings(connect=[nobody]))
     assert caught.value.detail["endpoints"] == [nobody]
+
+
+def test_a_client_takes_whichever_of_its_routers_answers() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        nobody = f"tcp/127.0.0.1:{closed.getsockname()[1]}"
+    with open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])) as router:
+        (reply,) = router.get(f"@/{router.info.zid()}/router")
+        assert reply.ok is not None
+        (endpoint,) = json.loads(reply.ok.payload.to_bytes())["locators"]
+        for connect in ([nobody, endpoint], [endpoint, nobody]):
+            with open_session(SessionSettings(connect=connect)) as session:
+                assert session.info.routers_zid() == [router.info.zid()]
+
+
+def test_a_router_that_is_just_starting_is_waited_for() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        endpoint = f"tcp/127.0.0.1:{closed.getsockname()[1]}"
+    with ThreadPoolExecutor() as pool:
+        opening = pool.submit(open_session, SessionSettings(connect=[endpoint]))
+        with open_session(SessionSettings(mode="router", listen=[endpoint])) as router, opening.result() as session:
+            assert session.info.routers_zid() == [router.info.zid()]
 
 
 def test_a_port_in_use_is_said() -> None:

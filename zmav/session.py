@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +20,8 @@ import zenoh
 from zmav.errors import BadConfig, SessionError
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+PATIENCE = 1.0
+"""s for a router to answer a client: it may just be starting"""
 Mode = Literal["client", "peer", "router"]
 
 
@@ -58,7 +61,7 @@ def defaults(mode: str) -> dict[str, Any]:
         "transport/link/tx/keep_alive": 4,
     }
     if mode == "client":
-        values["connect/timeout_ms"] = 3000
+        values["connect/timeout_ms"] = 0  # each endpoint once: with a limit, Zenoh spends all of it on the first
     else:
         # A neighbour that is not there yet is no reason to stop: it is tried for ever.
         values["connect/timeout_ms"] = -1
@@ -109,15 +112,19 @@ def _insert(built: zenoh.Config, path: str, value: str) -> None:
 
 
 def open_session(settings: SessionSettings | None = None) -> zenoh.Session:
-    """Open a session; close it (``with``) or the process hangs at its exit. Blocks up to about three seconds.
+    """Open a session; close it (``with``) or the process hangs at its exit. Blocks while endpoints are tried.
 
     Raises :class:`SessionError` that says what to do, where no router answers or a listening port is taken.
     """
     built = config(settings or SessionSettings())
-    try:
-        return zenoh.open(built)
-    except zenoh.ZError as e:
-        raise _unopened(built, reason(e)) from e
+    give_up = time.monotonic() + (PATIENCE if json.loads(built.get_json("mode")) == "client" else 0.0)
+    while True:
+        try:
+            return zenoh.open(built)
+        except zenoh.ZError as e:
+            if time.monotonic() > give_up:
+                raise _unopened(built, reason(e)) from e
+        time.sleep(0.1)
 
 
 def reason(error: zenoh.ZError) -> str:
