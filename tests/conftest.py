@@ -91,7 +91,9 @@ class Ground:
         return Samples(self.session, key)
 
     def put(self, channel: keys.Channel, payload: bytes, **chunks: object) -> None:
-        self.session.put(channel.key(self.fleet, self.name, **chunks), payload, **channel.qos.options())
+        """Put on a channel of the vehicle; unlike an agent's, it is never dropped on the way out."""
+        options = {**channel.qos.options(), "congestion_control": zenoh.CongestionControl.BLOCK}
+        self.session.put(channel.key(self.fleet, self.name, **chunks), payload, **options)
 
     async def ask(self, key: str, payload: bytes = b"") -> list[zenoh.Reply]:
         return await asyncio.to_thread(lambda: list(self.session.get(key, payload=payload, timeout=PATIENCE_S)))
