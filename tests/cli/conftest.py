@@ -20,6 +20,7 @@ from click.testing import CliRunner, Result
 import zmav
 from zmav import cli
 from zmav.sim import SimVehicle, VehicleSpec, World
+from zmav.wire import VehicleState
 
 PATIENCE_S = 30.0
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -171,10 +172,10 @@ class Vehicle(NamedTuple):
     endpoint: str
     zmav: Here
 
-    def until(self, true: Callable[[zmav.VehicleState], bool]) -> zmav.VehicleState:
+    def until(self, true: Callable[[VehicleState], bool]) -> VehicleState:
         """Wait for a state."""
 
-        async def wait() -> zmav.VehicleState:
+        async def wait() -> VehicleState:
             async with zmav.open(connect=[self.endpoint]) as z:
                 return await z.vehicle("quad1").wait_until(true, PATIENCE_S)
 
