@@ -363,6 +363,34 @@ def test_packer_packs_fields_called_name_and_self(dialect: Dialect) -> None:
     assert decode(parse_frame(data, dialect), dialect) == {"time_boot_ms": 0, "name": "speed", "value": 2.5}
 
 
+def test_packer_makes_the_frames_that_encode_makes(dialect: Dialect) -> None:
+    """Messages of plain numbers go a quicker way, which must not show."""
+    packer, quick = Packer(dialect, 7, 191), 0
+    for message in dialect.by_id.values():
+        numbers = {field.name: 3 + i for i, field in enumerate(message.fields) if not field.length}
+        if message.max_length and len(numbers) == len(message.fields):
+            seq, quick = quick & 255, quick + 1
+            expected = encode(dialect, message.name, numbers, sysid=7, compid=191, seq=seq)
+            assert packer.pack(message.name, **numbers) == expected
+    assert quick > 100
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"type": 256}, "type"),
+        ({"type": 1.5}, "type"),
+        ({"custom_mode": "GUIDED"}, "custom_mode"),
+        ({"armed": 1}, "armed"),
+        ({"base_mode": None}, "base_mode"),
+    ],
+)
+def test_packer_refuses_what_encode_refuses(dialect: Dialect, fields: dict[str, Any], named: str) -> None:
+    with pytest.raises(BadMessage) as caught:
+        Packer(dialect, 1, 1).pack("HEARTBEAT", **fields)
+    assert list(caught.value.detail["fields"]) == [named]
+
+
 @pytest.fixture
 def hasty_threads() -> Iterator[None]:
     """Threads that take turns as often as they can."""

@@ -10,6 +10,7 @@ text, and for bytes after a NUL, the way there and back is not the identity. NaN
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections.abc import Mapping
 from typing import Any
@@ -220,10 +221,39 @@ class Packer:
         self.version = version
         self._seq = 0
         self._lock = threading.Lock()
+        self._plain: dict[str, tuple[MessageType, dict[str, int]] | None] = {}
 
     def pack(self, name: str, /, **fields: Any) -> bytes:
         """The next frame. Raises :class:`BadMessage` as :func:`encode` does; that uses up no sequence number."""
         with self._lock:
-            data = _encode(self.dialect, name, fields, self.sysid, self.compid, self._seq, self.version, default=0)
+            data = self._pack_numbers(name, fields) or _encode(
+                self.dialect, name, fields, self.sysid, self.compid, self._seq, self.version, default=0
+            )
             self._seq = (self._seq + 1) & 0xFF
         return data
+
+    def _pack_numbers(self, name: str, fields: dict[str, Any]) -> bytes | None:
+        """The fast path: a message of single numbers, given as numbers. None: :func:`_encode` will do it, or say what
+        is wrong with it.
+        """
+        if name not in self._plain:
+            self._plain[name] = _numbers_of(self.dialect.message(name)) if self.version == 2 else None
+        plain = self._plain[name]
+        if plain is None:
+            return None
+        message, zeros = plain
+        values_by_name = {**zeros, **fields}
+        if len(values_by_name) != len(zeros):
+            return None
+        try:
+            payload = message.struct.pack(*values_by_name.values())
+        except (struct.error, OverflowError, TypeError):
+            return None
+        return build_frame(message, payload, self.sysid, self.compid, self._seq)
+
+
+def _numbers_of(message: MessageType) -> tuple[MessageType, dict[str, int]] | None:
+    """A message without arrays and text, and what its fields are where they are not given, in the payload's order."""
+    if any(field.length or field.type == "char" for field in message.wire_fields):
+        return None
+    return message, {f.name: _MAVLINK_VERSION if f.name == "mavlink_version" else 0 for f in message.wire_fields}
