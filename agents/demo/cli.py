@@ -21,7 +21,7 @@ from agents.demo.processes import Processes, free_port, free_udp_ports
 from agents.demo.watch import Watch
 from zmav.cli.common import console
 from zmav.cli.ls import fleet_view
-from zmav.errors import ZmavError
+from zmav.errors import SessionError
 from zmav.sim import Home
 
 FLEET = "demo"
@@ -68,7 +68,7 @@ def start_fleet(processes: Processes, ground: str, console: Console) -> None:
 
 async def _fly(processes: Processes, ground: str, console: Console, live: bool) -> tuple[int, Watch]:
     async with contextlib.AsyncExitStack() as stack:
-        z = await stack.enter_async_context(await _connect(ground, processes))
+        z = await _connect(stack, ground, processes)
         watch = Watch(z, NAMES)
         watching = asyncio.create_task(watch.run())
         planner = processes.start("planner", "swarm", "swap", *NAMES, "--fleet", FLEET, "-e", ground, may_end=True)
@@ -79,17 +79,16 @@ async def _fly(processes: Processes, ground: str, console: Console, live: bool) 
         return code, watch
 
 
-async def _connect(ground: str, processes: Processes) -> zmav.Client:
+async def _connect(stack: contextlib.AsyncExitStack, ground: str, processes: Processes) -> zmav.Client:
     """A client of the ground's router, once that router is up."""
     deadline = time.monotonic() + 15.0
-    host, _, port = ground.split("/", 1)[1].rpartition(":")
     while True:
         processes.check()
-        with contextlib.suppress(OSError), socket.create_connection((host, int(port)), 0.5):
-            return zmav.open(fleet=FLEET, connect=[ground])
-        if time.monotonic() > deadline:
-            raise ZmavError(f"the ground's router does not come up at {ground}: {processes.said('ground')}")
-        await asyncio.sleep(0.1)
+        try:
+            return await stack.enter_async_context(zmav.open(fleet=FLEET, connect=[ground]))
+        except SessionError:
+            if time.monotonic() > deadline:
+                raise
 
 
 async def _until_ended(

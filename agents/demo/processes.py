@@ -36,20 +36,23 @@ def free_udp_ports(count: int) -> int:
 class Processes:
     """``zmav`` verbs as processes of their own, each with a log file; on exit all get SIGTERM, then SIGKILL.
 
-    Use it with ``with``, in the main thread: a SIGTERM to us is an exit like any other while it lasts.
+    Use it with ``with``, in the main thread: while it lasts a SIGTERM to us is an exit like any other.
     """
 
     def __init__(self) -> None:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._mortal: set[str] = set()
         self._folder = tempfile.TemporaryDirectory(prefix="zmav-demo-")
+        self._starting = False
+        self._asked: int | None = None
 
     def __enter__(self) -> Processes:
-        self._before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+        self._before = {number: signal.signal(number, self._on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # we are about to end
+        for number in self._before:
+            signal.signal(number, signal.SIG_IGN)  # we are about to end
         for process in self._running.values():
             process.terminate()
         deadline = time.monotonic() + 5.0
@@ -60,10 +63,19 @@ class Processes:
                 process.kill()
                 process.wait()
         self._folder.cleanup()
-        signal.signal(signal.SIGTERM, self._before)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, frame: object) -> None:
+        """Leave, but not between the birth of a process and our knowing of it."""
+        if self._starting:
+            self._asked = number
+        else:
+            _leave(number)
 
     def start(self, name: str, *arguments: str, may_end: bool = False) -> subprocess.Popen[bytes]:
         """Start ``zmav ARGUMENTS`` under a name."""
+        self._starting = True
         with self._log(name).open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "zmav", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log
@@ -71,6 +83,9 @@ class Processes:
         self._running[name] = process
         if may_end:
             self._mortal.add(name)
+        self._starting = False
+        if self._asked is not None:
+            _leave(self._asked)
         return process
 
     def check(self) -> None:
@@ -88,3 +103,9 @@ class Processes:
 
     def _log(self, name: str) -> Path:
         return Path(self._folder.name) / f"{name}.log"
+
+
+def _leave(number: int) -> None:
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    sys.exit(128 + number)

@@ -12,15 +12,19 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import pytest
+import zenoh
 from click.testing import CliRunner, Result
 
 import zmav
 from zmav import cli
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.wire import VehicleState
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
 
 PATIENCE_S = 30.0
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -197,3 +201,40 @@ def vehicle() -> Iterator[Vehicle]:
         finally:
             up.popen.terminate()
             up.wait()
+
+
+Saying = bytes | None | Callable[[], bytes]
+
+
+class Speaker:
+    """Puts what it is given fifty times a second until the test's end; None deletes. ``zmav`` runs verbs beside it."""
+
+    def __init__(self, session: zenoh.Session, endpoint: str) -> None:
+        self.session, self.endpoint, self.zmav = session, endpoint, Here("-e", endpoint)
+        self._sayings: dict[str, Saying] = {}
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._speak)
+        self._thread.start()
+
+    def say(self, key: str, what: Saying) -> None:
+        self._sayings[key] = what
+
+    def _speak(self) -> None:
+        while not self._over.wait(0.02):
+            for key, what in list(self._sayings.items()):
+                if what is None:
+                    self.session.delete(key)
+                else:
+                    self.session.put(key, what if isinstance(what, bytes) else what())
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def speaker(net: Net) -> Iterator[Speaker]:
+    """What only a vehicle in trouble says, said without one, in a router of its own."""
+    speaker = Speaker(*net.router())
+    yield speaker
+    speaker.close()

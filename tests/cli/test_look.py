@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +15,7 @@ from zmav import cli
 from zmav.errors import BadConfig, BadInput, BadKey, BadMessage, NoSuchVehicle, Stale
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Here, StartProcess, Vehicle
+    from tests.cli.conftest import Here, Speaker, StartProcess, Vehicle
     from tests.conftest import Net
 
 PATIENCE_S = 30.0
@@ -28,28 +26,6 @@ def empty(net: Net, here: type[Here]) -> Here:
     """Verbs beside a router without any vehicle."""
     _, endpoint = net.router()
     return here("-e", endpoint)
-
-
-Publish = Callable[[str, bytes], None]
-
-
-@pytest.fixture
-def speaker(net: Net, here: type[Here]) -> Iterator[tuple[Publish, Here]]:
-    """Publishes what it is given for as long as the test lasts, and verbs beside it."""
-    session, endpoint = net.router()
-    sayings: dict[str, bytes] = {}
-    over = threading.Event()
-
-    def say() -> None:
-        while not over.wait(0.02):
-            for key, payload in list(sayings.items()):
-                session.put(key, payload)
-
-    thread = threading.Thread(target=say)
-    thread.start()
-    yield sayings.__setitem__, here("-e", endpoint)
-    over.set()
-    thread.join()
 
 
 # ls
@@ -121,9 +97,9 @@ def test_echo_takes_raw_key_expressions(vehicle: Vehicle) -> None:
     ],
 )
 def test_echo_of_what_is_no_frame(
-    speaker: tuple[Publish, Here], key: str, payload: bytes, shown: dict[str, Any], as_text: str
+    speaker: Speaker, key: str, payload: bytes, shown: dict[str, Any], as_text: str
 ) -> None:
-    publish, verb = speaker
+    publish, verb = speaker.say, speaker.zmav
     publish(key, payload)
     (line,) = verb("echo", f"**/{key}" if key.startswith("elsewhere") else key, "-n", "1", "--json").lines
     assert line["key"] == key
@@ -131,21 +107,9 @@ def test_echo_of_what_is_no_frame(
     assert as_text in verb("echo", f"**/{key}" if key.startswith("elsewhere") else key, "-n", "1").out
 
 
-def test_echo_says_when_a_key_is_deleted(vehicle: Vehicle, net: Net) -> None:
-    session, endpoint = net.router()
-    over = threading.Event()
-
-    def delete() -> None:
-        while not over.wait(0.02):
-            session.delete("zmav/demo/@fleet/goal")
-
-    thread = threading.Thread(target=delete)
-    thread.start()
-    try:
-        (line,) = vehicle.zmav("echo", "zmav/demo/@fleet/goal", "-n", "1", "--json", "-e", endpoint).lines
-    finally:
-        over.set()
-        thread.join()
+def test_echo_says_when_a_key_is_deleted(speaker: Speaker) -> None:
+    speaker.say("zmav/demo/@fleet/goal", None)
+    (line,) = speaker.zmav("echo", "zmav/demo/@fleet/goal", "-n", "1", "--json").lines
     assert line["deleted"] is True
 
 
@@ -175,8 +139,8 @@ def test_an_interrupt_ends_without_a_traceback(start: StartProcess, vehicle: Veh
 # hz, bw, delay
 
 
-def test_hz(speaker: tuple[Publish, Here]) -> None:
-    publish, verb = speaker
+def test_hz(speaker: Speaker) -> None:
+    publish, verb = speaker.say, speaker.zmav
     publish("zmav/demo/quad1/state", b"x" * 10)
     publish("zmav/demo/quad2/state", b"x" * 30)
     rows = verb("hz", "quad*", "--for", "1", "--json").lines
@@ -188,8 +152,8 @@ def test_hz(speaker: tuple[Publish, Here]) -> None:
     assert table.split()[:6] == ["key", "count", "hz", "min_ms", "max_ms", "stdev_ms"]
 
 
-def test_bw(speaker: tuple[Publish, Here]) -> None:
-    publish, verb = speaker
+def test_bw(speaker: Speaker) -> None:
+    publish, verb = speaker.say, speaker.zmav
     publish("zmav/demo/quad1/state", b"x" * 10)
     publish("zmav/demo/quad2/state", b"x" * 30)
     big, small, total = verb("bw", "quad*", "--for", "1", "--json").lines

@@ -41,10 +41,16 @@ def examine_link(url: str, dialect: str, seconds: float) -> list[Finding]:
     with link:
         link.start(ear.hear, lambda state, detail: None)
         if isinstance(link, SerialLink):
-            link.wait(LinkState.UP, BAUD_SEARCH)
+            _find_baud(link)
         _converse(link, Packer(ear.dialect, 1, 191), seconds)
         state, detail = link.state, link.detail
     return list(_judge(link, ear, state, detail))
+
+
+def _find_baud(link: Link) -> None:
+    end = time.monotonic() + BAUD_SEARCH
+    while link.state is LinkState.CONNECTING and time.monotonic() < end:
+        link.wait(LinkState.UP, 0.2)
 
 
 def _converse(link: Link, packer: Packer, seconds: float) -> None:

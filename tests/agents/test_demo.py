@@ -1,0 +1,187 @@
+"""``zmav demo`` as the process it is: it flies, says how it went, and leaves nobody behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from agents.demo.processes import Processes, free_port, free_udp_ports
+from zmav.errors import ZmavError
+
+PATIENCE_S = 60.0
+Demo = subprocess.Popen[str]
+
+
+@pytest.fixture
+def start_demo() -> Iterator[Callable[..., Demo]]:
+    """Start it without a terminal; it and all it started are gone at the test's end."""
+    started: list[Demo] = []
+
+    def start(*arguments: str) -> Demo:
+        started.append(
+            subprocess.Popen(
+                [sys.executable, "-m", "zmav", "demo", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT, text=True, start_new_session=True,
+            )
+        )  # fmt: skip
+        return started[-1]
+
+    yield start
+    for demo in started:
+        if demo.poll() is None:
+            os.killpg(demo.pid, signal.SIGKILL)
+        demo.communicate()
+
+
+def children(demo: Demo) -> dict[str, int]:
+    """The processes it started, by their verb, or by their vehicle's name; this needs /proc."""
+    task = Path(f"/proc/{demo.pid}/task/{demo.pid}/children")
+    if not task.exists():
+        pytest.skip("this system does not tell a process's children")
+    found = {}
+    for pid in map(int, task.read_text().split()):
+        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        if "zmav" in words:
+            verb = words[words.index("zmav") + 1]
+            found[words[words.index("--name") + 1] if verb == "up" else verb] = pid
+    return found
+
+
+def wait_for_children(demo: Demo, *names: str) -> dict[str, int]:
+    end = time.monotonic() + PATIENCE_S
+    while not set(names) <= (found := children(demo)).keys():
+        assert demo.poll() is None, "it ended too soon"
+        assert time.monotonic() < end, f"only {sorted(found)} were started"
+        time.sleep(0.05)
+    return found
+
+
+def wait_for_handler(pid: int) -> None:
+    """Wait until a process has its own way of ending on SIGTERM."""
+    end = time.monotonic() + PATIENCE_S
+    while not int(re.findall(r"SigCgt:\s+(\w+)", Path(f"/proc/{pid}/status").read_text())[0], 16) >> 14 & 1:
+        assert time.monotonic() < end, "it never took SIGTERM upon itself"
+        time.sleep(0.02)
+
+
+def alive(pids: dict[str, int]) -> set[str]:
+    return {name for name, pid in pids.items() if Path(f"/proc/{pid}").exists()}
+
+
+EVERYONE = ("quad1", "quad2", "quad3", "router", "sim", "swarm")
+
+
+@pytest.mark.slow
+def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..., Demo]) -> None:
+    demo = start_demo("--headless")
+    pids = wait_for_children(demo, *EVERYONE)
+    out, _ = demo.communicate(timeout=115.0)
+    assert demo.returncode == 0, out
+    rows = re.findall(r"^(quad\d) +(\d) +(yes|NO) +([\d.]+) m +(\d+) m +(\d+) +(-?\d+) +(\d+)/(\d+)", out, re.MULTILINE)
+    assert [(name, relays, arrived) for name, relays, arrived, *_ in rows] == [
+        ("quad1", "0", "yes"), ("quad2", "1", "yes"), ("quad3", "2", "yes"),
+    ]  # fmt: skip
+    for _, _, _, away, flown, setpoints, _, lost, frames in rows:
+        assert float(away) < 1.0
+        assert float(flown) > 20.0
+        assert int(setpoints) > 20
+        assert int(lost) <= 0.02 * int(frames)
+    closest = re.search(r"closest approach ([\d.]+) m", out)
+    assert closest is not None
+    assert float(closest[1]) > 1.5
+    assert "every vehicle got there" in out
+    assert "Traceback" not in out
+    assert alive(pids) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "code"),
+    [("sim", signal.SIGKILL, "-9"), ("sim", signal.SIGTERM, "0"), ("quad2", signal.SIGKILL, "-9")],
+    ids=["simulator killed", "simulator ended", "router killed"],
+)
+def test_a_process_that_dies_ends_it_with_words(
+    start_demo: Callable[..., Demo], name: str, number: int, code: str
+) -> None:
+    demo = start_demo("--headless")
+    pids = wait_for_children(demo, *EVERYONE)
+    wait_for_handler(pids[name])  # an end on SIGTERM is then with 0, and no less an end
+    os.kill(pids[name], number)
+    out, _ = demo.communicate(timeout=PATIENCE_S)
+    assert demo.returncode == 1, out
+    assert f"zmav: {name} ended with {code}, but should run to the end; it said last:" in out
+    assert "Traceback" not in out
+    assert alive(pids) == set()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_it_can_be_ended_at_any_time(start_demo: Callable[..., Demo], number: int, code: int) -> None:
+    demo = start_demo()
+    pids = wait_for_children(demo, "quad1", "sim", "router")
+    demo.send_signal(number)
+    out, _ = demo.communicate(timeout=PATIENCE_S)
+    assert demo.returncode == code, out
+    assert "Traceback" not in out
+    assert alive(pids) == set()
+
+
+def test_a_port_in_use_ends_it_with_words(start_demo: Callable[..., Demo]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        demo = start_demo("--endpoint", f"tcp/127.0.0.1:{taken.getsockname()[1]}")
+        out, _ = demo.communicate(timeout=PATIENCE_S)
+    assert demo.returncode == 1
+    assert "zmav: ground ended with 1" in out
+    assert "is in use by another program" in out
+
+
+def test_an_endpoint_that_is_none_ends_it_with_words(start_demo: Callable[..., Demo]) -> None:
+    demo = start_demo("--endpoint", "here")
+    out, _ = demo.communicate(timeout=PATIENCE_S)
+    assert demo.returncode == 1
+    assert "<protocol>/<address>" in out
+    assert "Traceback" not in out
+
+
+# Its processes.
+
+
+def test_processes_are_watched_and_all_are_ended() -> None:
+    with Processes() as processes:
+        router = processes.start("router", "router", "-l", "tcp/127.0.0.1:0")
+        help_ = processes.start("help", "--help", may_end=True)
+        assert help_.wait(PATIENCE_S) == 0
+        assert "Usage: " in processes.said("help", 100)
+        processes.check()
+        wrong = processes.start("wrong", "no-such-verb")
+        assert wrong.wait(PATIENCE_S) == 2
+        with pytest.raises(ZmavError, match=r"wrong ended with 2.*\n(.*\n)*.*No such command"):
+            processes.check()
+    assert router.poll() is not None
+
+
+def test_a_sigterm_ends_what_was_started_and_is_then_what_it_was() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as caught, Processes() as processes:
+        router = processes.start("router", "router", "-l", "tcp/127.0.0.1:0")
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(PATIENCE_S)
+    assert caught.value.code == 143
+    assert router.poll() is not None
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_free_ports_are_free() -> None:
+    with socket.create_server(("127.0.0.1", free_port())):
+        pass
+    first = free_udp_ports(3)
+    for port in range(first, first + 3):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+            s.bind(("127.0.0.1", port))

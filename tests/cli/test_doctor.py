@@ -1,0 +1,264 @@
+"""``zmav doctor``: what is well is green; each trouble is red, in words, with what to do about it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+import zenoh
+
+import zmav
+from zmav import keys, wire
+from zmav.cli import examine
+from zmav.cli.examine import Seen, check_routers
+from zmav.mavlink import Packer, load_dialect
+
+if TYPE_CHECKING:
+    from tests.cli.conftest import Here, Speaker, StartProcess, Vehicle
+
+STATE = keys.STATE.key("demo", "quad7")
+LINK = keys.LINK.key("demo", "quad7", link="autopilot")
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vehicles that do not answer are given up soon."""
+    monkeypatch.setattr(zmav.vehicle, "GIVE_UP", 0.3)
+
+
+def findings(lines: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    return {line["subject"]: line for line in lines}
+
+
+def bad(speaker: Speaker) -> dict[str, dict[str, Any]]:
+    """What a doctor beside the speaker finds wrong."""
+    told = speaker.zmav.fails("doctor", "--for", "0.4", "--json")
+    return {subject: line for subject, line in findings(told.lines).items() if not line["ok"]}
+
+
+def state(**changes: Any) -> bytes:
+    """The state of a vehicle in order, but for ``changes``."""
+    whole = wire.VehicleState(
+        t=time.time(), fleet="demo", name="quad7", instance="x", connected=True, sysid=7, compid=1, autopilot="px4",
+        kind="copter", mode="HOLD", armed=False, ready=True, link="up",
+    )  # fmt: skip
+    return wire.encode(msgspec.structs.replace(whole, **changes))
+
+
+def test_all_is_well(vehicle: Vehicle) -> None:
+    told = vehicle.zmav("doctor", "--for", "2.5")
+    assert told.out.rstrip().endswith("all is well")
+    assert "BAD" not in told.out
+    for words in ("ok  packages: Python ", "ok  router quad1: ", "ok  demo/quad1: copter by ardupilot"):
+        assert words in told.out
+    found = findings(vehicle.zmav("doctor", "--for", "2.5", "--json").lines)
+    assert all(line["ok"] for line in found.values())
+    assert found.keys() >= {"demo/quad1 link", "demo/quad1 readiness", "demo/quad1 clock"}
+    assert vehicle.endpoint in found["router quad1"]["found"]
+    assert "ready to arm" in found["demo/quad1 readiness"]["found"]
+
+
+def test_without_a_router(start: StartProcess) -> None:
+    doctor = start("doctor", "-e", "tcp/127.0.0.1:1")
+    assert doctor.wait() == 1
+    assert "BAD router: no Zenoh router answers at tcp/127.0.0.1:1. Start one" in doctor.stdout
+    assert doctor.out[-1] == "1 of 2 need attention"
+    assert doctor.stderr == ""
+
+
+def test_without_a_vehicle(speaker: Speaker) -> None:
+    found = bad(speaker)
+    assert list(found) == ["vehicles"]
+    assert "zmav up" in found["vehicles"]["advice"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "subject", "words", "advice"),
+    [
+        (
+            {"connected": False, "sysid": None, "link": "down"},
+            "",
+            "no autopilot has been heard (link down)",
+            "--link URL",
+        ),
+        ({"connected": False}, "", "its autopilot is silent (link up)", "baud"),
+        ({"clash": "another vehicle is named quad7"}, " identity", "another vehicle is named quad7", "--name"),
+        ({"ready": False, "not_ready": ["EKF has no position estimate"]}, " readiness", "EKF has no position", "GPS"),
+    ],
+    ids=["no autopilot", "silent", "clash", "not ready"],
+)
+def test_a_vehicle_in_trouble(speaker: Speaker, changes: dict[str, Any], subject: str, words: str, advice: str) -> None:
+    speaker.say(STATE, lambda: state(**changes))
+    found = bad(speaker)
+    assert words in found[f"demo/quad7{subject}"]["found"]
+    assert advice in found[f"demo/quad7{subject}"]["advice"]
+    assert "it does not answer" in found["demo/quad7 clock"]["found"]
+    assert len(found) == 2
+
+
+def test_a_vehicle_of_which_there_is_only_a_token(speaker: Speaker) -> None:
+    with speaker.session.liveliness().declare_token("zmav/demo/quad7/alive/vehicle/7/px4/-/x"):
+        assert "its state does not come" in bad(speaker)["demo/quad7"]["found"]
+
+
+def test_a_vehicle_that_fell_silent(speaker: Speaker) -> None:
+    began = time.monotonic()
+    speaker.say(STATE, lambda: state() if time.monotonic() < began + 0.5 else b"")
+    told = speaker.zmav.fails("doctor", "--for", "2.8", "--json")
+    found = findings(told.lines)["demo/quad7"]
+    assert not found["ok"]
+    assert found["found"].startswith("last heard ")
+
+
+def qualities(**per_report: int) -> Iterator[bytes]:
+    """Reports of a link on which so much is added to each counter every time."""
+    for n in itertools.count():
+        counts: dict[str, Any] = {name: each * n for name, each in per_report.items()}
+        yield wire.encode(
+            wire.LinkQuality(
+                t=time.time(), name="autopilot", url="udpin:0.0.0.0:14550", state="up", age=0.0, rx_rate=50.0,
+                rx_bytes_rate=2000.0, loss=0.0, rx_frames=100 * n, **counts,
+            )
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("per_report", "words"),
+    [
+        ({"lost": 10}, "frames lost"),
+        ({"bad_crc": 5}, "frames damaged"),
+        ({"rx_dropped": 1}, "datagrams dropped by the kernel"),
+        ({"lost": 1, "unknown": 50, "garbage": 10}, ""),
+    ],
+    ids=["loss", "crc", "dropped", "well"],
+)
+def test_a_link_in_trouble(speaker: Speaker, per_report: dict[str, int], words: str) -> None:
+    reports = qualities(**per_report)
+    speaker.say(STATE, state)
+    speaker.say(LINK, lambda: next(reports))
+    line = findings(speaker.zmav.fails("doctor", "--for", "0.4", "--json").lines)["demo/quad7 link"]
+    assert line["ok"] is (not words)
+    assert words in line["found"]
+    assert bool(line["advice"]) is bool(words)
+
+
+@pytest.mark.parametrize(("off", "well"), [(0.0, True), (3.0, False), (-3600.0, False)])
+def test_a_clock_that_is_off(speaker: Speaker, off: float, well: bool) -> None:
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            body = {"verb": "ping", "status": "done", "took": 0.0, "result": {"t": time.time() + off}}
+            query.reply(query.key_expr, json.dumps(body))
+
+    speaker.say(STATE, state)
+    pings = speaker.session.declare_queryable(keys.DO.key("demo", "quad7", verb="ping"), answer)
+    told = (speaker.zmav if well else speaker.zmav.fails)("doctor", "--for", "0.4", "--json")
+    pings.undeclare()
+    clock = findings(told.lines)["demo/quad7 clock"]
+    assert clock["ok"] is well
+    assert float(clock["found"].split()[0]) == pytest.approx(1e3 * off, abs=100.0)
+    assert ("synchronise" in clock["advice"]) is not well
+
+
+def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
+    old = {"zid": "0123456789", "version": "0.9.0", "locators": [], "links": []}
+    (found,) = check_routers(Seen([], [old], {}, {}))
+    assert (found.ok, found.subject) == (False, "router 01234567")
+    assert "0.9.0" in found.found
+    (found,) = check_routers(Seen([], [], {}, {}))
+    assert "adminspace" in found.advice
+
+
+def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(examine, "PACKAGES", ("zmav", "no-such-package"))
+    missing, rest = examine.versions()
+    assert (missing.ok, missing.found) == (False, "not installed: no-such-package")
+    assert rest.ok
+
+
+# A link without a router.
+
+
+class Station:
+    """Sends to a UDP port ten times a second whatever it is given."""
+
+    def __init__(self, *messages: bytes) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+            s.bind(("127.0.0.1", 0))
+            self.url = f"udpin:127.0.0.1:{s.getsockname()[1]}"
+        self._messages = messages
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._send)
+
+    def __enter__(self) -> Station:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _send(self) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+            while not self._over.wait(0.1):
+                for message in self._messages:
+                    s.sendto(message, ("127.0.0.1", int(self.url.rpartition(":")[2])))
+
+
+def heartbeat(sysid: int, mav_type: int, autopilot: int) -> bytes:
+    return Packer(load_dialect(), sysid, 1).pack("HEARTBEAT", type=mav_type, autopilot=autopilot)
+
+
+def test_a_link_that_is_well(vehicle: Vehicle, here: type[Here]) -> None:
+    url = vehicle.world.urls[0]
+    found = findings(here()("doctor", "--link", url, "--for", "1.5", "--json").lines)
+    assert found["link"]["found"].startswith(f"{url}: connected")
+    assert "(0 unknown), 0 lost, 0 damaged" in found["traffic"]["found"]
+    assert found["system 1/1"]["found"] == "ardupilot copter"
+
+
+@pytest.mark.parametrize(
+    ("messages", "subject", "words"),
+    [
+        ((), "link", "listening"),
+        ((b"login: ",), "traffic", "no MAVLink in them"),
+        ((heartbeat(255, 6, 8),), "autopilot", "none among what is heard"),
+    ],
+    ids=["silence", "noise", "ground station"],
+)
+def test_a_link_on_which_there_is_no_autopilot(
+    here: type[Here], messages: tuple[bytes, ...], subject: str, words: str
+) -> None:
+    with Station(*messages) as station:
+        told = here().fails("doctor", "--link", station.url, "--for", "0.6", "--json")
+    line = findings(told.lines)[subject]
+    assert not line["ok"]
+    assert words in line["found"]
+    assert line["advice"]
+
+
+def test_a_link_with_two_autopilots_and_damaged_frames(here: type[Here]) -> None:
+    good = heartbeat(1, 2, 3)
+    broken = good[:-1] + bytes([good[-1] ^ 1])
+    with Station(good, heartbeat(2, 1, 12), broken) as station:
+        told = here().fails("doctor", "--link", station.url, "--for", "0.8", "--json")
+    found = findings(told.lines)
+    assert (found["system 1/1"]["found"], found["system 2/1"]["found"]) == ("ardupilot copter", "px4 plane")
+    assert "--sysid" in found["autopilot"]["found"]
+    assert not found["traffic"]["ok"]
+
+
+@pytest.mark.parametrize("url", ["pigeon:coop", "tcp:127.0.0.1:1", "/dev/no-such-tty,57600"])
+def test_a_link_that_does_not_open(here: type[Here], url: str) -> None:
+    told = here().fails("doctor", "--link", url, "--for", "0.2")
+    assert "BAD link: " in told.out
+
+
+def test_a_dialect_that_there_is_not(here: type[Here]) -> None:
+    assert "klingon" in here().fails("doctor", "--link", "udpin:127.0.0.1:0", "--dialect", "klingon").out
