@@ -54,7 +54,7 @@ def send(port: int, rate: float, seconds: float) -> None:
             out.send(body + check.to_bytes(2, "little"))
         except ConnectionRefusedError:
             continue  # nobody listens there yet, or any more: that counts as lost
-    print(total)
+    print(total, (time.monotonic_ns() - start) / 1e9)
 
 
 @dataclasses.dataclass
@@ -63,6 +63,8 @@ class Run:
 
     sent: int
     received: int
+    rate: float
+    """frames a second that were really offered"""
     latencies: list[float]
     cpu: list[float]
 
@@ -109,13 +111,13 @@ def measure(port: int, sink: Sink, pids: list[int], rate: float, seconds: float)
     sink.take()
     before = [_cpu_ns(pid) for pid in pids]
     command = [sys.executable, str(Path(__file__).resolve()), "send", str(port), str(rate), str(seconds)]
-    sent = int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    sent, took = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
     while time.monotonic() - sink.last < 0.3:
         time.sleep(0.05)
     after = [_cpu_ns(pid) for pid in pids]
     got = sink.take()
     cpu = [(b - a) / 1e3 / max(len(got), 1) for a, b in zip(before, after, strict=True)]
-    return Run(sent, len(got), got, cpu)
+    return Run(int(sent), len(got), sent / took, got, cpu)
 
 
 def _cpu_ns(pid: int) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from zmav.errors import Refused, TimedOut, Unsupported
+from zmav.errors import Refused, Stale, TimedOut, Unsupported
 from zmav.mavlink import encode
 from zmav.services import command
 
@@ -215,6 +215,15 @@ async def test_goto_ends_when_the_pilot_takes_over(bench: StartBench) -> None:
         await asked
     assert len(b.peer.heard(TARGET)) == sent
     assert b.peer.commands(SET_MODE) == []
+
+
+async def test_an_autopilot_that_falls_silent_ends_the_order(bench: StartBench) -> None:
+    b = await (await (await bench()).connected()).flying()
+    asked = asyncio.create_task(b.ground.do("goto", frame="global", alt_rel=10.0, **PLACE))
+    await b.peer.count(TARGET, 1)
+    b.peer.beating = False
+    with pytest.raises(Stale, match="the autopilot is silent"):
+        await asked
 
 
 async def test_a_later_order_ends_an_earlier_one(bench: StartBench) -> None:

@@ -129,11 +129,9 @@ class Commander:
             with self._inbox("HEARTBEAT", "GLOBAL_POSITION_INT") as inbox:
                 deadline = time.monotonic() + 180.0
                 while self._identity.armed:
-                    heard = await inbox.get(deadline - time.monotonic())
-                    if heard is None:
-                        raise TimedOut("still armed three minutes after LAND", vehicle=self._port.name)
-                    if heard[0] == "GLOBAL_POSITION_INT":
-                        report({"alt_rel": heard[1]["relative_alt"] / 1000.0})
+                    name, fields = await self._next(inbox, deadline, "still armed three minutes after LAND")
+                    if name == "GLOBAL_POSITION_INT":
+                        report({"alt_rel": fields["relative_alt"] / 1000.0})
                     elif self._identity.armed:
                         self._check_mode(mode)
         return {"armed": False}
@@ -255,15 +253,22 @@ class Commander:
         if self._identity.mode != mode:
             raise Refused(f"taken over: the mode is now {self._identity.mode}", vehicle=self._port.name)
 
+    async def _next(self, inbox: Inbox, deadline: float, late: str) -> tuple[str, Mapping[str, Any]]:
+        """The next message; raises :class:`TimedOut` after the deadline, :class:`Stale` for a silent autopilot."""
+        while (heard := await inbox.get(min(deadline - time.monotonic(), 1.0))) is None:
+            self._autopilot()
+            if time.monotonic() >= deadline:
+                raise TimedOut(late, vehicle=self._port.name)
+        return heard
+
     async def _climb(self, alt_rel: float, mode: str | None, report: Report) -> float:
-        timeout = time.monotonic() + 20.0 + 2.0 * alt_rel
+        deadline = time.monotonic() + 20.0 + 2.0 * alt_rel
         with self._inbox("GLOBAL_POSITION_INT") as inbox:
             altitude = -math.inf
             while altitude < alt_rel - max(0.3, 0.03 * alt_rel):
-                heard = await inbox.get(timeout - time.monotonic())
-                if heard is None:
-                    raise TimedOut(f"only at {altitude:.1f} m of {alt_rel:.1f} m", vehicle=self._port.name)
-                altitude = heard[1]["relative_alt"] / 1000.0
+                late = f"only at {altitude:.1f} m of {alt_rel:.1f} m"
+                _, position = await self._next(inbox, deadline, late)
+                altitude = position["relative_alt"] / 1000.0
                 report({"alt_rel": altitude})
                 if not self._identity.armed:
                     raise Refused("it disarmed during the takeoff", vehicle=self._port.name)
@@ -276,10 +281,8 @@ class Commander:
         mode = self._identity.mode
         with self._inbox("GLOBAL_POSITION_INT") as inbox:
             while True:
-                heard = await inbox.get(deadline - time.monotonic())
-                if heard is None:
-                    raise TimedOut(f"not there after {args.timeout:.0f} s", vehicle=self._port.name)
-                away = _distance(target, heard[1], flat=self._autopilot().on_surface)
+                _, position = await self._next(inbox, deadline, f"not there after {args.timeout:.0f} s")
+                away = _distance(target, position, flat=self._autopilot().on_surface)
                 report({"away": away})
                 if away <= args.tolerance:
                     return away
