@@ -241,7 +241,7 @@ async def test_what_services_use(rig: Rig) -> None:
     await rig.came(heartbeat(2, seq=1))
     assert [f.data for f in heard] == [heartbeat(), heartbeat(2), heartbeat(seq=1)]
     assert len(other) == 4
-    mine, newest = a.latest("HEARTBEAT", (1, 1)), a.newest("HEARTBEAT")
+    newest, mine = a.newest("HEARTBEAT"), a.latest("HEARTBEAT", (1, 1))  # in this order: an age is as of its asking
     assert mine is not None and newest is not None
     assert (mine.frame.data, mine.total) == (heartbeat(seq=1), 2)
     assert (newest.frame.data, newest.total) == (heartbeat(2, seq=1), 2)
