@@ -161,6 +161,12 @@ class Here:
         assert told.error is None or isinstance(told.error, zmav.ZmavError), told
         return told
 
+    def misused(self, *arguments: str) -> Told:
+        """Run it; its arguments must be refused before anything is done."""
+        told = zmav_here(*arguments, *self._last)
+        assert told.code == 2, told
+        return told
+
 
 @pytest.fixture
 def here() -> type[Here]:

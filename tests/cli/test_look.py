@@ -234,7 +234,7 @@ def test_the_zenoh_flags(vehicle: Vehicle, here: type[Here], tmp_path: Path) -> 
         ("--config", str(file), "-m", "client"),
         ("--cfg", f"connect/endpoints:{json.dumps([vehicle.endpoint])}"),
     ):
-        assert [row["name"] for row in here(*flags)("ls", "--json", "--wait", "0.8").lines] == ["quad1"], flags
+        assert [row["name"] for row in here(*flags)("ls", "--json", "--wait", "0.5").lines] == ["quad1"], flags
 
 
 @pytest.mark.parametrize(
@@ -260,16 +260,21 @@ def test_without_a_router_it_is_said_what_to_do(start: StartProcess, verb: str) 
     assert len(process.err) == 1
 
 
+@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["do", "quad1", "fly"]], ids=" ".join)
+def test_wrong_usage_ends_with_2(start: StartProcess, arguments: list[str]) -> None:
+    process = start(*arguments)
+    assert process.wait() == 2
+    assert "Usage: " in process.stderr
+    assert "Traceback" not in process.stderr
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
-        [],
-        ["nonsense"],
         ["echo"],
         ["echo", "quad1", "-n", "0"],
         ["hz", "quad1", "--for", "0"],
         ["ls", "--mode", "captain"],
-        ["do", "quad1", "fly"],
         ["goto", "quad1"],
         ["goto", "quad1", "--ned", "1", "2", "3", "--at", "1", "2"],
         ["goto", "quad1", "--at", "1", "2"],
@@ -280,11 +285,10 @@ def test_without_a_router_it_is_said_what_to_do(start: StartProcess, verb: str) 
     ],
     ids=" ".join,
 )
-def test_wrong_usage_ends_with_2(start: StartProcess, arguments: list[str]) -> None:
-    process = start(*arguments)
-    assert process.wait() == 2
-    assert "Usage: " in process.stderr
-    assert "Traceback" not in process.stderr
+def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
+    told = here().misused(*arguments)
+    assert told.err.startswith("Usage: ")
+    assert "Error: " in told.err
 
 
 def test_help_lists_every_verb(here: type[Here]) -> None:

@@ -17,7 +17,7 @@ from zmav import keys
 from zmav.sim import World
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import StartProcess
+    from tests.cli.conftest import Here, StartProcess
     from tests.conftest import Net
 
 PATIENCE_S = 30.0
@@ -118,11 +118,17 @@ def test_a_link_port_in_use_is_said_and_waited_for(start: StartProcess) -> None:
     ],
     ids=lambda value: value[-1][:12] if isinstance(value, list) and value else None,
 )
-def test_what_cannot_be_is_said_and_ends_it(start: StartProcess, arguments: list[str], words: str) -> None:
-    up = start("up", "-l", "tcp/127.0.0.1:0", *arguments)
+def test_what_cannot_be_is_said_and_ends_it(here: type[Here], arguments: list[str], words: str) -> None:
+    told = here().fails("up", "-l", "tcp/127.0.0.1:0", *arguments)
+    assert words in str(told.error)
+
+
+def test_an_error_goes_to_stderr_and_ends_with_1(start: StartProcess) -> None:
+    up = start("up", "-l", "tcp/127.0.0.1:0", "--link", "carrier-pigeon:coop")
     assert up.wait() == 1
-    assert words in up.stderr
+    assert up.stdout == ""
     assert up.stderr.startswith("zmav: ")
+    assert "udpin:HOST:PORT" in up.stderr
     assert "Traceback" not in up.stderr
 
 
@@ -159,13 +165,10 @@ def test_a_fleet_file_names_link_listeners_fleet_and_origin(start: StartProcess,
     ],
     ids=["field", "vehicle", "toml"],
 )
-def test_a_bad_fleet_file_is_said(start: StartProcess, tmp_path: Path, text: str, words: str) -> None:
+def test_a_bad_fleet_file_is_said(here: type[Here], tmp_path: Path, text: str, words: str) -> None:
     file = tmp_path / "fleet.toml"
     file.write_text(text)
-    up = start("up", "--file", str(file))
-    assert up.wait() == 1
-    assert words in up.stderr
-    assert "Traceback" not in up.stderr
+    assert words in str(here().fails("up", "--file", str(file)).error)
 
 
 def test_a_zenoh_configuration_file_says_where_it_listens(start: StartProcess, tmp_path: Path) -> None:

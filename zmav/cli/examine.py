@@ -71,9 +71,9 @@ async def look(z: Client, seconds: float) -> Seen:
     await asyncio.sleep(seconds)
     listener.cancel()
     vehicles = await z.settle()
-    clocks = await asyncio.gather(*(_clock_of(v) for v in vehicles if v.present))
-    known = zip((label(v) for v in vehicles if v.present), clocks, strict=True)
-    return Seen(vehicles, await routers(z), dict(links), dict(known))
+    present = [v for v in vehicles if v.present]
+    clocks = await asyncio.gather(*map(_clock_of, present))
+    return Seen(vehicles, await routers(z), dict(links), dict(zip(map(label, present), clocks, strict=True)))
 
 
 def label(vehicle: zmav.Vehicle) -> str:
