@@ -116,7 +116,9 @@ class Net:
 
     def router(self, *connect: str) -> tuple[zenoh.Session, str]:
         """A router and where it listens."""
-        session = self._open(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], connect=connect))
+        # Without multicast nobody is found by scouting, so nobody need wait half a second for it.
+        how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], connect=connect, cfg=["scouting/delay:0"])
+        session = self._open(how)
         (reply,) = session.get(f"@/{session.info.zid()}/router")
         assert reply.ok is not None
         endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]

@@ -1,0 +1,145 @@
+"""A simulated copter behind an Onboard: the orders, the stream, the hold and the pilot, as they go in flight."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+
+from zmav import keys, wire
+from zmav.errors import Refused
+from zmav.sim import SimVehicle, VehicleStatus, World
+
+if TYPE_CHECKING:
+    from tests.conftest import Ground, Net, Samples, StartOnboard
+
+SPEED = 8.0
+HOME = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
+
+
+class Flight(NamedTuple):
+    """A world of one copter, and the ground from where it is flown."""
+
+    world: World
+    ground: Ground
+    states: Samples
+    events: Samples
+
+    @property
+    def copter(self) -> SimVehicle:
+        return self.world.vehicles[0]
+
+    async def see(self, true: Callable[[VehicleStatus], bool], sim_s: float = 120.0) -> VehicleStatus:
+        """Wait until the simulated copter itself is as wanted."""
+        await asyncio.to_thread(self.world.wait_for, lambda: true(self.copter.status()), sim_s)
+        return self.copter.status()
+
+    async def state(self, true: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
+        return await self.states.object(true, what, after=len(self.states.items))
+
+    async def done(self, verb: str, **args: Any) -> dict[str, Any]:
+        """See an order through, as a client does."""
+        order = {"id": f"{verb} {args}", "wait": 5.0, **args}
+        while (outcome := await self.ground.do(verb, **order)).status == "running":
+            pass
+        return outcome.result
+
+    async def up(self, alt_rel: float = 5.0) -> Flight:
+        if not self.states.items or not self.states.objects()[-1]["connected"]:
+            await self.state(lambda s: s["connected"], "connection")
+        await self.done("arm")
+        assert (await self.done("takeoff", alt_rel=alt_rel))["alt_rel"] > alt_rel - 0.4
+        return self
+
+
+@pytest.fixture
+async def flight(request: pytest.FixtureRequest, net: Net, onboard: StartOnboard) -> AsyncIterator[Flight]:
+    """A copter on the ground, ready in two simulated seconds, or in as many as the parameter says."""
+    ready_s = getattr(request, "param", 2.0)
+    with World(copters=1, endpoint="tcp:127.0.0.1:0", speed=SPEED, ready_s=ready_s) as world:
+        session, endpoint = net.router()
+        ground = net.ground(endpoint)
+        states, events = ground.samples(keys.STATE), ground.samples(keys.EVENT)
+        await net.linked(session, keys.STATE.key("demo", "quad1"))
+        vehicle = await onboard(session, world.urls[0], origin=HOME)
+        yield Flight(world, ground, states, events)
+        await onboard.close(vehicle)
+
+
+@pytest.mark.parametrize("flight", [1000.0], indirect=True)
+async def test_not_ready_is_refused_with_the_autopilot_s_reasons(flight: Flight) -> None:
+    await flight.state(lambda s: s["connected"], "connection")
+    with pytest.raises(Refused, match="MAV_CMD_COMPONENT_ARM_DISARM refused: FAILED") as e:
+        await flight.ground.do("arm", ready_timeout=0)
+    assert any("Arm:" in reason or "PreArm:" in reason for reason in e.value.detail["reasons"])
+    assert not flight.copter.status().armed
+
+
+async def test_arm_take_off_go_and_land(flight: Flight) -> None:
+    await flight.up(5.0)
+    here = flight.copter.status()
+    assert here.armed and here.mode == "GUIDED" and here.height_m > 4.5
+    away = (await flight.done("goto", pos=[12.0, -5.0, -8.0], tolerance=0.5))["away"]
+    assert away <= 0.5
+    north, east, down = flight.copter.status().ned_m
+    assert math.dist((north, east, down), (12.0, -5.0, -8.0)) < 1.0
+    state = await flight.state(lambda s: s["local"] is not None, "local position")
+    assert state["local"] == pytest.approx([12.0, -5.0, -8.0], abs=1.0)
+    assert (state["ready"], state["landed"], state["status"]) == (True, False, "ACTIVE")
+    assert await flight.done("land") == {"armed": False}
+    down_there = flight.copter.status()
+    assert (down_there.armed, down_there.landed) == (False, True)
+    modes = [e["text"] for e in flight.events.objects() if e["kind"] == "mode"]
+    assert modes == ["mode STABILIZE", "mode GUIDED", "mode LAND"]
+
+
+async def test_a_stream_flies_it_and_its_end_stops_it(flight: Flight) -> None:
+    await flight.up()
+    lease = (await flight.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    seq = 0
+    while flight.copter.status().speed_mps < 2.5:
+        seq += 1
+        put(flight, lease, seq, (3.0, 0.0, 0.0))
+        await flight.state(lambda s: True, "a moment")
+    await flight.events.object(lambda e: "holding position" in e["text"], "hold")
+    stopped = await flight.see(lambda s: s.speed_mps < 0.1)
+    assert (stopped.mode, stopped.armed) == ("GUIDED", True)
+    assert stopped.height_m == pytest.approx(5.0, abs=0.7)
+
+
+async def test_the_pilot_takes_it_from_the_stream(flight: Flight) -> None:
+    await flight.up()
+    lease = (await flight.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    put(flight, lease, 1, (2.0, 0.0, 0.0))
+    await flight.state(lambda s: s["setpoints"].get("flown") == 1, "flown setpoint")
+    flight.world.call(lambda: flight.copter.pilot_mode("LOITER"))
+    await flight.state(lambda s: s["mode"] == "LOITER", "the pilot's mode")
+    for seq in range(2, 12):
+        put(flight, lease, seq, (2.0, 0.0, 0.0))
+    await flight.state(lambda s: s["setpoints"].get("mode") == 10, "dropped setpoints")
+    there = await flight.see(lambda s: s.speed_mps < 0.2)
+    assert there.mode == "LOITER"
+    # Somebody asks for it anew.
+    await flight.done("set_mode", mode="GUIDED", lease=lease)
+    put(flight, lease, 12, (2.0, 0.0, 0.0))
+    await flight.see(lambda s: s.mode == "GUIDED" and s.speed_mps > 0.5)
+
+
+async def test_the_pilot_ends_an_order(flight: Flight) -> None:
+    await flight.up()
+    asked = asyncio.create_task(flight.done("goto", pos=[500.0, 0.0, -10.0]))
+    await flight.see(lambda s: s.speed_mps > 2.0)
+    flight.world.call(lambda: flight.copter.pilot_mode("LOITER"))
+    with pytest.raises(Refused, match="taken over: the mode is now LOITER"):
+        await asked
+    there = await flight.see(lambda s: s.speed_mps < 0.2)
+    assert there.mode == "LOITER"
+
+
+def put(flight: Flight, lease: str, seq: int, vel: wire.Vector) -> None:
+    point = wire.Setpoint(lease=lease, seq=seq, deadline=time.time() + 2.0, vel=vel)
+    flight.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
