@@ -17,7 +17,7 @@ def _metres_per_radian(lat: float) -> tuple[float, float]:
 
 
 def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> Vector:
-    """North, east, down in metres about ``origin``, by the radii of curvature there; down is the difference in altitude.
+    """North, east, down in metres about ``origin``, by the radii of curvature there; down by altitude.
 
     A straight map, the same for everybody in the fleet. The true tangent plane differs at a distance d by up to
     d²·tan(latitude)/R: at 50° by a decimetre at 1 km, and by 11 m at 10 km.
