@@ -20,9 +20,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from _load import Run, Sink, measure
+from tests.bench._load import Run, Sink, measure
 
 PEERS = [sys.executable, str(Path(__file__).resolve().parent / "_peers.py")]
 ZMAV = [sys.executable, "-m", "zmav"]

@@ -171,20 +171,23 @@ NO_TARGETS: list[dict[str, float]] = [
 NO_PLACES: list[dict[str, float]] = [{"lat_int": 950_000_000}, {"coordinate_frame": 1}, {"alt": math.nan}]
 
 
+def doing(desk: Desk) -> Doing:
+    return desk.vehicle.copter.guided.doing
+
+
 def test_targets_that_make_no_sense_stop_it(up: Desk) -> None:
-    guided = up.vehicle.copter.guided
     target = {"coordinate_frame": 1, "type_mask": POSITION, "x": 40.0, "z": -5.0}
     for bad in NO_TARGETS:
         up.goto(40.0, 0.0, -5.0)
-        assert guided.doing is Doing.POSITION
+        assert doing(up) is Doing.POSITION
         up.send("SET_POSITION_TARGET_LOCAL_NED", **{**target, **bad})
-        assert guided.doing is Doing.HOLD, bad
+        assert doing(up) is Doing.HOLD, bad
     place = {"coordinate_frame": 6, "type_mask": POSITION, "lat_int": -353632610, "lon_int": 1491652300, "alt": 5.0}
     for bad in NO_PLACES:
         up.send("SET_POSITION_TARGET_GLOBAL_INT", **place)
-        assert guided.doing is Doing.POSITION
+        assert doing(up) is Doing.POSITION
         up.send("SET_POSITION_TARGET_GLOBAL_INT", **{**place, **bad})
-        assert guided.doing is Doing.HOLD, bad
+        assert doing(up) is Doing.HOLD, bad
 
 
 def test_stopped_means_at_rest(up: Desk) -> None:
@@ -276,9 +279,9 @@ class TestAttitude:
         bads: list[dict[str, object]] = [{"q": [2.0, 0.0, 0.0, 0.0]}, {"type_mask": 0x87}, {"type_mask": 0x47}]
         for bad in bads:
             self.lean(up)
-            assert up.vehicle.copter.guided.doing is Doing.ATTITUDE
+            assert doing(up) is Doing.ATTITUDE
             self.lean(up, **bad)
-            assert up.vehicle.copter.guided.doing is Doing.HOLD, bad
+            assert doing(up) is Doing.HOLD, bad
 
 
 def test_targets_are_reported_back(up: Desk) -> None:

@@ -136,7 +136,7 @@ def fly(desk: Desk) -> list[Message]:
     desk.take_off(10.0)
     for north, east in ((SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M), (0.0, 0.0)):
         desk.goto(north, east, -10.0)
-        desk.until(lambda n=north, e=east: desk.near(n, e, -10.0, 0.3))
+        desk.until(functools.partial(desk.near, north, east, -10.0, 0.3))
         desk.frames.clear()
     assert desk.command(21) == 0
     desk.until(lambda: not desk.vehicle.copter.armed)

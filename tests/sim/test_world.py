@@ -330,7 +330,7 @@ class TestClock:
             raise RuntimeError("a defect")
 
         world.start()
-        world.vehicles[0].copter.update = fail  # type: ignore[method-assign]
+        world.vehicles[0].copter.update = fail  # type: ignore[method-assign,assignment]
         with pytest.raises(TimedOut, match="a defect"):
             world.wait_for(lambda: False)
         with pytest.raises(RuntimeError, match="a defect"):
