@@ -7,6 +7,7 @@ with its reason.
 
 from __future__ import annotations
 
+import functools
 import statistics
 from collections import defaultdict
 from collections.abc import Iterator
