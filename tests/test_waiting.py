@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from zmav.waiting import within
+from zmav.waiting import together, within
 
 
 async def test_a_result_an_error_and_a_timeout() -> None:
@@ -68,3 +68,31 @@ async def test_a_cancellation_at_the_same_moment_as_the_result_is_one(turns: int
             await task
     else:
         assert await task is True
+
+
+async def test_together_ends_together() -> None:
+    ended: list[str] = []
+
+    async def linger(name: str) -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.sleep(0)
+            ended.append(name)
+
+    async def fail() -> None:
+        await asyncio.sleep(0)
+        raise KeyError("x")
+
+    await together()
+    await together(asyncio.sleep(0), asyncio.sleep(0))
+    with pytest.raises(KeyError):
+        await together(linger("a"), fail(), linger("b"))
+    assert sorted(ended) == ["a", "b"]
+    task = asyncio.create_task(together(linger("c"), linger("d")))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert sorted(ended) == ["a", "b", "c", "d"]

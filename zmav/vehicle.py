@@ -33,7 +33,9 @@ class Vehicle:
     """A handle, cheap to make; nothing is sent until something is asked.
 
     Orders raise :class:`~zmav.errors.Refused` with the autopilot's reason, :class:`~zmav.errors.TimedOut`,
-    :class:`~zmav.errors.NoSuchVehicle`, :class:`~zmav.errors.NotHolder` or :class:`~zmav.errors.Clash`.
+    :class:`~zmav.errors.NoSuchVehicle`, :class:`~zmav.errors.Stale`, :class:`~zmav.errors.NotHolder` or
+    :class:`~zmav.errors.Clash`. The vehicle sees an order through by itself: who stops waiting for it does not end it;
+    :meth:`hold` does.
     """
 
     def __init__(self, client: Client, name: str, fleet: str) -> None:

@@ -24,3 +24,16 @@ async def within(seconds: float, coroutine: Coroutine[Any, Any, T]) -> T:
         return task.result()
     finally:
         task.cancel()
+
+
+async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:
+    """Run them side by side. When one fails or we are cancelled, the others are cancelled and have ended before that is
+    raised: nothing goes on behind the back of who cleans up.
+    """
+    tasks = [asyncio.ensure_future(each) for each in coroutines]
+    try:
+        await asyncio.gather(*tasks)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

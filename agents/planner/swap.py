@@ -15,6 +15,7 @@ import zmav
 from agents.planner.straight import Route, rotate
 from zmav import keys, wire
 from zmav.errors import Refused, TimedOut, ZmavError
+from zmav.waiting import together
 
 NAME = "planner"
 RATE = 10.0
@@ -35,11 +36,14 @@ class Flown(msgspec.Struct):
 
 
 class Swap:
-    """One rotation of several vehicles. ``say(state, text, detail)`` is told of every step."""
+    """One rotation of several vehicles. ``say(state)`` is told of every step."""
 
     def __init__(self, z: zmav.Client, names: tuple[str, ...], node: str, say: Callable[[str], None]) -> None:
         self._z, self._names, self._node, self._say = z, names, node, say
         self.flown = {name: Flown() for name in names}
+        self._state = ""
+        self._taken: set[str] = set()
+        """vehicles that a pilot took over: they are his"""
 
     async def fly(self) -> bool:
         """True when every vehicle landed at its goal."""
@@ -49,11 +53,11 @@ class Swap:
         async with contextlib.AsyncExitStack() as held:
             leases = [await held.enter_async_context(v.lease(NAME)) for v in vehicles]
             self._tell("takeoff")
-            await asyncio.gather(*(self._rise(v, routes[v.name]) for v in vehicles))
+            await together(*(self._rise(v, routes[v.name]) for v in vehicles))
             self._tell("swap")
             await self._stream(leases, routes)
             self._tell("land")
-            await asyncio.gather(*(self._land(lease.vehicle, routes[lease.vehicle.name]) for lease in leases))
+            await together(*(self._land(lease.vehicle, routes[lease.vehicle.name]) for lease in leases))
         done = all(part.arrived for part in self.flown.values())
         self._tell("done" if done else "failed")
         return done
@@ -65,20 +69,30 @@ class Swap:
         return state.local
 
     async def _rise(self, vehicle: zmav.Vehicle, route: Route) -> None:
-        await vehicle.arm()
-        await vehicle.takeoff(route.height)
+        try:
+            await vehicle.arm()
+            await vehicle.takeoff(route.height)
+        except Refused as e:
+            if "mode" in e.detail:
+                self._taken.add(vehicle.name)
+            raise
 
     async def _stream(self, leases: list[zmav.Lease], routes: dict[str, Route]) -> None:
         """Setpoints to all by one clock until the last line is flown and every vehicle is near its goal."""
         start = time.monotonic()
         lines = {name: route.line for name, route in routes.items()}
         ends = max(line.duration for line in lines.values())
+        refused = {lease.vehicle.name: _refused_for_mode(lease.vehicle) for lease in leases}
         step = 0
         while True:
             now = time.monotonic() - start
             for lease in leases:
                 lease.setpoint(pos=lines[lease.vehicle.name].at(now))
                 self.flown[lease.vehicle.name].setpoints = lease.sent
+                if _refused_for_mode(lease.vehicle) > refused[lease.vehicle.name]:
+                    self._taken.add(lease.vehicle.name)
+                    text = f"{lease.vehicle.name} was taken over: its mode is {lease.vehicle.state.mode}"
+                    raise Refused(text, vehicle=lease.vehicle.name)
             near = SETTLED if now < ends + 5.0 else TOLERANCE / 2
             late = [lease.vehicle.name for lease in leases if self._away(lease.vehicle, routes) > near]
             if now > ends and not late:
@@ -105,17 +119,27 @@ class Swap:
         detail: dict[str, Any] = {name: msgspec.to_builtins(part) for name, part in self.flown.items()}
         status = wire.AgentStatus(t=time.time(), agent=NAME, state=state, detail=detail)
         self._z.put(keys.AGENT_STATUS, keys.AGENT_STATUS.key(self._z.fleet_name, self._node, agent=NAME), status)
-        if state != "swap" or not any(part.setpoints > len(self._names) for part in self.flown.values()):
+        if state != self._state:
+            self._state = state
             self._say(state)
+
+    async def give_up(self) -> None:
+        """Land all that are still ours."""
+        landings = (self._z.vehicle(name).land() for name in self._names if name not in self._taken)
+        await asyncio.gather(*landings, return_exceptions=True)
+
+
+def _refused_for_mode(vehicle: zmav.Vehicle) -> int:
+    """Setpoints that the vehicle did not fly because it was not in the mode that follows them."""
+    return vehicle.state.setpoints.get("mode", 0)
 
 
 async def swap(z: zmav.Client, names: tuple[str, ...], node: str, say: Callable[[str], None]) -> dict[str, Flown]:
-    """Fly it; on any error every vehicle is told to land, and the error is raised."""
+    """Fly it; on any error every vehicle that no pilot took over is told to land, and the error is raised."""
     flight = Swap(z, names, node, say)
     try:
         await flight.fly()
     except (ZmavError, asyncio.CancelledError):
-        landings = (z.vehicle(name).land() for name in names)
-        await asyncio.gather(*landings, return_exceptions=True)
+        await flight.give_up()
         raise
     return flight.flown

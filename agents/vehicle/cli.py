@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
 import click
 import msgspec
@@ -11,7 +12,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.cli.common import listening, run, zenoh_options
 from zmav.config import FleetConfig, load_fleet, origin_of
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import until_stopped
 from zmav.session import SessionSettings, open_session
@@ -67,5 +68,6 @@ async def _up(vehicle: OnboardSettings, settings: SessionSettings) -> None:
 
 def _log(sample: zenoh.Sample) -> None:
     """An event as a line of the process's log: what happens to the link and the autopilot, and what was refused."""
-    event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-    click.echo(f"{event.severity}: {event.text}", err=True)
+    with contextlib.suppress(BadInput):  # somebody else's: ours are what they should be
+        event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
+        click.echo(f"{event.severity}: {event.text}", err=True)

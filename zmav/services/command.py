@@ -251,7 +251,8 @@ class Commander:
     def _check_mode(self, mode: str | None) -> None:
         """The pilot wins: an order ends when the mode is no longer its own."""
         if self._identity.mode != mode:
-            raise Refused(f"taken over: the mode is now {self._identity.mode}", vehicle=self._port.name)
+            text = f"taken over: the mode is now {self._identity.mode}"
+            raise Refused(text, vehicle=self._port.name, mode=self._identity.mode)
 
     async def _next(self, inbox: Inbox, deadline: float, late: str) -> tuple[str, Mapping[str, Any]]:
         """The next message; raises :class:`TimedOut` after the deadline, :class:`Stale` for a silent autopilot."""
