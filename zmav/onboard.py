@@ -155,6 +155,8 @@ class Onboard:
         severity: wire.Severity = "warning" if state is LinkState.DOWN else "info"
         words = f"link {state.value}: {text}" if text else f"link {state.value}"
         self.events.emit("link", severity, words, limit=f"link {state.value}")  # a failure follows its attempt at once
+        if state is LinkState.UP:
+            self._send_heartbeat()  # at once: some autopilots answer only who has spoken
         changed()
 
     def _on_statustext(self, frame: Frame) -> None:
