@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,10 +47,15 @@ def test_sigterm_ends_it_cleanly_and_takes_its_token_along(start: StartProcess, 
         up.expect(f"demo/quad1: {world.urls[0]} on {endpoint}")
         ground, _ = net.router(endpoint)
         came: list[tuple[str, zenoh.SampleKind]] = []
+        heard = threading.Event()
+
+        def on_token(sample: zenoh.Sample) -> None:
+            came.append((str(sample.key_expr), sample.kind))
+            heard.set()
+
         watch(endpoint, lambda s: s.connected and s.uid is not None)
-        tokens = ground.liveliness().declare_subscriber(
-            "zmav/**", lambda sample: came.append((str(sample.key_expr), sample.kind)), history=True
-        )
+        tokens = ground.liveliness().declare_subscriber("zmav/**", on_token, history=True)
+        assert heard.wait(PATIENCE_S)
         up.expect("notice: ardupilot copter with system id 1")
         assert up.stop() == 0
         assert "Traceback" not in up.stderr
