@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import signal
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
@@ -178,6 +179,12 @@ async def onboard(net: Net) -> AsyncIterator[StartOnboard]:
     yield onboard
     for vehicle in reversed(onboard.running):
         await vehicle.__aexit__(None, None, None)
+
+
+def pytest_configure() -> None:
+    """Hear SIGINT, as the programs under test must: a shell that starts a job in the background has it ignored."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
