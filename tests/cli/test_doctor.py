@@ -18,7 +18,7 @@ import zmav
 from zmav import keys, wire
 from zmav.cli import examine
 from zmav.cli.examine import Seen, check_routers
-from zmav.mavlink import Packer, load_dialect
+from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Here, Speaker, StartProcess, Vehicle
@@ -211,8 +211,9 @@ class Station:
                     s.sendto(message, ("127.0.0.1", int(self.url.rpartition(":")[2])))
 
 
-def heartbeat(sysid: int, mav_type: int, autopilot: int) -> bytes:
-    return Packer(load_dialect(), sysid, 1).pack("HEARTBEAT", type=mav_type, autopilot=autopilot)
+def heartbeat(sysid: int, mav_type: int, autopilot: int, seq: int = 0) -> bytes:
+    fields = {"type": mav_type, "autopilot": autopilot, "base_mode": 0, "custom_mode": 0, "system_status": 3}
+    return encode(load_dialect(), "HEARTBEAT", fields, sysid=sysid, compid=1, seq=seq)
 
 
 def test_a_link_that_is_well(vehicle: Vehicle, here: type[Here]) -> None:
@@ -252,6 +253,19 @@ def test_a_link_with_two_autopilots_and_damaged_frames(here: type[Here]) -> None
     assert (found["system 1/1"]["found"], found["system 2/1"]["found"]) == ("ardupilot copter", "px4 plane")
     assert "--sysid" in found["autopilot"]["found"]
     assert not found["traffic"]["ok"]
+
+
+@pytest.mark.parametrize(("mav_type", "autopilot", "well"), [(2, 3, False), (6, 8, True)], ids=["its own", "another's"])
+def test_losses_count_where_they_are_the_autopilots_own(
+    here: type[Here], mav_type: int, autopilot: int, well: bool
+) -> None:
+    """An autopilot passes on only some of what others say: gaps in their numbers are no loss of this link."""
+    gaps = [heartbeat(9, mav_type, autopilot, seq) for seq in range(0, 250, 5)]
+    with Station(heartbeat(1, 2, 3), *gaps) as station:
+        told = (here() if well else here().fails)("doctor", "--link", station.url, "--for", "0.6", "--json")
+    traffic = findings(told.lines)["traffic"]
+    assert traffic["ok"] is well
+    assert (" 0 lost," in traffic["found"]) is well
 
 
 @pytest.mark.parametrize("url", ["pigeon:coop", "tcp:127.0.0.1:1", "/dev/no-such-tty,57600"])

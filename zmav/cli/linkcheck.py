@@ -31,6 +31,19 @@ class Ear:
             if frame.msgid == self._heartbeat:
                 self.heartbeats[frame.sysid, frame.compid] = decode(frame, self.dialect)
 
+    def autopilots(self) -> list[tuple[int, int]]:
+        """The (system, component) of each, by its HEARTBEAT."""
+        return [
+            source
+            for source, fields in sorted(self.heartbeats.items())
+            if fields["autopilot"] != AUTOPILOT_INVALID and fields["type"] not in NOT_AUTOPILOTS
+        ]
+
+    def lost(self) -> tuple[int, int]:
+        """Frames lost and come of the autopilots themselves: of what they pass on from others they leave out some."""
+        sources = [self.splitter.sources[source] for source in self.autopilots()]
+        return sum(s.lost for s in sources), sum(s.frames for s in sources)
+
 
 def examine_link(url: str, dialect: str, seconds: float) -> list[Finding]:
     """Findings about a link, after ``seconds`` of it (more where a baud rate must be found)."""
@@ -72,25 +85,25 @@ def _judge(link: Link, ear: Ear, state: LinkState, detail: str) -> Iterator[Find
         advice = "is the baud rate right, and the autopilot's port set to MAVLink? does another program hold the port?"
         yield Finding(False, "traffic", found, advice)
         return
-    lost, bad, dropped = counts.lost, counts.bad_crc, link.counters.rx_dropped
+    (lost, came), bad, dropped = ear.lost(), counts.bad_crc, link.counters.rx_dropped
     found = f"{counts.bytes} bytes, {counts.frames} frames ({counts.unknown} unknown), {lost} lost, {bad} damaged"
-    well = lost <= MAX_LOSS * (counts.frames + lost) and bad <= MAX_BAD_CRC * (counts.frames + bad) and not dropped
+    well = lost <= MAX_LOSS * (came + lost) and bad <= MAX_BAD_CRC * (counts.frames + bad) and not dropped
     found += f", {dropped} dropped by the kernel" if dropped else ""
     yield Finding(well, "traffic", found, "" if well else "look at baud rate and cable, and at net.core.rmem_max")
     yield from _systems(ear)
 
 
 def _systems(ear: Ear) -> Iterator[Finding]:
-    autopilots = 0
+    autopilots = ear.autopilots()
     for (sysid, compid), fields in sorted(ear.heartbeats.items()):
-        kind = ear.dialect.enum_name("MAV_TYPE", fields["type"]) or str(fields["type"])
-        what = kind.removeprefix("MAV_TYPE_").lower().replace("_", " ")
-        if fields["autopilot"] != AUTOPILOT_INVALID and fields["type"] not in NOT_AUTOPILOTS:
-            autopilots += 1
+        if (sysid, compid) in autopilots:
             what = f"{autopilot_for(fields['autopilot'], fields['type']).name} {kind_of(fields['type'])}"
+        else:
+            kind = ear.dialect.enum_name("MAV_TYPE", fields["type"]) or str(fields["type"])
+            what = kind.removeprefix("MAV_TYPE_").lower().replace("_", " ")
         yield Finding(True, f"system {sysid}/{compid}", what)
-    if autopilots == 0:
+    if not autopilots:
         advice = "is this the autopilot's port, and does it send HEARTBEAT there?"
         yield Finding(False, "autopilot", "none among what is heard", advice)
-    elif autopilots > 1:
-        yield Finding(True, "autopilot", f"{autopilots} on this link: choose one for 'zmav up' with --sysid")
+    elif len(autopilots) > 1:
+        yield Finding(True, "autopilot", f"{len(autopilots)} on this link: choose one for 'zmav up' with --sysid")
