@@ -68,7 +68,7 @@ class Onboard:
         self.leases = Leases(name, self.events)
         self.state = StateService(session, port, instance, self.identity, settings.origin)
         self.messages = Messages(session, port, self.identity)
-        self.quality = Quality(session, port)
+        self.quality = Quality(session, port, self.identity)
         self.floor = Floor(port, self.identity)
         self.commander = Commander(port, self.identity, self.state, self.events)
         self.setpoints = Setpoints(

@@ -64,13 +64,14 @@ class LinkQuality(Wire, kw_only=True):
     """frames a second over the last interval"""
     rx_bytes_rate: float
     loss: float
-    """share of frames lost over the last interval, 0 to 1, from the sequence numbers"""
+    """share of the vehicle's own frames lost over the last interval, 0 to 1, from their sequence numbers"""
     rtt: float | None = None
     """seconds, by TIMESYNC"""
     signal: float | None = None
     rx_frames: int = 0
     rx_bytes: int = 0
     lost: int = 0
+    """of the vehicle's own frames"""
     bad_crc: int = 0
     bad_length: int = 0
     bad_flags: int = 0

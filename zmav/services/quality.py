@@ -10,6 +10,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.mavlink import Frame, decode
+from zmav.services.identity import Identity
 from zmav.services.port import Port, on_loop
 
 LINK_NAME = "autopilot"
@@ -18,14 +19,14 @@ LINK_NAME = "autopilot"
 class Quality:
     """Counts and times the vehicle's link. Lives on the event loop."""
 
-    def __init__(self, session: zenoh.Session, port: Port) -> None:
-        self._port = port
+    def __init__(self, session: zenoh.Session, port: Port, identity: Identity) -> None:
+        self._port, self._identity = port, identity
         key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
         self._publisher = session.declare_publisher(key, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
         self._rtt: float | None = None
         self._pinged = 0
         self._stop: Callable[[], None] = lambda: None
-        self._before = (0, 0, 0, time.monotonic())
+        self._before = (0, 0, 0, 0, time.monotonic())
         self.last = self.measure()
 
     def start(self) -> None:
@@ -48,13 +49,19 @@ class Quality:
         self._rtt, self._pinged = None, time.monotonic_ns()
         self._port.send("TIMESYNC", tc1=0, ts1=self._pinged)
 
+    def _of_vehicle(self) -> tuple[int, int]:
+        """Frames heard and lost of the vehicle itself: an autopilot passes on only a part of what others send."""
+        source = self._identity.source
+        counters = self._port.splitter.sources.get(source) if source else None
+        return (counters.frames, counters.lost) if counters else (0, 0)
+
     def measure(self) -> wire.LinkQuality:
         """The quality since the last call."""
         now, split, link = time.monotonic(), self._port.splitter.counters, self._port.link
-        frames, lost, size, then = self._before
-        self._before = (split.frames, split.lost, split.bytes, now)
-        span = max(now - then, 1e-3)
-        came, missed = split.frames - frames, split.lost - lost
+        own, lost = self._of_vehicle()
+        frames, own_before, lost_before, size, then = self._before
+        self._before = (split.frames, own, lost, split.bytes, now)
+        span, came, missed = max(now - then, 1e-3), max(own - own_before, 0), max(lost - lost_before, 0)
         heard, tx = self._port.heard, self._port.tx
         return wire.LinkQuality(
             t=time.time(),
@@ -62,13 +69,13 @@ class Quality:
             url=link.url,
             state=link.state.value,
             age=now - heard if heard else None,
-            rx_rate=came / span,
+            rx_rate=(split.frames - frames) / span,
             rx_bytes_rate=(split.bytes - size) / span,
             loss=missed / (came + missed) if came + missed else 0.0,
             rtt=self._rtt,
             rx_frames=split.frames,
             rx_bytes=split.bytes,
-            lost=split.lost,
+            lost=lost,
             bad_crc=split.bad_crc,
             bad_length=split.bad_length,
             bad_flags=split.bad_flags,
