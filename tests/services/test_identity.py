@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from tests.conftest import Net
     from tests.services.conftest import StartBench, StartPeer
 
-GCS, GIMBAL, ONBOARD_CONTROLLER, ROVER = 6, 26, 18, 10
-INVALID, ARDUPILOT, PX4 = 8, 3, 12
+QUADROTOR, GCS, GIMBAL, ONBOARD_CONTROLLER, ROVER = 2, 6, 26, 18, 10
+GENERIC, INVALID, ARDUPILOT, PX4 = 0, 8, 3, 12
 
 
 async def test_an_autopilot_that_comes_late(bench: StartBench, peer: StartPeer) -> None:
@@ -119,8 +119,14 @@ async def test_ground_stations_and_gimbals_are_no_autopilots(bench: StartBench, 
     b = await bench(one)
     await b.state(lambda s: s["link"] == "up", "link")
     await one.until(lambda: bool(one.heard("HEARTBEAT")), "companion")
-    for source, mav_type in (((255, 190), GCS), ((3, 154), GIMBAL), ((3, 191), ONBOARD_CONTROLLER)):
-        one.raw(Packer(one.dialect, *source).pack("HEARTBEAT", type=mav_type, autopilot=INVALID))
+    for source, mav_type, stack in (
+        ((255, 190), GCS, INVALID),
+        ((254, 190), GCS, GENERIC),
+        ((3, 154), GIMBAL, GENERIC),
+        ((3, 191), ONBOARD_CONTROLLER, INVALID),
+        ((4, 1), QUADROTOR, INVALID),
+    ):
+        one.raw(Packer(one.dialect, *source).pack("HEARTBEAT", type=mav_type, autopilot=stack))
     one.beating = True
     state = await b.state(lambda s: s["sysid"], "an autopilot")
     assert (state["sysid"], state["compid"]) == (3, 1)

@@ -95,7 +95,7 @@ async def test_all_of_them_and_some(bench: StartBench) -> None:
 async def test_the_autopilot_s_own_goes_before_another_component_s(bench: StartBench) -> None:
     b = await (await bench()).connected()
     camera = Packer(b.peer.dialect, 1, 100)
-    b.peer.send("HEARTBEAT", type=2, autopilot=3, base_mode=1)
+    b.peer.beating = False
     b.peer.raw(camera.pack("HEARTBEAT", type=30, autopilot=8))
     b.peer.raw(camera.pack("CAMERA_INFORMATION", resolution_h=640))
     b.peer.send("SYS_STATUS")

@@ -102,7 +102,6 @@ async def b_clash(a: Bench, b: Onboard) -> None:
 async def test_one_autopilot_heard_by_two_companions_is_no_clash(bench: StartBench, peer: StartPeer) -> None:
     silent = await peer(uid=5)
     silent.mute = {REQUEST_MESSAGE}
-    silent.results = {REQUEST_MESSAGE: [4]}
     a = await (await bench(name="quad1", uid=5)).connected()
     b = await bench(silent, name="quad2", connect=(a.endpoint,))
     # As long as the second cannot tell who it is, they may be two.
@@ -114,6 +113,14 @@ async def test_one_autopilot_heard_by_two_companions_is_no_clash(bench: StartBen
         assert state["uid"] == f"{5:016x}"
     a.vehicle.presence.check()
     b.vehicle.presence.check()
+
+
+async def test_one_autopilot_is_no_clash_at_any_moment(bench: StartBench) -> None:
+    a = await (await bench(name="quad1", uid=5)).connected()
+    b = await (await bench(name="quad2", uid=5, connect=(a.endpoint,))).connected()
+    await b.state(lambda s: [t["uid"] for t in tokens(b)] == [f"{5:016x}"] * 2, "both tokens")
+    await a.state(lambda s: True, "another state")
+    assert all(s["clash"] is None for s in a.states.objects() + b.states.objects())
 
 
 async def test_two_system_ids_are_no_clash_and_the_tokens_say_who_is_there(bench: StartBench) -> None:
