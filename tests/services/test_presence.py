@@ -71,6 +71,7 @@ async def test_one_system_id_twice(bench: StartBench) -> None:
 async def test_one_name_twice(bench: StartBench, peer: StartPeer, net: Net) -> None:
     a = await (await bench(name="quad1", sysid=1)).connected()
     other, _ = net.router(a.endpoint)
+    await net.linked(other, keys.EVENT.key("demo", "quad1"))
     async with Onboard(other, OnboardSettings(link=(await peer(sysid=2)).url, name="quad1")) as b:
         await b_clash(a, b)
         with pytest.raises(Clash):
