@@ -71,7 +71,11 @@ async def test_one_system_id_twice(bench: StartBench) -> None:
 async def test_one_name_twice(bench: StartBench, peer: StartPeer, net: Net) -> None:
     a = await (await bench(name="quad1", sysid=1)).connected()
     other, _ = net.router(a.endpoint)
-    await net.linked(other, keys.EVENT.key("demo", "quad1"))
+    # Two routers know of each other's subscribers a few milliseconds before anything goes through.
+    probe = a.ground.samples("zmav/probe")
+    while not probe.items:
+        other.put("zmav/probe", b"")
+        await a.state(lambda s: True, "a moment")
     async with Onboard(other, OnboardSettings(link=(await peer(sysid=2)).url, name="quad1")) as b:
         await b_clash(a, b)
         with pytest.raises(Clash):
