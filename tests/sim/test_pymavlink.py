@@ -64,7 +64,8 @@ class Script:
 
 @pytest.fixture
 def script() -> Iterator[Script]:
-    with World(1, endpoint="tcp:0", speed=SPEED, ready_s=4.0) as world:
+    # Long enough to be refused first, however late this process gets its turn.
+    with World(1, endpoint="tcp:0", speed=SPEED, ready_s=40.0) as world:
         script = Script(world.urls[0])
         yield script
         script.link.close()
