@@ -7,10 +7,11 @@ import json
 import os
 import signal
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 import zenoh
 from hypothesis import HealthCheck, settings
@@ -115,11 +116,11 @@ class Net:
     def __init__(self) -> None:
         self.sessions: list[zenoh.Session] = []
 
-    def router(self, *connect: str) -> tuple[zenoh.Session, str]:
-        """A router and where it listens."""
+    def router(self, *connect: str, cfg: Sequence[str] = ()) -> tuple[zenoh.Session, str]:
+        """A router and where it listens; ``cfg``: more of Zenoh's settings."""
         # Without multicast nobody is found by scouting, so nobody need wait half a second for it.
-        how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], connect=connect, cfg=["scouting/delay:0"])
-        session = self._open(how)
+        how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], connect=connect)
+        session = self._open(msgspec.structs.replace(how, cfg=("scouting/delay:0", *cfg)))
         (reply,) = session.get(f"@/{session.info.zid()}/router")
         assert reply.ok is not None
         endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]

@@ -20,16 +20,19 @@ from zmav import keys, wire
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net, Samples, StartOnboard
 
-# Recording, how many times real time (some thousand frames a second), and the system that is the vehicle: of
+# Recording, how many times real time (about ten thousand frames a second), and the system that is the vehicle: of
 # px4_three, where system 3 is heard first, the one that flies.
 RECORDINGS = [
-    ("copter", 40, None),
-    ("copter_params", 8, None),
-    ("plane", 30, None),
-    ("rover", 30, None),
-    ("px4", 16, None),
-    ("px4_three", 6, 1),
+    ("copter", 100, None),
+    ("copter_params", 50, None),
+    ("plane", 90, None),
+    ("rover", 110, None),
+    ("px4", 25, None),
+    ("px4_three", 10, 1),
 ]
+PATIENT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop:5000000"
+"""5 s instead of 1 ms until the router drops frames for a ground that does not read: at this pace it reads in time,
+unless this machine is busy with something else, which is not what is tested"""
 PX4_NAMES = {"LOITER": "HOLD"}
 """pymavlink's name for PX4's AUTO LOITER is that of ArduPilot; QGroundControl and zmav call it HOLD"""
 
@@ -111,7 +114,7 @@ async def test_every_frame_arrives_and_is_understood(
     if not path.is_file():
         pytest.skip(f"the recording {path.name} is not there")
     records = read(path)
-    session, endpoint = net.router()
+    session, endpoint = net.router(cfg=[PATIENT])
     ground = net.ground(endpoint)
     frames = ground.samples("zmav/*/*/mav/rx/**")
     events = ground.samples(keys.EVENT)
