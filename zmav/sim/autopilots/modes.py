@@ -6,6 +6,7 @@ Modes: https://ardupilot.org/copter/docs/flight-modes.html
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.control.setpoints import Axis, Spool
@@ -18,7 +19,7 @@ TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off
 LEAN_MAX = math.radians(30.0)
 
 
-class Mode:
+class Mode(ABC):
     """One flight mode. ``update`` runs while armed, 50 times a second."""
 
     number: ClassVar[int]
@@ -36,12 +37,12 @@ class Mode:
         """Why an armed vehicle cannot enter; empty where it can."""
         return ""
 
-    def enter(self) -> None:
+    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
         """Called when the mode is taken up, armed or not."""
 
+    @abstractmethod
     def update(self) -> None:
         """Set this moment's targets."""
-        raise NotImplementedError
 
     def stop_here(self) -> None:
         """Brake to a stop and stay there, nose as it is."""
@@ -100,7 +101,7 @@ class Loiter(AltHold):
     number, name = 5, "LOITER"
     needs_position = True
 
-    def enter(self) -> None:
+    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
         self.stop_here()
         self.copter.sp.limit("speed", self.copter.params["LOIT_SPEED"] * CENTI)
 
@@ -122,7 +123,7 @@ class Loiter(AltHold):
 class Brake(Mode):
     number, name = 17, "BRAKE"
 
-    def enter(self) -> None:
+    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
         self.stop_here()
 
     def update(self) -> None:
@@ -143,7 +144,7 @@ class Land(Mode):
     number, name = 9, "LAND"
     needs_position = False
 
-    def enter(self) -> None:
+    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
         self.stop_here()
 
     def update(self) -> None:
@@ -166,7 +167,7 @@ class Rtl(Mode):
         self._height = 0.0
         self._since = 0.0
 
-    def enter(self) -> None:
+    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
         copter = self.copter
         self._leg = "climb"
         self.stop_here()
