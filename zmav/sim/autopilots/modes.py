@@ -101,7 +101,7 @@ class Loiter(AltHold):
     number, name = 5, "LOITER"
     needs_position = True
 
-    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
+    def enter(self) -> None:
         self.stop_here()
         self.copter.sp.limit("speed", self.copter.params["LOIT_SPEED"] * CENTI)
 
@@ -123,7 +123,7 @@ class Loiter(AltHold):
 class Brake(Mode):
     number, name = 17, "BRAKE"
 
-    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
+    def enter(self) -> None:
         self.stop_here()
 
     def update(self) -> None:
@@ -144,7 +144,7 @@ class Land(Mode):
     number, name = 9, "LAND"
     needs_position = False
 
-    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
+    def enter(self) -> None:
         self.stop_here()
 
     def update(self) -> None:
@@ -167,7 +167,7 @@ class Rtl(Mode):
         self._height = 0.0
         self._since = 0.0
 
-    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
+    def enter(self) -> None:
         copter = self.copter
         self._leg = "climb"
         self.stop_here()
