@@ -76,7 +76,8 @@ def defaults(mode: str) -> dict[str, Any]:
 def config(settings: SessionSettings) -> zenoh.Config:
     """The Zenoh configuration of ``settings``; raises :class:`BadConfig` naming the value Zenoh refuses."""
     built = _from_file(settings.file) if settings.file else zenoh.Config()
-    in_file = {path: text for path, text in _texts(built).items() if text != _texts(zenoh.Config())[path]}
+    untouched = _texts(zenoh.Config())
+    in_file = {path: text for path, text in _texts(built).items() if text != untouched[path]}
     given = settings.given()
     values = defaults(settings.mode or json.loads(in_file.get("mode", "null")) or "client")
     for path, value in {**{p: v for p, v in values.items() if p not in in_file}, **given}.items():

@@ -22,17 +22,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from agents.demo.processes import free_port
 from tests.bench._load import Run, Sink, measure
 
 PEERS = [sys.executable, str(Path(__file__).resolve().parent / "_peers.py")]
 ZMAV = [sys.executable, "-m", "zmav"]
-
-
-def free_port(kind: int = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        port: int = s.getsockname()[1]
-        return port
 
 
 class Side:
@@ -52,8 +46,8 @@ class Side:
 def sides(sink: Sink) -> Iterator[list[Side]]:
     """Start every side's processes and wait until each carries frames."""
     out = str(sink.port)
-    ports = [free_port() for _ in range(3)]
-    bare, routed = (f"tcp/127.0.0.1:{free_port(socket.SOCK_STREAM)}" for _ in range(2))
+    ports = [free_port(socket.SOCK_DGRAM) for _ in range(3)]
+    bare, routed = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     up = [*ZMAV, "up", "--link", f"udpin:127.0.0.1:{ports[2]}", "-l", routed]
     plan = [
         ("pymavlink forwarder", ports[0], [[*PEERS, "pymavlink", str(ports[0]), out]]),

@@ -22,6 +22,7 @@ from typing import Any
 import pymavlink
 from pymavlink.dialects.v20 import ardupilotmega
 
+from zmav.links.tlog import TlogReader
 from zmav.mavlink import Dialect, Packer, Splitter, load_dialect
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -71,15 +72,9 @@ def _fields(dialect: Dialect, name: str, index: int) -> dict[str, Any]:
 
 
 def recorded(path: Path) -> list[bytes]:
-    """The frames of a .tlog: each after 8 bytes of timestamp."""
-    data = path.read_bytes()
-    frames = []
-    pos = 8
-    while pos < len(data):
-        end = pos + 12 + data[pos + 1] + (13 if data[pos + 2] & 1 else 0)
-        frames.append(data[pos:end])
-        pos = end + 8
-    return frames
+    """The frames of a .tlog."""
+    with path.open("rb") as file:
+        return [frame for _, frame in TlogReader(file)]
 
 
 def by_pymavlink(parts: list[bytes]) -> int:

@@ -6,7 +6,6 @@ import asyncio
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -19,6 +18,7 @@ import zenoh
 from click.testing import CliRunner, Result
 
 import zmav
+from agents.demo.processes import free_port
 from zmav import cli
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.wire import VehicleState
@@ -30,14 +30,6 @@ PATIENCE_S = 30.0
 ROOT = Path(__file__).resolve().parent.parent.parent
 PLACE = ("-35.363261", "149.165230", "584.09")
 """Where the simulator's world begins"""
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody uses now."""
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        port: int = s.getsockname()[1]
-        return port
 
 
 class Process:
