@@ -36,8 +36,8 @@ BELOW = {
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "process": set(), "waiting": set()},
-    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}},
-    {"config": set()},
+    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire"}},
+    {"config": set(), "formats": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},

@@ -301,7 +301,7 @@ async def test_a_vehicle_that_is_not_there(scene: Scene) -> None:
 
 
 async def test_a_vehicle_that_is_there_but_does_not_answer(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zmav.vehicle, "GIVE_UP", 0.5)
+    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.5)
     session, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as z:
         ghost = Ghost(session, "demo", "quad1")
@@ -312,7 +312,7 @@ async def test_a_vehicle_that_is_there_but_does_not_answer(net: Net, monkeypatch
         with pytest.raises(TimedOut, match="quad1 does not answer on zmav/demo/quad1/do/hold"):
             await z.vehicle("quad1").hold()
         haunting.cancel()
-        monkeypatch.setattr(zmav.vehicle, "GIVE_UP", 2.5)
+        monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 2.5)
         with pytest.raises(Stale, match="quad1 was last heard"):
             await z.vehicle("quad1").hold()
 

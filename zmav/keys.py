@@ -110,6 +110,39 @@ CHANNELS: dict[str, Channel] = {
             rate_hz=10.0, stale_after=0.5, recorded=True,
         ),
         Channel(
+            "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,
+            "the whole parameter set, from the vehicle's cache; unchanged sets cost a line", (ANYONE,),
+        ),
+        Channel(
+            "param", "{fleet}/{vehicle}/param/{param}", "query", wire.Param, Qos.MUST_ARRIVE,
+            "one parameter, from the vehicle's cache", (ANYONE,),
+        ),
+        Channel(
+            "mission", "{fleet}/{vehicle}/mission/{kind}", "query", wire.Mission, Qos.MUST_ARRIVE,
+            "mission, fence or rally points, from the vehicle's cache", (ANYONE,),
+        ),
+        Channel(
+            "file", "{fleet}/{vehicle}/file/{file}", "query", None, Qos.BULK,
+            "bytes of a file or log fetched from the autopilot, in chunks under file/{file}/{offset}", (ANYONE,),
+            encoding=RAW,
+        ),
+        Channel(
+            "file_chunk", "{fleet}/{vehicle}/file/{file}/{offset}", "put", None, Qos.BULK,
+            "a chunk of a file: in answers, and put by who writes a file to the autopilot", (OPERATOR,), encoding=RAW,
+        ),
+        Channel(
+            "rates", "{fleet}/{vehicle}/rates", "query", wire.RateTable, Qos.MUST_ARRIVE,
+            "message statistics: what comes, what was asked for, what is shed", (ANYONE,),
+        ),
+        Channel(
+            "want", "{fleet}/{vehicle}/want/{msg}/{hz}/{instance}", "token", None, Qos.MUST_ARRIVE,
+            "liveliness token of a reader who wants a message at a rate in Hz", (ANYONE,),
+        ),
+        Channel(
+            "holder", "{fleet}/{vehicle}/holder/{holder}/{instance}", "token", None, Qos.MUST_ARRIVE,
+            "liveliness token of who holds a lease: when it goes, the lease ends", (PLANNER, AGENT, OPERATOR),
+        ),
+        Channel(
             "link", "{fleet}/{vehicle}/link/{link}", "pub", wire.LinkQuality, Qos.LATEST_WINS,
             "quality and counters of one link", rate_hz=1.0, stale_after=5.0, recorded=True,
         ),
@@ -130,6 +163,8 @@ CHANNELS: dict[str, Channel] = {
 
 RX, TX, STATE, EVENT = CHANNELS["rx"], CHANNELS["tx"], CHANNELS["state"], CHANNELS["event"]
 MSG, DO, SETPOINT, LINK = CHANNELS["msg"], CHANNELS["do"], CHANNELS["setpoint"], CHANNELS["link"]
+PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS["mission"], CHANNELS["rates"]
+FILE, FILE_CHUNK, WANT, HOLDER = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
 
 

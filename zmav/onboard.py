@@ -30,6 +30,7 @@ from zmav.services.quality import Quality
 from zmav.services.rate import Floor
 from zmav.services.setpoint import Setpoints
 from zmav.services.state import StateService
+from zmav.verbs import VERBS, Access, Verb
 
 TICK = 0.2
 
@@ -79,47 +80,38 @@ class Onboard:
         self._add_orders()
 
     def _add_orders(self) -> None:
+        """Who does what; what each needs first is in :mod:`zmav.verbs`."""
         move, leases = self.commander, self.leases
-        self.orders.add("arm", wire.Arm, self._leased(move.arm))
-        self.orders.add("takeoff", wire.Takeoff, self._leased(move.takeoff))
-        self.orders.add("goto", wire.GoTo, self._leased(move.goto))
-        self.orders.add("set_mode", wire.SetMode, self._leased(move.set_mode))
-        self.orders.add("hold", wire.Order, self._open("hold", move.hold))
-        self.orders.add("land", wire.Order, self._open("land", move.land))
-        self.orders.add("disarm", wire.Order, self._open("disarm", move.disarm))
-        self.orders.add("lease", wire.TakeLease, self._guarded(leases.take))
-        self.orders.add("release", wire.DropLease, leases.drop)
-        self.orders.add("ping", wire.Order, _pong)
+        handlers: dict[str, Handler] = {
+            "arm": move.arm,
+            "disarm": move.disarm,
+            "takeoff": move.takeoff,
+            "goto": move.goto,
+            "hold": move.hold,
+            "land": move.land,
+            "set_mode": move.set_mode,
+            "lease": leases.take,
+            "release": leases.drop,
+            "ping": _pong,
+        }
+        for name, handler in handlers.items():
+            self.orders.add(name, self._guarded(VERBS[name], handler))
 
-    def _guarded(self, handler: Handler) -> Handler:
-        """Nobody commands a vehicle whose name or system id another one claims."""
+    def _guarded(self, verb: Verb, handler: Handler) -> Handler:
+        """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one."""
 
         async def guarded(args: wire.Order, report: Report) -> dict[str, Any]:
-            self.presence.check()
+            if verb.access is not Access.READ or verb.name == "lease":
+                self.presence.check()
+            if verb.access is Access.OPEN and not self.leases.holds(args.lease):
+                self.leases.revoke(f"{verb.name} was ordered")  # or the stranger's next setpoint would undo it
+            if verb.access in (Access.CHANGE, Access.MOVE):
+                self.leases.allow(args.lease)
+            if verb.access in (Access.OPEN, Access.MOVE):
+                self.setpoints.stop()
             return await handler(args, report)
 
         return guarded
-
-    def _leased(self, handler: Handler) -> Handler:
-        """While somebody commands, only the holder of the lease is obeyed."""
-
-        async def leased(args: wire.Order, report: Report) -> dict[str, Any]:
-            self.leases.allow(args.lease)
-            self.setpoints.stop()
-            return await handler(args, report)
-
-        return self._guarded(leased)
-
-    def _open(self, verb: str, handler: Handler) -> Handler:
-        """Open to everybody; it ends a stranger's lease, or the stranger's next setpoint would undo it."""
-
-        async def opened(args: wire.Order, report: Report) -> dict[str, Any]:
-            if not self.leases.holds(args.lease):
-                self.leases.revoke(f"{verb} was ordered")
-            self.setpoints.stop()
-            return await handler(args, report)
-
-        return self._guarded(opened)
 
     async def __aenter__(self) -> Onboard:
         loop, adapter = asyncio.get_running_loop(), self.adapter

@@ -30,7 +30,7 @@ LINK = keys.LINK.key("demo", "quad7", link="autopilot")
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Vehicles that do not answer are given up soon."""
-    monkeypatch.setattr(zmav.vehicle, "GIVE_UP", 0.3)
+    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.3)
 
 
 def findings(lines: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -74,7 +74,7 @@ def test_nobody_by_that_name(vehicle: Vehicle) -> None:
 
 def test_one_of_several_may_fail_and_all_are_told(vehicle: Vehicle, net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
     """A token without a vehicle behind it: the others do as they are told, and the end is 1."""
-    monkeypatch.setattr(zmav.vehicle, "GIVE_UP", 0.5)
+    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.5)
     session, _ = net.router(vehicle.endpoint)
     with session.liveliness().declare_token("zmav/demo/quad9/alive/vehicle/9/px4/-/x"):
         end = time.monotonic() + PATIENCE_S

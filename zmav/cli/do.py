@@ -15,22 +15,12 @@ from zmav.cli.common import assignments, dump, fleet_option, json_option, run, z
 from zmav.client import Client
 from zmav.errors import BadInput, NoSuchVehicle, ZmavError
 from zmav.session import SessionSettings
-
-ORDERS: dict[str, type[wire.Order]] = {
-    "arm": wire.Arm,
-    "disarm": wire.Order,
-    "takeoff": wire.Takeoff,
-    "goto": wire.GoTo,
-    "hold": wire.Order,
-    "land": wire.Order,
-    "set_mode": wire.SetMode,
-    "ping": wire.Order,
-}
+from zmav.verbs import VERBS
 
 
 @click.command("do")
 @click.argument("vehicles")
-@click.argument("verb", type=click.Choice(sorted(ORDERS)))
+@click.argument("verb", type=click.Choice(sorted(VERBS)))
 @click.argument("arguments", nargs=-1, metavar="[NAME=VALUE]...")
 @fleet_option
 @json_option
@@ -46,7 +36,7 @@ async def give(
     vehicles: str, verb: str, arguments: dict[str, Any], fleet: str, as_json: bool, settings: SessionSettings
 ) -> None:
     """Give the order to all that match, at once; ends with an error if any of them refused."""
-    args = wire.decode(msgspec.json.encode(arguments), ORDERS[verb], verb)
+    args = wire.decode(msgspec.json.encode(arguments), VERBS[verb].args, verb)
     async with zmav.open(fleet=fleet, settings=settings) as z:
         targets = await matching(z, vehicles)
         results = await asyncio.gather(*(v.order(verb, args) for v in targets), return_exceptions=True)

@@ -17,6 +17,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.services.port import on_loop
+from zmav.verbs import VERBS
 
 MEMORY = 60.0
 """seconds a finished order's outcome is kept for a caller who asks again"""
@@ -51,8 +52,9 @@ class Orders:
         self._queryable: Any = None
         self._closed = False
 
-    def add(self, verb: str, arguments: type[wire.Order], handler: Handler) -> None:
-        self._verbs[verb] = (arguments, handler)
+    def add(self, verb: str, handler: Handler) -> None:
+        """Who does the work of a verb of :data:`zmav.verbs.VERBS`."""
+        self._verbs[verb] = (VERBS[verb].args, handler)
 
     def start(self) -> None:
         key = keys.DO.key(self._fleet, self._name, verb="*")

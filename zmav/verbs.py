@@ -1,0 +1,75 @@
+"""The verbs of ``do/{verb}``, listed once: what each takes, who may give it and what it does to a stream of setpoints.
+
+The services register what does the work; the command line and the key reference are derived from :data:`VERBS`.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from zmav import wire
+
+
+class Access(enum.Enum):
+    """What an order needs and does."""
+
+    READ = "read"
+    """changes nothing on the vehicle: anybody, at any time"""
+    CHANGE = "change"
+    """changes something but moves nothing: while somebody holds the lease, only with that lease"""
+    MOVE = "move"
+    """moves or arms the vehicle: as ``change``, and the stream of setpoints is over"""
+    OPEN = "open"
+    """makes it safe: open to everybody, ends the stream and a stranger's lease"""
+
+
+@dataclass(frozen=True)
+class Verb:
+    name: str
+    args: type[wire.Order]
+    access: Access
+    doc: str
+
+
+VERBS: dict[str, Verb] = {
+    verb.name: verb
+    for verb in (
+        Verb("arm", wire.Arm, Access.MOVE, "wait until ready, arm"),
+        Verb("disarm", wire.Order, Access.OPEN, "disarm on the ground"),
+        Verb("takeoff", wire.Takeoff, Access.MOVE, "climb to alt_rel metres above home"),
+        Verb("goto", wire.GoTo, Access.MOVE, "fly to a point and wait for the arrival"),
+        Verb("reposition", wire.Reposition, Access.MOVE, "go there by DO_REPOSITION, with speed and circling radius"),
+        Verb("hold", wire.Order, Access.OPEN, "stop where it is"),
+        Verb("land", wire.Order, Access.OPEN, "land where it is"),
+        Verb("rtl", wire.Order, Access.OPEN, "return to launch"),
+        Verb("set_mode", wire.SetMode, Access.MOVE, "enter a flight mode by name"),
+        Verb("command", wire.RunCommand, Access.MOVE, "any MAV_CMD by name"),
+        Verb("reboot", wire.Reboot, Access.CHANGE, "restart the autopilot"),
+        Verb("servo", wire.SetServo, Access.CHANGE, "one output to a PWM"),
+        Verb("relay", wire.SetRelay, Access.CHANGE, "a relay on or off"),
+        Verb("gimbal", wire.Gimbal, Access.CHANGE, "point the gimbal"),
+        Verb("trigger", wire.Trigger, Access.CHANGE, "take pictures"),
+        Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back"),
+        Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters"),
+        Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters anew"),
+        Verb("mission_upload", wire.MissionUpload, Access.CHANGE, "replace the mission, fence or rally points"),
+        Verb("mission_download", wire.MissionRefresh, Access.READ, "read the mission, fence or rally points anew"),
+        Verb("mission_clear", wire.MissionClear, Access.CHANGE, "clear the mission, fence or rally points"),
+        Verb("mission_start", wire.MissionStart, Access.MOVE, "fly the mission"),
+        Verb("mission_current", wire.MissionJump, Access.MOVE, "go on with another item"),
+        Verb("file_list", wire.FilePath, Access.READ, "list a directory of the autopilot"),
+        Verb("file_get", wire.FileGet, Access.READ, "fetch a file of the autopilot"),
+        Verb("file_put", wire.FilePut, Access.CHANGE, "write a file of the autopilot"),
+        Verb("file_remove", wire.FilePath, Access.CHANGE, "remove a file of the autopilot"),
+        Verb("file_mkdir", wire.FilePath, Access.CHANGE, "make a directory on the autopilot"),
+        Verb("file_crc", wire.FilePath, Access.READ, "CRC-32 of a file of the autopilot"),
+        Verb("log_list", wire.LogList, Access.READ, "list the autopilot's logs"),
+        Verb("log_get", wire.LogGet, Access.READ, "fetch a log of the autopilot"),
+        Verb("log_erase", wire.LogErase, Access.CHANGE, "erase all logs of the autopilot"),
+        Verb("lease", wire.TakeLease, Access.READ, "take or renew the right to command alone"),
+        Verb("release", wire.DropLease, Access.READ, "give the lease back"),
+        Verb("revoke", wire.RevokeLease, Access.OPEN, "an operator ends whoever's lease; the vehicle holds"),
+        Verb("ping", wire.Order, Access.READ, "answer at once"),
+    )
+}

@@ -1,0 +1,64 @@
+"""What every payload is made from: strict structs, JSON in and out, errors that name the field."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, TypeVar
+
+import msgspec
+
+from zmav.errors import BadInput, ZmavError, from_code
+
+Vector = tuple[float, float, float]
+
+
+class Wire(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Base of every payload: keyword-only, strict."""
+
+
+class ErrorBody(Wire, kw_only=True):
+    """Payload of an error reply: see :mod:`zmav.errors`."""
+
+    code: str
+    message: str
+    detail: dict[str, Any] = {}
+
+
+W = TypeVar("W", bound=msgspec.Struct)
+_encoder = msgspec.json.Encoder(enc_hook=str)
+_NAMED_FIELD = re.compile(r"field `([^`]*)`")
+
+
+def encode(payload: msgspec.Struct) -> bytes:
+    """JSON bytes; NaN and infinities become null."""
+    return _encoder.encode(payload)
+
+
+def decode(data: bytes, kind: type[W], what: str) -> W:
+    """``data`` as a ``kind``; raises :class:`BadInput` that names the field and what was expected."""
+    try:
+        return msgspec.json.decode(data or b"{}", type=kind)
+    except msgspec.ValidationError as e:
+        text, _, path = str(e).partition(" - at `$")
+        named = _NAMED_FIELD.search(text)  # a missing or an unknown field: the path is that of the object around it
+        field = ".".join(filter(None, (path.strip("`").lstrip("."), named and named[1]))) or kind.__name__
+        raise BadInput(f"{what}: {text} (at {field})", field=field, value=_clip(data), expected=text) from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+        raise BadInput(f"{what}: not JSON: {e}", field=what, value=_clip(data), expected="a JSON object") from None
+
+
+def _clip(data: bytes) -> str:
+    return data[:80].decode("utf-8", "replace")
+
+
+def error_body(error: ZmavError) -> bytes:
+    return encode(ErrorBody(code=error.code, message=error.message, detail=error.detail))
+
+
+def error_from(data: bytes) -> ZmavError:
+    """The exception an error reply stands for."""
+    try:
+        body = msgspec.json.decode(data, type=ErrorBody)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return ZmavError(_clip(data) or "an error without a text")
+    return from_code(body.code, body.message, body.detail)

@@ -1,0 +1,141 @@
+"""Arguments and outcome of ``do/{verb}``: the orders that move, arm and configure a vehicle."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from zmav.wire.base import Vector, Wire
+
+
+class Order(Wire, kw_only=True):
+    """Base of all ``do/*`` arguments.
+
+    With an ``id`` the order is done once however often it is sent, and answered within ``wait`` seconds with status
+    "running" where it takes longer: ask again with the same id. Without one, the answer is the end of it.
+    """
+
+    id: str = ""
+    wait: float = 0.5
+    lease: str = ""
+
+
+class Arm(Order, kw_only=True):
+    ready_timeout: float = 60.0
+    """seconds to wait for the autopilot to be ready; 0: try at once"""
+
+
+class Takeoff(Order, kw_only=True):
+    alt_rel: float
+    """m above home"""
+
+
+class GoTo(Order, kw_only=True):
+    """Fly to a point; ``frame`` and fields as in :class:`Setpoint`. Done when within ``tolerance`` metres of it."""
+
+    frame: Literal["ned", "global"] = "ned"
+    pos: Vector | None = None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    alt_amsl: float | None = None
+    alt_rel: float | None = None
+    yaw: float | None = None
+    tolerance: float = 1.0
+    timeout: float = 300.0
+    arrive: bool = True
+    """False: done as soon as the autopilot has the target"""
+
+
+class SetMode(Order, kw_only=True):
+    mode: str
+
+
+class TakeLease(Order, kw_only=True):
+    """``do/lease``: grant or renew. A higher priority takes it from a lower one; equals wait."""
+
+    holder: str
+    ttl: float = 3.0
+    """seconds; every setpoint and order under the lease renews it"""
+    priority: int = 0
+    """0 to 100"""
+    instance: str = ""
+    """the last part of the holder's liveliness token: when that token goes, the lease ends at once"""
+
+
+class DropLease(Order, kw_only=True):
+    pass
+
+
+class Outcome(Wire, kw_only=True):
+    """Reply to ``do/*``."""
+
+    verb: str
+    status: Literal["done", "running"]
+    took: float
+    """seconds since the order was first heard"""
+    result: dict[str, Any] = {}
+
+
+class Reposition(GoTo, kw_only=True):
+    """Go there and stay by the autopilot's own means: DO_REPOSITION; planes circle it at ``radius``."""
+
+    speed: float | None = None
+    """m/s over the ground; None: the autopilot's own"""
+    radius: float | None = None
+    """m, planes only; negative: counter-clockwise"""
+
+
+class RunCommand(Order, kw_only=True):
+    """Any MAV_CMD by its name, with its parameters by name or by number.
+
+    ``params`` holds the dialect's own labels (``{"Pitch": 0.2}``) or ``param1`` to ``param7``; enumerated parameters
+    take the entry's name; None is NaN. ``frame`` (a MAV_FRAME's name) sends it as COMMAND_INT: param5 and param6 are
+    then degrees.
+    """
+
+    command: str
+    params: dict[str, float | str | None] = {}
+    frame: str | None = None
+
+
+class SetServo(Order, kw_only=True):
+    """DO_SET_SERVO: one output to a PWM in µs. On PX4 DO_SET_ACTUATOR takes its place."""
+
+    output: int
+    pwm: int
+
+
+class SetRelay(Order, kw_only=True):
+    relay: int
+    on: bool
+
+
+class Gimbal(Order, kw_only=True):
+    """Point the gimbal: radians, pitch up and yaw clockwise positive; ``yaw_lock``: yaw is from north, not the nose."""
+
+    pitch: float
+    yaw: float = 0.0
+    yaw_lock: bool = False
+    gimbal: int = 0
+    """gimbal device id; 0: all"""
+
+
+class Trigger(Order, kw_only=True):
+    """Take ``count`` pictures ``interval`` seconds apart, or one every ``distance`` metres where that is given."""
+
+    count: int = 1
+    interval: float = 0.0
+    distance: float | None = None
+    camera: int = 0
+    """camera id; 0: all"""
+
+
+class Reboot(Order, kw_only=True):
+    """Restart the autopilot (refused while armed)."""
+
+    bootloader: bool = False
+
+
+class RevokeLease(Order, kw_only=True):
+    """An operator takes the lease from whoever holds it."""
+
+    reason: str = ""

@@ -1,0 +1,57 @@
+"""Parameters: what the vehicle's cache holds, and the orders that change them."""
+
+from __future__ import annotations
+
+from zmav.wire.base import Wire
+from zmav.wire.orders import Order
+
+
+class Param(Wire, kw_only=True):
+    """One parameter; ``type`` is MAV_PARAM_TYPE without its prefix (``INT8``, ``REAL32``); integers are integers."""
+
+    name: str
+    value: float | int
+    type: str
+
+
+class ParamTable(Wire, kw_only=True):
+    """Reply to ``param``: the whole set as the vehicle's cache holds it.
+
+    ``hash`` tells two sets apart: ask with it as ``{"hash": "..."}`` and an unchanged set comes without ``params``.
+    """
+
+    t: float
+    """UTC seconds of the last change or confirmation"""
+    complete: bool
+    """every parameter the autopilot announced is here"""
+    count: int
+    """how many the autopilot has"""
+    hash: str
+    autopilot: str
+    firmware: str | None = None
+    unchanged: bool = False
+    params: list[Param] = []
+
+
+class ParamQuery(Wire, kw_only=True):
+    """Payload of a query on ``param``; all of it may be absent."""
+
+    hash: str = ""
+    """the set the asker has"""
+
+
+class ParamSet(Order, kw_only=True):
+    """``do/param_set``: one parameter, read back from the autopilot before it is said to be done."""
+
+    name: str
+    value: float | int
+
+
+class ParamLoad(Order, kw_only=True):
+    """``do/param_load``: many at once; those not set are named with the reason, the others are in force."""
+
+    values: dict[str, float | int]
+
+
+class ParamRefresh(Order, kw_only=True):
+    """``do/param_refresh``: read the whole set anew from the autopilot."""

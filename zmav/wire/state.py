@@ -1,0 +1,169 @@
+"""What a vehicle says of itself: its state, its events, its links, its last messages."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from zmav.wire.base import Vector, Wire
+
+
+class GlobalPosition(Wire, kw_only=True):
+    lat_deg: float
+    lon_deg: float
+    alt_amsl: float
+    alt_rel: float
+
+
+class Attitude(Wire, kw_only=True):
+    """Euler angles of body (FRD) against NED, radians."""
+
+    roll: float
+    pitch: float
+    yaw: float
+
+
+class Battery(Wire, kw_only=True):
+    voltage: float | None = None
+    current: float | None = None
+    remaining: float | None = None
+    """0 to 1"""
+
+
+class Gps(Wire, kw_only=True):
+    fix: str
+    """GPS_FIX_TYPE without its prefix: ``3D_FIX``, ``RTK_FIXED``..."""
+    satellites: int | None = None
+    hdop: float | None = None
+
+
+class LinkQuality(Wire, kw_only=True):
+    """One link of a vehicle; for the autopilot's own link also every counter of its splitter."""
+
+    t: float
+    name: str
+    url: str
+    state: str
+    age: float | None
+    """seconds since anything was heard; None: never"""
+    rx_rate: float
+    """frames a second over the last interval"""
+    rx_bytes_rate: float
+    loss: float
+    """share of the vehicle's own frames lost over the last interval, 0 to 1, from their sequence numbers"""
+    rtt: float | None = None
+    """seconds, by TIMESYNC"""
+    signal: float | None = None
+    rx_frames: int = 0
+    rx_bytes: int = 0
+    lost: int = 0
+    """of the vehicle's own frames"""
+    bad_crc: int = 0
+    bad_length: int = 0
+    bad_flags: int = 0
+    garbage: int = 0
+    unknown: int = 0
+    tx_frames: int = 0
+    tx_dropped: int = 0
+    tx_refused: int = 0
+    """frames put on ``mav/tx`` that were not fit to be sent"""
+    rx_dropped: int = 0
+    """datagrams that the kernel threw away because nobody took them in time (UDP on Linux)"""
+    opens: int = 0
+    last_error: str | None = None
+
+
+class LeaseInfo(Wire, kw_only=True):
+    holder: str
+    expires: float
+    """UTC seconds"""
+
+
+class VehicleState(Wire, kw_only=True):
+    """What a vehicle is and does, 5 Hz and on change.
+
+    A part never heard of is None; ``ages``: seconds since each part came, by the vehicle's clock.
+    """
+
+    t: float
+    fleet: str
+    name: str
+    instance: str
+    """which process speaks: two instances under one name are a clash"""
+    connected: bool = False
+    """the autopilot's heartbeat is fresh"""
+    sysid: int | None = None
+    compid: int | None = None
+    uid: str | None = None
+    autopilot: str | None = None
+    """ardupilot, px4 or generic"""
+    kind: str | None = None
+    """copter, plane, rover, boat, sub, vtol, heli or other"""
+    firmware: str | None = None
+    mode: str | None = None
+    armed: bool | None = None
+    status: str | None = None
+    """MAV_STATE without its prefix"""
+    landed: bool | None = None
+    ready: bool | None = None
+    not_ready: list[str] = []
+    """what is missing before arming, in words"""
+    position: GlobalPosition | None = None
+    local: Vector | None = None
+    """m, NED about the fleet's origin; None where no origin was declared"""
+    velocity: Vector | None = None
+    """m/s, NED"""
+    attitude: Attitude | None = None
+    battery: Battery | None = None
+    gps: Gps | None = None
+    link: str = "closed"
+    link_loss: float = 0.0
+    ages: dict[str, float] = {}
+    lease: LeaseInfo | None = None
+    setpoints: dict[str, int] = {}
+    """setpoints flown, and those dropped, by reason"""
+    clash: str | None = None
+    """who else claims the name or system id; commands are refused while it stands"""
+
+
+Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"]
+
+
+class Event(Wire, kw_only=True):
+    t: float
+    kind: str
+    """statustext, mode, armed, autopilot, link, lease, setpoint, clash, refused"""
+    severity: Severity
+    text: str
+    detail: dict[str, Any] = {}
+
+
+class LastMessage(Wire, kw_only=True):
+    """Reply to ``msg/{MSG}``: the fields with enum names, their units, and the age in seconds."""
+
+    name: str
+    id: int
+    sysid: int
+    compid: int
+    seq: int
+    age: float
+    count: int
+    signed: bool
+    verified: bool
+    fields: dict[str, Any]
+    units: dict[str, str]
+
+
+class AgentStatus(Wire, kw_only=True):
+    t: float
+    agent: str
+    state: str
+    text: str = ""
+    detail: dict[str, Any] = {}
+
+
+class Origin(Wire, kw_only=True):
+    """The fleet's declared origin, about which every local frame is."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl: float
