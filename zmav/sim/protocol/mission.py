@@ -6,15 +6,28 @@ is refused with MAV_MISSION_UNSUPPORTED.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Answer, Part
 
 ACCEPTED, UNSUPPORTED, INVALID_SEQUENCE = 0, 3, 13  # MAV_MISSION_RESULT
 
 
-class MissionProtocol:
+class MissionProtocol(Part):
     """Answers the MISSION_ messages; ``sender`` is the (system, component) that asked."""
+
+    def answers(self) -> Mapping[str, Answer]:
+        return {
+            "MISSION_REQUEST_LIST": self.request_list,
+            "MISSION_COUNT": self.count,
+            "MISSION_CLEAR_ALL": self.clear_all,
+            "MISSION_REQUEST": self.request_item,
+            "MISSION_REQUEST_INT": self.request_item,
+            "MISSION_ITEM": self.item,
+            "MISSION_ITEM_INT": self.item,
+        }
 
     def request_list(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int]) -> None:
         channel.send(

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
 
 from zmav.errors import BadConfig
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Answer, Part, Sender
 
 NO_INDEX = 65535
 PER_TICK = 16  # PARAM_VALUEs of a download in one tick: 1354 of them take about 0.9 s, as measured
@@ -80,7 +81,7 @@ def to_float32(value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", clipped))[0])
 
 
-class ParamProtocol:
+class ParamProtocol(Part):
     """Answers the PARAM_ messages of one vehicle."""
 
     def __init__(
@@ -90,11 +91,18 @@ class ParamProtocol:
         self._everyone = everyone
         self._banner = banner
 
-    def request_list(self, channel: Channel, msg: dict[str, Any]) -> None:
+    def answers(self) -> Mapping[str, Answer]:
+        return {
+            "PARAM_REQUEST_LIST": self.request_list,
+            "PARAM_REQUEST_READ": self.request_read,
+            "PARAM_SET": self.set,
+        }
+
+    def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         channel.params_next = 0
         self._banner(channel)
 
-    def request_read(self, channel: Channel, msg: dict[str, Any]) -> None:
+    def request_read(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """By index, or by name where the index is -1; what does not exist stays unanswered."""
         index = msg["param_index"]
         if index >= 0:
@@ -103,7 +111,7 @@ class ParamProtocol:
         elif msg["param_id"] in self.store:
             self._send(channel, msg["param_id"], NO_INDEX)
 
-    def set(self, channel: Channel, msg: dict[str, Any]) -> None:
+    def set(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """Store and tell everyone; unknown names and values that are no numbers are ignored."""
         name, value = msg["param_id"], msg["param_value"]
         if name in self.store and math.isfinite(value):
@@ -111,8 +119,12 @@ class ParamProtocol:
             for each in self._everyone():
                 self._send(each, name, NO_INDEX)
 
-    def feed(self, channel: Channel) -> None:
-        """Once a tick: go on with a download where the channel has room."""
+    def tick(self, now: float) -> None:
+        for channel in self._everyone():
+            self._feed(channel)
+
+    def _feed(self, channel: Channel) -> None:
+        """Go on with a download where the channel has room."""
         if channel.params_next is None:
             return
         for _ in range(PER_TICK):

@@ -1,0 +1,229 @@
+"""What the MAVLink face of any autopilot does: channels, routing, streams, and handing each message to who answers
+it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar, Protocol
+
+from zmav.errors import BadMessage
+from zmav.mavlink.codec import decode
+from zmav.mavlink.dialect import Dialect
+from zmav.mavlink.frames import Frame
+from zmav.sim.control.setpoints import Vector
+from zmav.sim.geo import Position
+from zmav.sim.protocol.channel import Channel, Outlet
+from zmav.sim.protocol.params import ParamStore
+from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.protocol.router import Router
+from zmav.sim.sensors.magnetic import earth_field
+
+COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+REBOOT_DELAY_S = 0.2
+_NO_NUMBER = (BadMessage, ArithmeticError, ValueError)
+
+
+class Brain(Protocol):
+    """The state machine that a node speaks for."""
+
+    params: ParamStore
+    now: float
+    world: Position
+    say: Callable[[int, str], None]
+    beat: Callable[[], None]
+    announce: Callable[[], None]
+
+    @property
+    def uptime(self) -> float: ...
+
+    def power_on(self) -> None: ...
+
+
+class Node(ABC):
+    """Speaks for one autopilot as system ``sysid``, component 1. Everything here runs in the world's thread.
+
+    A subclass names what it can report (``reports``: names of messages) and what else it answers; :meth:`add` gives
+    it further microservices.
+    """
+
+    SYSID_PARAM: ClassVar[str]
+    TIMESYNC_PERIOD_S: ClassVar[float] = 10.0
+
+    def __init__(self, brain: Brain, dialect: Dialect, reports: Iterable[str], *, uid: int, epoch_us: int) -> None:
+        self.brain = brain
+        self.dialect = dialect
+        self.uid = uid
+        self.wind: Vector = (0.0, 0.0, 0.0)
+        self.field = earth_field(brain.world.lat_deg, brain.world.lon_deg)
+        self.throttles: Callable[[], list[float]] = list  # of each rotor, 0..1
+        self.rotor_speeds: Callable[[], list[float]] = list  # shares of the highest
+        self.channels: list[Channel] = []
+        self.bad_messages = 0
+        self._epoch_us = epoch_us
+        self._router = Router(dialect)
+        self._parts: list[Part] = []
+        self._ids = {dialect.by_name[name].id: name for name in reports if name in dialect.by_name}
+        self._answers: dict[int, Answer] = {}
+        self._pending: list[tuple[Channel, str]] = []
+        self._next_timesync = self.TIMESYNC_PERIOD_S
+        self._reboot_at: float | None = None
+        self.answer("TIMESYNC", self._timesync)
+        self.answer("PING", self._ping)
+        brain.say, brain.beat, brain.announce = self.say, self.beat, self.announce
+        self._hook_params()
+
+    def answer(self, name: str, answer: Answer) -> None:
+        """Have messages of that name answered by ``answer`` from now on."""
+        self._answers[self.dialect.by_name[name].id] = answer
+
+    def add(self, part: Part) -> None:
+        """Offer a further microservice."""
+        self._parts.append(part)
+        for name, answer in part.answers().items():
+            self.answer(name, answer)
+
+    # ---- what a subclass says
+
+    @abstractmethod
+    def fields(self, name: str) -> dict[str, Any] | None:
+        """The fields of a message that it reports; None where there is nothing to say yet."""
+
+    @abstractmethod
+    def announce(self) -> None:
+        """Tell where the origin and home are now."""
+
+    @abstractmethod
+    def say(self, severity: int, text: str) -> None:
+        """A STATUSTEXT to whom it may concern."""
+
+    def greet(self, channel: Channel) -> None:  # noqa: B027 - not every autopilot sends anything by itself
+        """A link was opened: start what is sent there unasked."""
+
+    # ---- what there is to know
+
+    @property
+    def sysid(self) -> int:
+        """The system id parameter, or the nearest there is."""
+        return min(max(int(self.brain.params[self.SYSID_PARAM]), 1), 255)
+
+    @property
+    def unix_us(self) -> int:
+        """UTC as the GPS would tell it, microseconds."""
+        return self._epoch_us + int(self.brain.now * 1e6)
+
+    def dialect_name(self, msgid: int) -> str:
+        """Name of a message that this vehicle can report; empty for any other."""
+        return self._ids.get(msgid, "")
+
+    # ---- channels
+
+    def open_channel(self, outlet: Outlet) -> Channel:
+        """A new link; it hears the heartbeat from now on, and what :meth:`greet` starts."""
+        channel = Channel(self.dialect, outlet, self.sysid, COMPONENT, self.brain.now)
+        self.greet(channel)
+        self.channels.append(channel)
+        return channel
+
+    def close_channel(self, channel: Channel) -> None:
+        if channel in self.channels:
+            self.channels.remove(channel)
+        self._router.forget(channel)
+        self._pending = [p for p in self._pending if p[0] is not channel]
+        for part in self._parts:
+            part.closed(channel)
+
+    # ---- out
+
+    def tick(self) -> None:
+        """Send what is due."""
+        now = self.brain.now
+        if self._reboot_at is not None and now >= self._reboot_at:
+            self._reboot_at = None
+            self.restart()
+        for channel in self.channels:
+            for name in channel.streams.due(now):
+                self.report(channel, name)
+        for part in self._parts:
+            part.tick(now)
+        if now >= self._next_timesync:
+            self._next_timesync = now + self.TIMESYNC_PERIOD_S
+            for channel in self.channels:
+                channel.send("TIMESYNC", tc1=0, ts1=self.nanoseconds())
+
+    def restart(self) -> None:
+        """Boot the autopilot anew."""
+        self.brain.power_on()
+
+    def report(self, channel: Channel, name: str) -> None:
+        """Send one message, unless there is nothing to say yet."""
+        try:
+            fields = self.fields(name)
+            if fields is not None:
+                channel.send(name, **fields)
+        except _NO_NUMBER:
+            # A number that its field cannot hold, such as a speed beyond all reason: this one message is not sent.
+            self.bad_messages += 1
+
+    def after_ack(self, channel: Channel, name: str) -> None:
+        """Send a message once the acknowledgement of what is being handled is out."""
+        self._pending.append((channel, name))
+
+    def reboot_after_ack(self) -> None:
+        self._reboot_at = self.brain.now + REBOOT_DELAY_S
+
+    def beat(self) -> None:
+        for channel in self.channels:
+            self.report(channel, "HEARTBEAT")
+
+    def nanoseconds(self) -> int:
+        """The autopilot's own clock, as TIMESYNC carries it."""
+        return int(self.brain.uptime * 1e9)
+
+    # ---- in
+
+    def receive(self, channel: Channel, data: bytes) -> None:
+        """Take bytes that came by ``channel``. Bad ones are counted and dropped; nothing raises."""
+        for frame in channel.splitter.feed(data):
+            if frame.verified and self._router.route(frame, channel, self.channels, (self.sysid, COMPONENT)):
+                self._handle(channel, frame)
+
+    def _handle(self, channel: Channel, frame: Frame) -> None:
+        answer = self._answers.get(frame.msgid)
+        if answer is None:
+            return
+        try:
+            answer(channel, decode(frame, self.dialect), (frame.sysid, frame.compid))
+        except _NO_NUMBER:
+            # Whatever one client sends, the world goes on for the others.
+            self.bad_messages += 1
+        pending, self._pending = self._pending, []
+        for where, name in pending:
+            self.report(where, name)
+
+    def _timesync(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if msg["tc1"] == 0:
+            channel.send("TIMESYNC", tc1=self.nanoseconds(), ts1=msg["ts1"])
+
+    def _ping(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if msg["target_system"] == 0 and msg["target_component"] == 0:
+            channel.send(
+                "PING",
+                time_usec=msg["time_usec"],
+                seq=msg["seq"],
+                target_system=sender[0],
+                target_component=sender[1],
+            )
+
+    def _hook_params(self) -> None:
+        """A new system id is spoken with at once."""
+        flying = self.brain.params.changed
+
+        def changed(name: str, value: float) -> None:
+            flying(name, value)
+            if name == self.SYSID_PARAM:
+                for channel in self.channels:
+                    channel.adopt(self.sysid)
+
+        self.brain.params.changed = changed
