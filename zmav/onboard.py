@@ -20,10 +20,12 @@ from zmav.links import LinkState, open_link
 from zmav.mavlink import Frame, load_dialect
 from zmav.services.command import Commander
 from zmav.services.events import Events
+from zmav.services.flight import Flight
 from zmav.services.identity import Identity
 from zmav.services.lease import Leases
 from zmav.services.messages import Messages
 from zmav.services.orders import Handler, Orders, Report
+from zmav.services.payload import Payload
 from zmav.services.port import on_loop
 from zmav.services.presence import Presence
 from zmav.services.quality import Quality
@@ -71,7 +73,9 @@ class Onboard:
         self.messages = Messages(session, port, self.identity)
         self.quality = Quality(session, port, self.identity)
         self.floor = Floor(port, self.identity)
-        self.commander = Commander(port, self.identity, self.state, self.events)
+        self.commander = Commander(port, self.identity, self.events)
+        self.flight = Flight(port, self.identity, self.state, self.commander)
+        self.payload = Payload(port, self.commander)
         self.setpoints = Setpoints(
             session, port, self.identity, self.leases, self.events, settings.origin, self.presence.check
         )
@@ -81,15 +85,23 @@ class Onboard:
 
     def _add_orders(self) -> None:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""
-        move, leases = self.commander, self.leases
+        flight, payload, leases = self.flight, self.payload, self.leases
         handlers: dict[str, Handler] = {
-            "arm": move.arm,
-            "disarm": move.disarm,
-            "takeoff": move.takeoff,
-            "goto": move.goto,
-            "hold": move.hold,
-            "land": move.land,
-            "set_mode": move.set_mode,
+            "arm": flight.arm,
+            "disarm": flight.disarm,
+            "takeoff": flight.takeoff,
+            "goto": flight.goto,
+            "reposition": flight.reposition,
+            "hold": flight.hold,
+            "land": flight.land,
+            "rtl": flight.rtl,
+            "set_mode": flight.set_mode,
+            "reboot": flight.reboot,
+            "command": payload.command,
+            "servo": payload.servo,
+            "relay": payload.relay,
+            "gimbal": payload.gimbal,
+            "trigger": payload.trigger,
             "lease": leases.take,
             "release": leases.drop,
             "ping": _pong,

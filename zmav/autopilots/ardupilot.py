@@ -89,6 +89,7 @@ class ArduPilot(Autopilot):
     def __init__(self, kind: str) -> None:
         super().__init__(kind)
         self.rules = RULES.get(kind, _COPTER)
+        self.lands_after_rtl = self.rules.takeoff_command
         pairs = (pair.split(":") for pair in self.rules.modes.split())
         self._modes = {name: base.custom_mode(name, int(number)) for name, number in pairs}
         self._names = {mode.custom: name for name, mode in self._modes.items()}
@@ -133,6 +134,9 @@ class ArduPilot(Autopilot):
         if self.rules.land is None:
             raise self.unsupported("land")
         return self.rules.land
+
+    def rtl(self) -> str:
+        return "RTL" if "RTL" in self._modes else "SURFACE"
 
     def goto(self, target: Target) -> Command | Message:
         return base.position_target(target) if self.rules.streams else base.reposition(target)

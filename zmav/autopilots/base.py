@@ -10,10 +10,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, Union
+
+import msgspec
 
 from zmav.errors import BadInput, Unsupported
-from zmav.wire import Vector
+from zmav.wire import ManualControl, Quaternion, Vector
+
+Level = Literal[
+    "position", "velocity", "acceleration", "trajectory", "attitude", "rates", "torque", "manual", "rc", "servo"
+]
 
 NAN = math.nan
 Fields = Mapping[str, Any]
@@ -35,17 +41,29 @@ class Command:
 
 @dataclass(frozen=True)
 class Message:
-    """A MAVLink message to send; the sender adds the target."""
+    """A MAVLink message to send; :meth:`addressed` adds the target."""
 
     name: str
     fields: dict[str, Any] = field(default_factory=dict)
 
+    def addressed(self, system: int, component: int) -> dict[str, Any]:
+        """All its fields for that vehicle: MANUAL_CONTROL alone calls the target otherwise."""
+        if self.name == "MANUAL_CONTROL":
+            return {"target": system, **self.fields}
+        return {"target_system": system, "target_component": component, **self.fields}
 
-@dataclass(frozen=True)
-class Target:
-    """Where to be, in the terms autopilots share: WGS84 degrees, metres, NED m/s and m/s², radians.
 
-    ``alt_rel`` is above home. A position needs ``lat_deg``, ``lon_deg`` and one of the altitudes.
+Action = Union[Message, Command]
+"""What a setpoint becomes: a message to be sent as it is, or a command, which the autopilot answers"""
+
+
+class Target(msgspec.Struct, frozen=True):
+    """What is asked for at one level of authority, in the terms autopilots share.
+
+    WGS84 degrees, metres, NED m/s and m/s², radians; ``alt_rel`` is above home. A position needs ``lat_deg``,
+    ``lon_deg`` and one of the altitudes. ``attitude`` is w, x, y, z from body (forward, right, down) to NED, of length
+    1; ``rates`` rad/s and ``torque`` (-1 to 1) about the body's axes; ``thrust`` 0 to 1; ``rc`` and ``servo`` µs of PWM
+    from channel 1 up.
     """
 
     lat_deg: float | None = None
@@ -56,6 +74,59 @@ class Target:
     acc: Vector | None = None
     yaw: float | None = None
     yaw_rate: float | None = None
+    attitude: Quaternion | None = None
+    rates: Vector | None = None
+    thrust: float | None = None
+    torque: Vector | None = None
+    manual: ManualControl | None = None
+    rc: tuple[int | None, ...] | None = None
+    servo: tuple[int | None, ...] | None = None
+
+    @property
+    def level(self) -> Level:
+        """The level of authority; ``trajectory`` is a position with a velocity or an acceleration fed forward."""
+        if self.lat_deg is not None:
+            return "position" if self.vel is None and self.acc is None else "trajectory"
+        if self.vel is not None:
+            return "velocity"
+        if self.acc is not None:
+            return "acceleration"
+        if self.attitude is not None:
+            return "attitude"
+        if self.torque is not None:
+            return "torque"
+        if self.rates is not None:
+            return "rates"
+        if self.manual is not None:
+            return "manual"
+        return "rc" if self.rc is not None else "servo"
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a parameter of the autopilot must be for a level to mean what it says.
+
+    ``params``: its name, newest firmware's first; ``bits``: those that must be set; None: it must be the vehicle's own
+    system id. ``fatal``: without it the setpoints do nothing at all, or the wrong thing.
+    """
+
+    params: tuple[str, ...]
+    bits: int | None
+    fatal: bool
+    why: str
+
+    def unmet(self, param: Callable[[str], float | None], sysid: int) -> str | None:
+        """Why not, and what to set; None: it is met, or the parameter is not known. ``param`` gives values by name."""
+        for name in self.params:
+            value = param(name)
+            if value is None:
+                continue
+            wanted = sysid if self.bits is None else int(value) | self.bits
+            return None if int(value) == wanted else f"{self.why}: set {name} to {wanted} (it is {int(value)})"
+        return None
+
+
+Convert = Callable[[Target], "list[Action]"]
 
 
 @dataclass(frozen=True)
@@ -134,13 +205,66 @@ class Autopilot(ABC):
     def land(self) -> str:
         """The mode that lands the vehicle where it is."""
 
+    lands_after_rtl: bool = True
+    """a return to launch ends on the ground, disarmed"""
+
+    @abstractmethod
+    def rtl(self) -> str:
+        """The mode that returns to launch."""
+
+    def servo(self, output: int, pwm: int) -> Command:
+        """One output (from 1) to a PWM in µs."""
+        return Command("MAV_CMD_DO_SET_SERVO", (float(output), float(pwm)))
+
+    @abstractmethod
+    def loiter(self) -> str:
+        """The mode that stays where it is without anybody's orders, whatever the sticks are left at."""
+
     @abstractmethod
     def goto(self, target: Target) -> Command | Message:
         """Fly to one point and stay there."""
 
-    @abstractmethod
-    def setpoint(self, target: Target) -> Message:
-        """One point of a stream."""
+    # The stream of setpoints.
+
+    keepalive_hz: float = 4.0
+    """how often the autopilot must hear a setpoint that is still wanted"""
+    engage_after: float = 0.0
+    """s of stream that must have flown before the mode that follows it may be asked for"""
+    levels: Mapping[Level, Convert | str] = {}
+    """what each level becomes, or why there is no such thing here"""
+    modes_by_level: Mapping[Level, str | None] = {}
+    """where the mode is not ``guided``; None: whatever mode the vehicle is in"""
+    needs_by_level: Mapping[Level, tuple[Need, ...]] = {}
+
+    def setpoint(self, target: Target) -> list[Action]:
+        """One point of a stream at any level; raises :class:`Unsupported` with the reason."""
+        return self._convert(target.level)(target)
+
+    def guided_for(self, target: Target) -> str | None:
+        """The mode that follows such setpoints; None: any (sticks and outputs act in the mode the vehicle is in).
+
+        Raises :class:`Unsupported` for a level there is not.
+        """
+        level = target.level
+        self._convert(level)
+        return self.modes_by_level[level] if level in self.modes_by_level else self.guided
+
+    def needs(self, target: Target) -> tuple[Need, ...]:
+        """What the autopilot's parameters must be for it."""
+        return self.needs_by_level.get(target.level, ())
+
+    def release(self, target: Target) -> list[Message]:
+        """What lets go of what ``target`` took, where silence alone would keep it for a while."""
+        return []
+
+    def _convert(self, level: Level) -> Convert:
+        how = self.levels.get(level, f"{level} setpoints are not something {self.name} does with a {self.kind}")
+        if isinstance(how, str):
+            raise Unsupported(how, field=level, value=level, expected=", ".join(self._can()))
+        return how
+
+    def _can(self) -> list[str]:
+        return [level for level, how in self.levels.items() if not isinstance(how, str)]
 
     def unsupported(self, what: str) -> Unsupported:
         return Unsupported(f"{what} is not something {self.name} does with a {self.kind}")
@@ -200,17 +324,17 @@ def stop() -> Message:
     return position_target(Target(vel=(0.0, 0.0, 0.0)))
 
 
-def reposition(target: Target) -> Command:
-    """MAV_CMD_DO_REPOSITION as COMMAND_INT."""
+def reposition(target: Target, *, speed: float | None = None, radius: float | None = None) -> Command:
+    """MAV_CMD_DO_REPOSITION as COMMAND_INT; ``speed`` in m/s over the ground, ``radius`` in m (a plane circles)."""
     if target.lat_deg is None or target.lon_deg is None:
         raise BadInput("a reposition needs a position", field="lat_deg", value=None, expected="a position")
     relative = target.alt_amsl is None
     return Command(
         "MAV_CMD_DO_REPOSITION",
         (
-            -1.0,
+            -1.0 if speed is None else speed,
             1.0,
-            0.0,
+            0.0 if radius is None else radius,
             NAN if target.yaw is None else target.yaw,
             round(target.lat_deg * 1e7),
             round(target.lon_deg * 1e7),

@@ -35,6 +35,9 @@ class Generic(Autopilot):
     def land(self) -> str:
         raise self.unsupported("land by mode")
 
+    def rtl(self) -> str:
+        raise self.unsupported("a return to launch")
+
     def goto(self, target: Target) -> Command | Message:
         return base.reposition(target)
 

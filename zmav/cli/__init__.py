@@ -10,7 +10,7 @@ import click
 
 from zmav.errors import ZmavError
 
-VERBS = ("sim", "ls", "echo", "hz", "bw", "delay", "info", "do", "goto", "get", "send", "replay", "doctor")
+VERBS = ("sim", "ls", "echo", "hz", "bw", "delay", "info", "do", "command", "goto", "get", "send", "replay", "doctor")
 
 
 class Verbs(click.Group):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from zmav.mavlink.codec import MavMessage, Packer, decode, describe, encode, targets
+from zmav.mavlink.commands import CommandParam, CommandType, command_type
 from zmav.mavlink.dialect import Dialect, Field, MessageType, load_dialect
 from zmav.mavlink.frames import Frame, SourceCounters, SplitCounters, Splitter, parse_frame
 
 __all__ = [
+    "CommandParam",
+    "CommandType",
     "Dialect",
     "Field",
     "Frame",
@@ -16,6 +19,7 @@ __all__ = [
     "SourceCounters",
     "SplitCounters",
     "Splitter",
+    "command_type",
     "decode",
     "describe",
     "encode",

@@ -90,6 +90,26 @@ def read_xml(path: Path) -> tuple[list[MessageType], Enums]:
             raise _bad(path, f"{type(error).__name__}: {error}") from error
 
 
+def read_trees(path: Path) -> list[ET.Element]:
+    """The XML of a file and of all it includes; raises :class:`BadConfig` where one cannot be read."""
+    roots: dict[Path, ET.Element] = {}
+    waiting = [path]
+    while waiting:
+        file = waiting.pop(0)
+        if file not in roots:
+            try:
+                roots[file] = ET.parse(file).getroot()
+            except (OSError, ET.ParseError) as error:
+                raise _bad(file, str(error)) from error
+            waiting += [_find_include(file, (each.text or "").strip()) for each in roots[file].iter("include")]
+    return list(roots.values())
+
+
+def shipped_xml(name: str) -> Path:
+    """The XML file behind pymavlink's dialect of that name."""
+    return _shipped(f"{name}.xml") or Path(f"{name}.xml")
+
+
 def _tables(path: Path, files: list[Any], bitmasks: set[str]) -> tuple[list[MessageType], Enums]:
     enums = {
         enum.name: {entry.name: entry.value for entry in enum.entry if not entry.end_marker}
@@ -146,12 +166,20 @@ def _find_include(includer: Path, name: str) -> Path:
     beside = (includer.parent / name).resolve()
     if beside.is_file():
         return beside
+    shipped = _shipped(Path(name).name)
+    if shipped is not None:
+        return shipped
+    raise _bad(includer, f"it includes {name!r}, which is neither beside it nor among pymavlink's dialects")
+
+
+def _shipped(name: str) -> Path | None:
+    """The file of that name among pymavlink's dialects."""
     package = importlib.util.find_spec(_DIALECTS)
     for folder in (package.submodule_search_locations or []) if package else []:
-        shipped = Path(folder) / Path(name).name
-        if shipped.is_file():
-            return shipped.resolve()
-    raise _bad(includer, f"it includes {name!r}, which is neither beside it nor among pymavlink's dialects")
+        file = Path(folder) / name
+        if file.is_file():
+            return file.resolve()
+    return None
 
 
 _ARRAY_LENGTH = re.compile(r"(25[0-5]|2[0-4]\d|1\d\d|[1-9]\d?)\]")

@@ -114,9 +114,10 @@ def _offset(wire_fields: tuple[Field, ...], name: str) -> int | None:
 
 
 class Dialect(msgspec.Struct, frozen=True):
-    """A set of messages and enums. ``enums`` maps an enum's name to {entry name: value}."""
+    """A set of messages and enums. ``enums`` maps an enum's name to {entry name: value}; ``source`` is its XML file."""
 
     name: str
+    source: str
     by_id: dict[int, MessageType]
     by_name: dict[str, MessageType]
     enums: dict[str, dict[str, int]]
@@ -126,9 +127,10 @@ class Dialect(msgspec.Struct, frozen=True):
         return f"<Dialect {self.name}: {len(self.by_id)} messages, {len(self.enums)} enums>"
 
     @classmethod
-    def build(cls, name: str, messages: list[MessageType], enums: dict[str, dict[str, int]]) -> Dialect:
+    def build(cls, name: str, source: str, messages: list[MessageType], enums: dict[str, dict[str, int]]) -> Dialect:
         return cls(
             name=name,
+            source=source,
             by_id={m.id: m for m in messages},
             by_name={m.name: m for m in messages},
             enums=enums,
@@ -208,7 +210,7 @@ def _load_named(name: str) -> Dialect:
     from zmav.mavlink import definitions  # pymavlink is slow to import: only who needs a dialect pays for it
 
     messages, enums = definitions.read_named(name)
-    return Dialect.build(name, messages, enums)
+    return Dialect.build(name, str(definitions.shipped_xml(name)), messages, enums)
 
 
 @functools.lru_cache(maxsize=16)
@@ -216,4 +218,4 @@ def _load_xml(path: str, _changed: int) -> Dialect:
     from zmav.mavlink import definitions
 
     messages, enums = definitions.read_xml(Path(path))
-    return Dialect.build(Path(path).stem, messages, enums)
+    return Dialect.build(Path(path).stem, path, messages, enums)

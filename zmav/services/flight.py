@@ -1,0 +1,244 @@
+"""The orders that arm, move and land a vehicle: each a few commands, and then watched until it has come true."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from typing import Any
+
+from zmav import geo, wire
+from zmav.autopilots import Autopilot, Command, Message, Target
+from zmav.autopilots.base import reposition
+from zmav.errors import BadInput, Refused, TimedOut
+from zmav.services.command import Commander
+from zmav.services.identity import Identity
+from zmav.services.orders import Report
+from zmav.services.port import Inbox, Port
+from zmav.services.state import StateService
+from zmav.services.target import resolve
+
+RETRY_EVERY = 1.0
+"""s between attempts to arm a vehicle that says no"""
+LAND_TIMEOUT = 180.0
+RETURN_TIMEOUT = 900.0
+REBOOT_TIMEOUT = 60.0
+
+
+class Flight:
+    """Handlers of the orders in :mod:`zmav.verbs` that move a vehicle. Lives on the event loop."""
+
+    def __init__(self, port: Port, identity: Identity, state: StateService, commander: Commander) -> None:
+        self._port, self._identity, self._state, self._do = port, identity, state, commander
+
+    async def arm(self, args: wire.Arm, report: Report) -> dict[str, Any]:
+        """Wait until the autopilot is ready, arm, and see it armed; a refusal is retried until ``ready_timeout``."""
+        autopilot, deadline = self._do.autopilot(), time.monotonic() + args.ready_timeout
+        if self._identity.armed:
+            return {"armed": True}
+        async with self._do.move():  # so that whoever orders otherwise meanwhile is not surprised by it later
+            if args.ready_timeout > 0:
+                await self._until_ready(autopilot, deadline, report)
+            while True:
+                try:
+                    await self._do.command(autopilot.arm(True))
+                    break
+                except Refused as e:
+                    report({"refused": e.message})
+                    if time.monotonic() + RETRY_EVERY > deadline:
+                        raise
+                    await asyncio.sleep(RETRY_EVERY)
+            await self._do.until_heartbeat(
+                lambda: self._identity.armed is True, "armed, but HEARTBEAT does not show it"
+            )
+        return {"armed": True}
+
+    async def disarm(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        if not self._identity.armed:
+            self._do.supersede()  # somebody waits to arm it
+        await self._do.command(self._do.autopilot().arm(False))
+        await self._do.until_heartbeat(
+            lambda: self._identity.armed is False, "disarmed, but HEARTBEAT does not show it"
+        )
+        return {"armed": False}
+
+    async def set_mode(self, args: wire.SetMode, report: Report) -> dict[str, Any]:
+        async with self._do.move():
+            await self._do.enter(args.mode)
+        return {"mode": self._identity.mode}
+
+    async def takeoff(self, args: wire.Takeoff, report: Report) -> dict[str, Any]:
+        """Climb to ``alt_rel`` metres above home; done when the vehicle is there."""
+        if not 0.5 <= args.alt_rel <= 1000.0:
+            raise BadInput("alt_rel must be from 0.5 to 1000 m", field="alt_rel", value=args.alt_rel)
+        async with self._do.move():
+            mode, command = self._do.autopilot().takeoff(args.alt_rel, self._state.latest)
+            if not self._identity.armed:
+                raise Refused("it is disarmed: arm it first", vehicle=self._port.name)
+            if mode:
+                await self._do.enter(mode)
+            if command:
+                await self._do.command(command)
+            altitude = await self._climb(args.alt_rel, mode, report)
+        return {"alt_rel": altitude}
+
+    async def goto(self, args: wire.GoTo, report: Report) -> dict[str, Any]:
+        """Fly to a point; done when within ``tolerance`` of it, or at once where ``arrive`` is false."""
+        target = self._place(args)
+        async with self._do.move():
+            autopilot = self._do.autopilot()
+            self._check_flying()
+            await self._do.enter(autopilot.guided)
+            action = autopilot.goto(target)
+            await self._do.give(action)
+            if not args.arrive:
+                return {}
+            return {"away": await self._arrive(action, target, args, report)}
+
+    async def reposition(self, args: wire.Reposition, report: Report) -> dict[str, Any]:
+        """Go there by MAV_CMD_DO_REPOSITION, which changes the mode by itself; done on arrival unless told otherwise.
+
+        A plane has arrived when it circles: within ``radius`` (or ``tolerance``, where that is more) over the ground.
+        """
+        target = self._place(args)
+        if args.speed is not None and not 0.0 < args.speed < 200.0:
+            raise BadInput("speed must be from 0 to 200 m/s", field="speed", value=args.speed, expected="0 to 200")
+        async with self._do.move():
+            self._do.autopilot()
+            self._check_flying()
+            action = reposition(target, speed=args.speed, radius=args.radius)
+            await self._do.give(action)
+            self._do.ordered = self._identity.mode
+            if not args.arrive:
+                return {}
+            return {"away": await self._arrive(action, target, args, report)}
+
+    async def hold(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        """Stop where the vehicle is."""
+        async with self._do.move():
+            mode, message = self._do.autopilot().hold()
+            await self._do.enter(mode)
+            if message:
+                await self._do.give(message)
+        return {"mode": self._identity.mode}
+
+    async def land(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        """Land where the vehicle is; done when it has disarmed itself."""
+        async with self._do.move():
+            mode = self._do.autopilot().land()
+            await self._do.enter(mode)
+            await self._until_disarmed(mode, LAND_TIMEOUT, report)
+        return {"armed": False}
+
+    async def rtl(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        """Return to launch; done when it has landed and disarmed. A rover or a plane, which does not land there by
+        itself, has done it once it is in the mode.
+        """
+        async with self._do.move():
+            autopilot = self._do.autopilot()
+            mode = autopilot.rtl()
+            await self._do.enter(mode)
+            if autopilot.lands_after_rtl:
+                await self._until_disarmed(mode, RETURN_TIMEOUT, report)
+        return {"mode": self._identity.mode, "armed": bool(self._identity.armed)}
+
+    async def reboot(self, args: wire.Reboot, report: Report) -> dict[str, Any]:
+        """Restart a disarmed autopilot; done when it is heard again (at once where it stays in its bootloader)."""
+        if self._identity.armed:
+            raise Refused("it is armed: it would fall; land and disarm it first", vehicle=self._port.name)
+        async with self._do.move():
+            with self._do.inbox("TIMESYNC") as inbox:
+                before, since = await self._uptime(inbox, 2.0), time.monotonic()
+                await self._do.command(Command("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", (3.0 if args.bootloader else 1.0,)))
+                while not args.bootloader:
+                    now = await self._uptime(inbox, 1.0)
+                    if now is not None and (before is None or now < before):
+                        break
+                    if time.monotonic() - since > REBOOT_TIMEOUT:
+                        late = f"it acknowledged the reboot {REBOOT_TIMEOUT:.0f} s ago, and has not come back"
+                        raise TimedOut(late, vehicle=self._port.name)
+                    report({"connected": self._identity.connected})
+        return {"took": time.monotonic() - since}
+
+    # How it is done.
+
+    def _place(self, args: wire.GoTo) -> Target:
+        if args.pos is None and args.lat_deg is None:
+            raise BadInput("a goto needs a position", field="pos", value=None, expected="pos, or lat_deg and lon_deg")
+        return resolve(args, self._state.origin)
+
+    def _check_flying(self) -> None:
+        if not self._identity.armed:
+            raise Refused("it is disarmed: arm it and take off first", vehicle=self._port.name)
+
+    async def _uptime(self, inbox: Inbox, timeout: float) -> float | None:
+        """Seconds since the autopilot's boot, from its next TIMESYNC; None where none comes."""
+        heard = await inbox.get(timeout)
+        if heard is None:
+            return None
+        fields = heard[1]
+        return int(fields["tc1"] or fields["ts1"]) / 1e9  # an answer has its time in tc1, a question of its own in ts1
+
+    async def _until_ready(self, autopilot: Autopilot, deadline: float, report: Report) -> None:
+        while missing := autopilot.missing(self._state.latest):
+            report({"waiting_for": missing})
+            if time.monotonic() > deadline:
+                raise Refused(f"not ready to arm: {', '.join(missing)}", vehicle=self._port.name, reasons=missing)
+            await asyncio.sleep(0.2)
+
+    async def _until_disarmed(self, mode: str, timeout: float, report: Report) -> None:
+        with self._do.inbox("HEARTBEAT", "GLOBAL_POSITION_INT") as inbox:
+            deadline = time.monotonic() + timeout
+            while self._identity.armed:
+                late = f"still armed {timeout / 60:.0f} minutes after {mode}"
+                name, fields = await self._do.next(inbox, deadline, late)
+                if name == "GLOBAL_POSITION_INT":
+                    report({"alt_rel": fields["relative_alt"] / 1000.0})
+                elif self._identity.armed:
+                    self._do.check_mode(mode)
+
+    async def _climb(self, alt_rel: float, mode: str | None, report: Report) -> float:
+        deadline = time.monotonic() + 20.0 + 2.0 * alt_rel
+        with self._do.inbox("GLOBAL_POSITION_INT") as inbox:
+            altitude = -math.inf
+            while altitude < alt_rel - max(0.3, 0.03 * alt_rel):
+                late = f"only at {altitude:.1f} m of {alt_rel:.1f} m"
+                _, position = await self._do.next(inbox, deadline, late)
+                altitude = position["relative_alt"] / 1000.0
+                report({"alt_rel": altitude})
+                if not self._identity.armed:
+                    raise Refused("it disarmed during the takeoff", vehicle=self._port.name)
+                if mode:  # where a command alone takes off, the autopilot changes the mode by itself
+                    self._do.check_mode(mode)
+        return altitude
+
+    async def _arrive(self, action: Command | Message, target: Target, args: wire.GoTo, report: Report) -> float:
+        deadline, given = time.monotonic() + args.timeout, time.monotonic()
+        mode, flat = self._identity.mode, self._do.autopilot().on_surface
+        near = args.tolerance
+        if isinstance(args, wire.Reposition) and args.radius:
+            near, flat = max(near, 1.2 * abs(args.radius)), True
+        with self._do.inbox("GLOBAL_POSITION_INT") as inbox:
+            while True:
+                _, position = await self._do.next(inbox, deadline, f"not there after {args.timeout:.0f} s")
+                away = _distance(target, position, flat=flat)
+                report({"away": away})
+                if away <= near:
+                    return away
+                self._do.check_mode(mode)
+                if isinstance(action, Message) and time.monotonic() - given > 1.0:
+                    given = time.monotonic()
+                    await self._do.give(action)  # a target has no acknowledgement: say it again in case it was lost
+
+
+def _distance(target: Target, position: Any, flat: bool) -> float:
+    """Metres from a GLOBAL_POSITION_INT to the target; over the ground alone where ``flat``."""
+    assert target.lat_deg is not None and target.lon_deg is not None
+    over_ground = geo.horizontal_distance(target.lat_deg, target.lon_deg, position["lat"] / 1e7, position["lon"] / 1e7)
+    if flat:
+        return over_ground
+    if target.alt_amsl is not None:
+        up = target.alt_amsl - position["alt"] / 1e3
+    else:
+        up = (target.alt_rel or 0.0) - position["relative_alt"] / 1e3
+    return math.hypot(over_ground, up)
