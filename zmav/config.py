@@ -7,21 +7,92 @@ lat_deg = 52.756
 lon_deg = -1.246
 alt_amsl = 60.0
 
+[failsafe]                      # what happens when a stream of setpoints stops
+hold_after = 0.5
+land_after = 30.0               # or "never"
+action = "rtl"                  # or "loiter", "land"
+
+[geofence]                      # setpoints beyond it are not flown
+radius = 300.0                  # m about the origin
+polygon = [[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]]
+floor = 2.0                     # m above home
+ceiling = 60.0
+
+[limits]                        # nor those that are faster
+speed = 12.0
+climb = 3.0
+descend = 2.0
+
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
 connect = ["udp/10.77.0.2:7447?rel=1;mixed_rel=1"]
+
+[vehicles.quad1.pilot_switch]   # while the radio's channel 7 is high, no agent has the vehicle
+channel = 7
+low = 1700
+high = 2200
+
+A vehicle's own ``failsafe``, ``geofence`` or ``limits`` table takes the whole place of the fleet's.
 """
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, Union
 
 import msgspec
 
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
+
+Action = Literal["loiter", "rtl", "land"]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
+
+class Table(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """Base of the tables: strict, and never changed once read."""
+
+
+class Failsafe(Table):
+    """The vehicle's answers to a stream of setpoints that stops, in seconds since the last good one."""
+
+    hold_after: Annotated[float, msgspec.Meta(ge=0.1, le=5.0)] = 0.5
+    """then it holds its position"""
+    land_after: Union[Annotated[float, msgspec.Meta(ge=1.0, le=86_400.0)], Literal["never"]] = 30.0
+    """then it does ``action``"""
+    action: Action = "rtl"
+
+
+class Geofence(Table):
+    """Where setpoints may lead; a part that is absent limits nothing."""
+
+    polygon: list[tuple[float, float]] = []
+    """corners as latitude and longitude in degrees, three or more; the last one joins the first"""
+    radius: Positive | None = None
+    """m over the ground from the fleet's origin"""
+    floor: float | None = None
+    """m above home"""
+    ceiling: float | None = None
+    """m above home"""
+
+
+class Limits(Table):
+    """How fast setpoints may be, m/s; a part that is absent limits nothing."""
+
+    speed: Positive | None = None
+    """over the ground"""
+    climb: Positive | None = None
+    descend: Positive | None = None
+
+
+class PilotSwitch(Table):
+    """A switch of the pilot's radio: while ``channel`` is within ``low`` and ``high`` (µs), no agent has the vehicle."""
+
+    channel: Annotated[int, msgspec.Meta(ge=1, le=18)]
+    low: Annotated[int, msgspec.Meta(ge=700, le=2500)] = 1700
+    high: Annotated[int, msgspec.Meta(ge=700, le=2500)] = 2200
 
 
 class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -32,6 +103,10 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     dialect: str = "ardupilotmega"
     listen: list[str] = []
     connect: list[str] = []
+    failsafe: Failsafe | None = None
+    geofence: Geofence | None = None
+    limits: Limits | None = None
+    pilot_switch: PilotSwitch | None = None
 
 
 class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -39,16 +114,25 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
     fleet: str = "demo"
     origin: wire.Origin | None = None
+    failsafe: Failsafe = Failsafe()
+    geofence: Geofence = Geofence()
+    limits: Limits = Limits()
     vehicles: dict[str, VehicleConfig] = {}
 
     def vehicle(self, name: str) -> VehicleConfig:
-        """The table of that vehicle; raises :class:`BadConfig` naming those there are."""
+        """The table of that vehicle, the fleet's own filled in; raises :class:`BadConfig` naming those there are."""
         if name not in self.vehicles:
             known = ", ".join(self.vehicles) or "none"
             raise BadConfig(
                 f"no vehicle {name!r} in the fleet file; it has {known}", field="name", value=name, expected=known
             )
-        return self.vehicles[name]
+        table = self.vehicles[name]
+        return msgspec.structs.replace(
+            table,
+            failsafe=table.failsafe or self.failsafe,
+            geofence=table.geofence or self.geofence,
+            limits=table.limits or self.limits,
+        )
 
 
 def load_fleet(path: str | Path) -> FleetConfig:
@@ -63,6 +147,10 @@ def load_fleet(path: str | Path) -> FleetConfig:
             keys.check_name(name)
         if fleet.origin:
             _check_origin(fleet.origin)
+        _check_tables("", fleet)
+        for name, table in fleet.vehicles.items():
+            _check_tables(f"vehicles.{name}.", table)
+            check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
     except msgspec.ValidationError as e:
         what, _, where = str(e).partition(" - at `$")
         field = where.strip("`").lstrip(".") or "the file"
@@ -72,6 +160,53 @@ def load_fleet(path: str | Path) -> FleetConfig:
     except ValueError as e:
         raise BadConfig(f"{path} is not TOML: {e}", field="file", value=str(path), expected="TOML") from e
     return fleet
+
+
+def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
+    """What types cannot say: numbers that there are, and that go together."""
+    failsafe, limits = tables.failsafe, tables.limits
+    if failsafe:
+        check_failsafe(failsafe, f"{place}failsafe")
+    if limits:
+        for name in limits.__struct_fields__:
+            value = getattr(limits, name)
+            if value is not None and not math.isfinite(value):
+                raise _wrong(f"{place}limits.{name}", value, "a number of m/s")
+    if isinstance(tables, FleetConfig):
+        check_fence(tables.geofence, tables.origin, "geofence")
+    elif tables.pilot_switch and tables.pilot_switch.low >= tables.pilot_switch.high:
+        raise _wrong(f"{place}pilot_switch.low", tables.pilot_switch.low, f"less than {tables.pilot_switch.high}")
+
+
+def check_failsafe(failsafe: Failsafe, field: str = "failsafe") -> Failsafe:
+    """``failsafe`` itself; raises :class:`BadConfig` where its steps are not in order."""
+    if failsafe.land_after != "never" and failsafe.land_after <= failsafe.hold_after:
+        raise _wrong(f"{field}.land_after", failsafe.land_after, f"more than hold_after ({failsafe.hold_after} s)")
+    return failsafe
+
+
+def check_fence(fence: Geofence | None, origin: wire.Origin | None, field: str) -> None:
+    """Raise :class:`BadConfig` where a fence encloses nothing."""
+    if fence is None:
+        return
+    if fence.polygon and len(fence.polygon) < 3:
+        raise _wrong(f"{field}.polygon", fence.polygon, "three corners or more")
+    for lat, lon in fence.polygon:
+        if not (abs(lat) <= 89.0 and abs(lon) <= 180.0):
+            raise _wrong(f"{field}.polygon", [lat, lon], "latitude and longitude in degrees")
+    for name in ("radius", "floor", "ceiling"):
+        value = getattr(fence, name)
+        if value is not None and not abs(value) <= 100_000.0:
+            raise _wrong(f"{field}.{name}", value, "a number of metres")
+    if fence.floor is not None and fence.ceiling is not None and fence.floor >= fence.ceiling:
+        raise _wrong(f"{field}.floor", fence.floor, f"less than the ceiling ({fence.ceiling} m)")
+    if fence.radius is not None and origin is None:
+        text = f"{field}.radius is about the fleet's origin, and none is declared"
+        raise BadConfig(text, field=f"{field}.radius", value=fence.radius, expected="an origin")
+
+
+def _wrong(field: str, value: object, expected: str) -> BadConfig:
+    return BadConfig(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
 
 
 def origin_of(lat_deg: float, lon_deg: float, alt_amsl: float) -> wire.Origin:
