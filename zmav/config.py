@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, Union
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -55,17 +55,17 @@ class Table(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tru
     """Base of the tables: strict, and never changed once read."""
 
 
-class Failsafe(Table):
+class Failsafe(Table, frozen=True):
     """The vehicle's answers to a stream of setpoints that stops, in seconds since the last good one."""
 
     hold_after: Annotated[float, msgspec.Meta(ge=0.1, le=5.0)] = 0.5
     """then it holds its position"""
-    land_after: Union[Annotated[float, msgspec.Meta(ge=1.0, le=86_400.0)], Literal["never"]] = 30.0
+    land_after: Annotated[float, msgspec.Meta(ge=1.0, le=86_400.0)] | Literal["never"] = 30.0
     """then it does ``action``"""
     action: Action = "rtl"
 
 
-class Geofence(Table):
+class Geofence(Table, frozen=True):
     """Where setpoints may lead; a part that is absent limits nothing."""
 
     polygon: list[tuple[float, float]] = []
@@ -78,17 +78,25 @@ class Geofence(Table):
     """m above home"""
 
 
-class Limits(Table):
-    """How fast setpoints may be, m/s; a part that is absent limits nothing."""
+class Limits(Table, frozen=True):
+    """How fast and how hard setpoints may be; a part that is absent limits nothing."""
 
     speed: Positive | None = None
-    """over the ground"""
+    """m/s over the ground"""
     climb: Positive | None = None
+    """m/s"""
     descend: Positive | None = None
+    """m/s"""
+    accel: Positive | None = None
+    """m/s²"""
+    tilt: Positive | None = None
+    """rad, of an attitude from upright"""
+    yaw_rate: Positive | None = None
+    """rad/s"""
 
 
-class PilotSwitch(Table):
-    """A switch of the pilot's radio: while ``channel`` is within ``low`` and ``high`` (µs), no agent has the vehicle."""
+class PilotSwitch(Table, frozen=True):
+    """A switch of the pilot's radio: while ``channel`` is from ``low`` to ``high`` µs, no agent has the vehicle."""
 
     channel: Annotated[int, msgspec.Meta(ge=1, le=18)]
     low: Annotated[int, msgspec.Meta(ge=700, le=2500)] = 1700
@@ -171,7 +179,7 @@ def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
         for name in limits.__struct_fields__:
             value = getattr(limits, name)
             if value is not None and not math.isfinite(value):
-                raise _wrong(f"{place}limits.{name}", value, "a number of m/s")
+                raise _wrong(f"{place}limits.{name}", value, "a number")
     if isinstance(tables, FleetConfig):
         check_fence(tables.geofence, tables.origin, "geofence")
     elif tables.pilot_switch and tables.pilot_switch.low >= tables.pilot_switch.high:

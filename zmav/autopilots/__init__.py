@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from zmav.autopilots.ardupilot import ArduPilot
-from zmav.autopilots.base import Autopilot, Command, Latest, Message, Mode, Target
+from zmav.autopilots.base import Action, Autopilot, Command, Latest, Level, Message, Mode, Need, Target
 from zmav.autopilots.generic import Generic
 from zmav.autopilots.px4 import Px4
 
-__all__ = ["Autopilot", "Command", "Latest", "Message", "Mode", "Target", "autopilot_for", "kind_of"]
+__all__ = [
+    "Action",
+    "Autopilot",
+    "Command",
+    "Latest",
+    "Level",
+    "Message",
+    "Mode",
+    "Need",
+    "Target",
+    "autopilot_for",
+    "kind_of",
+]
 
 _KINDS = {
     "copter": (2, 3, 13, 14, 15, 29, 35, 43),

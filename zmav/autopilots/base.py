@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Union
+from typing import Any, ClassVar, Literal
 
 import msgspec
 
@@ -53,7 +53,7 @@ class Message:
         return {"target_system": system, "target_component": component, **self.fields}
 
 
-Action = Union[Message, Command]
+Action = Message | Command
 """What a setpoint becomes: a message to be sent as it is, or a command, which the autopilot answers"""
 
 
@@ -247,7 +247,9 @@ class Autopilot(ABC):
         """
         level = target.level
         self._convert(level)
-        return self.modes_by_level[level] if level in self.modes_by_level else self.guided
+        if level in self.modes_by_level:
+            return self.modes_by_level[level]
+        return self.guided
 
     def needs(self, target: Target) -> tuple[Need, ...]:
         """What the autopilot's parameters must be for it."""
@@ -270,62 +272,13 @@ class Autopilot(ABC):
         return Unsupported(f"{what} is not something {self.name} does with a {self.kind}")
 
 
-POSITION, VELOCITY, ACCELERATION = 0b111, 0b111_000, 0b111_000_000
-YAW, YAW_RATE = 1 << 10, 1 << 11
+def reposition(
+    target: Target, *, speed: float | None = None, radius: float | None = None, change_mode: bool = True
+) -> Command:
+    """MAV_CMD_DO_REPOSITION as COMMAND_INT; ``speed`` in m/s over the ground, ``radius`` in m (a plane circles).
 
-
-def type_mask(target: Target) -> int:
-    """POSITION_TARGET_TYPEMASK of what ``target`` leaves out (a set bit: ignore)."""
-    mask = 0
-    for absent, bits in (
-        (target.lat_deg is None, POSITION),
-        (target.vel is None, VELOCITY),
-        (target.acc is None, ACCELERATION),
-        (target.yaw is None, YAW),
-        (target.yaw_rate is None, YAW_RATE),
-    ):
-        mask |= bits if absent else 0
-    return mask
-
-
-def position_target(target: Target) -> Message:
-    """SET_POSITION_TARGET_GLOBAL_INT where a position is given, else SET_POSITION_TARGET_LOCAL_NED.
-
-    The global message keeps the vehicle's own start out of it; velocities need no origin.
+    ``change_mode``: enter the guided mode for it, where the vehicle is in another.
     """
-    vx, vy, vz = target.vel or (0.0, 0.0, 0.0)
-    ax, ay, az = target.acc or (0.0, 0.0, 0.0)
-    common = {
-        "type_mask": type_mask(target),
-        "vx": vx,
-        "vy": vy,
-        "vz": vz,
-        "afx": ax,
-        "afy": ay,
-        "afz": az,
-        "yaw": target.yaw or 0.0,
-        "yaw_rate": target.yaw_rate or 0.0,
-    }
-    if target.lat_deg is None or target.lon_deg is None:
-        return Message("SET_POSITION_TARGET_LOCAL_NED", {"coordinate_frame": 1, **common})
-    relative = target.alt_amsl is None
-    altitude = target.alt_rel if relative else target.alt_amsl
-    place = {
-        "coordinate_frame": 6 if relative else 5,
-        "lat_int": round(target.lat_deg * 1e7),
-        "lon_int": round(target.lon_deg * 1e7),
-        "alt": altitude or 0.0,
-    }
-    return Message("SET_POSITION_TARGET_GLOBAL_INT", {**place, **common})
-
-
-def stop() -> Message:
-    """A velocity target of nought."""
-    return position_target(Target(vel=(0.0, 0.0, 0.0)))
-
-
-def reposition(target: Target, *, speed: float | None = None, radius: float | None = None) -> Command:
-    """MAV_CMD_DO_REPOSITION as COMMAND_INT; ``speed`` in m/s over the ground, ``radius`` in m (a plane circles)."""
     if target.lat_deg is None or target.lon_deg is None:
         raise BadInput("a reposition needs a position", field="lat_deg", value=None, expected="a position")
     relative = target.alt_amsl is None
@@ -333,7 +286,7 @@ def reposition(target: Target, *, speed: float | None = None, radius: float | No
         "MAV_CMD_DO_REPOSITION",
         (
             -1.0 if speed is None else speed,
-            1.0,
+            1.0 if change_mode else 0.0,
             0.0 if radius is None else radius,
             NAN if target.yaw is None else target.yaw,
             round(target.lat_deg * 1e7),

@@ -5,13 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from zmav.autopilots import base
-from zmav.autopilots.base import Autopilot, Command, Latest, Message, Mode, Target
+from zmav.autopilots import base, convert
+from zmav.autopilots.base import Autopilot, Command, Convert, Latest, Level, Message, Mode, Target
 
 
 class Generic(Autopilot):
     name = "generic"
     floor: ClassVar[Mapping[str, float]] = {"GLOBAL_POSITION_INT": 5.0, "ATTITUDE": 5.0, "SYS_STATUS": 1.0}
+
+    levels: Mapping[Level, Convert | str] = {
+        "position": convert.motion,
+        "trajectory": convert.motion,
+        "velocity": convert.motion,
+        "acceleration": convert.motion,
+        "attitude": convert.attitude,
+        "rates": convert.rates,
+        "manual": convert.sticks,
+        "rc": convert.rc_override,
+        "servo": convert.servos,
+        "torque": "the common dialect has no message for torques",
+    }
+    modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
 
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         return f"MODE_{custom_mode}"
@@ -38,8 +52,8 @@ class Generic(Autopilot):
     def rtl(self) -> str:
         raise self.unsupported("a return to launch")
 
+    def loiter(self) -> str:
+        raise self.unsupported("loiter")
+
     def goto(self, target: Target) -> Command | Message:
         return base.reposition(target)
-
-    def setpoint(self, target: Target) -> Message:
-        return base.position_target(target)

@@ -5,14 +5,43 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from zmav.autopilots import base
-from zmav.autopilots.base import NAN, Autopilot, Command, Latest, Message, Mode, Target
+from zmav.autopilots import base, convert
+from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Target
 
 _MODES = (
     "MANUAL:1/0 ALTCTL:2/0 POSCTL:3/0 READY:4/1 TAKEOFF:4/2 HOLD:4/3 MISSION:4/4 RTL:4/5 LAND:4/6 FOLLOW:4/8 "
     "PRECLAND:4/9 ACRO:5/0 OFFBOARD:6/0 STABILIZED:7/0 RATTITUDE:8/0 TERMINATION:10/0"
 )
 PREARM_CHECK = 0x10000000
+_NO_TORQUE = (
+    "PX4 takes no torques over MAVLink since 1.14, which dropped SET_ACTUATOR_CONTROL_TARGET (its uORB topics "
+    "vehicle_torque_setpoint and vehicle_thrust_setpoint are reached through uXRCE-DDS only): send rates and a thrust"
+)
+_EVERYWHERE: Mapping[Level, Convert | str] = {
+    "torque": _NO_TORQUE,
+    "manual": convert.sticks,
+    "rc": convert.rc_override,
+    "servo": convert.actuators,
+}
+_MULTICOPTER: Mapping[Level, Convert | str] = {
+    "position": convert.motion,
+    "trajectory": convert.motion,
+    "velocity": convert.motion,
+    "acceleration": convert.motion,
+    "attitude": convert.attitude,
+    "rates": convert.rates,
+    **_EVERYWHERE,
+}
+_FIXED_WING: Mapping[Level, Convert | str] = {
+    "position": convert.motion,
+    "trajectory": convert.motion,
+    "velocity": "PX4's fixed wing follows no velocity alone: send positions",
+    "acceleration": "PX4's fixed wing follows no acceleration: send positions",
+    "attitude": convert.attitude,
+    "rates": convert.rates,
+    **_EVERYWHERE,
+}
+_LEVELS: Mapping[str, Mapping[Level, Convert | str]] = {"plane": _FIXED_WING}
 
 
 def _mode(name: str, main: int, sub: int) -> Mode:
@@ -23,9 +52,14 @@ class Px4(Autopilot):
     name = "px4"
     # PX4 sends all of these by itself on its onboard link.
     floor: ClassVar[Mapping[str, float]] = {}
+    # Below 2 Hz it leaves OFFBOARD, and it enters it only where the stream has flown for a second.
+    keepalive_hz = 20.0
+    engage_after = 1.0
+    modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)
+        self.levels = _LEVELS.get(kind, _MULTICOPTER)
         self._modes = {}
         for item in _MODES.split():
             name, numbers = item.split(":")
@@ -77,8 +111,8 @@ class Px4(Autopilot):
         values[output - 1] = min(max((pwm - 1500) / 500.0, -1.0), 1.0)
         return Command("MAV_CMD_DO_SET_ACTUATOR", (*values, 0.0))
 
+    def loiter(self) -> str:
+        return "HOLD"
+
     def goto(self, target: Target) -> Command | Message:
         return base.reposition(target)
-
-    def setpoint(self, target: Target) -> Message:
-        raise self.unsupported("a setpoint stream (OFFBOARD entry is not built yet)")

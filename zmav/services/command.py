@@ -114,8 +114,7 @@ class Commander:
         if isinstance(action, Command):
             await self.command(action)
         else:
-            system, component = self.source()
-            self._port.send(action.name, target_system=system, target_component=component, **action.fields)
+            self._port.send(action.name, **action.addressed(*self.source()))
 
     async def enter(self, name: str) -> None:
         """Change the mode, judged by HEARTBEAT: PX4 acknowledges DO_SET_MODE before its commander has decided, so that

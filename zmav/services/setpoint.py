@@ -89,7 +89,7 @@ class Setpoints:
         if autopilot is None or not self._identity.connected or self._identity.source is None:
             raise LinkDown("the autopilot is not heard", count="silent")
         target = resolve(point, self._origin)
-        message = autopilot.setpoint(target)
+        actions = autopilot.setpoint(target)
         if self._identity.mode != autopilot.guided or not self._identity.armed:
             raise Refused(
                 f"{'armed' if self._identity.armed else 'disarmed'} in {self._identity.mode}: setpoints are followed "
@@ -98,7 +98,7 @@ class Setpoints:
             )
         if self.busy():
             raise Refused("an order moves the vehicle: setpoints are followed when it has ended", count="busy")
-        if not self._send(message):
+        if not all(self._send(action) for action in actions if isinstance(action, Message)):
             raise LinkDown("the link to the autopilot is down or full", count="link")
         self._last = time.monotonic()
         if self._timer is None:
@@ -130,8 +130,7 @@ class Setpoints:
 
     def _send(self, message: Message) -> bool:
         assert self._identity.source is not None
-        system, component = self._identity.source
-        return self._port.send(message.name, target_system=system, target_component=component, **message.fields)
+        return self._port.send(message.name, **message.addressed(*self._identity.source))
 
     def _watch(self, delay: float) -> None:
         self._timer = asyncio.get_running_loop().call_later(delay, self._on_timer)

@@ -1,0 +1,210 @@
+"""From a :class:`~zmav.autopilots.base.Target` to MAVLink: one level a function; each stack says which ones it takes.
+
+Messages: https://mavlink.io/en/messages/common.html; off-board control: https://mavlink.io/en/services/offboard_control.html
+"""
+
+from __future__ import annotations
+
+from zmav.autopilots.base import NAN, Action, Command, Message, Target, reposition
+from zmav.errors import Unsupported
+
+POSITION, VELOCITY, ACCELERATION = 0b111, 0b111_000, 0b111_000_000
+YAW, YAW_RATE = 1 << 10, 1 << 11
+LOCAL_NED, GLOBAL_INT, GLOBAL_RELATIVE_ALT_INT = 1, 5, 6
+RATES, THRUST, ATTITUDE = 0b111, 1 << 6, 1 << 7
+"""ATTITUDE_TARGET_TYPEMASK: a set bit leaves that part out"""
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+STICK, RELEASED_STICK = 1000.0, 32767
+KEEP_LOW, FREE_LOW, KEEP_HIGH, FREE_HIGH = 65535, 0, 0, 65534
+"""RC_CHANNELS_OVERRIDE: leave alone, and give back to the radio; channels 1 to 8, and from 9 up"""
+LOW_CHANNELS, MAX_CHANNELS = 8, 18
+
+
+def position_target(target: Target) -> Message:
+    """SET_POSITION_TARGET_GLOBAL_INT where a position is given, else SET_POSITION_TARGET_LOCAL_NED.
+
+    The global message keeps the vehicle's own start out of it; velocities and accelerations need no origin.
+    """
+    mask = 0
+    vx = vy = vz = ax = ay = az = 0.0
+    if target.vel is None:
+        mask = VELOCITY
+    else:
+        vx, vy, vz = target.vel
+    if target.acc is None:
+        mask |= ACCELERATION
+    else:
+        ax, ay, az = target.acc
+    if target.yaw is None:
+        mask |= YAW
+    if target.yaw_rate is None:
+        mask |= YAW_RATE
+    common = {
+        "vx": vx, "vy": vy, "vz": vz, "afx": ax, "afy": ay, "afz": az,
+        "yaw": target.yaw or 0.0, "yaw_rate": target.yaw_rate or 0.0,
+    }  # fmt: skip
+    if target.lat_deg is None or target.lon_deg is None:
+        fields = {"coordinate_frame": LOCAL_NED, "type_mask": mask | POSITION, **common}
+        return Message("SET_POSITION_TARGET_LOCAL_NED", fields)
+    relative = target.alt_amsl is None
+    place = {
+        "coordinate_frame": GLOBAL_RELATIVE_ALT_INT if relative else GLOBAL_INT,
+        "type_mask": mask,
+        "lat_int": round(target.lat_deg * 1e7),
+        "lon_int": round(target.lon_deg * 1e7),
+        "alt": (target.alt_rel if relative else target.alt_amsl) or 0.0,
+    }
+    return Message("SET_POSITION_TARGET_GLOBAL_INT", {**place, **common})
+
+
+def stop() -> Message:
+    """A velocity target of nought."""
+    return position_target(Target(vel=(0.0, 0.0, 0.0)))
+
+
+def motion(target: Target) -> list[Action]:
+    """Position, velocity, acceleration and any mixture of them that the autopilot takes as it is."""
+    return [position_target(target)]
+
+
+def position_and_velocity(target: Target) -> list[Action]:
+    """A trajectory for who takes a global position alone or with a velocity, but never with an acceleration."""
+    return [position_target(_place(target, vel=target.vel))]
+
+
+def position_only(target: Target) -> list[Action]:
+    """A trajectory for who goes to a position in its own way."""
+    return [position_target(_place(target))]
+
+
+def velocity_only(target: Target) -> list[Action]:
+    """A velocity without an acceleration beside it."""
+    return [position_target(Target(vel=target.vel, yaw=target.yaw, yaw_rate=target.yaw_rate))]
+
+
+def _place(target: Target, vel: tuple[float, float, float] | None = None) -> Target:
+    return Target(
+        target.lat_deg, target.lon_deg, target.alt_amsl, target.alt_rel, vel=vel, yaw=target.yaw,
+        yaw_rate=target.yaw_rate,
+    )  # fmt: skip
+
+
+def ground_velocity(target: Target) -> list[Action]:
+    """A velocity over the ground, whose direction is the heading too.
+
+    A heading beside it would turn the sign of a rover's speed, and nought would have it face north: it is told to turn
+    at no rate instead.
+    """
+    vx, vy, _ = target.vel or (0.0, 0.0, 0.0)
+    still = abs(vx) < 0.01 and abs(vy) < 0.01
+    yaw_rate = (target.yaw_rate or 0.0) if still else None
+    return [position_target(Target(vel=(0.0, 0.0, 0.0) if still else (vx, vy, 0.0), yaw_rate=yaw_rate))]
+
+
+def circle_at(target: Target) -> list[Action]:
+    """A point for a plane to circle, never changing the mode; its heading is its own affair."""
+    place = Target(target.lat_deg, target.lon_deg, target.alt_amsl, target.alt_rel)
+    return [reposition(place, change_mode=False)]
+
+
+def attitude_and_rates(target: Target) -> list[Action]:
+    """SET_ATTITUDE_TARGET: attitude and thrust, body rates fed forward where they are given."""
+    rates = target.rates
+    return [_attitude(target.attitude or LEVEL, rates, 0 if rates else RATES, target.thrust)]
+
+
+def attitude(target: Target) -> list[Action]:
+    """SET_ATTITUDE_TARGET: attitude and thrust."""
+    return [_attitude(target.attitude or LEVEL, None, RATES, target.thrust)]
+
+
+def rates(target: Target) -> list[Action]:
+    """SET_ATTITUDE_TARGET: body rates and thrust."""
+    return [_attitude(LEVEL, target.rates, ATTITUDE, target.thrust)]
+
+
+def _attitude(
+    q: tuple[float, float, float, float], rates: tuple[float, float, float] | None, mask: int, thrust: float | None
+) -> Message:
+    p, q_, r = rates or (0.0, 0.0, 0.0)
+    return Message(
+        "SET_ATTITUDE_TARGET",
+        {
+            "type_mask": mask, "q": q, "body_roll_rate": p, "body_pitch_rate": q_, "body_yaw_rate": r,
+            "thrust": thrust or 0.0,
+        },
+    )  # fmt: skip
+
+
+def sticks(target: Target) -> list[Action]:
+    """MANUAL_CONTROL, thrust from 0 to 1000."""
+    return [_manual(target, 0.0, STICK)]
+
+
+def sticks_both_ways(target: Target) -> list[Action]:
+    """MANUAL_CONTROL for who drives backwards too: the middle of the thrust stick is a stop."""
+    return [_manual(target, -STICK, 2.0 * STICK)]
+
+
+def _manual(target: Target, z_offset: float, z_span: float) -> Message:
+    m = target.manual
+    assert m is not None
+    return Message(
+        "MANUAL_CONTROL",
+        {
+            "x": round(m.x * STICK), "y": round(m.y * STICK), "z": round(m.z * z_span + z_offset),
+            "r": round(m.r * STICK), "buttons": m.buttons,
+        },
+    )  # fmt: skip
+
+
+def released_sticks() -> Message:
+    """MANUAL_CONTROL that gives every axis back: INT16_MAX is an invalid axis."""
+    return Message("MANUAL_CONTROL", dict.fromkeys("xyzr", RELEASED_STICK))
+
+
+def rc_override(target: Target) -> list[Action]:
+    """RC_CHANNELS_OVERRIDE; what is not given goes back to the pilot's radio."""
+    return [_override(target.rc or ())]
+
+
+def rc_override_16(target: Target) -> list[Action]:
+    """As :func:`rc_override`, for who reads the first sixteen channels only."""
+    for number, pwm in enumerate(target.rc or (), 1):
+        if number > 16 and pwm is not None:
+            raise Unsupported(f"rc channel {number} cannot be overridden: the autopilot takes 1 to 16", field="rc")
+    return [_override((target.rc or ())[:16])]
+
+
+def released_rc() -> Message:
+    """RC_CHANNELS_OVERRIDE that gives every channel back to the radio."""
+    return _override(())
+
+
+def _override(channels: tuple[int | None, ...]) -> Message:
+    fields = {}
+    for i in range(MAX_CHANNELS):
+        pwm = channels[i] if i < len(channels) else None
+        fields[f"chan{i + 1}_raw"] = pwm if pwm is not None else FREE_LOW if i < LOW_CHANNELS else FREE_HIGH
+    return Message("RC_CHANNELS_OVERRIDE", fields)
+
+
+def servos(target: Target) -> list[Action]:
+    """DO_SET_SERVO for each output given."""
+    return [
+        Command("MAV_CMD_DO_SET_SERVO", (float(number), float(pwm)))
+        for number, pwm in enumerate(target.servo or (), 1)
+        if pwm is not None
+    ]
+
+
+def actuators(target: Target) -> list[Action]:
+    """One DO_SET_ACTUATOR for the first six outputs: 1000 to 2000 µs become -1 to 1, NaN leaves one alone."""
+    values = [NAN] * 6
+    for number, pwm in enumerate(target.servo or (), 1):
+        if pwm is None:
+            continue
+        if number > len(values):
+            raise Unsupported(f"servo output {number} cannot be set: DO_SET_ACTUATOR takes 1 to 6", field="servo")
+        values[number - 1] = min(max((pwm - 1500) / 500.0, -1.0), 1.0)
+    return [Command("MAV_CMD_DO_SET_ACTUATOR", (*values, 0.0))]
