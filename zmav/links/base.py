@@ -1,7 +1,8 @@
 """What every link is: one reader thread that opens, reads and reopens for ever, a state, counters, a bounded send.
 
-A transport adds four methods (``_open``, ``_read``, ``_write``, ``_release``) and, where a blocked read can be woken,
-a fifth (``_wake``). Threads, backoff, states and counters are here and nowhere else.
+:class:`Link` is what users see. A :class:`Transport` adds four methods (``_open``, ``_read``, ``_write``, ``_release``)
+and, where a blocked read can be woken, a fifth (``_wake``). Threads, backoff, states and counters are here and nowhere
+else.
 """
 
 from __future__ import annotations
@@ -74,9 +75,60 @@ class Backoff:
 class Link(ABC):
     """A way to an autopilot, opened and reopened by itself. Made by :func:`zmav.links.open_link`, then started once.
 
-    ``send`` and ``close`` may be called from any thread, also from the callbacks. Nothing is raised out of the reader
-    thread: errors go to ``counters.last_error`` and to the state.
+    ``send`` and ``close`` may be called from any thread, also from the callbacks. Nothing is raised out of the thread
+    that reads: errors go to ``counters.last_error`` and to the state.
     """
+
+    url: str
+
+    @property
+    @abstractmethod
+    def state(self) -> LinkState: ...
+
+    @property
+    @abstractmethod
+    def detail(self) -> str:
+        """The state in words: what is being tried, who is connected, why it is down and what to do."""
+
+    @property
+    @abstractmethod
+    def counters(self) -> LinkCounters: ...
+
+    @abstractmethod
+    def start(self, on_data: OnData, on_state: OnState) -> None:
+        """Start the one thread that calls both callbacks inline, so they must be quick.
+
+        ``on_data(data)``: bytes as they were read, never empty; a datagram, a piece of a stream, or one recorded frame.
+        ``on_state(state, detail)``: on each change. An exception out of either is logged and otherwise ignored.
+        Raises LinkError when the link was started or closed before.
+        """
+
+    @abstractmethod
+    def send(self, data: bytes) -> bool:
+        """Send one whole frame; never blocks long. False, and ``tx_dropped`` is one more, when it is down or full."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the link for good and join its thread, within about a second; twice is harmless."""
+
+    @abstractmethod
+    def wait(self, state: LinkState, timeout: float | None) -> bool:
+        """Wait until the link is in ``state``; False after ``timeout`` seconds, or once it is closed and cannot be."""
+
+    def __enter__(self) -> Link:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url} {self.state.value}: {self.detail}>"
+
+
+class Transport(Link):
+    """A link with a transport of its own, read by one thread."""
 
     # Whether an open transport is UP at once, or only when the first bytes came (udpin: nobody is known before).
     _up_when_open = True
@@ -104,7 +156,6 @@ class Link(ABC):
 
     @property
     def detail(self) -> str:
-        """The state in words: what is being tried, who is connected, why it is down and what to do."""
         return self._detail
 
     @property
@@ -112,12 +163,6 @@ class Link(ABC):
         return self._counters
 
     def start(self, on_data: OnData, on_state: OnState) -> None:
-        """Start the reader thread; it calls both callbacks inline, so they must be quick.
-
-        ``on_data(data)``: bytes as they were read, never empty; a datagram, a piece of a stream, or one recorded frame.
-        ``on_state(state, detail)``: on each change. An exception out of either is logged and otherwise ignored.
-        Raises LinkError when the link was started or closed before.
-        """
         if self._thread is not None or self._closing.is_set():
             raise LinkError(f"{self.url} was started or closed before; open another link", url=self.url)
         self._on_data, self._on_state = on_data, on_state
@@ -126,7 +171,6 @@ class Link(ABC):
         self._thread.start()
 
     def send(self, data: bytes) -> bool:
-        """Send one whole frame; never blocks long. False, and ``tx_dropped`` is one more, when it is down or full."""
         with self._tx_lock:
             try:
                 sent = self._write(data)
@@ -139,7 +183,6 @@ class Link(ABC):
         return sent > 0
 
     def close(self) -> None:
-        """End the link for good and join its thread, within about a second; twice is harmless."""
         self._closing.set()
         self._wake()
         thread = self._thread
@@ -147,21 +190,9 @@ class Link(ABC):
             thread.join(JOIN_S)
 
     def wait(self, state: LinkState, timeout: float | None) -> bool:
-        """Wait until the link is in ``state``; False after ``timeout`` seconds, or once it is closed and cannot be."""
         with self._changed:
             self._changed.wait_for(lambda: self._state is state or self._ended, timeout)
             return self._state is state
-
-    def __enter__(self) -> Link:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url} {self._state.value}: {self._detail}>"
 
     # -- what a transport provides -----------------------------------------------------------------------------------
 
@@ -181,7 +212,7 @@ class Link(ABC):
     def _release(self) -> None:
         """Give back what ``_open`` took, also when it failed half way. Runs in the reader thread."""
 
-    def _wake(self) -> None:  # noqa: B027 - optional: without it close() waits for the read to return by itself
+    def _wake(self) -> None:
         """Make a blocked ``_open`` or ``_read`` return soon. Called by ``close()``, by any thread."""
 
     # -- the reader thread -------------------------------------------------------------------------------------------

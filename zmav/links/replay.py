@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from zmav.errors import LinkDown
-from zmav.links.base import Link, LinkFinished
+from zmav.links.base import LinkFinished, Transport
 from zmav.links.tlog import TlogReader
 from zmav.links.url import ReplayUrl
 
@@ -17,7 +17,7 @@ from zmav.links.url import ReplayUrl
 LONGEST_STEP_S = 60.0
 
 
-class ReplayLink(Link):
+class ReplayLink(Transport):
     """Plays a .tlog; ``on_data`` gets exactly one recorded frame a call.
 
     At the end (unless it loops) the state is DOWN with "end of recording", nothing is retried, ``finished`` is True.

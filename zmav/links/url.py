@@ -23,7 +23,7 @@ SocketScheme = Literal["udpin", "udpout", "tcp", "tcpin"]
 LOOPBACK = "127.0.0.1"
 EXPECTED = (
     "serial:/dev/ttyACM0, serial:/dev/ttyUSB0:57600, /dev/ttyUSB0,57600, udpin:HOST:PORT, udpout:HOST:PORT,"
-    " tcp:HOST:PORT, tcpin:HOST:PORT or replay:FILE.tlog?speed=4"
+    " tcp:HOST:PORT, tcpin:HOST:PORT, replay:FILE.tlog?speed=4 or lossy:URL?loss=0.2&delay=0.2"
 )
 # What is written -> what it means; udp and tcp followed by // are MAVSDK's and depend on the host.
 SCHEMES: dict[str, str] = {
@@ -45,6 +45,8 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "tcpin": (),
     "replay": ("speed", "loop"),
 }
+# What lossy: takes, and the most of each; the inner link's own options stand beside them.
+LOSSY_OPTIONS = {"loss": 1.0, "delay": 60.0, "jitter": 60.0, "seed": 2**31}
 BAUD_RANGE = range(300, 20_000_001)
 _EVERYWHERE = ("0.0.0.0", "::")
 _COM = re.compile(r"(\\\\\.\\)?COM\d+(?=$|[:,])", re.IGNORECASE)
@@ -85,7 +87,20 @@ class ReplayUrl(msgspec.Struct, frozen=True):
         return f"replay:{self.path}{_query(options + (['loop=1'] if self.loop else []))}"
 
 
-LinkUrl = SerialUrl | SocketUrl | ReplayUrl
+class LossyUrl(msgspec.Struct, frozen=True):
+    inner: SerialUrl | SocketUrl | ReplayUrl
+    loss: float = 0.0  # share of the frames that are lost, each way
+    delay: float = 0.0  # seconds, each way
+    jitter: float = 0.0  # seconds more, at random; the order stays
+    seed: int = 0
+
+    def __str__(self) -> str:
+        worse = [f"{name}={getattr(self, name):.15g}" for name in LOSSY_OPTIONS if getattr(self, name)]
+        inner, mark, options = str(self.inner).partition("?")
+        return f"lossy:{inner}{_query(worse + ([options] if mark else []))}"
+
+
+LinkUrl = SerialUrl | SocketUrl | ReplayUrl | LossyUrl
 
 
 def parse_url(url: str) -> LinkUrl:
@@ -94,6 +109,8 @@ def parse_url(url: str) -> LinkUrl:
     if not url:
         raise _bad(url, "url", url, EXPECTED)
     body, options = _split_options(url)
+    if body.lower().startswith("lossy:"):
+        return _lossy(url, body.partition(":")[2], options)
     scheme, rest, slashes = _split_scheme(url, body)
     if scheme in ("udp", "tcp") and slashes and rest.rpartition(":")[0] not in ("", *_EVERYWHERE, "[::]"):
         scheme = "udpout" if scheme == "udp" else "tcp"
@@ -249,6 +266,24 @@ def _replay(url: str, rest: str, options: dict[str, str]) -> ReplayUrl:
     if not (math.isfinite(speed) and speed >= 0):
         raise _bad(url, "speed", text, "a number: 1 is real time, 4 four times as fast, 0 or max as fast as possible")
     return ReplayUrl(str(path), speed, _flag(url, "loop", options))
+
+
+def _lossy(url: str, body: str, options: dict[str, str]) -> LossyUrl:
+    numbers = {}
+    for name, most in LOSSY_OPTIONS.items():
+        text = options.pop(name, "0")
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not 0 <= number <= most or (name == "seed" and not number.is_integer()):
+            whole = "a whole number" if name == "seed" else "a number"
+            raise _bad(url, name, text, f"{whole} from 0 to {most:g}")
+        numbers[name] = number
+    inner = parse_url(body + _query([f"{name}={value}" for name, value in options.items()]))
+    if isinstance(inner, LossyUrl):
+        raise _bad(url, "url", body, "one link inside lossy:")
+    return LossyUrl(inner, numbers["loss"], numbers["delay"], numbers["jitter"], int(numbers["seed"]))
 
 
 def _expand(path: str) -> str:

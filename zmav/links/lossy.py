@@ -1,0 +1,182 @@
+"""A bad link on purpose: another link whose frames are lost and late, for tests and rehearsals.
+
+Whole frames are lost, in both directions, as a radio loses them: a stream is cut into frames by their own length bytes,
+and what is no frame passes as it is. Delays keep the order. The same seed loses the same frames of the same traffic.
+"""
+
+from __future__ import annotations
+
+import collections
+import logging
+import random
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+from zmav.links.base import Link, LinkCounters, LinkState, OnData, OnState
+from zmav.links.url import LossyUrl
+
+logger = logging.getLogger(__name__)
+
+MOST_LATE = 10_000
+"""frames under way in one direction; beyond it they are lost, as in a radio's queue"""
+_V2, _V1, _SIGNED = 0xFD, 0xFE, 1
+
+
+class Cutter:
+    """Cuts a byte stream into frames, by the lengths in their headers; checks nothing."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def cut(self, data: bytes) -> Iterator[bytes]:
+        """Whole frames, and what lies between them; a torn frame waits for its rest."""
+        data = self._rest + data
+        start = 0
+        while start < len(data):
+            end = start + _length(data, start)
+            if end > len(data):
+                break
+            yield data[start:end]
+            start = end
+        self._rest = data[start:]
+
+    def reset(self) -> None:
+        self._rest = b""
+
+
+def _length(data: bytes, start: int) -> int:
+    """Bytes from ``start`` to the end of the frame (or of the garbage) that begins there."""
+    if data[start] == _V1:
+        return 8 + data[start + 1] if start + 1 < len(data) else 2
+    if data[start] == _V2:
+        if start + 2 >= len(data):
+            return 3
+        return 12 + data[start + 1] + (13 if data[start + 2] & _SIGNED else 0)
+    ends = [at for at in (data.find(_V2, start), data.find(_V1, start)) if at >= 0]
+    return (min(ends) if ends else len(data)) - start
+
+
+class Channel:
+    """One direction: loses, delays, keeps the order."""
+
+    def __init__(self, target: LossyUrl, direction: str) -> None:
+        self._target = target
+        # Each direction has its own numbers: what one sends does not change what the other loses.
+        self._chance = random.Random(f"{target.seed} {direction}")
+        self._last_due = 0.0
+        self.lost = 0
+
+    def due(self, waiting: int) -> float | None:
+        """When the next frame arrives (monotonic seconds); None: never."""
+        target, chance = self._target, self._chance
+        lost, late = chance.random() < target.loss, target.delay + chance.random() * target.jitter
+        if lost or waiting >= MOST_LATE:
+            self.lost += 1
+            return None
+        self._last_due = max(self._last_due, time.monotonic() + late)
+        return self._last_due
+
+
+class LossyLink(Link):
+    """``lossy:URL?loss=0.2&delay=0.2&jitter=0.05&seed=7``: the link of URL, made worse."""
+
+    def __init__(self, target: LossyUrl, inner: Link) -> None:
+        self.url = str(target)
+        self.inner = inner
+        self._on_data: OnData = lambda data: None
+        self._on_state: OnState = lambda state, detail: None
+        self._thread: threading.Thread | None = None
+        self._closing = False
+        self.incoming, self.outgoing = Channel(target, "in"), Channel(target, "out")
+        self._cutter = Cutter()
+        self._late: dict[str, collections.deque[tuple[float, Callable[[], object]]]] = {
+            "in": collections.deque(),
+            "out": collections.deque(),
+        }
+        self._news = threading.Condition()
+
+    @property
+    def state(self) -> LinkState:
+        return self.inner.state
+
+    @property
+    def detail(self) -> str:
+        return self.inner.detail
+
+    @property
+    def counters(self) -> LinkCounters:
+        """The inner link's: what was really read and written."""
+        return self.inner.counters
+
+    def start(self, on_data: OnData, on_state: OnState) -> None:
+        self._on_data, self._on_state = on_data, on_state
+        self._thread = threading.Thread(target=self._deliver, name=f"link {self.url}", daemon=True)
+        self._thread.start()
+        self.inner.start(self._on_inner_data, self._on_inner_state)
+
+    def send(self, data: bytes) -> bool:
+        """True where the inner link is up; the frame may yet be lost, and nobody is told."""
+        if self.inner.state is not LinkState.UP:
+            return self.inner.send(data)  # which counts it, and knows why
+        with self._news:
+            due = self.outgoing.due(len(self._late["out"]))
+            if due is not None:
+                self._late["out"].append((due, lambda: self.inner.send(data)))
+                self._news.notify()
+        return True
+
+    def close(self) -> None:
+        self._closing = True
+        self.inner.close()
+        with self._news:
+            self._news.notify()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(1.0)
+
+    def wait(self, state: LinkState, timeout: float | None) -> bool:
+        return self.inner.wait(state, timeout)
+
+    def _on_inner_data(self, data: bytes) -> None:
+        with self._news:
+            for piece in self._cutter.cut(data):
+                due = self.incoming.due(len(self._late["in"]))
+                if due is not None:
+                    self._late["in"].append((due, lambda piece=piece: self._on_data(piece)))  # type: ignore[misc]
+            self._news.notify()
+
+    def _on_inner_state(self, state: LinkState, detail: str) -> None:
+        """Told by the thread that hands over data, for the listener expects one thread; never lost nor late."""
+        with self._news:
+            if state is not LinkState.UP:
+                self._cutter.reset()
+            due = self._late["in"][-1][0] if self._late["in"] else 0.0
+            self._late["in"].append((due, lambda: self._on_state(state, detail)))
+            self._news.notify()
+
+    def _deliver(self) -> None:
+        """The thread in which everything arrives, both ways."""
+        while True:
+            with self._news:
+                ready = self._take()
+                if not ready:
+                    if self._closing:
+                        return
+                    self._news.wait(self._until_next())
+                    continue
+            for arrive in ready:
+                try:
+                    arrive()
+                except Exception:
+                    logger.exception("%s: a listener failed; the link goes on", self.url)
+
+    def _take(self) -> list[Callable[[], object]]:
+        now, ready = time.monotonic(), []
+        for late in self._late.values():
+            while late and (late[0][0] <= now or self._closing):
+                ready.append(late.popleft()[1])
+        return ready
+
+    def _until_next(self) -> float | None:
+        dues = [late[0][0] for late in self._late.values() if late]
+        return max(min(dues) - time.monotonic(), 0.0) if dues else None
