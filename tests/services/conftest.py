@@ -55,6 +55,8 @@ class Peer(asyncio.DatagramProtocol):
         """what to answer a command with, one after the other; a last one is kept"""
         self.mute: set[int] = set()
         self.beating = True
+        self.on_told: Callable[[Told], None] = lambda told: None
+        """what a test answers by itself"""
         self.packer = Packer(self.dialect, sysid, 1)
         self._splitter = Splitter(self.dialect)
         self._news = asyncio.Event()
@@ -115,6 +117,7 @@ class Peer(asyncio.DatagramProtocol):
             name, now = self.dialect.name_of(frame.msgid), asyncio.get_running_loop().time()
             told = Told(name, decode(frame, self.dialect), (frame.sysid, frame.compid), frame.seq, now)
             self.told.append(told)
+            self.on_told(told)
             if told.name in ("COMMAND_LONG", "COMMAND_INT"):
                 self.command(told)
         self._news.set()

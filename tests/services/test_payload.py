@@ -1,0 +1,224 @@
+"""What a vehicle carries, any command by name, and the orders around them: what is sent, and what is refused."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from zmav.errors import BadInput, NotHolder, Refused, TimedOut, Unsupported
+from zmav.services import flight
+
+if TYPE_CHECKING:
+    from tests.services.conftest import Bench, StartBench, Told
+
+SPEED, SERVO, RELAY, MOUNT, DIGICAM, DISTANCE = 178, 183, 181, 205, 203, 206
+REPOSITION, REBOOT, PITCHYAW, CAPTURE, ACTUATOR = 192, 246, 1000, 2000, 187
+ACCEPTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, LONG_ONLY, INT_ONLY = 0, 2, 3, 4, 5, 7, 8
+
+
+def params(told: Told) -> list[float]:
+    return [told.fields[f"param{n}"] for n in range(1, 8)]
+
+
+async def one(b: Bench, number: int) -> Told:
+    """The one COMMAND_LONG of that number it was told."""
+    (told,) = b.peer.commands(number)
+    return told
+
+
+async def test_servo_and_relay(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    await b.ground.do("servo", output=9, pwm=1200)
+    assert params(await one(b, SERVO))[:2] == [9, 1200]
+    await b.ground.do("relay", relay=1, on=True)
+    assert params(await one(b, RELAY))[:2] == [1, 1]
+
+
+async def test_a_servo_of_px4_is_an_actuator(bench: StartBench) -> None:
+    b = await (await bench(autopilot=12)).connected()
+    await b.ground.do("servo", output=2, pwm=1750)
+    sent = params(await one(b, ACTUATOR))
+    assert sent[1] == 0.5
+    assert math.isnan(sent[0]) and math.isnan(sent[5])
+
+
+@pytest.mark.parametrize(
+    ("verb", "args", "field"),
+    [
+        ("servo", {"output": 0, "pwm": 1500}, "output"),
+        ("servo", {"output": 9, "pwm": 0}, "pwm"),
+        ("relay", {"relay": -1, "on": True}, "relay"),
+        ("gimbal", {"pitch": 4.0}, "pitch"),
+        ("trigger", {"count": 0}, "count"),
+        ("trigger", {"count": 2}, "interval"),
+        ("trigger", {"distance": -1.0}, "distance"),
+        ("command", {"command": "NONSENSE"}, "command"),
+        ("command", {"command": "DO_CHANGE_SPEED", "params": {"Sped": 1}}, "params"),
+        ("command", {"command": "DO_REPOSITION", "params": {"param5": 300.0}, "frame": "GLOBAL"}, "params"),
+        ("command", {"command": "DO_REPOSITION", "frame": "MARS"}, "MAV_FRAME"),
+        ("reposition", {"frame": "global", "lat_deg": 1.0, "lon_deg": 1.0, "alt_rel": 5.0, "speed": 0.0}, "speed"),
+    ],
+)
+async def test_what_cannot_be_is_not_sent(bench: StartBench, verb: str, args: dict[str, Any], field: str) -> None:
+    b = await (await bench()).connected()
+    b.peer.armed = True
+    await b.state(lambda s: s["armed"] is True, "armed")
+    before = len([t for t in b.peer.told if t.name.startswith("COMMAND") and t.fields["command"] not in (511, 512)])
+    with pytest.raises(BadInput) as caught:
+        await b.ground.do(verb, **args)
+    assert caught.value.detail["field"] == field
+    told = [t for t in b.peer.told if t.name.startswith("COMMAND") and t.fields["command"] not in (511, 512)]
+    assert len(told) == before
+
+
+async def test_a_gimbal_of_either_protocol(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    assert (await b.ground.do("gimbal", pitch=-math.pi / 2, yaw=0.5, yaw_lock=True)).result == {"protocol": 2}
+    sent = params(await one(b, PITCHYAW))
+    assert sent[:2] == pytest.approx([-90.0, math.degrees(0.5)])
+    assert sent[4] == 16
+    b.peer.results[PITCHYAW] = [UNSUPPORTED]
+    assert (await b.ground.do("gimbal", pitch=-0.5)).result == {"protocol": 1}
+    sent = params(await one(b, MOUNT))
+    assert sent[0] == pytest.approx(math.degrees(-0.5))
+    assert sent[6] == 2
+    b.peer.results[MOUNT] = [UNSUPPORTED]
+    with pytest.raises(Unsupported, match="DO_MOUNT_CONTROL refused: UNSUPPORTED"):
+        await b.ground.do("gimbal", pitch=0.0)
+
+
+async def test_pictures(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    await b.ground.do("trigger", count=3, interval=2.0)
+    assert params(await one(b, CAPTURE))[:3] == [0, 2, 3]
+    await b.ground.do("trigger", distance=25.0)
+    assert params(await one(b, DISTANCE))[:3] == [25, 0, 1]
+    b.peer.results[CAPTURE] = [UNSUPPORTED]
+    await b.ground.do("trigger")
+    assert params(await one(b, DIGICAM))[4] == 1
+    with pytest.raises(Unsupported):
+        await b.ground.do("trigger", count=2, interval=1.0)
+
+
+async def test_any_command_by_name(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    outcome = await b.ground.do(
+        "command", command="do_change_speed", params={"Speed": 7.5, "Speed Type": "GROUNDSPEED"}
+    )
+    assert outcome.result["command"] == "MAV_CMD_DO_CHANGE_SPEED"
+    assert params(await one(b, SPEED)) == [1, 7.5, 0, 0, 0, 0, 0]
+    place = {"Latitude": -35.5, "Longitude": 149.25, "Altitude": 20.0}
+    await b.ground.do("command", command="DO_REPOSITION", params=place, frame="GLOBAL_RELATIVE_ALT")
+    (told,) = b.peer.heard("COMMAND_INT", command=REPOSITION)
+    assert [told.fields[name] for name in "xyz"] == [-355000000, 1492500000, 20.0]
+    assert told.fields["frame"] == 3
+
+
+@pytest.mark.parametrize(("verdict", "form"), [(INT_ONLY, "COMMAND_INT"), (LONG_ONLY, "COMMAND_LONG")])
+async def test_the_form_the_autopilot_asks_for(bench: StartBench, verdict: int, form: str) -> None:
+    b = await (await bench()).connected()
+    b.peer.results[REPOSITION] = [verdict, ACCEPTED]
+    given = {"param5": -35.5, "param6": 149.25, "param7": 20.0}
+    frame = None if verdict == INT_ONLY else "GLOBAL"
+    await b.ground.do("command", command="DO_REPOSITION", params=given, frame=frame)
+    (told,) = b.peer.heard(form, command=REPOSITION)
+    if form == "COMMAND_INT":
+        assert (told.fields["x"], told.fields["y"]) == (-355000000, 1492500000)
+    else:
+        assert [told.fields["param5"], told.fields["param6"]] == pytest.approx([-35.5, 149.25])
+
+
+async def test_progress_is_passed_on(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    b.peer.results[SPEED] = [IN_PROGRESS]
+    asked = asyncio.create_task(b.ground.do("command", id="long", wait=0.1, command="DO_CHANGE_SPEED"))
+    await b.peer.until(lambda: bool(b.peer.commands(SPEED)), "the command")
+    b.peer.send("COMMAND_ACK", command=SPEED, result=IN_PROGRESS, progress=40)
+    outcome = await asked
+    while outcome.result.get("progress") != 0.4:
+        assert outcome.status == "running"
+        outcome = await b.ground.do("command", id="long", wait=0.1, command="DO_CHANGE_SPEED")
+    b.peer.send("COMMAND_ACK", command=SPEED, result=ACCEPTED, result_param2=17)
+    while outcome.status == "running":
+        outcome = await b.ground.do("command", id="long", wait=0.1, command="DO_CHANGE_SPEED")
+    assert outcome.result["result_param2"] == 17
+
+
+async def test_payload_orders_need_the_lease_and_leave_the_stream_alone(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    lease = (await b.ground.do("lease", holder="planner")).result["lease"]
+    with pytest.raises(NotHolder, match="planner commands"):
+        await b.ground.do("servo", output=9, pwm=1200)
+    await b.ground.do("servo", output=9, pwm=1200, lease=lease)
+    assert len(b.peer.commands(SERVO)) == 1
+
+
+async def test_px4_s_second_acknowledgement_refuses_at_once(bench: StartBench) -> None:
+    """The receiver says yes, the commander then no: the reason is told, and nobody waits for the heartbeat."""
+    b = await (await bench(autopilot=12)).connected()
+    answer = b.peer.command
+
+    def two_acks(told: Told) -> None:
+        if told.fields["command"] == 176:
+            b.peer.acknowledge(176, ACCEPTED, told.source)
+            b.peer.acknowledge(176, DENIED, told.source)
+        else:
+            answer(told)
+
+    b.peer.command = two_acks  # type: ignore[method-assign]
+    with pytest.raises(Refused, match="DO_SET_MODE refused: DENIED"):
+        await b.ground.do("set_mode", mode="HOLD")
+
+
+async def test_reboot_waits_for_the_clock_to_begin_anew(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = await (await bench()).connected()
+    uptime = 100_000_000_000
+
+    def answer_timesync(told: Told) -> None:
+        if told.name == "TIMESYNC" and told.fields["tc1"] == 0:
+            b.peer.send("TIMESYNC", tc1=uptime, ts1=told.fields["ts1"])
+
+    b.peer.on_told = answer_timesync
+    asked = asyncio.create_task(b.ground.do("reboot"))
+    await b.peer.until(lambda: bool(b.peer.commands(REBOOT)), "reboot")
+    assert params(await one(b, REBOOT))[0] == 1
+    uptime = 1_000_000_000
+    assert (await asked).status == "done"
+
+    monkeypatch.setattr(flight, "REBOOT_TIMEOUT", 0.5)
+    uptime = 5_000_000_000
+    with pytest.raises(TimedOut, match="has not come back"):
+        await b.ground.do("reboot")
+
+
+async def test_an_armed_vehicle_is_not_restarted(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    b.peer.armed = True
+    await b.state(lambda s: s["armed"] is True, "armed")
+    with pytest.raises(Refused, match="it is armed"):
+        await b.ground.do("reboot")
+    assert b.peer.commands(REBOOT) == []
+
+
+async def test_rtl_ends_on_the_ground_or_for_a_rover_in_the_mode(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    b.peer.armed = True
+    await b.state(lambda s: s["armed"] is True, "armed")
+    asked = asyncio.create_task(b.ground.do("rtl", id="home", wait=0.2))
+    await b.peer.until(lambda: b.peer.mode == 6, "RTL")
+    assert (await asked).status == "running"
+    b.peer.armed = False
+    await b.state(lambda s: s["armed"] is False, "disarmed")
+    outcome = await b.ground.do("rtl", id="home", wait=0.2)
+    assert (outcome.status, outcome.result["armed"]) == ("done", False)
+
+
+async def test_rtl_of_a_rover(bench: StartBench) -> None:
+    b = await (await bench(mav_type=10)).connected()
+    b.peer.armed = True
+    await b.state(lambda s: s["armed"] is True, "armed")
+    outcome = await b.ground.do("rtl")
+    assert (b.peer.mode, outcome.result) == (11, {"mode": "RTL", "armed": True})
