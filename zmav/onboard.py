@@ -25,6 +25,7 @@ from zmav.services.identity import Identity
 from zmav.services.lease import Leases
 from zmav.services.messages import Messages
 from zmav.services.orders import Handler, Orders, Report
+from zmav.services.param import Params
 from zmav.services.payload import Payload
 from zmav.services.port import on_loop
 from zmav.services.presence import Presence
@@ -79,6 +80,7 @@ class Onboard:
         self.setpoints = Setpoints(
             session, port, self.identity, self.leases, self.events, settings.origin, self.presence.check
         )
+        self.params = Params(session, port, self.identity, self.events)
         self.orders = Orders(session, fleet, name)
         self._housekeeper: asyncio.Task[None] | None = None
         self._add_orders()
@@ -105,6 +107,9 @@ class Onboard:
             "lease": leases.take,
             "release": leases.drop,
             "ping": _pong,
+            "param_set": self.params.set,
+            "param_load": self.params.load,
+            "param_refresh": self.params.refresh,
         }
         for name, handler in handlers.items():
             self.orders.add(name, self._guarded(VERBS[name], handler))
@@ -140,6 +145,7 @@ class Onboard:
         self.state.start()
         self.messages.start()
         self.quality.start()
+        self.params.start()
         self.orders.start()
         self.setpoints.start()
         adapter.start()
@@ -151,6 +157,7 @@ class Onboard:
             self._housekeeper.cancel()
         self.setpoints.close()
         await self.orders.close()
+        self.params.close()
         await asyncio.to_thread(self.adapter.close)
         for service in (self.identity, self.presence, self.state, self.messages, self.quality, self.events):
             service.close()
@@ -191,6 +198,7 @@ class Onboard:
         while True:
             try:
                 self.identity.tick()
+                self.params.tick()
                 self.presence.tick()
                 self.leases.tick()
                 self.state.publish()

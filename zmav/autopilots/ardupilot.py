@@ -24,6 +24,11 @@ class ArduPilot(Autopilot):
         "EKF_STATUS_REPORT": 2.0,
         "EXTENDED_SYS_STATE": 2.0,
     }
+    # Marked @ReadOnly or @Volatile in its parameter documentation.
+    own_params: ClassVar[tuple[str, ...]] = (
+        "STAT_*", "FORMAT_VERSION", "BARO*_GND_PRESS", "BARO_GND_TEMP", "BARO_FIELD_ELV", "*_DEVID", "INS_ACC*_ID",
+        "INS_GYR*_ID", "INS*_ACC_ID", "INS*_GYR_ID", "COMPASS_DEV_ID*",
+    )  # fmt: skip
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)

@@ -106,12 +106,12 @@ class Target(msgspec.Struct, frozen=True):
 class Need:
     """What a parameter of the autopilot must be for a level to mean what it says.
 
-    ``params``: its name, newest firmware's first; ``bits``: those that must be set; None: it must be the vehicle's own
-    system id. ``fatal``: without it the setpoints do nothing at all, or the wrong thing.
+    ``params``: its name, newest firmware's first. ``wanted``: the value it should have, from the one it has and the
+    vehicle's system id. ``fatal``: as long as it has not, such setpoints do nothing.
     """
 
     params: tuple[str, ...]
-    bits: int | None
+    wanted: Callable[[int, int], int]
     fatal: bool
     why: str
 
@@ -119,10 +119,9 @@ class Need:
         """Why not, and what to set; None: it is met, or the parameter is not known. ``param`` gives values by name."""
         for name in self.params:
             value = param(name)
-            if value is None:
-                continue
-            wanted = sysid if self.bits is None else int(value) | self.bits
-            return None if int(value) == wanted else f"{self.why}: set {name} to {wanted} (it is {int(value)})"
+            if value is not None:
+                wanted = self.wanted(int(value), sysid)
+                return None if int(value) == wanted else f"{self.why}: set {name} to {wanted} (it is {int(value)})"
         return None
 
 
@@ -144,6 +143,10 @@ class Autopilot(ABC):
     name: ClassVar[str]
     floor: ClassVar[Mapping[str, float]]
     """messages that always flow, and their rate in Hz; what a VehicleState is made of"""
+    params_bytewise: ClassVar[bool] = False
+    """how integer parameters travel where AUTOPILOT_VERSION does not tell: as their bytes, or cast to float"""
+    own_params: ClassVar[tuple[str, ...]] = ()
+    """shell patterns of parameters it writes by itself: counters, ids of what it found, measurements"""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from zmav.autopilots import base, convert
-from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Target
+from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Need, Target
 
 _MODES = (
     "MANUAL:1/0 ALTCTL:2/0 POSCTL:3/0 READY:4/1 TAKEOFF:4/2 HOLD:4/3 MISSION:4/4 RTL:4/5 LAND:4/6 FOLLOW:4/8 "
@@ -17,10 +17,16 @@ _NO_TORQUE = (
     "PX4 takes no torques over MAVLink since 1.14, which dropped SET_ACTUATOR_CONTROL_TARGET (its uORB topics "
     "vehicle_torque_setpoint and vehicle_thrust_setpoint are reached through uXRCE-DDS only): send rates and a thrust"
 )
+_NO_JOYSTICK = Need(
+    ("COM_RC_IN_MODE",),
+    lambda value, sysid: 2 if value in (0, 4) else value,
+    True,
+    "PX4 does not listen to MANUAL_CONTROL",
+)
 _EVERYWHERE: Mapping[Level, Convert | str] = {
     "torque": _NO_TORQUE,
     "manual": convert.sticks,
-    "rc": convert.rc_override,
+    "rc": convert.rc_whole,
     "servo": convert.actuators,
 }
 _MULTICOPTER: Mapping[Level, Convert | str] = {
@@ -28,20 +34,30 @@ _MULTICOPTER: Mapping[Level, Convert | str] = {
     "trajectory": convert.motion,
     "velocity": convert.motion,
     "acceleration": convert.motion,
+    # Rates beside an attitude would be published as setpoints of their own.
     "attitude": convert.attitude,
     "rates": convert.rates,
     **_EVERYWHERE,
 }
 _FIXED_WING: Mapping[Level, Convert | str] = {
-    "position": convert.motion,
-    "trajectory": convert.motion,
-    "velocity": "PX4's fixed wing follows no velocity alone: send positions",
-    "acceleration": "PX4's fixed wing follows no acceleration: send positions",
+    "position": convert.position_only,
+    "trajectory": convert.position_only,
+    "velocity": "PX4's fixed wing follows no velocities: send positions",
+    "acceleration": "PX4's fixed wing follows no accelerations: send positions",
     "attitude": convert.attitude,
     "rates": convert.rates,
     **_EVERYWHERE,
 }
-_LEVELS: Mapping[str, Mapping[Level, Convert | str]] = {"plane": _FIXED_WING}
+_ROVER: Mapping[Level, Convert | str] = {
+    "position": convert.position_only,
+    "trajectory": convert.position_only,
+    "velocity": convert.motion,
+    "acceleration": "PX4's rover follows no accelerations: send a velocity",
+    "attitude": convert.attitude,
+    "rates": convert.rates,
+    **_EVERYWHERE,
+}
+_LEVELS: Mapping[str, Mapping[Level, Convert | str]] = {"plane": _FIXED_WING, "rover": _ROVER, "boat": _ROVER}
 
 
 def _mode(name: str, main: int, sub: int) -> Mode:
@@ -52,10 +68,14 @@ class Px4(Autopilot):
     name = "px4"
     # PX4 sends all of these by itself on its onboard link.
     floor: ClassVar[Mapping[str, float]] = {}
+    params_bytewise: ClassVar[bool] = True
+    # Flight time, last flight's number: what its parameter reference calls volatile, and ids of sensors found.
+    own_params: ClassVar[tuple[str, ...]] = ("LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")
     # Below 2 Hz it leaves OFFBOARD, and it enters it only where the stream has flown for a second.
     keepalive_hz = 20.0
     engage_after = 1.0
     modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
+    needs_by_level: Mapping[Level, tuple[Need, ...]] = {"manual": (_NO_JOYSTICK,)}
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)

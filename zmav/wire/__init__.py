@@ -38,7 +38,16 @@ from zmav.wire.orders import (
     Takeoff,
     Trigger,
 )
-from zmav.wire.param import Param, ParamLoad, ParamQuery, ParamRefresh, ParamSet, ParamTable
+from zmav.wire.param import (
+    PARAM_TYPES,
+    Param,
+    ParamLoad,
+    ParamLoaded,
+    ParamQuery,
+    ParamRefresh,
+    ParamSet,
+    ParamTable,
+)
 from zmav.wire.rates import MessageRate, RateTable
 from zmav.wire.setpoint import ManualControl, Quaternion, SegmentPoint, Setpoint
 from zmav.wire.state import (
@@ -57,6 +66,7 @@ from zmav.wire.state import (
 )
 
 __all__ = [
+    "PARAM_TYPES",
     "AgentStatus",
     "Arm",
     "Attitude",
@@ -95,6 +105,7 @@ __all__ = [
     "Outcome",
     "Param",
     "ParamLoad",
+    "ParamLoaded",
     "ParamQuery",
     "ParamRefresh",
     "ParamSet",

@@ -5,12 +5,15 @@ from __future__ import annotations
 from zmav.wire.base import Wire
 from zmav.wire.orders import Order
 
+PARAM_TYPES = ("UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "UINT64", "INT64", "REAL32", "REAL64")
+"""MAV_PARAM_TYPE without its prefix; the first of them is number 1"""
+
 
 class Param(Wire, kw_only=True):
-    """One parameter; ``type`` is MAV_PARAM_TYPE without its prefix (``INT8``, ``REAL32``); integers are integers."""
+    """One parameter; ``type`` is one of :data:`PARAM_TYPES`; integers are integers, None is no number (NaN)."""
 
     name: str
-    value: float | int
+    value: float | int | None
     type: str
 
 
@@ -51,6 +54,16 @@ class ParamLoad(Order, kw_only=True):
     """``do/param_load``: many at once; those not set are named with the reason, the others are in force."""
 
     values: dict[str, float | int]
+
+
+class ParamLoaded(Wire, kw_only=True):
+    """Result of ``do/param_load``: every name that was given is in one of the three."""
+
+    set: list[str] = []
+    unchanged: list[str] = []
+    """had that value already, by the cache: nothing was sent"""
+    failed: dict[str, str] = {}
+    """the reason by name"""
 
 
 class ParamRefresh(Order, kw_only=True):
