@@ -13,7 +13,7 @@ from zmav.autopilots.base import Convert, Level, Need
 
 _OWN_GCS = Need(
     ("MAV_GCS_SYSID", "SYSID_MYGCS"),
-    None,
+    lambda value, sysid: sysid,
     True,
     "ArduPilot takes sticks and RC overrides only from its ground station's system id, and we speak with the vehicle's",
 )
@@ -21,7 +21,7 @@ _OWN_GCS = Need(
 OVERRIDES: Mapping[Level, tuple[Need, ...]] = {"manual": (_OWN_GCS,), "rc": (_OWN_GCS,)}
 THRUST_AS_THRUST = Need(
     ("GUID_OPTIONS",),
-    8,
+    lambda value, sysid: value | 8,
     False,
     "ArduCopter takes the thrust of an attitude for a climb rate (0.5 keeps the height, 1 climbs at WPNAV_SPEED_UP)",
 )

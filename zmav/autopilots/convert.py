@@ -15,8 +15,8 @@ RATES, THRUST, ATTITUDE = 0b111, 1 << 6, 1 << 7
 """ATTITUDE_TARGET_TYPEMASK: a set bit leaves that part out"""
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 STICK, RELEASED_STICK = 1000.0, 32767
-KEEP_LOW, FREE_LOW, KEEP_HIGH, FREE_HIGH = 65535, 0, 0, 65534
-"""RC_CHANNELS_OVERRIDE: leave alone, and give back to the radio; channels 1 to 8, and from 9 up"""
+KEEP, FREE_LOW, FREE_HIGH = 65535, 0, 65534
+"""RC_CHANNELS_OVERRIDE: leave alone; give back to the radio, channels 1 to 8 and from 9 up"""
 LOW_CHANNELS, MAX_CHANNELS = 8, 18
 
 
@@ -166,6 +166,17 @@ def released_sticks() -> Message:
 def rc_override(target: Target) -> list[Action]:
     """RC_CHANNELS_OVERRIDE; what is not given goes back to the pilot's radio."""
     return [_override(target.rc or ())]
+
+
+def rc_whole(target: Target) -> list[Action]:
+    """RC_CHANNELS_OVERRIDE for who takes it as a radio of its own, with so many channels as are given."""
+    channels = target.rc or ()
+    if None in channels:
+        number = channels.index(None) + 1
+        text = f"rc channel {number} is missing: an override is the whole radio here, every channel from 1 on"
+        raise Unsupported(text, field="rc", value=number, expected="no null among the channels")
+    fields = {f"chan{i + 1}_raw": channels[i] if i < len(channels) else KEEP for i in range(MAX_CHANNELS)}
+    return [Message("RC_CHANNELS_OVERRIDE", fields)]
 
 
 def rc_override_16(target: Target) -> list[Action]:
