@@ -8,6 +8,7 @@ from typing import ClassVar
 from zmav.autopilots import base, convert
 from zmav.autopilots.ardupilot_kinds import COPTER, MODES_BY_LEVEL, RULES
 from zmav.autopilots.base import Autopilot, Command, Latest, Message, Mode, Target
+from zmav.autopilots.missions import MissionRules
 
 EKF_POS_HORIZ_ABS = 16
 EKF_CONST_POS_MODE = 128
@@ -23,6 +24,7 @@ class ArduPilot(Autopilot):
         "GPS_RAW_INT": 2.0,
         "EKF_STATUS_REPORT": 2.0,
         "EXTENDED_SYS_STATE": 2.0,
+        "MISSION_CURRENT": 1.0,
     }
     # Marked @ReadOnly or @Volatile in its parameter documentation.
     own_params: ClassVar[tuple[str, ...]] = (
@@ -37,6 +39,9 @@ class ArduPilot(Autopilot):
         self.levels, self.modes_by_level = self.rules.levels, MODES_BY_LEVEL
         self.needs_by_level = self.rules.needs
         self.lands_after_rtl = self.rules.takeoff_command
+        self.missions = MissionRules(
+            mode="AUTO", start_command=self.rules.takeoff_command, home_first=True, window=4, exact=False
+        )
         pairs = (pair.split(":") for pair in self.rules.modes.split())
         self._modes = {name: base.custom_mode(name, int(number)) for name, number in pairs}
         self._names = {mode.custom: name for name, mode in self._modes.items()}

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
+from zmav.autopilots.missions import MissionRules
 from zmav.errors import BadInput, Unsupported
 from zmav.wire import ManualControl, Quaternion, Vector
 
@@ -147,6 +148,8 @@ class Autopilot(ABC):
     """how integer parameters travel where AUTOPILOT_VERSION does not tell: as their bytes, or cast to float"""
     own_params: ClassVar[tuple[str, ...]] = ()
     """shell patterns of parameters it writes by itself: counters, ids of what it found, measurements"""
+
+    missions: MissionRules = MissionRules()
 
     def __init__(self, kind: str) -> None:
         self.kind = kind

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from zmav.autopilots import base, convert
 from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Need, Target
+from zmav.autopilots.missions import MissionRules
 
 _MODES = (
     "MANUAL:1/0 ALTCTL:2/0 POSCTL:3/0 READY:4/1 TAKEOFF:4/2 HOLD:4/3 MISSION:4/4 RTL:4/5 LAND:4/6 FOLLOW:4/8 "
@@ -68,6 +69,7 @@ class Px4(Autopilot):
     name = "px4"
     # PX4 sends all of these by itself on its onboard link.
     floor: ClassVar[Mapping[str, float]] = {}
+    missions = MissionRules(mode="MISSION", start_command=False, exact=False)
     params_bytewise: ClassVar[bool] = True
     # Flight time, last flight's number: what its parameter reference calls volatile, and ids of sensors found.
     own_params: ClassVar[tuple[str, ...]] = ("LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")
