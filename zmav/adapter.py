@@ -22,7 +22,8 @@ from zmav import keys
 from zmav.errors import BadKey, BadMessage, ZmavError
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
-from zmav.services.port import Heard, Listener, TxCounters
+from zmav.mavlink.signing import SETUP_SIGNING, Signing
+from zmav.services.port import Flow, Heard, Listener, TxCounters
 
 MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
@@ -38,13 +39,14 @@ class Put(Protocol):
 class Stream:
     """The frames of one message from one (system, component): where they go, and the last of them."""
 
-    __slots__ = ("count", "frame", "heard", "listeners", "put")
+    __slots__ = ("count", "frame", "heard", "listeners", "put", "size")
 
     def __init__(self, put: Put) -> None:
         self.put = put
         self.frame: Frame | None = None
         self.heard = 0.0
         self.count = 0
+        self.size = 0
         self.listeners: tuple[Listener, ...] = ()
 
 
@@ -55,8 +57,9 @@ class Adapter:
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *, component: int = 191
-    ) -> None:
+        self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *, component: int = 191,
+        signing: Signing | None = None, sign_forwarded: bool = False,
+    ) -> None:  # fmt: skip
         self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
         self.link, self.dialect = link, dialect
         self.splitter = Splitter(dialect)
@@ -67,6 +70,7 @@ class Adapter:
         """raises a ZmavError while nothing may be sent to the vehicle on others' behalf (a clash of names or ids)"""
         self.heard = 0.0
         self._component = component
+        self.signing, self._sign_forwarded = signing, sign_forwarded
         self._packer = Packer(dialect, 1, component)
         self._routes: dict[bytes, Stream] = {}
         self._streams: dict[tuple[int, int, int], Stream] = {}
@@ -96,6 +100,8 @@ class Adapter:
 
     def _on_data(self, data: bytes) -> None:
         frames = self.splitter.feed(data)
+        if self.signing is not None:
+            frames = [frame for frame in frames if self.signing.accepts(frame)]
         if not frames:
             return
         now = self.heard = time.monotonic()
@@ -108,6 +114,7 @@ class Adapter:
                 stream.frame = frame
                 stream.heard = now
                 stream.count += 1
+                stream.size += len(raw)
                 stream.put(raw)
                 for listener in stream.listeners:
                     listener(frame)
@@ -134,6 +141,8 @@ class Adapter:
             self.fleet, self.name, sys=frame.sysid, comp=frame.compid, msg=self.dialect.name_of(frame.msgid)
         )
         options = keys.RX.qos.options()
+        if frame.msgid == SETUP_SIGNING:
+            return lambda payload: None  # it holds the key
         if not declared:
             return lambda payload: self.session.put(key, payload, **options)
         publisher = self.session.declare_publisher(key, encoding=keys.RX.encoding, **options)
@@ -152,11 +161,22 @@ class Adapter:
         try:
             frame = self._checked(key, sample.payload.to_bytes())
             self.guard()
+            data = self._signed(frame)
         except ZmavError as e:
             self.tx.refused += 1
             self.on_refused(f"frame on {key} refused: {e}")
             return
-        self.send_raw(frame.data)
+        self.send_raw(data)
+
+    def _signed(self, frame: Frame) -> bytes:
+        """A stranger's frame as it may go out: whoever signs it vouches for it, so we do so only where told to."""
+        if frame.msgid == SETUP_SIGNING:
+            raise BadMessage("SETUP_SIGNING holds a key, which does not travel: use 'zmav signing setup' on the link")
+        if self.signing is None or frame.signed:
+            return frame.data
+        if not self._sign_forwarded:
+            raise BadMessage("it is not signed, and this link signs: sign it, or set sign_forwarded for this vehicle")
+        return self.signing.sign(frame.data)
 
     def _checked(self, key: str, data: bytes) -> Frame:
         _, parts = keys.match(key)
@@ -193,7 +213,8 @@ class Adapter:
 
     def send(self, name: str, **fields: Any) -> bool:
         """Send a message of our own; False where the link is down or full."""
-        return self.send_raw(self._packer.pack(name, **fields))
+        data = self._packer.pack(name, **fields)
+        return self.send_raw(data if self.signing is None else self.signing.sign(data))
 
     def send_raw(self, data: bytes) -> bool:
         sent = self.link.send(data)
@@ -224,13 +245,23 @@ class Adapter:
         """The messages heard on this link, by name."""
         return sorted({self.dialect.name_of(msgid) for _, _, msgid in list(self._streams)})
 
+    def flows(self) -> list[Flow]:
+        """What came so far, by source and message."""
+        name_of = self.dialect.name_of
+        return [
+            Flow(name_of(place[2]), place[0], place[1], stream.count, stream.size, stream.heard)
+            for place, stream in list(self._streams.items())
+        ]
+
     def _msgid(self, name: str) -> int:
         number = name.removeprefix("UNKNOWN_")
         return int(number) if number != name and re.fullmatch("[0-9]+", number) else self.dialect.message(name).id
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
-        """Call ``listener(frame)`` in the reader thread for every such message of any source; returns what ends it."""
-        msgid = self.dialect.message(name).id
+        """Call ``listener(frame)`` in the reader thread for every such message of any source, ``UNKNOWN_410`` included;
+        returns what ends it.
+        """
+        msgid = self._msgid(name)
         self._set_listeners(msgid, lambda before: (*before, listener))
         return lambda: self._set_listeners(msgid, lambda before: tuple(x for x in before if x is not listener))
 

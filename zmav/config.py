@@ -103,6 +103,18 @@ class PilotSwitch(Table, frozen=True):
     high: Annotated[int, msgspec.Meta(ge=700, le=2500)] = 2200
 
 
+class Signing(Table, frozen=True):
+    """MAVLink 2 signing on the link to the autopilot; see :mod:`zmav.mavlink.signing`."""
+
+    key_file: str
+    """only its owner may read it; the last timestamp used is kept beside it"""
+    unsigned: Literal["refuse", "accept"] = "refuse"
+    """what happens to frames of the vehicle that are not signed"""
+    sign_forwarded: bool = False
+    """sign what others put on ``mav/tx``: whoever may put there then speaks with the key"""
+    link_id: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0
+
+
 class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One vehicle's table."""
 
@@ -115,6 +127,7 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     geofence: Geofence | None = None
     limits: Limits | None = None
     pilot_switch: PilotSwitch | None = None
+    signing: Signing | None = None
 
 
 class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):

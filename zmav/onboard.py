@@ -8,22 +8,29 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import zenoh
 
-from zmav import wire
+from zmav import config, wire
 from zmav.adapter import Adapter
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, Refused
 from zmav.links import LinkState, open_link
-from zmav.mavlink import Frame, load_dialect
+from zmav.mavlink import Dialect, Frame, load_dialect
+from zmav.mavlink.signing import Clock, Signing, read_key
+from zmav.services.authority import Authority, Rules
 from zmav.services.command import Commander
 from zmav.services.events import Events
+from zmav.services.files import Files
 from zmav.services.flight import Flight
+from zmav.services.ftp import Ftp
 from zmav.services.identity import Identity
-from zmav.services.lease import Leases
+from zmav.services.logs import Logs
 from zmav.services.messages import Messages
+from zmav.services.mission import Missions
+from zmav.services.mission_flight import MissionFlight
 from zmav.services.orders import Handler, Orders, Report
 from zmav.services.param import Params
 from zmav.services.payload import Payload
@@ -31,9 +38,9 @@ from zmav.services.port import on_loop
 from zmav.services.presence import Presence
 from zmav.services.quality import Quality
 from zmav.services.rate import Floor
-from zmav.services.setpoint import Setpoints
 from zmav.services.state import StateService
-from zmav.verbs import VERBS, Access, Verb
+from zmav.services.store import Store, default_directory
+from zmav.verbs import VERBS, Verb
 
 TICK = 0.2
 
@@ -48,6 +55,13 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     sysid: int | None = None
     """only this system is the vehicle; None: the first autopilot heard"""
     origin: wire.Origin | None = None
+    failsafe: config.Failsafe = config.Failsafe()
+    geofence: config.Geofence = config.Geofence()
+    limits: config.Limits = config.Limits()
+    pilot_switch: config.PilotSwitch | None = None
+    signing: config.Signing | None = None
+    cache: str | None = None
+    """directory for files and logs fetched from the autopilot; None: the user's cache directory"""
 
 
 class Onboard:
@@ -62,14 +76,17 @@ class Onboard:
             why = f"no system id {settings.sysid}; expected 1 to 255"
             raise BadConfig(why, field="sysid", value=settings.sysid, expected="1 to 255")
         self.settings = settings
-        self.adapter = Adapter(session, fleet, name, open_link(settings.link), load_dialect(settings.dialect))
-        port = self.adapter
+        dialect = load_dialect(settings.dialect)
+        self.adapter = port = Adapter(
+            session, fleet, name, open_link(settings.link), dialect,
+            signing=_signing(settings.signing, dialect) if settings.signing else None,
+            sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
+        )  # fmt: skip
         if settings.sysid is not None:
             port.speak_as(settings.sysid)  # until it is heard, too
         self.events = Events(session, fleet, name)
         self.identity = Identity(port, self.events, settings.sysid)
         self.presence = Presence(session, fleet, name, instance, self.identity, self.events)
-        self.leases = Leases(name, self.events)
         self.state = StateService(session, port, instance, self.identity, settings.origin)
         self.messages = Messages(session, port, self.identity)
         self.quality = Quality(session, port, self.identity)
@@ -77,10 +94,21 @@ class Onboard:
         self.commander = Commander(port, self.identity, self.events)
         self.flight = Flight(port, self.identity, self.state, self.commander)
         self.payload = Payload(port, self.commander)
-        self.setpoints = Setpoints(
-            session, port, self.identity, self.leases, self.events, settings.origin, self.presence.check
+        self.missions = Missions(session, port, self.identity, self.commander, self.events)
+        self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions)
+        rules = Rules(
+            origin=settings.origin, failsafe=settings.failsafe, geofence=settings.geofence, limits=settings.limits,
+            pilot_switch=settings.pilot_switch,
+        )  # fmt: skip
+        self.authority = Authority(
+            session, port, self.identity, self.commander, self.events, self.presence.check, rules
         )
+        self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
         self.params = Params(session, port, self.identity, self.events)
+        ftp = Ftp(port, self.identity)
+        cache = Path(settings.cache) if settings.cache else default_directory()
+        self.files = Files(session, port, ftp, Store(cache / fleet / name))
+        self.logs = Logs(port, self.identity, ftp, self.files)
         self.orders = Orders(session, fleet, name)
         self._housekeeper: asyncio.Task[None] | None = None
         self._add_orders()
@@ -106,10 +134,18 @@ class Onboard:
             "trigger": payload.trigger,
             "lease": leases.take,
             "release": leases.drop,
+            "revoke": leases.revoke,
             "ping": _pong,
+            **self.files.handlers,
+            **self.logs.handlers,
             "param_set": self.params.set,
             "param_load": self.params.load,
             "param_refresh": self.params.refresh,
+            "mission_upload": self.missions.upload,
+            "mission_download": self.missions.download,
+            "mission_clear": self.missions.clear,
+            "mission_start": self.mission_flight.start,
+            "mission_current": self.mission_flight.set_current,
         }
         for name, handler in handlers.items():
             self.orders.add(name, self._guarded(VERBS[name], handler))
@@ -118,15 +154,13 @@ class Onboard:
         """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one."""
 
         async def guarded(args: wire.Order, report: Report) -> dict[str, Any]:
-            if verb.access is not Access.READ or verb.name == "lease":
-                self.presence.check()
-            if verb.access is Access.OPEN and not self.leases.holds(args.lease):
-                self.leases.revoke(f"{verb.name} was ordered")  # or the stranger's next setpoint would undo it
-            if verb.access in (Access.CHANGE, Access.MOVE):
-                self.leases.allow(args.lease)
-            if verb.access in (Access.OPEN, Access.MOVE):
-                self.setpoints.stop()
-            return await handler(args, report)
+            self.authority.admit(verb, args)
+            try:
+                return await handler(args, report)
+            except Refused as e:
+                if "mode" in e.detail:  # the order saw the pilot's mode before anybody else judged it
+                    self.authority.taken(e.message)
+                raise
 
         return guarded
 
@@ -134,7 +168,6 @@ class Onboard:
         loop, adapter = asyncio.get_running_loop(), self.adapter
         changed = on_loop(loop, self._changed)
         self.identity.on_change = self.presence.on_change = changed
-        self.setpoints.busy = lambda: self.commander.moving
         self.state.extras.append(self._add_to_state)
         adapter.guard = self.presence.check
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
@@ -146,8 +179,10 @@ class Onboard:
         self.messages.start()
         self.quality.start()
         self.params.start()
+        self.missions.start()
+        self.files.start()
         self.orders.start()
-        self.setpoints.start()
+        self.authority.start()
         adapter.start()
         self._housekeeper = loop.create_task(self._keep_house())
         return self
@@ -155,11 +190,12 @@ class Onboard:
     async def __aexit__(self, *_: object) -> None:
         if self._housekeeper:
             self._housekeeper.cancel()
-        self.setpoints.close()
+        self.authority.close()
         await self.orders.close()
         self.params.close()
+        await self.missions.close()
         await asyncio.to_thread(self.adapter.close)
-        for service in (self.identity, self.presence, self.state, self.messages, self.quality, self.events):
+        for service in (self.identity, self.presence, self.state, self.messages, self.quality, self.files, self.events):
             service.close()
 
     def _on_link(self, state: LinkState, text: str, changed: Callable[[], None]) -> None:
@@ -180,16 +216,14 @@ class Onboard:
         """Who the vehicle is, its mode, its arming or its link changed: say so now and not at the next tick."""
         if self.identity.source:
             self.adapter.speak_as(self.identity.source[0])
-        if not self.identity.armed:
-            self.setpoints.stop()
+        self.authority.changed()
         self.presence.tick()
         self.state.publish()
 
     def _add_to_state(self, state: wire.VehicleState) -> None:
         state.link = self.adapter.link.state.value
         state.link_loss = self.quality.last.loss
-        state.lease = self.leases.info()
-        state.setpoints = dict(self.setpoints.counts)
+        self.authority.add_to_state(state)
         state.clash = self.presence.clash
 
     async def _keep_house(self) -> None:
@@ -214,6 +248,13 @@ class Onboard:
     def _send_heartbeat(self) -> None:
         """The companion's own: MAV_TYPE_ONBOARD_CONTROLLER, no autopilot, active."""
         self.adapter.send("HEARTBEAT", type=18, autopilot=8, system_status=4, mavlink_version=3)
+
+
+def _signing(settings: config.Signing, dialect: Dialect) -> Signing:
+    """Raises :class:`BadConfig` where the key cannot be used; the last timestamp is kept beside it."""
+    clock = Clock(Path(settings.key_file).with_suffix(".time"))
+    key = read_key(settings.key_file)
+    return Signing(key, dialect, link_id=settings.link_id, clock=clock, unsigned=settings.unsigned)
 
 
 async def _pong(args: wire.Order, report: Report) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.cli.common import listening, run, zenoh_options
-from zmav.config import FleetConfig, load_fleet, origin_of
+from zmav.config import FleetConfig, Signing, load_fleet, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import until_stopped
@@ -30,10 +30,13 @@ from zmav.session import SessionSettings, open_session
 )
 @click.option("--dialect", help="common, development, or an XML file.  [default: ardupilotmega]")
 @click.option("--origin", type=float, nargs=3, metavar="LAT LON AMSL", help="The fleet's origin, for local frames.")
+@click.option("--signing-key", metavar="FILE", help="Sign, and take only what is signed, with the key in this file.")
+@click.option("--cache", metavar="DIR", help="Where fetched files and logs are kept.  [default: the user's cache]")
 @zenoh_options
 def up(
     link: str | None, name: str, fleet: str | None, fleet_file: str | None, sysid: int | None, dialect: str | None,
-    origin: tuple[float, float, float] | None, settings: SessionSettings,
+    origin: tuple[float, float, float] | None, signing_key: str | None, cache: str | None,
+    settings: SessionSettings,
 ) -> None:  # fmt: skip
     """Run beside an autopilot: 'zmav up --link /dev/ttyACM0 --name quad1'.
 
@@ -52,6 +55,8 @@ def up(
         sysid=sysid if sysid is not None else (table.sysid if table else None),
         dialect=dialect or (table.dialect if table else "ardupilotmega"),
         origin=origin_of(*origin) if origin else file.origin,
+        cache=cache,
+        signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
     )
     settings = listening(settings, table.listen if table else ())
     run(_up(vehicle, msgspec.structs.replace(settings, connect=settings.connect or (table.connect if table else ()))))

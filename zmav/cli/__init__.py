@@ -10,7 +10,23 @@ import click
 
 from zmav.errors import ZmavError
 
-VERBS = ("sim", "ls", "echo", "hz", "bw", "delay", "info", "do", "command", "goto", "get", "send", "replay", "doctor")
+VERBS = (
+    "sim",
+    "ls",
+    "echo",
+    "hz",
+    "bw",
+    "delay",
+    "info",
+    "do",
+    "command",
+    "goto",
+    "get",
+    "send",
+    "replay",
+    "signing",
+    "doctor",
+)
 
 
 class Verbs(click.Group):

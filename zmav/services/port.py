@@ -11,6 +11,7 @@ import msgspec
 
 from zmav.links import Link
 from zmav.mavlink import Dialect, Frame, Splitter, decode
+from zmav.mavlink.signing import Signing
 from zmav.waiting import within
 
 Listener = Callable[[Frame], None]
@@ -22,6 +23,18 @@ class Heard(NamedTuple):
     frame: Frame
     age: float
     total: int
+
+
+class Flow(NamedTuple):
+    """One kind of message from one source: how many frames, how many bytes of them, and when the last came."""
+
+    name: str
+    sysid: int
+    compid: int
+    count: int
+    size: int
+    heard: float
+    """monotonic seconds"""
 
 
 class TxCounters(msgspec.Struct):
@@ -42,6 +55,7 @@ class Port(Protocol):
     splitter: Splitter
     tx: TxCounters
     heard: float
+    signing: Signing | None
 
     @property
     def address(self) -> tuple[int, int]: ...
@@ -53,6 +67,8 @@ class Port(Protocol):
     def newest(self, name: str) -> Heard | None: ...
 
     def names(self) -> list[str]: ...
+
+    def flows(self) -> list[Flow]: ...
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]: ...
 

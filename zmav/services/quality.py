@@ -10,6 +10,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.mavlink import Frame, decode
+from zmav.mavlink.signing import SigningCounters
 from zmav.services.identity import Identity
 from zmav.services.port import Port, on_loop
 
@@ -63,6 +64,7 @@ class Quality:
         self._before = (split.frames, own, lost, split.bytes, now)
         span, came, missed = max(now - then, 1e-3), max(own - own_before, 0), max(lost - lost_before, 0)
         heard, tx = self._port.heard, self._port.tx
+        signing = self._port.signing.counters if self._port.signing else SigningCounters()
         return wire.LinkQuality(
             t=time.time(),
             name=LINK_NAME,
@@ -84,6 +86,8 @@ class Quality:
             tx_frames=tx.frames,
             tx_dropped=tx.dropped,
             tx_refused=tx.refused,
+            bad_signature=signing.bad_signature + signing.old_timestamp,
+            unsigned=signing.unsigned,
             rx_dropped=link.counters.rx_dropped,
             opens=link.counters.opens,
             last_error=link.counters.last_error,

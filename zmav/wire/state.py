@@ -66,16 +66,55 @@ class LinkQuality(Wire, kw_only=True):
     tx_dropped: int = 0
     tx_refused: int = 0
     """frames put on ``mav/tx`` that were not fit to be sent"""
+    bad_signature: int = 0
+    """frames refused for a wrong or an old signature, where the link is signed"""
+    unsigned: int = 0
+    """frames refused for having none"""
     rx_dropped: int = 0
     """datagrams that the kernel threw away because nobody took them in time (UDP on Linux)"""
     opens: int = 0
     last_error: str | None = None
 
 
+class ClockInfo(Wire, kw_only=True):
+    """The autopilot's clock against UTC, by TIMESYNC."""
+
+    boot_t: float
+    """UTC seconds at which its time was nought"""
+    error_s: float
+    """how far from the companion's UTC a time of the autopilot's can be"""
+    drift_ppm: float = 0.0
+    """µs a second by which it falls behind the companion's clock; nought until half a minute tells"""
+    gps_offset_s: float | None = None
+    """s by which GPS time is ahead of the companion's UTC; None: no GPS time yet"""
+
+
 class LeaseInfo(Wire, kw_only=True):
+    """The lease in force."""
+
     holder: str
     expires: float
     """UTC seconds"""
+    priority: int = 0
+    number: int = 0
+    """of all the leases this vehicle's agent has granted: what tells two of one holder apart"""
+
+
+LeaseEnding = Literal["expired", "released", "revoked", "preempted", "gone", "pilot", "failsafe"]
+
+
+class LeaseEnd(Wire, kw_only=True):
+    """How the last lease that ended did: where its holder reads what took the vehicle."""
+
+    t: float
+    number: int
+    holder: str
+    reason: LeaseEnding
+    """expired: nobody renewed it; gone: its holder's liveliness token went; pilot: the pilot, another station or the
+    autopilot itself changed the mode or disarmed; failsafe: the stream was silent for land_after"""
+    text: str
+    by: str | None = None
+    """who took it, where somebody did"""
 
 
 class VehicleState(Wire, kw_only=True):
@@ -117,8 +156,13 @@ class VehicleState(Wire, kw_only=True):
     gps: Gps | None = None
     link: str = "closed"
     link_loss: float = 0.0
+    clock: ClockInfo | None = None
     ages: dict[str, float] = {}
     lease: LeaseInfo | None = None
+    lease_end: LeaseEnd | None = None
+    """of the last lease that ended"""
+    pilot: str | None = None
+    """why no agent may have the vehicle: the pilot's switch"""
     setpoints: dict[str, int] = {}
     """setpoints flown, and those dropped, by reason"""
     clash: str | None = None
@@ -131,7 +175,7 @@ Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice
 class Event(Wire, kw_only=True):
     t: float
     kind: str
-    """statustext, mode, armed, autopilot, link, lease, setpoint, clash, refused"""
+    """statustext, numbered (an EVENT without words), rate, clock, mode, armed, autopilot, link, lease, setpoint, clash, refused"""
     severity: Severity
     text: str
     detail: dict[str, Any] = {}
@@ -146,6 +190,11 @@ class LastMessage(Wire, kw_only=True):
     compid: int
     seq: int
     age: float
+    t: float | None = None
+    """UTC seconds at which the autopilot took it, by the message's own time; None where it has none or the clocks are
+    not in step yet"""
+    t_error: float | None = None
+    """s that ``t`` can be wrong by, against the companion's UTC; None where the autopilot gave UTC itself"""
     count: int
     signed: bool
     verified: bool

@@ -124,6 +124,8 @@ class Node(ABC):
         channel = Channel(self.dialect, outlet, self.sysid, COMPONENT, self.brain.now)
         self.greet(channel)
         self.channels.append(channel)
+        for part in self._parts:
+            part.opened(channel)
         return channel
 
     def close_channel(self, channel: Channel) -> None:
@@ -186,6 +188,8 @@ class Node(ABC):
     def receive(self, channel: Channel, data: bytes) -> None:
         """Take bytes that came by ``channel``. Bad ones are counted and dropped; nothing raises."""
         for frame in channel.splitter.feed(data):
+            if channel.signing is not None and not channel.signing.accepts(frame):
+                continue
             if frame.verified and self._router.route(frame, channel, self.channels, (self.sysid, COMPONENT)):
                 self._handle(channel, frame)
 

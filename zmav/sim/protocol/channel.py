@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from zmav.mavlink.codec import Packer
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Splitter
+from zmav.mavlink.signing import Signing
 from zmav.sim.protocol.streams import Streams
 
 LARGEST_FRAME = 280
@@ -36,6 +37,7 @@ class Channel:
         self.dropped = 0
         self.sent = 0
         self.params_next: int | None = None  # index of the next parameter of a running download
+        self.signing: Signing | None = None
         self._packer = Packer(dialect, sysid, compid)
 
     def adopt(self, sysid: int) -> None:
@@ -50,7 +52,8 @@ class Channel:
         if not self.has_room():
             self.dropped += 1
             return False
-        self.outlet.put(self._packer.pack(name, **fields))
+        frame = self._packer.pack(name, **fields)
+        self.outlet.put(frame if self.signing is None else self.signing.sign(frame))
         self.sent += 1
         return True
 

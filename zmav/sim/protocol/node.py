@@ -14,6 +14,7 @@ from zmav.sim.protocol.mission import MissionProtocol
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.reports.status import GIT_HASH
+from zmav.sim.protocol.signing import SigningPart
 from zmav.sim.protocol.streams import RATE_PARAMS
 from zmav.sim.protocol.telemetry import REPORTS
 
@@ -28,6 +29,9 @@ class MavNode(Node):
         self.copter = copter
         self.add(ParamProtocol(copter.params, lambda: self.channels, self.banner))
         self.add(MissionProtocol())
+        self.add(
+            SigningPart(dialect, lambda: self.channels, lambda: copter.armed, self.say, lambda: self.unix_us / 1e6)
+        )
         for name, answer in self._own_answers().items():
             self.answer(name, answer)
 

@@ -26,5 +26,8 @@ class Part:
     def tick(self, now: float) -> None:
         """Called at every tick, after the streams were sent; ``now``: simulated seconds."""
 
+    def opened(self, channel: Channel) -> None:
+        """``channel`` is new: it is among the node's channels, and nothing has been heard on it."""
+
     def closed(self, channel: Channel) -> None:
         """``channel`` is gone: end what went on there."""
