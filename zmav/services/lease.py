@@ -1,99 +1,194 @@
-"""One commander at a time: a time-limited lease, renewed by use."""
+"""One commander at a time: a time-limited lease, renewed by use, preempted by priority, ended with its holder."""
 
 from __future__ import annotations
 
+import asyncio
+import collections
+import re
 import secrets
 import time
+from collections.abc import Callable
 from typing import Any
 
-from zmav import wire
+import zenoh
+
+from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
 from zmav.services.events import Events
+from zmav.services.port import on_loop
 
 MAX_TTL = 60.0
+MAX_PRIORITY = 100
+REMEMBERED = 32
+"""ended leases whose holders are still told why"""
+INSTANCE = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
 class Leases:
-    """A vehicle's lease. Lives on the event loop."""
+    """A vehicle's lease. Lives on the event loop.
 
-    def __init__(self, vehicle: str, events: Events) -> None:
-        self._vehicle, self._events = vehicle, events
-        self._token = ""
-        self._holder = ""
+    ``on_end(end)`` is called whenever a lease ends; ``may_take()`` raises while nobody may have one (the pilot's
+    switch).
+    """
+
+    def __init__(self, session: zenoh.Session, fleet: str, vehicle: str, events: Events) -> None:
+        self._session, self._fleet, self._vehicle, self._events = session, fleet, vehicle, events
+        self.on_end: Callable[[wire.LeaseEnd], None] = lambda end: None
+        self.may_take: Callable[[], None] = lambda: None
+        self.last_end: wire.LeaseEnd | None = None
+        self.number = 0
+        """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
+        self._token = self._holder = self._instance = ""
+        self._priority = 0
         self._ttl = 0.0
         self._expires = 0.0
+        self._present: set[tuple[str, str]] = set()
+        self._ended: collections.OrderedDict[str, wire.LeaseEnd] = collections.OrderedDict()
+        self._subscriber: Any = None
+
+    def start(self) -> None:
+        holders = keys.HOLDER.key(self._fleet, self._vehicle, holder="*", instance="*")
+        heard = on_loop(asyncio.get_running_loop(), self._on_token)
+        self._subscriber = self._session.liveliness().declare_subscriber(holders, heard, history=True)
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
 
     @property
     def holder(self) -> str | None:
         return self._holder if self._token else None
 
+    # The orders.
+
     async def take(self, args: wire.TakeLease, report: object = None) -> dict[str, Any]:
-        """Grant or renew; raises :class:`NotHolder` while another holds it (a namesake without the token included)."""
-        if not args.holder:
-            raise BadInput("a lease needs a holder's name", field="holder", value=args.holder, expected="a name")
-        if not 0.1 <= args.ttl <= MAX_TTL:
-            expected = f"0.1 to {MAX_TTL:.0f} s"
-            raise BadInput(f"a lease needs a ttl from {expected}", field="ttl", value=args.ttl, expected=expected)
+        """Grant or renew; raises :class:`NotHolder` while another of the same or a higher priority holds it (a namesake
+        without the token included), or when the lease to be renewed has ended.
+        """
+        self._check(args)
         self.tick()
-        if self._token and args.lease != self._token:
-            raise self._held()
-        if not self._token:
+        if args.lease:
+            if args.lease != self._token:
+                raise self.refusal(args.lease)
+        else:
+            self.may_take()
+            if self._token and args.priority <= self._priority:
+                raise self.refusal()
+            if self._token:
+                text = f"{args.holder} (priority {args.priority}) took the lease from {self._holder} ({self._priority})"
+                self.end("preempted", text, by=args.holder)
             self._token, self._holder = secrets.token_hex(8), args.holder
-            self._events.emit("lease", "info", f"{args.holder} commands", holder=args.holder)
-        self._ttl = args.ttl
+            self.number += 1
+            self._events.emit("lease", "info", f"{args.holder} commands", holder=args.holder, priority=args.priority)
+        self._instance, self._priority, self._ttl = args.instance, args.priority, args.ttl
         self.renew()
-        return {"lease": self._token, "holder": self._holder, "ttl": self._ttl}
+        return {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
 
     async def drop(self, args: wire.DropLease, report: object = None) -> dict[str, Any]:
+        """The holder gives it back."""
         self.require(args.lease)
-        self._end(f"{self._holder} gave the lease back")
+        self.end("released", f"{self._holder} gave the lease back")
         return {}
 
-    def revoke(self, why: str) -> None:
-        """Take the lease from whoever holds it."""
-        if self._token:
-            self._end(f"lease of {self._holder} revoked: {why}", "warning")
+    async def revoke(self, args: wire.RevokeLease, report: object = None) -> dict[str, Any]:
+        """An operator ends whoever's lease; harmless where there is none."""
+        held = self.holder
+        if held is not None:
+            why = f": {args.reason}" if args.reason else ""
+            self.end("revoked", f"lease of {held} revoked by an operator{why}")
+        return {"holder": held}
 
-    def holds(self, token: str) -> bool:
-        """``token`` is the lease in force, or none is."""
-        return token == self._token
+    # What others use.
 
     def allow(self, token: str) -> None:
         """Raise :class:`NotHolder` where somebody else commands; with no lease given out, an order needs none."""
         self.tick()
         if self._token and token != self._token:
-            raise self._held()
+            raise self.refusal(token)
+        if self._token:
+            self.renew()
 
     def require(self, token: str) -> None:
         """Raise :class:`NotHolder` unless ``token`` is the lease in force, and renew it."""
         self.tick()
         if not self._token or token != self._token:
-            raise self._held()
+            raise self.refusal(token)
         self.renew()
 
-    def renew(self) -> None:
-        self._expires = time.monotonic() + self._ttl
+    def holds(self, token: str) -> bool:
+        """``token`` is the lease in force, or none is."""
+        return token == self._token or not self._token
+
+    def renew(self, until: float = 0.0) -> None:
+        """It is in use; ``until`` (monotonic seconds): what was handed over lasts so long."""
+        self._expires = max(time.monotonic() + self._ttl, until)
 
     def tick(self) -> None:
+        """A few times a second, and before each decision."""
         if self._token and time.monotonic() > self._expires:
-            self._end(f"lease of {self._holder} ran out", "warning")
+            self.end("expired", f"lease of {self._holder} ran out")
+
+    def end(self, reason: wire.LeaseEnding, text: str, by: str | None = None) -> None:
+        """The lease is over, and its holder hears ``text`` from now on; nothing where there is none."""
+        if not self._token:
+            return
+        end = wire.LeaseEnd(t=time.time(), number=self.number, holder=self._holder, reason=reason, text=text, by=by)
+        severity: wire.Severity = "info" if reason == "released" else "warning"
+        self._ended[self._token] = end
+        while len(self._ended) > REMEMBERED:
+            self._ended.popitem(last=False)
+        self._token = self._holder = self._instance = ""
+        self.last_end = end
+        self._events.emit("lease", severity, text, holder=end.holder, reason=reason, **({"by": by} if by else {}))
+        self.on_end(end)
 
     def info(self) -> wire.LeaseInfo | None:
         if not self._token:
             return None
-        return wire.LeaseInfo(holder=self._holder, expires=time.time() + self._expires - time.monotonic())
+        expires = time.time() + self._expires - time.monotonic()
+        return wire.LeaseInfo(holder=self._holder, expires=expires, priority=self._priority, number=self.number)
 
-    def _held(self) -> NotHolder:
+    def refusal(self, token: str = "") -> NotHolder:
+        """Why ``token`` does not command the vehicle."""
+        ended = self._ended.get(token)
+        detail = {"vehicle": self._vehicle, "count": "lease"}
+        if ended is not None:
+            detail |= {"reason": ended.reason, "count": "pilot" if ended.reason == "pilot" else "lease"}
         if not self._token:
-            return NotHolder(f"no such lease on {self._vehicle}: ask for one with do/lease", vehicle=self._vehicle)
+            why = f"no such lease on {self._vehicle}" + (f" any more: {ended.text}" if ended else "")
+            return NotHolder(f"{why}; ask for one with do/lease", **detail)
         left = self._expires - time.monotonic()
-        return NotHolder(
-            f"{self._holder} commands {self._vehicle} (for {left:.1f} s more unless renewed); hold, land and disarm "
-            "are open to everybody and end its lease",
-            vehicle=self._vehicle,
-            holder=self._holder,
+        text = (
+            f"{self._holder} commands {self._vehicle} (for {left:.1f} s more unless renewed); hold, land, rtl and "
+            "disarm are open to everybody and end its lease"
         )
+        if ended:
+            text = f"{ended.text}; {text}"
+        return NotHolder(text, holder=self._holder, priority=self._priority, **detail)
 
-    def _end(self, text: str, severity: wire.Severity = "info") -> None:
-        self._events.emit("lease", severity, text, holder=self._holder)
-        self._token = self._holder = ""
+    # How it is done.
+
+    def _check(self, args: wire.TakeLease) -> None:
+        if not args.holder:
+            raise BadInput("a lease needs a holder's name", field="holder", value=args.holder, expected="a name")
+        keys.check_name(args.holder, "holder")
+        if not 0.1 <= args.ttl <= MAX_TTL:
+            expected = f"0.1 to {MAX_TTL:.0f} s"
+            raise BadInput(f"a lease needs a ttl from {expected}", field="ttl", value=args.ttl, expected=expected)
+        if not 0 <= args.priority <= MAX_PRIORITY:
+            expected = f"0 to {MAX_PRIORITY}"
+            text = f"a lease needs a priority from {expected}"
+            raise BadInput(text, field="priority", value=args.priority, expected=expected)
+        if args.instance and not INSTANCE.match(args.instance):
+            text = f"instance {args.instance!r} is not the end of a liveliness token"
+            raise BadInput(text, field="instance", value=args.instance, expected="letters, digits, '_' and '-'")
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        """Only a token that was there can go: one that is late on a bad network ends nothing."""
+        parts = keys.match(str(sample.key_expr))[1]
+        who = (parts["holder"], parts["instance"])
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._present.add(who)
+        elif who in self._present:
+            self._present.discard(who)
+            if self._token and who == (self._holder, self._instance):
+                self.end("gone", f"{self._holder}, who held the lease, is gone")

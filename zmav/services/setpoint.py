@@ -1,7 +1,7 @@
-"""``setpoint/{agent}``: outer-loop commands, checked one by one, and the first steps of the safety ladder.
+"""``setpoint/{agent}``: outer-loop commands, checked one by one, and handed to the ladder that flies and guards them.
 
-A setpoint is flown only under the lease in force, in order, before its deadline, and while the vehicle is in the mode
-that follows setpoints: so a pilot's mode switch wins within one cycle. When the stream stops, the vehicle holds.
+A setpoint is flown only under the lease in force, in order, before its deadline, inside the fence and the limits, by an
+armed vehicle that neither the pilot nor an order has. Each that is not is counted by its reason, and said.
 """
 
 from __future__ import annotations
@@ -15,22 +15,26 @@ from typing import Any
 import zenoh
 
 from zmav import keys, wire
-from zmav.autopilots import Message
-from zmav.errors import BadInput, LinkDown, NotHolder, Refused, ZmavError
+from zmav.autopilots import Autopilot, Target
+from zmav.errors import BadInput, LinkDown, Refused, ZmavError
+from zmav.services.bounds import Bounds
 from zmav.services.events import Events
 from zmav.services.identity import Identity
+from zmav.services.ladder import Flown, Ladder
 from zmav.services.lease import Leases
+from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
 from zmav.services.target import resolve
+from zmav.services.trajectory import Segment
 
-HOLD_AFTER = 0.5
-HOLD_REPEATS = 3
 MAX_AHEAD = 5.0
 """s: a deadline farther away is a mistake or a clock that is off"""
+MAX_SEGMENT = 60.0
+"""s: no vehicle is committed for longer"""
 
 
 class Setpoints:
-    """Takes setpoints from the key space to the autopilot. Lives on the event loop."""
+    """Takes setpoints from the key space to the ladder. Lives on the event loop."""
 
     def __init__(
         self,
@@ -38,79 +42,62 @@ class Setpoints:
         port: Port,
         identity: Identity,
         leases: Leases,
+        pilot: Pilot,
+        ladder: Ladder,
+        bounds: Bounds,
         events: Events,
         origin: wire.Origin | None,
-        guard: Callable[[], None],
     ) -> None:
-        self._session, self._port, self._identity = session, port, identity
-        self._leases, self._events, self._origin, self._guard = leases, events, origin, guard
+        self._session, self._port, self._identity, self._leases = session, port, identity, leases
+        self._pilot, self._ladder, self._bounds, self._events, self._origin = pilot, ladder, bounds, events, origin
         self.counts: collections.Counter[str] = collections.Counter()
+        self.guard: Callable[[], None] = lambda: None
+        """raises while nobody may command the vehicle (a clash of names or ids)"""
         self.busy: Callable[[], bool] = lambda: False
         """an order moves the vehicle: setpoints wait until it has ended, or they would undo a landing just ordered"""
+        self.accept: Callable[[Autopilot, Target], None] = lambda autopilot, target: None
+        """raises where the autopilot's parameters do not let it follow such a target"""
         self._seq = -1
         self._lease = ""
-        self._last: float | None = None
         self._subscriber: Any = None
-        self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
-        loop = asyncio.get_running_loop()
         key = keys.SETPOINT.key(self._port.fleet, self._port.name, agent="*")
-        self._subscriber = self._session.declare_subscriber(key, on_loop(loop, self._on_sample))
+        self._subscriber = self._session.declare_subscriber(key, on_loop(asyncio.get_running_loop(), self._on_sample))
 
     def close(self) -> None:
-        """End; a vehicle that follows a stream is told to hold, for nobody will watch over it any more."""
         self._subscriber.undeclare()
-        if self._last is not None:
-            self._hold(repeats=0)
-        self.stop()
-
-    def stop(self) -> None:
-        """The stream is over on purpose: an order moves the vehicle now, or it has landed."""
-        self._last = None
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         agent = str(sample.key_expr).rpartition("/")[2]
         try:
             point = wire.decode(sample.payload.to_bytes(), wire.Setpoint, f"setpoint of {agent}")
-            self._fly(point)
+            self.counts["flown" if self._fly(point) else "engaging"] += 1
         except ZmavError as e:
             why = str(e.detail.get("count", e.code))
             self.counts[why] += 1
             self._events.emit("setpoint", "warning", f"setpoint of {agent} dropped: {e}", limit=f"sp {why}", why=why)
 
-    def _fly(self, point: wire.Setpoint) -> None:
-        self._guard()
+    def _fly(self, point: wire.Setpoint) -> bool:
+        self.guard()
         self._check_order(point)
-        autopilot = self._identity.autopilot
-        if autopilot is None or not self._identity.connected or self._identity.source is None:
+        self._pilot.check()
+        autopilot, source = self._identity.autopilot, self._identity.source
+        if autopilot is None or not self._identity.connected or source is None:
             raise LinkDown("the autopilot is not heard", count="silent")
-        target = resolve(point, self._origin)
-        actions = autopilot.setpoint(target)
-        if self._identity.mode != autopilot.guided or not self._identity.armed:
-            raise Refused(
-                f"{'armed' if self._identity.armed else 'disarmed'} in {self._identity.mode}: setpoints are followed "
-                f"only armed in {autopilot.guided}",
-                count="mode",
-            )
+        if not self._identity.armed:
+            raise Refused("it is disarmed: setpoints are followed by an armed vehicle", count="disarmed")
         if self.busy():
             raise Refused("an order moves the vehicle: setpoints are followed when it has ended", count="busy")
-        if not all(self._send(action) for action in actions if isinstance(action, Message)):
-            raise LinkDown("the link to the autopilot is down or full", count="link")
-        self._last = time.monotonic()
-        if self._timer is None:
-            self._watch(HOLD_AFTER)
-        self.counts["flown"] += 1
+        what, first, until = self._resolve(point, time.time(), time.monotonic())
+        mode = self._identity.mode
+        needed = autopilot.guided_for(first) or mode or ""
+        self.accept(autopilot, first)
+        flown = Flown(autopilot, source, self._leases.number, what, needed, until)
+        return self._ladder.fly(flown, mode)
 
     def _check_order(self, point: wire.Setpoint) -> None:
-        try:
-            self._leases.require(point.lease)
-        except NotHolder as e:
-            e.detail["count"] = "lease"
-            raise
+        self._leases.require(point.lease)
         if point.lease != self._lease:
             self._lease, self._seq = point.lease, -1
         if point.seq <= self._seq:
@@ -119,7 +106,7 @@ class Setpoints:
         if left < 0:
             late = f"{-left * 1000:.0f} ms after its deadline"
             raise BadInput(late, field="deadline", value=point.deadline, count="late")
-        if left > MAX_AHEAD:
+        if not left <= MAX_AHEAD:
             raise BadInput(
                 f"its deadline is {left:.1f} s ahead (at most {MAX_AHEAD:.0f}): is a clock off?",
                 field="deadline",
@@ -128,50 +115,27 @@ class Setpoints:
             )
         self._seq = point.seq
 
-    def _send(self, message: Message) -> bool:
-        assert self._identity.source is not None
-        return self._port.send(message.name, **message.addressed(*self._identity.source))
+    def _resolve(self, point: wire.Setpoint, utc: float, now: float) -> tuple[Target | Segment, Target, float]:
+        """What is to be flown, its first target, and until when (monotonic) it is fresh; checked all along."""
+        if point.segment is None:
+            target = resolve(point, self._origin)
+            self._bounds.check(target)
+            self._leave_switch(target)
+            return target, target, now + self._ladder.failsafe.hold_after
+        segment = Segment(point.segment, self._origin)
+        lasts = segment.end - utc
+        if not 0.0 < lasts <= MAX_SEGMENT:
+            text = f"the segment ends in {lasts:.1f} s; expected 0 to {MAX_SEGMENT:.0f} s"
+            raise BadInput(text, field="segment", value=segment.end, count="late" if lasts <= 0.0 else "early")
+        self._bounds.check(segment)
+        self._leases.renew(now + lasts)  # committed: bad news from its holder's network do not end it
+        return segment, segment.at(utc), now + lasts
 
-    def _watch(self, delay: float) -> None:
-        self._timer = asyncio.get_running_loop().call_later(delay, self._on_timer)
-
-    def _on_timer(self) -> None:
-        """The stream may have ended: hold once it has been silent for HOLD_AFTER."""
-        self._timer = None
-        if self._last is None:
+    def _leave_switch(self, target: Target) -> None:
+        """An override of the pilot's switch would take the vehicle from him for good."""
+        switch = self._pilot.switch
+        if switch is None or target.rc is None or len(target.rc) < switch.channel:
             return
-        silent = time.monotonic() - self._last
-        if silent < HOLD_AFTER:
-            self._watch(HOLD_AFTER - silent)
-            return
-        self._last = None
-        if self._hold(repeats=HOLD_REPEATS):
-            self.counts["held"] += 1
-            self._events.emit("setpoint", "warning", f"no setpoint for {HOLD_AFTER} s: holding position")
-
-    def _hold(self, repeats: int) -> bool:
-        """Tell the autopilot to stop, and again a little later, for the message has no acknowledgement.
-
-        False where it is not ours to stop: the pilot has it, or it is disarmed.
-        """
-        autopilot = self._identity.autopilot
-        try:
-            if autopilot is None or self._identity.mode != autopilot.guided or not self._identity.armed:
-                return False
-            _, message = autopilot.hold()
-        except ZmavError as e:
-            self._events.emit("setpoint", "error", f"no setpoint for {HOLD_AFTER} s, and no hold: {e}")
-            return False
-        if message is None:
-            return False
-        self._send(message)
-        if repeats:
-            self._timer = asyncio.get_running_loop().call_later(0.2, self._hold_again, repeats - 1)
-        return True
-
-    def _hold_again(self, repeats: int) -> None:
-        self._timer = None
-        if self._last is not None:
-            self._on_timer()  # the stream goes on, and is watched again
-        elif not self.busy():
-            self._hold(repeats)
+        if target.rc[switch.channel - 1] is not None:
+            text = f"rc channel {switch.channel} is the pilot's switch: no agent moves it"
+            raise Refused(text, field="rc", value=switch.channel, count="pilot")

@@ -1,0 +1,206 @@
+"""What an autopilot does when nobody speaks to it any more, as data: which parameters make that safe, and which modes
+end by themselves.
+
+``zmav doctor`` compares :data:`SAFETY` with the vehicle's parameters; docs/failsafes.md says what was measured.
+
+Sources:
+https://ardupilot.org/copter/docs/gcs-failsafe.html, https://ardupilot.org/copter/docs/radio-failsafe.html,
+https://ardupilot.org/rover/docs/rover-failsafes.html, https://ardupilot.org/plane/docs/apms-failsafe-function.html,
+https://docs.px4.io/v1.16/en/config/safety.html, https://docs.px4.io/v1.16/en/flight_modes/offboard.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from zmav.autopilots.base import Autopilot
+
+
+@dataclass(frozen=True)
+class Safety:
+    """One parameter: ``bad(value, sysid)`` says whether it is unsafe, ``why`` what then happens, ``advice`` what to
+    set. ``sysid`` is the vehicle's own system id. ``names``: the newest firmware's name first.
+    """
+
+    names: tuple[str, ...]
+    bad: Callable[[float, int], bool]
+    why: str
+    advice: str
+    essential: bool = True
+    """without it a dead companion leaves the vehicle flying; otherwise it is a recommendation"""
+
+
+def _is(*values: float) -> Callable[[float, int], bool]:
+    return lambda value, sysid: value in values
+
+
+def _above(most: float) -> Callable[[float, int], bool]:
+    return lambda value, sysid: value > most
+
+
+def _has_bit(bit: int) -> Callable[[float, int], bool]:
+    return lambda value, sysid: bool(int(value) & bit)
+
+
+_WATCH = Safety(
+    ("MAV_GCS_SYSID", "SYSID_MYGCS"),
+    lambda value, sysid: int(value) != sysid,
+    "the ground-station failsafe counts only heartbeats of this system: with a ground station's id (255) it does not "
+    "see the companion die, and never starts where no ground station was heard",
+    "the vehicle's own system id, which the companion speaks with, to be guarded against the companion's death; keep "
+    "255 where a ground station always listens and its loss is what should count",
+    essential=False,
+)
+_COPTER = (
+    Safety(
+        ("FS_GCS_ENABLE",),
+        _is(0),
+        "nothing happens when the heartbeats of MAV_GCS_SYSID stop: a copter with a dead companion hovers until the "
+        "battery failsafe",
+        "1 (RTL) or 5 (land)",
+    ),
+    Safety(
+        ("FS_GCS_TIMEOUT",),
+        _above(10.0),
+        "the ground-station failsafe waits longer than 10 s",
+        "5 (s)",
+        essential=False,
+    ),
+    _WATCH,
+    Safety(
+        ("FS_OPTIONS",),
+        _has_bit(2),
+        "bit 1 (continue in AUTO on a ground-station failsafe): a mission goes on when its commander is gone",
+        "16 (continue in pilot-controlled modes only)",
+        essential=False,
+    ),
+    Safety(
+        ("GUID_TIMEOUT",),
+        _above(3.0),
+        "velocities, accelerations and attitudes are flown on for longer than 3 s after the last one",
+        "3 (s) or less; more than 1",
+    ),
+    Safety(
+        ("FS_THR_ENABLE",),
+        _is(0),
+        "nothing happens when the pilot's radio is lost",
+        "1 (RTL) or 3 (land), unless the copter is flown without a radio",
+        essential=False,
+    ),
+    Safety(
+        ("RTL_ALT_M",),
+        lambda value, sysid: 0.0 < value < 5.0,
+        "a return to launch flies back lower than 5 m",
+        "15 (m), or the height of the highest obstacle and more",
+        essential=False,
+    ),
+    Safety(
+        ("RTL_ALT",),
+        lambda value, sysid: 0.0 < value < 500.0,
+        "a return to launch flies back lower than 5 m",
+        "1500 (cm), or the height of the highest obstacle and more",
+        essential=False,
+    ),
+)
+_ROVER = (
+    Safety(
+        ("FS_GCS_ENABLE",),
+        _is(0),
+        "nothing happens when the heartbeats of MAV_GCS_SYSID stop",
+        "1, with FS_ACTION 2 (hold)",
+    ),
+    Safety(("FS_ACTION",), _is(0), "a failsafe does nothing", "2 (hold) or 1 (RTL)"),
+    _WATCH,
+)
+_PLANE = (
+    Safety(
+        ("FS_GCS_ENABL",),
+        _is(0),
+        "nothing happens when the heartbeats of MAV_GCS_SYSID stop: a plane in GUIDED circles its last point until the "
+        "battery is empty",
+        "1",
+    ),
+    Safety(
+        ("FS_LONG_ACTN",),
+        _is(0),
+        "the long failsafe goes on with the mission, and with GUIDED",
+        "1 (RTL)",
+    ),
+    _WATCH,
+)
+_PX4 = (
+    Safety(
+        ("COM_OF_LOSS_T",),
+        _above(1.0),
+        "an OFFBOARD stream may be silent for longer than 1 s before PX4 acts",
+        "1.0 (s) or less",
+    ),
+    Safety(
+        ("COM_OBL_RC_ACT",),
+        lambda value, sysid: value in (0.0, 1.0, 2.0, 7.0),
+        "when the OFFBOARD stream is lost, the vehicle is left to the sticks (0 position, 1 altitude, 2 stabilized) or "
+        "disarmed (7), and there may be nobody at the sticks",
+        "5 (hold), 3 (return) or 4 (land)",
+    ),
+    Safety(
+        ("COM_RCL_EXCEPT",),
+        lambda value, sysid: not int(value) & 4,
+        "bit 2 is not set: without a radio PX4 leaves OFFBOARD by its failsafe",
+        "4, for a vehicle that flies OFFBOARD without a radio; leave it at 0 where a pilot must hold one",
+        essential=False,
+    ),
+    Safety(
+        ("NAV_DLL_ACT",),
+        _is(0),
+        "nothing happens when the data link to the ground is lost: a DO_REPOSITION or a mission is flown to its end",
+        "2 (return) or 1 (hold)",
+        essential=False,
+    ),
+    Safety(
+        ("COM_DL_LOSS_T",),
+        _above(15.0),
+        "the loss of the data link is noticed after more than 15 s",
+        "10 (s)",
+        essential=False,
+    ),
+)
+SAFETY: dict[tuple[str, str], tuple[Safety, ...]] = {
+    ("ardupilot", "copter"): _COPTER,
+    ("ardupilot", "heli"): _COPTER,
+    ("ardupilot", "rover"): _ROVER,
+    ("ardupilot", "boat"): _ROVER,
+    ("ardupilot", "plane"): _PLANE,
+    ("ardupilot", "vtol"): _PLANE,
+    ("px4", "copter"): _PX4,
+    ("px4", "vtol"): _PX4,
+    ("px4", "rover"): _PX4,
+    ("px4", "plane"): _PX4,
+}
+"""by the autopilot's name and the vehicle's kind"""
+
+_ENDS_IN: dict[str, dict[str, tuple[str, ...]]] = {"px4": {"TAKEOFF": ("HOLD",), "MISSION": ("HOLD",)}}
+
+
+def ends_in(autopilot: Autopilot, mode: str | None) -> tuple[str, ...]:
+    """The modes that ``mode`` gives way to by itself when it has done its work: that is nobody's taking over."""
+    return _ENDS_IN.get(autopilot.name, {}).get(mode or "", ())
+
+
+def flies_on(autopilot: Autopilot) -> bool:
+    """A position target is flown to however long nothing more is heard: it must never be far away.
+
+    A plane is given a point to circle, and PX4 leaves OFFBOARD by itself.
+    """
+    return autopilot.name == "ardupilot" and autopilot.kind in ("copter", "heli", "rover", "boat", "sub")
+
+
+_BY_COMMAND: dict[str, tuple[str, ...]] = {
+    "px4": ("TAKEOFF", "HOLD", "MISSION", "RTL", "LAND"),
+    "ardupilot": ("GUIDED", "AUTO", "RTL", "LAND", "LOITER", "TAKEOFF", "HOLD", "QLAND", "QRTL", "BRAKE"),
+}
+
+
+def by_command(autopilot: Autopilot) -> tuple[str, ...]:
+    """Modes that commands other than DO_SET_MODE may change to: a takeoff, a landing, a return, a mission's start."""
+    return _BY_COMMAND.get(autopilot.name, ())

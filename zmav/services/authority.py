@@ -1,0 +1,132 @@
+"""Who may move the vehicle: leases, pilot, ladder and setpoints, put together."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from zmav import wire
+from zmav.config import Failsafe, Geofence, Limits, PilotSwitch, check_failsafe
+from zmav.services.bounds import Bounds
+from zmav.services.carrot import Carrot
+from zmav.services.command import Commander
+from zmav.services.events import Events
+from zmav.services.identity import Identity
+from zmav.services.ladder import Ladder
+from zmav.services.lease import Leases
+from zmav.services.pilot import Pilot
+from zmav.services.port import Port, on_loop
+from zmav.services.setpoint import Setpoints
+from zmav.verbs import Access, Verb
+
+
+class Rules(msgspec.Struct, kw_only=True, frozen=True):
+    """What the fleet file says about it."""
+
+    origin: wire.Origin | None = None
+    failsafe: Failsafe = Failsafe()
+    geofence: Geofence = Geofence()
+    limits: Limits = Limits()
+    pilot_switch: PilotSwitch | None = None
+
+
+class Authority:
+    """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for rules that make no sense.
+
+    ``guard`` raises while nobody may command the vehicle at all (a clash of names or ids).
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        port: Port,
+        identity: Identity,
+        commander: Commander,
+        events: Events,
+        guard: Callable[[], None],
+        rules: Rules,
+    ) -> None:
+        self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
+        self._failsafe = check_failsafe(rules.failsafe)
+        self.leases = Leases(session, port.fleet, port.name, events)
+        self.pilot = Pilot(port, identity, commander, rules.pilot_switch)
+        self.carrot = Carrot(port, identity)
+        self.ladder = Ladder(port, events, rules.failsafe)
+        self.bounds = Bounds(port, identity, rules.origin, rules.geofence, rules.limits)
+        self.setpoints = Setpoints(
+            session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
+        )
+
+    def start(self) -> None:
+        ladder, pilot, setpoints = self.ladder, self.pilot, self.setpoints
+
+        def ordered(mode: str) -> None:
+            self._commander.ordered = mode
+
+        ladder.ordered, ladder.allowed, ladder.near = ordered, pilot.allowed, self.carrot.near
+        ladder.acted = on_loop(asyncio.get_running_loop(), self._on_acted)
+        ladder.count = lambda what: setpoints.counts.update({what: 1})
+        setpoints.guard, setpoints.busy = self._guard, lambda: self._commander.moving
+        pilot.on_taken, self.leases.may_take = self.taken, pilot.check
+        self.leases.on_end = self._on_lease_end
+        self.leases.start()
+        pilot.start()
+        ladder.start()
+        setpoints.start()
+
+    def close(self) -> None:
+        """End; a vehicle that follows a stream is told to hold."""
+        self.setpoints.close()
+        self.ladder.close()
+        self.carrot.close()
+        self.pilot.close()
+        self.leases.close()
+
+    def admit(self, verb: Verb, args: wire.Order) -> None:
+        """Let an order begin: raises where its verb needs what it has not, and ends what it takes the place of."""
+        if verb.access is not Access.READ or verb.name == "lease":
+            self._guard()
+        if verb.access in (Access.CHANGE, Access.MOVE):
+            self.leases.allow(args.lease)
+        if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
+            return
+        if verb.name != "disarm":
+            self.pilot.check()
+        self.ladder.stop()
+        self.carrot.stop()
+        self.pilot.order_begins()
+        if verb.access is Access.OPEN and not self.leases.holds(args.lease):  # his next setpoint would undo it
+            self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
+
+    def taken(self, text: str) -> None:
+        """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back."""
+        ours = self.ladder.flying or self.carrot.leading or self._commander.moving or self.leases.holder is not None
+        self.ladder.stop()
+        self.carrot.stop()
+        self._commander.supersede()
+        if ours:
+            self._events.emit("pilot", "warning", f"{text}: released")
+        self.leases.end("pilot", f"{text}: the lease has ended")
+
+    def changed(self) -> None:
+        """The HEARTBEAT shows another mode, arming or autopilot."""
+        self.pilot.changed()
+        if not self._identity.armed:
+            self.ladder.stop()
+
+    def add_to_state(self, state: wire.VehicleState) -> None:
+        state.lease, state.lease_end = self.leases.info(), self.leases.last_end
+        state.pilot = self.pilot.has_it
+        state.setpoints = dict(self.setpoints.counts)
+
+    def _on_lease_end(self, end: wire.LeaseEnd) -> None:
+        """Whoever flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
+        if end.reason not in ("pilot", "failsafe"):
+            self.ladder.hold_now(end.text, goes_on=end.reason in ("expired", "gone"))
+
+    def _on_acted(self, lease: int) -> None:
+        if lease == self.leases.number:
+            self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
