@@ -15,7 +15,9 @@ import zenoh
 
 import zmav
 from zmav import keys, wire
+from zmav.autopilots.safety import Safety
 from zmav.cli.info import routers
+from zmav.cli.safetycheck import Value, judge, read_safety
 from zmav.client import Client
 from zmav.errors import ZmavError
 
@@ -51,6 +53,7 @@ class Seen(msgspec.Struct, frozen=True):
     links: dict[str, list[wire.LinkQuality]]
     """oldest first"""
     clocks: dict[str, Clock | ZmavError]
+    safety: dict[str, dict[Safety, Value | None] | ZmavError]
 
 
 async def look(z: Client, seconds: float) -> Seen:
@@ -72,8 +75,11 @@ async def look(z: Client, seconds: float) -> Seen:
     listener.cancel()
     vehicles = await z.settle()
     present = [v for v in vehicles if v.present]
+    names = [label(v) for v in present]
     clocks = await asyncio.gather(*map(_clock_of, present))
-    return Seen(vehicles, await routers(z), dict(links), dict(zip(map(label, present), clocks, strict=True)))
+    safety = await asyncio.gather(*map(read_safety, present))
+    by_name = dict(zip(names, clocks, strict=True)), dict(zip(names, safety, strict=True))
+    return Seen(vehicles, await routers(z), dict(links), *by_name)
 
 
 def label(vehicle: zmav.Vehicle) -> str:
@@ -215,6 +221,16 @@ def check_clocks(seen: Seen) -> Iterator[Finding]:
             yield Finding(True, f"{who} clock", found)
 
 
+def check_safety(seen: Seen) -> Iterator[Finding]:
+    """What the autopilot does by itself when its companion is dead."""
+    for vehicle in seen.vehicles:
+        values, who = seen.safety.get(label(vehicle)), f"{label(vehicle)} failsafe"
+        if isinstance(values, ZmavError):
+            yield Finding(False, who, f"its parameters cannot be read: {values}", "is its link up?")
+        elif values:
+            yield from (Finding(ok, who, found, advice) for ok, found, advice in judge(vehicle, values))
+
+
 CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_routers,
     check_vehicles,
@@ -222,4 +238,5 @@ CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_links,
     check_readiness,
     check_clocks,
+    check_safety,
 )
