@@ -37,9 +37,10 @@ from zmav.services.payload import Payload
 from zmav.services.port import on_loop
 from zmav.services.presence import Presence
 from zmav.services.quality import Quality
-from zmav.services.rate import Floor
+from zmav.services.rate import Rates
 from zmav.services.state import StateService
 from zmav.services.store import Store, default_directory
+from zmav.services.timesync import TimeSync
 from zmav.verbs import VERBS, Verb
 
 TICK = 0.2
@@ -88,9 +89,10 @@ class Onboard:
         self.identity = Identity(port, self.events, settings.sysid)
         self.presence = Presence(session, fleet, name, instance, self.identity, self.events)
         self.state = StateService(session, port, instance, self.identity, settings.origin)
-        self.messages = Messages(session, port, self.identity)
-        self.quality = Quality(session, port, self.identity)
-        self.floor = Floor(port, self.identity)
+        self.timesync = TimeSync(port, self.identity, self.events)
+        self.messages = Messages(session, port, self.identity, self.timesync)
+        self.quality = Quality(session, port, self.identity, self.timesync)
+        self.rates = Rates(session, port, self.identity, self.events)
         self.commander = Commander(port, self.identity, self.events)
         self.flight = Flight(port, self.identity, self.state, self.commander)
         self.payload = Payload(port, self.commander)
@@ -172,12 +174,15 @@ class Onboard:
         adapter.guard = self.presence.check
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)
-        adapter.listen("STATUSTEXT", on_loop(loop, self._on_statustext))
+        adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
+        adapter.listen("UNKNOWN_410", on_loop(loop, self._on_words(self.events.numbered)))  # PX4's EVENT
+        self.timesync.on_restart = self.rates.restarted
         self.identity.start()
         self.presence.start()
         self.state.start()
         self.messages.start()
-        self.quality.start()
+        self.timesync.start()
+        self.rates.start()
         self.params.start()
         self.missions.start()
         self.files.start()
@@ -190,12 +195,16 @@ class Onboard:
     async def __aexit__(self, *_: object) -> None:
         if self._housekeeper:
             self._housekeeper.cancel()
+        self.rates.close()
         self.authority.close()
         await self.orders.close()
         self.params.close()
         await self.missions.close()
         await asyncio.to_thread(self.adapter.close)
-        for service in (self.identity, self.presence, self.state, self.messages, self.quality, self.files, self.events):
+        for service in (
+            self.identity, self.presence, self.state, self.messages, self.timesync, self.quality, self.files,
+            self.events,
+        ):  # fmt: skip
             service.close()
 
     def _on_link(self, state: LinkState, text: str, changed: Callable[[], None]) -> None:
@@ -206,11 +215,15 @@ class Onboard:
             self._send_heartbeat()  # at once: some autopilots answer only who has spoken
         changed()
 
-    def _on_statustext(self, frame: Frame) -> None:
+    def _on_words(self, take: Callable[[Frame], None]) -> Callable[[Frame], None]:
         """Only the vehicle's own words: they are taken for its reasons."""
-        source = self.identity.source
-        if source is None or frame.sysid == source[0]:
-            self.events.statustext(frame, self.adapter.dialect)
+
+        def on_frame(frame: Frame) -> None:
+            source = self.identity.source
+            if source is None or frame.sysid == source[0]:
+                take(frame)
+
+        return on_frame
 
     def _changed(self) -> None:
         """Who the vehicle is, its mode, its arming or its link changed: say so now and not at the next tick."""
@@ -223,6 +236,7 @@ class Onboard:
     def _add_to_state(self, state: wire.VehicleState) -> None:
         state.link = self.adapter.link.state.value
         state.link_loss = self.quality.last.loss
+        state.clock = self.timesync.info()
         self.authority.add_to_state(state)
         state.clash = self.presence.clash
 
@@ -233,13 +247,15 @@ class Onboard:
             try:
                 self.identity.tick()
                 self.params.tick()
+                self.timesync.tick()
+                self.events.tick()
                 self.presence.tick()
                 self.leases.tick()
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()
                     self._send_heartbeat()
-                    self.floor.tick()
+                    self.rates.tick()
             except Exception as e:
                 self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
             beat += 1

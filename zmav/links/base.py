@@ -94,6 +94,11 @@ class Link(ABC):
     @abstractmethod
     def counters(self) -> LinkCounters: ...
 
+    @property
+    def capacity(self) -> float | None:
+        """Bytes a second it can carry each way; None: not limited by its kind, or not known."""
+        return None
+
     @abstractmethod
     def start(self, on_data: OnData, on_state: OnState) -> None:
         """Start the one thread that calls both callbacks inline, so they must be quick.

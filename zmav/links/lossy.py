@@ -109,6 +109,10 @@ class LossyLink(Link):
         """The inner link's: what was really read and written."""
         return self.inner.counters
 
+    @property
+    def capacity(self) -> float | None:
+        return self.inner.capacity
+
     def start(self, on_data: OnData, on_state: OnState) -> None:
         self._on_data, self._on_state = on_data, on_state
         self._thread = threading.Thread(target=self._deliver, name=f"link {self.url}", daemon=True)

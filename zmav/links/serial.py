@@ -37,6 +37,15 @@ class SerialLink(StreamLink):
         self._early = b""  # heard while listening, to be delivered first
         self._watched = bytearray()
 
+    @property
+    def capacity(self) -> float | None:
+        """A tenth of the baud rate: a byte has a start and a stop bit. USB is not slowed by what its rate is set to."""
+        baud = self._target.baud or self._last_good
+        return None if baud is None or self._is_usb() else baud / 10
+
+    def _is_usb(self) -> bool:
+        return "ttyACM" in self._target.path or "ttyACM" in os.path.realpath(self._target.path)
+
     def _open(self) -> str:
         target = self._target
         if target.baud is not None:
@@ -44,7 +53,7 @@ class SerialLink(StreamLink):
             return f"{target.path} at {target.baud} baud"
         first = [self._last_good] if self._last_good else []
         rates = first + [rate for rate in CANDIDATES if rate not in first]
-        self._speak_first = "ttyACM" in target.path or "ttyACM" in os.path.realpath(target.path)
+        self._speak_first = self._is_usb()
         self._listening, self._rounds = True, 0
         self._port = port = open_port(target.path, rates[0], target.rtscts)
         found = None

@@ -11,7 +11,9 @@ import zenoh
 import zenoh.ext
 
 from zmav import keys, wire
-from zmav.mavlink import Dialect, Frame, decode
+from zmav.mavlink import Frame
+from zmav.mavlink.event import read_event
+from zmav.mavlink.statustext import Text, TextJoiner
 
 SEVERITIES: tuple[wire.Severity, ...] = (
     "emergency",
@@ -26,7 +28,7 @@ SEVERITIES: tuple[wire.Severity, ...] = (
 
 
 class Events:
-    """Publishes a vehicle's events, from any thread."""
+    """Publishes a vehicle's events, from any thread; what reads frames lives on the event loop."""
 
     def __init__(self, session: zenoh.Session, fleet: str, name: str) -> None:
         ext = zenoh.ext
@@ -42,6 +44,8 @@ class Events:
         self._lock = threading.Lock()
         self._limits: dict[str, tuple[float, int]] = {}
         self._texts: collections.deque[tuple[float, str]] = collections.deque(maxlen=50)
+        self._joiner = TextJoiner()
+        self._sequences: dict[tuple[int, int], int] = {}
 
     def close(self) -> None:
         self._publisher.undeclare()
@@ -67,13 +71,42 @@ class Events:
             self._limits[limit] = (now, 0)
             return left_out
 
-    def statustext(self, frame: Frame, dialect: Dialect) -> None:
-        """Pass on a STATUSTEXT, and remember it as a reason for a refusal that may follow."""
-        fields = decode(frame, dialect)
-        text, severity = str(fields["text"]), int(fields["severity"])
+    def statustext(self, frame: Frame) -> None:
+        """Pass on a STATUSTEXT once it is whole, and remember it as a reason for a refusal that may follow."""
+        for text in self._joiner.add(frame, time.monotonic()):
+            self._say(text)
+
+    def tick(self) -> None:
+        """A few times a second: say what there is of texts whose pieces do not come."""
+        for text in self._joiner.flush(time.monotonic()):
+            self._say(text)
+
+    def _say(self, text: Text) -> None:
+        self._texts.append((text.at, text.text))
+        more: dict[str, Any] = {} if text.complete else {"incomplete": True}
+        self.emit("statustext", SEVERITIES[min(text.severity, 7)], text.text, component=text.compid, **more)
+
+    def numbered(self, frame: Frame) -> None:
+        """Pass on an EVENT (410), each once. Its words are not known here: see :mod:`zmav.mavlink.event`."""
+        event = read_event(frame)
+        if event is None:
+            return
+        source = (frame.sysid, frame.compid)
+        before = self._sequences.get(source)
+        if before == event.sequence:
+            return  # sent again, for somebody else who missed it
+        self._sequences[source] = event.sequence
+        missed = (event.sequence - before - 1) & 0xFFFF if before is not None else 0
+        if not event.for_people:
+            return
+        text = str(event)
         self._texts.append((time.monotonic(), text))
-        self.emit("statustext", SEVERITIES[min(severity, 7)], text, component=frame.compid)
+        detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
+        if 0 < missed < 0x8000:
+            detail["missed"] = missed
+        self.emit("numbered", SEVERITIES[event.level], text, **detail, arguments=event.arguments.hex())
 
     def texts_since(self, t: float) -> list[str]:
-        """The autopilot's words since monotonic time ``t``."""
-        return [text for when, text in list(self._texts) if when >= t]
+        """The autopilot's words since monotonic time ``t``, the beginnings of texts that are not whole yet included."""
+        said = [text for when, text in list(self._texts) if when >= t]
+        return said + [text.text for text in self._joiner.unfinished() if text.at >= t]

@@ -11,6 +11,7 @@ from zmav.errors import BadInput
 from zmav.mavlink import describe
 from zmav.services.identity import Identity
 from zmav.services.port import Port
+from zmav.services.timesync import TimeSync
 
 KEY_DEPTH = 4  # zmav/fleet/vehicle/msg/NAME
 
@@ -18,8 +19,8 @@ KEY_DEPTH = 4  # zmav/fleet/vehicle/msg/NAME
 class Messages:
     """Answers queries in Zenoh's own threads; the autopilot's message is preferred to another component's."""
 
-    def __init__(self, session: zenoh.Session, port: Port, identity: Identity) -> None:
-        self._session, self._port, self._identity = session, port, identity
+    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, timesync: TimeSync) -> None:
+        self._session, self._port, self._identity, self._timesync = session, port, identity, timesync
         self._queryable: Any = None
 
     def start(self) -> None:
@@ -64,6 +65,8 @@ class Messages:
             )
         frame, age, total = found
         m = describe(frame, self._port.dialect)
+        own = source is not None and (frame.sysid, frame.compid) == source  # another's boot time is not the autopilot's
+        t, t_error = self._timesync.stamp(m.fields) if own else (None, None)
         return wire.LastMessage(
             name=m.name,
             id=m.id,
@@ -71,6 +74,8 @@ class Messages:
             compid=m.compid,
             seq=m.seq,
             age=age,
+            t=t,
+            t_error=t_error,
             count=total,
             signed=m.signed,
             verified=m.verified,

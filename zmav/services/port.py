@@ -31,7 +31,7 @@ class Flow(NamedTuple):
     name: str
     sysid: int
     compid: int
-    count: int
+    total: int
     size: int
     heard: float
     """monotonic seconds"""

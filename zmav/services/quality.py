@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
-from collections.abc import Callable
 
 import zenoh
 
 from zmav import keys, wire
-from zmav.mavlink import Frame, decode
 from zmav.mavlink.signing import SigningCounters
 from zmav.services.identity import Identity
-from zmav.services.port import Port, on_loop
+from zmav.services.port import Port
+from zmav.services.timesync import TimeSync
 
 LINK_NAME = "autopilot"
 
@@ -20,35 +18,20 @@ LINK_NAME = "autopilot"
 class Quality:
     """Counts and times the vehicle's link. Lives on the event loop."""
 
-    def __init__(self, session: zenoh.Session, port: Port, identity: Identity) -> None:
-        self._port, self._identity = port, identity
+    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, timesync: TimeSync) -> None:
+        self._port, self._identity, self._timesync = port, identity, timesync
         key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
         self._publisher = session.declare_publisher(key, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
-        self._rtt: float | None = None
-        self._pinged = 0
-        self._stop: Callable[[], None] = lambda: None
         self._before = (0, 0, 0, 0, time.monotonic())
         self.last = self.measure()
 
-    def start(self) -> None:
-        self._stop = self._port.listen("TIMESYNC", on_loop(asyncio.get_running_loop(), self._on_timesync))
-
     def close(self) -> None:
-        self._stop()
         self._publisher.undeclare()
 
-    def _on_timesync(self, frame: Frame) -> None:
-        fields = decode(frame, self._port.dialect)
-        # An answer has tc1 set and carries our own time back in ts1; the autopilot's own questions do not.
-        if fields["tc1"] != 0 and fields["ts1"] == self._pinged:
-            self._rtt = (time.monotonic_ns() - self._pinged) / 1e9
-
     def tick(self) -> None:
-        """Once a second: publish, then ask for the next round trip."""
+        """Once a second: publish."""
         self.last = self.measure()
         self._publisher.put(wire.encode(self.last))
-        self._rtt, self._pinged = None, time.monotonic_ns()
-        self._port.send("TIMESYNC", tc1=0, ts1=self._pinged)
 
     def _of_vehicle(self) -> tuple[int, int]:
         """Frames heard and lost of the vehicle itself: an autopilot passes on only a part of what others send."""
@@ -74,7 +57,7 @@ class Quality:
             rx_rate=(split.frames - frames) / span,
             rx_bytes_rate=(split.bytes - size) / span,
             loss=missed / (came + missed) if came + missed else 0.0,
-            rtt=self._rtt,
+            rtt=self._timesync.take_rtt(),
             rx_frames=split.frames,
             rx_bytes=split.bytes,
             lost=lost,

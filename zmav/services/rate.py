@@ -1,32 +1,317 @@
-"""The floor: messages that always flow, asked for until they do."""
+"""Rates by demand: the autopilot sends what somebody reads, as fast as the fastest reader wants, and no longer.
+
+A floor of messages (position, attitude, system status...) always flows. What flows fast enough by itself is left alone;
+what was asked for is put back as it was when its last reader leaves; a rate that somebody else has raised on this link
+is not lowered. Where a serial link is full, the least wanted is slowed first (:mod:`zmav.services.rate_plan`). A
+rebooted autopilot has forgotten everything and is asked again.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from zmav import keys, wire
+from zmav.services.demand import Demands
+from zmav.services.events import Events
 from zmav.services.identity import Identity
-from zmav.services.port import Port
+from zmav.services.port import Port, on_loop
+from zmav.services.rate_ask import ACCEPTED, DEFAULT, IntervalAsker
+from zmav.services.rate_meter import WINDOW, Measured, Meter
+from zmav.services.rate_plan import ENOUGH, Shedder, Target, wanted
 
-SET_MESSAGE_INTERVAL = 511
+OWN = {"SYSTEM_TIME": 0.2}
+"""what the companion itself reads beside the floor: GPS time, for its clock"""
+NEVER = (2, 3)
+"""MAV_RESULT denied and unsupported: asking again changes nothing"""
+LONGEST_PAUSE = 60.0
+"""s between two tries of what does not come"""
+UNANSWERED_PAUSE = 3.0
+"""... while it does not even answer: it may be starting"""
+SLOWER_FROM = 20.0
+"""Hz; a denied rate above it is tried at half: autopilots deny what is faster than their own loop"""
 
 
-class Floor:
-    """Keeps an autopilot sending what a VehicleState is made of; a rebooted one is asked again. On the event loop."""
+@dataclass
+class Standing:
+    """How it stands with one message between us and the autopilot."""
 
-    def __init__(self, port: Port, identity: Identity) -> None:
-        self._port, self._identity = port, identity
+    asked: float | None = None
+    """Hz"""
+    before: float = DEFAULT
+    """the interval in µs it had, to be put back"""
+    refused: str | None = None
+    final: bool = False
+    """refused for good"""
+    ceiling: float = math.inf
+    """Hz; more was denied"""
+    not_before: float = 0.0
+    """monotonic seconds"""
+    pause: float = 1.0
+    since: float = 0.0
+    """when it was asked for last"""
+    forgotten: bool = False
+    """the autopilot has restarted since it was asked"""
+    tries: int = 0
+    """to put it back"""
+
+    def rate(self, target: Target) -> float:
+        """What to ask for, in Hz: never less than came unasked, unless the link is too full for it."""
+        unasked = 1e6 / self.before if self.before > 0 and not target.shed else 0.0
+        return min(max(target.granted, unasked), self.ceiling)
+
+
+class Rates:
+    """Keeps one autopilot sending what is read. Lives on the event loop."""
+
+    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, events: Events) -> None:
+        self._session, self._port, self._identity, self._events = session, port, identity, events
+        self.meter, self.demands = Meter(port), Demands(session, port)
+        self._asker, self._shedder = IntervalAsker(port), Shedder(port.dialect)
+        self._targets: list[Target] = []
+        self._standing: dict[str, Standing] = {}
+        self._of: tuple[int, int] | None = None
+        self._was_connected = False
+        self._shed: set[str] = set()
+        self._key = keys.RATES.key(port.fleet, port.name)
+        self._wake = asyncio.Event()
+        self._worker: asyncio.Task[None] | None = None
+        self._queryable: Any = None
+
+    def start(self) -> None:
+        loop = asyncio.get_running_loop()
+        self.demands.on_change = self.plan
+        self.demands.start()
+        self._queryable = self._session.declare_queryable(self._key, on_loop(loop, self._on_query))
+        self._worker = loop.create_task(self._work())
+
+    def close(self) -> None:
+        if self._worker:
+            self._worker.cancel()
+        self._queryable.undeclare()
+        self.demands.close()
 
     def tick(self) -> None:
-        """Ask for what does not flow; without an acknowledgement, since the next tick sees whether it came."""
+        """Once a second."""
+        self.meter.tick()
+        source = self._identity.source
+        if source is not None:
+            self.demands.poll(source)
+        self.plan()
+
+    def restarted(self) -> None:
+        """The autopilot has begun anew: what it was told is forgotten, and what it refused it may take now."""
+        for standing in self._standing.values():
+            standing.forgotten = standing.asked is not None
+            standing.refused, standing.final, standing.ceiling = None, False, math.inf
+            standing.not_before, standing.pause = 0.0, 1.0
+        self.plan()
+
+    # What is wanted.
+
+    def plan(self) -> None:
+        """Put together what should flow, and have it asked for."""
         source, autopilot = self._identity.source, self._identity.autopilot
+        if source != self._of:
+            self._of = source
+            self._standing.clear()
+        back = self._identity.connected and not self._was_connected
+        self._was_connected = self._identity.connected
         if source is None or autopilot is None or not self._identity.connected:
             return
-        for name, hz in autopilot.floor.items():
-            heard = self._port.latest(name, source)
-            if heard is None or heard.age > 3.0 / hz:
-                self._port.send(
-                    "COMMAND_LONG",
-                    target_system=source[0],
-                    target_component=source[1],
-                    command=SET_MESSAGE_INTERVAL,
-                    param1=float(self._port.dialect.message(name).id),
-                    param2=1e6 / hz,
-                )
+        if back:  # after a silence; whether it was a restart is seen by what does not flow
+            for standing in self._standing.values():
+                standing.not_before, standing.pause = 0.0, 1.0
+        flows = self._flows()
+        targets = wanted(autopilot.floor, OWN, self.demands.current())
+        ours = {name for name, standing in self._standing.items() if standing.asked is not None}
+        self._shedder.apply(targets, flows, self.meter.used, ours, self._port.link.capacity)
+        self._targets = targets
+        self._say_shed()
+        self._wake.set()
+
+    def _flows(self) -> dict[str, Measured]:
+        """What comes from the autopilot itself, by message."""
+        return {kind[0]: m for kind, m in self.meter.measured().items() if kind[1:] == self._of}
+
+    def _say_shed(self) -> None:
+        slowed = [target for target in self._targets if target.shed]
+        names = {target.name for target in slowed}
+        if names == self._shed:
+            return
+        self._shed = names
+        if not names:
+            self._events.emit("rate", "info", "there is room on the link: everything comes at the rate wanted")
+            return
+        rates = ", ".join(f"{t.name} {t.granted:.3g} of {t.hz:.3g} Hz" for t in slowed)
+        capacity = self._port.link.capacity or 0.0
+        text = f"the link is full ({self.meter.used:.0f} of {capacity:.0f} bytes/s): {rates}"
+        self._events.emit("rate", "warning", text, limit="shed", shed=sorted(names))
+
+    # Asking for it.
+
+    async def _work(self) -> None:
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            try:
+                await self._settle()
+            except Exception as e:
+                self._events.emit("fault", "error", f"rates: {e!r}", limit="rates")
+
+    async def _settle(self) -> None:
+        """Bring the autopilot nearer to the plan, one message after the other."""
+        source = self._of
+        for target in list(self._targets):
+            if source is None or not self._identity.connected or source != self._of:
+                return
+            if self._due(target):
+                await self._ask(source, target)
+        names = {target.name for target in self._targets}
+        for name in [name for name in self._standing if name not in names]:
+            if source is not None and source == self._of and self._identity.connected:
+                await self._put_back(source, name)
+
+    def _due(self, target: Target) -> bool:
+        """It must be asked for, now."""
+        standing, flow = self._standing.get(target.name), self._flows().get(target.name)
+        heard = self._port.latest(target.name, self._of) if self._of else None
+        rate = target.granted if standing is None else standing.rate(target)
+        if standing is None or standing.asked is None:
+            if standing is not None and (standing.final or time.monotonic() < standing.not_before):
+                return False
+            if heard is None:
+                return True
+            unmeasured = flow is None or flow.span < 2.0
+            # What has just begun to flow is measured first, unless it is silent again or somebody said a rate.
+            return heard.age > 3.0 / rate if unmeasured and not target.explicit else not _enough(flow, rate)
+        if standing.forgotten:
+            return True
+        if abs(rate - standing.asked) > 0.01 * standing.asked:
+            if rate < standing.asked and flow is not None and flow.hz > 1.3 * standing.asked:
+                standing.asked = rate  # somebody else has raised it: not ours to lower
+                return False
+            return time.monotonic() >= standing.not_before or standing.pause <= 1.0
+        fresh = heard is not None and heard.age < 3.0 / rate
+        if fresh and (time.monotonic() - standing.since < WINDOW + 1 or _enough(flow, rate / 2)):
+            standing.pause = 1.0
+            return False
+        return time.monotonic() >= standing.not_before
+
+    async def _ask(self, source: tuple[int, int], target: Target) -> None:
+        name, msgid = target.name, _msgid(target.name, self._port)
+        standing = self._standing.setdefault(name, Standing())
+        first = standing.asked is None and standing.refused is None
+        if first and (not target.floor or self._port.latest(name, source)) and await self._comes(standing, target):
+            return
+        rate = standing.rate(target)
+        result = await self._asker.set(source, msgid, 1e6 / rate)
+        standing.since, standing.forgotten = time.monotonic(), False
+        standing.not_before = standing.since + standing.pause + 3.0 / rate
+        standing.pause = min(2.0 * standing.pause, UNANSWERED_PAUSE if result is None else LONGEST_PAUSE)
+        if result is None or result == ACCEPTED:
+            standing.asked, standing.refused = rate, None  # without an answer: what flows will tell
+        else:
+            self._refuse(standing, target, result, rate)
+
+    async def _comes(self, standing: Standing, target: Target) -> bool:
+        """Learn how the message is sent before we ask; True where that is enough, and not yet known not to come."""
+        assert self._of is not None
+        interval = await self._asker.get(self._of, _msgid(target.name, self._port))
+        flow = self._flows().get(target.name)
+        standing.before = interval or (1e6 / flow.hz if flow and flow.hz > 0 else DEFAULT)
+        if not interval or interval < 0 or 1e6 / interval < ENOUGH * target.granted or standing.pause > 1.0:
+            return False
+        standing.not_before = time.monotonic() + 3.0 + interval / 1e6
+        standing.pause = 2.0
+        return True
+
+    def _refuse(self, standing: Standing, target: Target, result: int, rate: float) -> None:
+        if result in NEVER and rate > SLOWER_FROM:
+            standing.ceiling, standing.not_before = rate / 2, 0.0
+            self._wake.set()
+            return
+        word = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")
+        if standing.refused is None:
+            readers = ", ".join(target.readers)
+            text = f"{target.name} at {rate:.3g} Hz refused: {word} (wanted by {readers})"
+            self._events.emit("rate", "warning", text, message=target.name, result=word)
+        standing.refused = word
+        if standing.asked is None:
+            standing.final = result in NEVER
+        else:
+            standing.ceiling = standing.asked  # what it sends already is the most there is
+
+    async def _put_back(self, source: tuple[int, int], name: str) -> None:
+        """Nobody reads it any more."""
+        standing, flow = self._standing[name], self._flows().get(name)
+        if standing.asked is None:
+            if not standing.final:  # what was refused for good is remembered
+                del self._standing[name]
+            return
+        if time.monotonic() < standing.not_before and standing.tries:
+            return
+        others = flow is not None and flow.span > 2.0 and flow.hz > 1.3 * standing.asked
+        if not others:
+            result = await self._asker.set(source, _msgid(name, self._port), standing.before)
+            standing.tries += 1
+            standing.not_before = time.monotonic() + 1.0
+            if result is None and standing.tries < 5:
+                return
+        if any(target.name == name for target in self._targets):
+            standing.asked, standing.tries = None, 0  # somebody came meanwhile
+        else:
+            self._standing.pop(name, None)
+
+    # Statistics.
+
+    def table(self) -> wire.RateTable:
+        """What comes, what was asked for, what is wanted and by whom."""
+        measured, targets = self.meter.measured(), {target.name: target for target in self._targets}
+        messages, seen = [], set()
+        for (name, sysid, compid), m in sorted(measured.items()):
+            row = wire.MessageRate(
+                name=name, sysid=sysid, compid=compid, hz=m.hz, bytes_rate=m.bytes_rate, count=m.total, age=m.age
+            )
+            if (sysid, compid) == self._of:
+                seen.add(name)
+                self._add_wish(row, targets.get(name))
+            messages.append(row)
+        for name, target in sorted(targets.items()):
+            if name not in seen:
+                row = wire.MessageRate(name=name, hz=0.0, bytes_rate=0.0, count=0)
+                self._add_wish(row, target)
+                messages.append(row)
+        return wire.RateTable(
+            t=time.time(),
+            capacity=self._port.link.capacity,
+            used=self.meter.used,
+            plain_subscribers=self.demands.sees_subscribers,
+            junk=self.demands.junk,
+            messages=messages,
+        )
+
+    def _add_wish(self, row: wire.MessageRate, target: Target | None) -> None:
+        standing = self._standing.get(row.name)
+        if standing is not None:
+            row.asked_hz, row.refused = standing.asked, standing.refused
+        if target is not None:
+            row.wanted_hz, row.readers, row.shed = target.hz, target.readers, target.shed
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(self._key, wire.encode(self.table()), encoding=keys.RATES.encoding)
+
+
+def _enough(flow: Measured | None, rate: float) -> bool:
+    return flow is not None and flow.hz >= ENOUGH * rate
+
+
+def _msgid(name: str, port: Port) -> int:
+    number = name.removeprefix("UNKNOWN_")
+    return int(number) if number.isdecimal() else port.dialect.message(name).id

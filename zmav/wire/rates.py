@@ -6,9 +6,12 @@ from zmav.wire.base import Wire
 
 
 class MessageRate(Wire, kw_only=True):
-    """One kind of message on the vehicle's link."""
+    """One kind of message from one component, heard on the vehicle's link or wanted from its autopilot."""
 
     name: str
+    sysid: int | None = None
+    compid: int | None = None
+    """None: wanted, and never heard"""
     hz: float
     """received over the last seconds"""
     bytes_rate: float
@@ -19,8 +22,12 @@ class MessageRate(Wire, kw_only=True):
     """what the autopilot was asked for; None: it sends this by itself"""
     wanted_hz: float | None = None
     """the highest rate a reader wants"""
+    readers: list[str] = []
+    """who wants it: ``floor`` and ``clock`` are the vehicle's own, a name with a number a token, else a Zenoh id"""
     shed: bool = False
     """sent slower than wanted, for the link is full"""
+    refused: str | None = None
+    """MAV_RESULT without its prefix, where the autopilot does not send it at the rate wanted"""
 
 
 class RateTable(Wire, kw_only=True):
@@ -30,4 +37,8 @@ class RateTable(Wire, kw_only=True):
     capacity: float | None = None
     """bytes a second the link can carry (serial: its baud rate over ten); None: not limited by its kind"""
     used: float = 0.0
+    plain_subscribers: bool = False
+    """subscribers without a token count as readers, too: so where the vehicle's session is a router"""
+    junk: int = 0
+    """tokens that name no message or no rate from above 0 to 500 Hz, left out"""
     messages: list[MessageRate] = []

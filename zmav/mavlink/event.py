@@ -1,0 +1,60 @@
+"""EVENT (410): what PX4 says by number instead of in words, read without a dialect that knows it.
+
+https://mavlink.io/en/services/events.html. The words belonging to an id are in metadata of the very firmware, which is
+not here; id, severity, sequence and arguments are. pymavlink's dialects lack the message, so that its frames pass as
+UNKNOWN_410, unchecked: the checksum is therefore checked here.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import msgspec
+
+from zmav.mavlink.checksum import checksum
+from zmav.mavlink.frame import CHECKSUM, HEADER_V2, MAGIC_V2, Frame
+
+MSGID = 410
+NAME = "EVENT"
+CRC_EXTRA = 160
+"""of its definition, whose fields are those of ``_PAYLOAD``: id, event_time_boot_ms, sequence, destination_component,
+destination_system, log_levels, arguments"""
+_PAYLOAD = struct.Struct("<IIHBBB40s")  # by size of the fields' types, as they lie on the wire
+PROTOCOL = 8
+"""log levels from here on are not for people: 8 is for protocols, 9 is disabled"""
+
+
+class Event(msgspec.Struct, frozen=True):
+    """One event of an autopilot."""
+
+    id: int
+    """bits 24 to 31: the component that defines it (1: PX4's own); the rest: a hash of its name"""
+    time_boot_ms: int
+    sequence: int
+    """rises by one each event, wraps at 65536"""
+    level: int
+    """MAV_SEVERITY for people outside the autopilot (0 to 7); 8 and 9: not for them"""
+    log_level: int
+    """as ``level``, for the autopilot's own log"""
+    arguments: bytes
+
+    @property
+    def for_people(self) -> bool:
+        return self.level < PROTOCOL
+
+    def __str__(self) -> str:
+        values = self.arguments.rstrip(b"\0").hex()
+        return f"PX4 event 0x{self.id:08x}" + (f" ({values})" if values else "")
+
+
+def read_event(frame: Frame) -> Event | None:
+    """The event in a frame with the id of EVENT; None where its checksum is wrong: then it is no EVENT at all."""
+    data = frame.data
+    if frame.msgid != MSGID or data[0] != MAGIC_V2:
+        return None
+    end = HEADER_V2 + data[1]
+    if checksum(data[1:end], CRC_EXTRA) != int.from_bytes(data[end : end + CHECKSUM], "little"):
+        return None
+    payload = frame.payload[: _PAYLOAD.size].ljust(_PAYLOAD.size, b"\0")
+    number, boot_ms, sequence, _component, _system, levels, arguments = _PAYLOAD.unpack(payload)
+    return Event(number, boot_ms, sequence, levels & 0x0F, levels >> 4, arguments)

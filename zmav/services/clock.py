@@ -1,0 +1,155 @@
+"""When the autopilot's boot time was, in UTC: what TIMESYNC answers say, and how sure that is.
+
+Every answer proves something: the autopilot stamped it (``tc1``) between our question and its arrival, so that the
+offset between its clock and ours lies in an interval as long as the round trip. :class:`Clock` keeps the intersection
+of all those intervals, each widened by how far the clocks may have drifted apart since; the narrowest round trips
+decide, and a delay that is all on one way cannot mislead, only say less. As NTP's clock filter, which prefers samples
+of least delay (RFC 5905, section 10), but with bounds instead of weights. Protocol:
+https://mavlink.io/en/services/timesync.html
+"""
+
+from __future__ import annotations
+
+import collections
+import time
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import msgspec
+
+MAX_DRIFT = 200e-6
+"""s a second two clocks may drift apart before anything is known of them: quartzes are within 100e-6 of the truth"""
+WANDER = 5e-6
+"""s a second by which a drift that was measured may change with temperature"""
+LEARN_AFTER = 30.0
+"""s between the first good offset and one that tells the drift"""
+ANCHORS = 10
+"""offsets kept to tell the drift from, a minute apart"""
+JUMP = 0.1
+"""s that two offsets must contradict each other by to be a restart or a step, and not an unsteady clock"""
+SETTLED = 5
+"""answers after which the offset is believed"""
+WRAP_MS = 1 << 32
+"""``time_boot_ms`` begins anew after 49.7 days"""
+
+Verdict = Literal["good", "restarted", "stepped"]
+
+
+class Stamp(NamedTuple):
+    """A moment in UTC seconds, and how far from the truth it can be."""
+
+    utc: float
+    error: float
+
+
+class Offset(msgspec.Struct, frozen=True):
+    """Ours minus the autopilot's clock lies between ``low`` and ``high`` at our time ``at``; all in seconds."""
+
+    at: float
+    low: float
+    high: float
+    slope: float = 0.0
+    """s a second by which it changes"""
+    wander: float = MAX_DRIFT
+    """... and by how much that may be wrong"""
+
+    def later(self, at: float) -> tuple[float, float]:
+        """The bounds at another time."""
+        change, spread = self.slope * (at - self.at), self.wander * abs(at - self.at)
+        return self.low + change - spread, self.high + change + spread
+
+
+class Clock:
+    """The autopilot's clock against ours. Fed on one thread; asked on any.
+
+    Our time is ``time.monotonic()``, so that a step of the companion's UTC disturbs nothing; ``utc_ahead()`` says how
+    far UTC is ahead of it at present.
+    """
+
+    def __init__(
+        self,
+        utc_ahead: Callable[[], float] = lambda: time.time() - time.monotonic(),
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._utc_ahead, self._now = utc_ahead, now
+        self._offset: Offset | None = None
+        self._boot = 0.0
+        self._count = 0
+        self._anchors: collections.deque[Offset] = collections.deque(maxlen=ANCHORS)
+
+    @property
+    def settled(self) -> bool:
+        return self._count >= SETTLED
+
+    @property
+    def boot(self) -> float:
+        """The autopilot's time at its last answer, in seconds."""
+        return self._boot
+
+    @property
+    def drift(self) -> float:
+        """s a second by which the autopilot's clock falls behind ours, as far as it is known."""
+        return self._offset.slope if self._offset else 0.0
+
+    def forget(self) -> None:
+        """Another autopilot, or none: begin anew."""
+        self._offset, self._boot, self._count = None, 0.0, 0
+        self._anchors.clear()
+
+    def sample(self, sent: float, received: float, boot: float) -> Verdict:
+        """One answer: asked and received at these of our seconds, stamped ``boot`` seconds after the boot."""
+        before, gone_back = self._offset, boot < self._boot
+        found = Offset(received, sent - boot, received - boot)
+        self._boot = boot
+        if before is None:
+            return self._begin(found, "good")
+        low, high = before.later(received)
+        if found.low - high > JUMP and (gone_back or received - before.at > 5.0):
+            return self._begin(found, "restarted")
+        if found.low - high > JUMP or low - found.high > JUMP:
+            return self._begin(found, "stepped")
+        meet = max(low, found.low), min(high, found.high)
+        if meet[0] > meet[1]:  # an unsteady clock, or one that stamps early: both may be true
+            meet = min(low, found.low), max(high, found.high)
+        self._count += 1
+        self._offset = self._learn(Offset(received, *meet))
+        return "good"
+
+    def _begin(self, found: Offset, verdict: Verdict) -> Verdict:
+        self.forget()
+        self._offset, self._count = found, 1
+        self._boot = found.at - found.high  # received - (received - boot)
+        return verdict
+
+    def _learn(self, now: Offset) -> Offset:
+        """Add what is known of the drift: the slopes possible between the oldest offset kept and this one."""
+        if self.settled and (not self._anchors or now.at - self._anchors[-1].at > 60.0):
+            self._anchors.append(now)
+        if not self._anchors or now.at - self._anchors[0].at < LEARN_AFTER:
+            return now
+        first = self._anchors[0]
+        span = now.at - first.at
+        least, most = (now.low - first.high) / span, (now.high - first.low) / span
+        wander = (most - least) / 2 + WANDER
+        if wander >= MAX_DRIFT:
+            return now
+        return Offset(now.at, now.low, now.high, (least + most) / 2, wander)
+
+    def at(self, boot: float, error: float = 0.0) -> Stamp | None:
+        """UTC of ``boot`` seconds after the boot, known to ``error``; None before the clock has settled, and for a
+        time that is still to come (it is of an earlier boot).
+        """
+        offset, settled = self._offset, self.settled
+        if offset is None or not settled:
+            return None
+        low, high = offset.later(boot + (offset.low + offset.high) / 2)
+        half = (high - low) / 2 + error
+        ours = boot + (low + high) / 2
+        if ours > self._now() + half + JUMP:
+            return None
+        return Stamp(ours + self._utc_ahead(), half)
+
+    def utc(self, time_boot_ms: int) -> Stamp | None:
+        """UTC of a ``time_boot_ms``, which is cut to whole milliseconds; as :meth:`at`."""
+        turns = round((self._boot * 1e3 - time_boot_ms) / WRAP_MS)
+        return self.at((time_boot_ms + max(turns, 0) * WRAP_MS + 0.5) / 1e3, 0.5e-3)
