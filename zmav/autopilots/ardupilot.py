@@ -17,6 +17,9 @@ PREARM_CHECK = 0x10000000
 
 class ArduPilot(Autopilot):
     name = "ardupilot"
+    log_suffix = ".bin"
+    log_directories: ClassVar[tuple[str, ...]] = ("/APM/LOGS", "/logs")
+    logs_while_armed = False
     floor: ClassVar[Mapping[str, float]] = {
         "GLOBAL_POSITION_INT": 10.0,
         "ATTITUDE": 10.0,
@@ -26,10 +29,10 @@ class ArduPilot(Autopilot):
         "EXTENDED_SYS_STATE": 2.0,
         "MISSION_CURRENT": 1.0,
     }
-    # Marked @ReadOnly or @Volatile in its parameter documentation.
+    # The system id, and what its parameter documentation marks @ReadOnly or @Volatile.
     own_params: ClassVar[tuple[str, ...]] = (
-        "STAT_*", "FORMAT_VERSION", "BARO*_GND_PRESS", "BARO_GND_TEMP", "BARO_FIELD_ELV", "*_DEVID", "INS_ACC*_ID",
-        "INS_GYR*_ID", "INS*_ACC_ID", "INS*_GYR_ID", "COMPASS_DEV_ID*",
+        "MAV_SYSID", "SYSID_THISMAV", "STAT_*", "FORMAT_VERSION", "BARO*_GND_PRESS", "BARO_GND_TEMP", "BARO_FIELD_ELV",
+        "*_DEVID", "INS_ACC*_ID", "INS_GYR*_ID", "INS*_ACC_ID", "INS*_GYR_ID", "COMPASS_DEV_ID*",
     )  # fmt: skip
 
     def __init__(self, kind: str) -> None:

@@ -144,10 +144,17 @@ class Autopilot(ABC):
     name: ClassVar[str]
     floor: ClassVar[Mapping[str, float]]
     """messages that always flow, and their rate in Hz; what a VehicleState is made of"""
+    log_suffix: ClassVar[str] = ""
+    """of a flight log's file"""
+    log_directories: ClassVar[tuple[str, ...]] = ()
+    """where its flight logs may lie, for MAVFTP"""
+    logs_while_armed: ClassVar[bool] = True
+    """whether it gives out logs while armed"""
     params_bytewise: ClassVar[bool] = False
     """how integer parameters travel where AUTOPILOT_VERSION does not tell: as their bytes, or cast to float"""
     own_params: ClassVar[tuple[str, ...]] = ()
-    """shell patterns of parameters it writes by itself: counters, ids of what it found, measurements"""
+    """shell patterns of parameters that are each vehicle's own: its system id, and what the autopilot writes by itself
+    (counters, ids of sensors it found, measurements)"""
 
     missions: MissionRules = MissionRules()
 

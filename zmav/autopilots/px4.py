@@ -67,12 +67,14 @@ def _mode(name: str, main: int, sub: int) -> Mode:
 
 class Px4(Autopilot):
     name = "px4"
+    log_suffix = ".ulg"
+    log_directories: ClassVar[tuple[str, ...]] = ("/fs/microsd/log",)
     # PX4 sends all of these by itself on its onboard link.
     floor: ClassVar[Mapping[str, float]] = {}
     missions = MissionRules(mode="MISSION", start_command=False, exact=False)
     params_bytewise: ClassVar[bool] = True
-    # Flight time, last flight's number: what its parameter reference calls volatile, and ids of sensors found.
-    own_params: ClassVar[tuple[str, ...]] = ("LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")
+    # The system id, flight time and number of flights, ids of the sensors it found.
+    own_params: ClassVar[tuple[str, ...]] = ("MAV_SYS_ID", "LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")
     # Below 2 Hz it leaves OFFBOARD, and it enters it only where the stream has flown for a second.
     keepalive_hz = 20.0
     engage_after = 1.0

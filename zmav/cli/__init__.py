@@ -26,6 +26,7 @@ VERBS = (
     "replay",
     "signing",
     "doctor",
+    "param",
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from zmav.vehicle.lease import Lease
+from zmav.vehicle.params import Difference, Params, differences
 from zmav.vehicle.vehicle import Vehicle
 
-__all__ = ["Lease", "Vehicle"]
+__all__ = ["Difference", "Lease", "Params", "Vehicle", "differences"]

@@ -16,6 +16,7 @@ from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, describe, parse_frame
 from zmav.vehicle.lease import Lease
+from zmav.vehicle.params import Params
 
 if TYPE_CHECKING:
     from zmav.client import Client, Subscription
@@ -42,6 +43,7 @@ class Vehicle:
     def __init__(self, client: Client, name: str, fleet: str) -> None:
         self._client, self.name, self._within = client, name, fleet
         self._lease = ""
+        self.params = Params(self)
 
     def __repr__(self) -> str:
         return f"Vehicle({self.name!r})"
