@@ -31,6 +31,7 @@ from zmav.services.logs import Logs
 from zmav.services.messages import Messages
 from zmav.services.mission import Missions
 from zmav.services.mission_flight import MissionFlight
+from zmav.services.needs import Needs
 from zmav.services.orders import Handler, Orders, Report
 from zmav.services.param import Params
 from zmav.services.payload import Payload
@@ -107,6 +108,7 @@ class Onboard:
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
         self.params = Params(session, port, self.identity, self.events)
+        self.setpoints.accept = Needs(self.params, self.identity, self.events).check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(session, port, ftp, Store(cache / fleet / name))
