@@ -56,8 +56,11 @@ class Subscription(Generic[T]):
     Use it with ``async with`` and iterate; it lasts until it is left, and goes on when a lost router is found again.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int) -> None:
-        self._session, self._key, self._convert = session, key, convert
+    def __init__(
+        self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int, token: str = ""
+    ) -> None:
+        self._session, self._key, self._convert, self._token_key = session, key, convert, token
+        self._token: zenoh.LivelinessToken | None = None
         self._samples: collections.deque[zenoh.Sample] = collections.deque(maxlen=depth)
         self._arrived = asyncio.Event()
         self._subscriber: zenoh.Subscriber[None] | None = None
@@ -69,11 +72,16 @@ class Subscription(Generic[T]):
     async def __aenter__(self) -> Subscription[T]:
         arrived = on_loop(asyncio.get_running_loop(), self._on_sample)
         self._subscriber = self._session.declare_subscriber(self._key, arrived)
+        if self._token_key:
+            self._token = self._session.liveliness().declare_token(self._token_key)
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:
+        if self._token is not None:
+            self._token.undeclare()
+            self._token = None
         if self._subscriber is not None:
             self._subscriber.undeclare()
             self._subscriber = None
@@ -216,23 +224,31 @@ class Client:
     # The key space.
 
     @overload
-    def subscribe(self, key: str, *, depth: int = 1000) -> Subscription[zenoh.Sample]: ...
+    def subscribe(self, key: str, *, depth: int = 1000, token: str = "") -> Subscription[zenoh.Sample]: ...
 
     @overload
-    def subscribe(self, key: str, convert: Callable[[zenoh.Sample], T], depth: int = 1000) -> Subscription[T]: ...
+    def subscribe(
+        self, key: str, convert: Callable[[zenoh.Sample], T], depth: int = 1000, token: str = ""
+    ) -> Subscription[T]: ...
 
     def subscribe(
-        self, key: str, convert: Callable[[zenoh.Sample], Any] | None = None, depth: int = 1000
+        self, key: str, convert: Callable[[zenoh.Sample], Any] | None = None, depth: int = 1000, token: str = ""
     ) -> Subscription[Any]:
         """Samples of a key expression (``quad*/ATTITUDE`` or ``zmav/...``), converted one by one.
 
         A sample for which ``convert`` raises :class:`~zmav.errors.BadInput` is counted and left out. At most ``depth``
-        of them wait for the reader. Raises :class:`~zmav.errors.BadKey`.
+        of them wait for the reader. ``token``: the key of a liveliness token that is there as long as it is read
+        (:func:`zmav.vehicle.rates.want_key`). Raises :class:`~zmav.errors.BadKey`.
         """
-        return Subscription(self.session, keys.expression(key, self.fleet_name), convert or (lambda s: s), depth)
+        return Subscription(self.session, keys.expression(key, self.fleet_name), convert or (lambda s: s), depth, token)
 
-    async def ask(self, key: str, payload: bytes = b"", timeout: float = 2.0) -> list[Answer | ZmavError]:
-        """Query a key expression; every answer that comes, error replies as exceptions in the list."""
+    async def ask(
+        self, key: str, payload: bytes = b"", timeout: float = 2.0, channel: keys.Channel = keys.DO
+    ) -> list[Answer | ZmavError]:
+        """Query a key expression; every answer that comes, error replies as exceptions in the list.
+
+        ``channel``: whose class of service it has. Of bulk nothing is held back for the end, where it may be lost.
+        """
         loop, done = asyncio.get_running_loop(), asyncio.Event()
         answers: list[Answer | ZmavError] = []
 
@@ -246,8 +262,9 @@ class Client:
         handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)
         try:
             self.session.get(
-                key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **keys.DO.qos.options()
-            )
+                key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
+                consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
+            )  # fmt: skip
         except zenoh.ZError as e:
             raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):

@@ -10,28 +10,41 @@ import click
 import zenoh
 
 import zmav
+from zmav import keys
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.mavlink import Dialect
 from zmav.session import SessionSettings
+from zmav.vehicle.rates import want_key
 from zmav.zenoh_codec import readable
 
 
 @click.command("echo")
 @click.argument("key")
 @click.option("-n", "--count", type=click.IntRange(1), help="End after that many.")
+@click.option("--rate", "hz", type=float, help="Have the autopilot send the message so many times a second meanwhile.")
 @click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file.")
 @fleet_option
 @json_option
 @zenoh_options
-def command(key: str, count: int | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    """Print what is published: 'quad1' (its state), 'quad*/ATTITUDE', 'quad1/link/*', or any key expression."""
-    run(_echo(key, count, dialect, fleet, as_json, settings))
+def command(
+    key: str, count: int | None, hz: float | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings
+) -> None:
+    """Print what is published: 'quad1' (its state), 'quad*/ATTITUDE', 'quad1/link/*', or any key expression.
+
+    A message that the autopilot does not send by itself is asked for as long as it is read, a few times a second or as
+    fast as --rate says: 'zmav echo quad1/VFR_HUD --rate 20'.
+    """
+    run(_echo(key, count, hz, dialect, fleet, as_json, settings))
 
 
 async def _echo(
-    key: str, count: int | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings
+    key: str, count: int | None, hz: float | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings
 ) -> None:
-    async with zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z, z.subscribe(key) as samples:
+    token = "" if hz is None else want_key(keys.expression(key, fleet), hz, "echo")
+    async with (
+        zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
+        z.subscribe(key, token=token) as samples,
+    ):
         await asyncio.to_thread(lambda: z.dialect)  # an unknown one is said now, and not at every message
         seen = 0
         async for sample in samples:

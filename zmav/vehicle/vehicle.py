@@ -15,8 +15,11 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, describe, parse_frame
-from zmav.vehicle.lease import Lease
+from zmav.vehicle.files import Files, Logs
+from zmav.vehicle.lease import Lease, held
 from zmav.vehicle.params import Params
+from zmav.vehicle.rates import Rates, want_key
+from zmav.vehicle.missions import Missions
 
 if TYPE_CHECKING:
     from zmav.client import Client, Subscription
@@ -44,6 +47,9 @@ class Vehicle:
         self._client, self.name, self._within = client, name, fleet
         self._lease = ""
         self.params = Params(self)
+        self.files = Files(self, client)
+        self.logs = Logs(self, self.files)
+        self.rates = Rates(self, client)
 
     def __repr__(self) -> str:
         return f"Vehicle({self.name!r})"
@@ -107,9 +113,10 @@ class Vehicle:
         answer = await self._ask(keys.MSG.key(self.fleet, self.name, msg=keys.check_message(name)))
         return wire.decode(answer, wire.LastMessage, f"reply to msg/{name}")
 
-    def stream(self, name: str, depth: int = 1000) -> Subscription[MavMessage]:
+    def stream(self, name: str, depth: int = 1000, hz: float | None = None) -> Subscription[MavMessage]:
         """Every message of that name: ``async with vehicle.stream("ATTITUDE") as s: async for message in s: ...``.
 
+        With ``hz``, the autopilot is asked for that many a second as long as it is read; the fastest reader decides.
         Raises :class:`~zmav.errors.BadMessage` where the dialect lacks it; ``UNKNOWN_410`` names it by its number.
         """
         dialect = self._client.dialect
@@ -120,7 +127,12 @@ class Vehicle:
             return describe(parse_frame(sample.payload.to_bytes(), dialect), dialect)
 
         key = keys.RX.key(self._within, self.name, sys="*", comp="*", msg=name)
-        return self._client.subscribe(key, convert, depth)
+        return self._client.subscribe(key, convert, depth, token=want_key(key, hz) if hz is not None else "")
+
+    @property
+    def missions(self) -> Missions:
+        """Missions, fences and rally points."""
+        return Missions(self, self._client.dialect)
 
     # Orders.
 
@@ -228,20 +240,21 @@ class Vehicle:
         return time.perf_counter() - start
 
     @contextlib.asynccontextmanager
-    async def lease(self, holder: str, ttl: float = 3.0) -> AsyncIterator[Lease]:
-        """Command the vehicle alone while the ``async with`` lasts; renewed by itself. Raises :class:`NotHolder`."""
-        keys.check_name(holder, "holder")
-        granted = await self.order("lease", wire.TakeLease(holder=holder, ttl=ttl))
-        lease = Lease(self, self._client, holder, granted["lease"], ttl)
-        self._lease = lease.token
-        renewer = asyncio.create_task(lease.keep())
-        try:
-            yield lease
-        finally:
-            renewer.cancel()
-            self._lease = ""
-            with contextlib.suppress(ZmavError):
-                await self.order("release", wire.DropLease(lease=lease.token))
+    async def lease(self, holder: str, ttl: float = 3.0, priority: int = 0) -> AsyncIterator[Lease]:
+        """Command the vehicle alone while the ``async with`` lasts; renewed by itself. A higher ``priority`` (0 to 100)
+        takes it from a lower one. Raises :class:`NotHolder`, or Refused while the pilot's switch says that he has it.
+        """
+        async with held(self, self._client, holder, ttl, priority) as lease:
+            self._lease = lease.token
+            try:
+                yield lease
+            finally:
+                self._lease = ""
+
+    async def revoke(self, reason: str = "") -> str | None:
+        """As an operator, end whoever's lease: the vehicle holds. Returns who held it."""
+        ended = await self.order("revoke", wire.RevokeLease(reason=reason))
+        return ended["holder"] and str(ended["holder"])
 
     async def _ask(self, key: str, payload: bytes = b"") -> bytes:
         """One answer from this vehicle; asked again for a while where none comes: the network may have a hole."""
