@@ -1,4 +1,4 @@
-"""One commander at a time: granted, renewed, run out, given back, refused to a second, ended by hold and land."""
+"""One commander at a time: granted, renewed, run out, given back, preempted, revoked, ended with its holder."""
 
 from __future__ import annotations
 
@@ -7,17 +7,26 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
 
 if TYPE_CHECKING:
+    from tests.conftest import Net, StartOnboard
     from tests.services.conftest import Bench, StartBench
 
 
-async def take(b: Bench, holder: str = "alice", ttl: float = 30.0) -> str:
-    token: str = (await b.ground.do("lease", holder=holder, ttl=ttl)).result["lease"]
+async def take(b: Bench, holder: str = "alice", ttl: float = 30.0, **more: object) -> str:
+    token: str = (await b.ground.do("lease", holder=holder, ttl=ttl, **more)).result["lease"]
     return token
+
+
+def here(b: Bench, holder: str, instance: str) -> zenoh.LivelinessToken:
+    """The holder's liveliness token."""
+    return b.ground.session.liveliness().declare_token(
+        keys.HOLDER.key("demo", "quad1", holder=holder, instance=instance)
+    )
 
 
 async def test_granted_shown_and_given_back(bench: StartBench) -> None:
@@ -56,7 +65,7 @@ async def test_orders_of_others_are_refused_while_it_lasts(
 ) -> None:
     b = await (await bench()).connected()
     token = await take(b)
-    with pytest.raises(NotHolder, match="hold, land and disarm are open to everybody"):
+    with pytest.raises(NotHolder, match="hold, land, rtl and disarm are open to everybody"):
         await b.ground.do(verb, **args)
     assert (b.peer.mode, b.peer.armed) == (0, False)
     assert (await b.ground.do(verb, lease=token, **args)).status == "done"
@@ -105,10 +114,111 @@ async def test_open_orders_of_the_holder_keep_it(bench: StartBench) -> None:
 
 @pytest.mark.parametrize(
     ("args", "field"),
-    [({"holder": ""}, "holder"), ({"holder": "a", "ttl": 61}, "ttl"), ({"holder": "a", "ttl": -1}, "ttl")],
+    [
+        ({"holder": ""}, "holder"),
+        ({"holder": "A B"}, "holder"),
+        ({"holder": "a", "ttl": 61}, "ttl"),
+        ({"holder": "a", "ttl": -1}, "ttl"),
+        ({"holder": "a", "priority": 101}, "priority"),
+        ({"holder": "a", "priority": -1}, "priority"),
+        ({"holder": "a", "instance": "a/b"}, "instance"),
+    ],
 )
 async def test_wrong_requests(bench: StartBench, args: dict[str, object], field: str) -> None:
     b = await (await bench()).connected()
-    with pytest.raises(BadInput, match="a lease needs") as e:
+    with pytest.raises(BadInput) as e:
         await b.ground.do("lease", **args)
     assert e.value.detail["field"] == field
+    assert b.vehicle.leases.holder is None
+
+
+async def test_only_a_higher_priority_takes_it(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    token = await take(b, priority=50)
+    for priority in (0, 50):
+        with pytest.raises(NotHolder, match="alice commands quad1") as e:
+            await b.ground.do("lease", holder="bob", priority=priority)
+        assert e.value.detail["priority"] == 50
+    assert await take(b, "bob", priority=51) != token
+    said = await b.event("bob (priority 51) took the lease from alice (50)", kind="lease")
+    assert said["detail"] == {"holder": "alice", "reason": "preempted", "by": "bob"}
+    with pytest.raises(NotHolder, match=r"bob \(priority 51\) took the lease from alice.*bob commands quad1"):
+        await b.ground.do("lease", holder="alice", lease=token, priority=50)
+    state = await b.state(lambda s: s["lease"] and s["lease"]["holder"] == "bob", "bob's lease")
+    assert (state["lease"]["priority"], state["lease"]["number"]) == (51, 2)
+    assert (state["lease_end"]["number"], state["lease_end"]["reason"], state["lease_end"]["by"]) == (
+        1,
+        "preempted",
+        "bob",
+    )
+
+
+async def test_an_operator_revokes_it(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    token = await take(b, priority=100)
+    assert (await b.ground.do("revoke", reason="lunch")).result == {"holder": "alice"}
+    await b.event("lease of alice revoked by an operator: lunch", kind="lease")
+    with pytest.raises(NotHolder, match="no such lease on quad1 any more: lease of alice revoked"):
+        await b.ground.do("set_mode", mode="GUIDED", lease=token)
+    assert (await b.ground.do("revoke")).result == {"holder": None}
+
+
+async def test_an_ended_lease_is_not_renewed(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    token = await take(b, ttl=0.1)
+    await b.event("lease of alice ran out")
+    with pytest.raises(NotHolder, match="any more: lease of alice ran out") as e:
+        await b.ground.do("lease", holder="alice", lease=token)
+    assert e.value.detail["reason"] == "expired"
+    assert b.vehicle.leases.holder is None
+
+
+async def test_orders_renew_it(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    token = await take(b)
+    granted = (await b.state(lambda s: s["lease"], "lease"))["lease"]["expires"]
+    await b.ground.do("set_mode", mode="GUIDED", lease=token)
+    await b.state(lambda s: s["lease"]["expires"] > granted + 0.05, "renewed lease")
+
+
+async def test_it_ends_with_its_holder_s_token(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    token = here(b, "alice", "one")
+    another = here(b, "alice", "two")
+    await take(b, instance="one")
+    another.undeclare()
+    await b.event("alice commands")
+    assert (await b.state(lambda s: True, "a state"))["lease"]["holder"] == "alice"
+    token.undeclare()
+    said = await b.event("alice, who held the lease, is gone", kind="lease")
+    assert said["detail"]["reason"] == "gone"
+    assert (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]["reason"] == "gone"
+
+
+async def test_a_token_that_comes_late_ends_nothing(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    await take(b, instance="one")
+    await b.state(lambda s: s["lease"], "lease")
+    token = here(b, "alice", "one")
+    leases = b.vehicle.leases
+    await b.state(lambda s: ("alice", "one") in leases._present, "the token")
+    assert leases.holder == "alice"
+    token.undeclare()
+    await b.event("alice, who held the lease, is gone")
+
+
+async def test_a_token_that_was_there_before_the_agent_counts(
+    bench: StartBench, net: Net, onboard: StartOnboard
+) -> None:
+    b = await (await bench()).connected()
+    token = here(b, "alice", "one")
+    await onboard.close(b.vehicle)
+    session, endpoint = net.router(b.endpoint)
+    again = await onboard(session, b.peer.url, "quad1")
+    events = net.ground(endpoint).samples(keys.EVENT)
+    await asyncio.to_thread(lambda: None)
+    await b.ground.do("lease", holder="alice", ttl=30, instance="one")
+    while ("alice", "one") not in again.leases._present:
+        await asyncio.sleep(0.01)
+    token.undeclare()
+    await events.object(lambda e: "is gone" in e["text"], "the lease's end")

@@ -144,6 +144,11 @@ class Ladder:
             self._wake(min(due, self._due) if step is Step.ENGAGING is self._step else due)
             return mode == flown.mode
 
+    def wait_until_idle(self, timeout: float) -> bool:
+        """Block until nothing is flown; False after ``timeout`` seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._step is Step.IDLE, timeout)
+
     @property
     def flying(self) -> bool:
         """A stream is flown, or was until it went stale."""
@@ -335,6 +340,7 @@ class Ladder:
         if self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due = Step.IDLE, None, math.inf
+        self._changed.notify_all()
 
     def _mode(self) -> tuple[str | None, bool]:
         """The autopilot's mode and arming by its last HEARTBEAT."""

@@ -100,9 +100,11 @@ class Leases:
     # What others use.
 
     def allow(self, token: str) -> None:
-        """Raise :class:`NotHolder` where somebody else commands; with no lease given out, an order needs none."""
+        """Raise :class:`NotHolder` where somebody else commands, or ``token``'s lease has ended: who was given it does
+        not go on as if nothing had been. With no lease given out, an order needs none.
+        """
         self.tick()
-        if self._token and token != self._token:
+        if token != self._token:
             raise self.refusal(token)
         if self._token:
             self.renew()

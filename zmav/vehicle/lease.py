@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from typing import TYPE_CHECKING
+import uuid
+from collections.abc import AsyncIterator, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder, ZmavError
@@ -15,51 +18,131 @@ if TYPE_CHECKING:
 
 
 class Lease:
-    """The right to command one vehicle, and the stream of setpoints under it."""
+    """The right to command one vehicle, and the stream of setpoints under it. Made by :meth:`Vehicle.lease`.
 
-    def __init__(self, vehicle: Vehicle, client: Client, holder: str, token: str, ttl: float) -> None:
-        self.vehicle, self.holder, self.token = vehicle, holder, token
-        self._client, self._ttl = client, ttl
+    It ends when another agent of a higher priority, an operator or the pilot takes it, when it is not renewed in time,
+    or when this process or its network dies; the vehicle then holds. From then on :meth:`setpoint` raises what took it.
+    """
+
+    def __init__(self, vehicle: Vehicle, client: Client, args: wire.TakeLease, granted: dict[str, Any]) -> None:
+        self.vehicle, self.holder, self.priority = vehicle, args.holder, args.priority
+        self.token, self.number = str(granted["lease"]), int(granted["number"])
+        self._client, self._args = client, args
         self._seq = 0
+        self._agent: str | None = None
+        """the instance of the vehicle's agent that granted it"""
+        heard = vehicle.last_state
+        self._since = heard.t if heard else 0.0
+        """by the vehicle's clock: what it said until then is of leases before this one"""
         self._lost: ZmavError | None = None
-        self._key = keys.SETPOINT.key(vehicle.fleet, vehicle.name, agent=holder)
+        self._key = keys.SETPOINT.key(vehicle.fleet, vehicle.name, agent=args.holder)
 
-    def setpoint(
-        self,
-        *,
-        pos: wire.Vector | None = None,
-        vel: wire.Vector | None = None,
-        acc: wire.Vector | None = None,
-        yaw: float | None = None,
-        valid: float = 0.5,
-    ) -> None:
-        """Put one point (m, m/s, m/s², rad; NED about the fleet's origin), not to be flown later than ``valid`` seconds
-        from now. Repeat it at 5 Hz or more: half a second of silence and the vehicle holds. Raises what took the lease.
-        """
-        if self._lost is not None:
-            raise self._lost
-        self._seq += 1
-        point = wire.Setpoint(
-            lease=self.token, seq=self._seq, deadline=time.time() + valid, pos=pos, vel=vel, acc=acc, yaw=yaw
-        )
-        self._client.put(keys.SETPOINT, self._key, point)
+    @property
+    def lost(self) -> ZmavError | None:
+        """What took it: ``detail["reason"]`` as in :class:`~zmav.wire.LeaseEnd`; None while it is in force."""
+        if self._lost is None:
+            self._lost = self._ended()
+        return self._lost
 
     @property
     def sent(self) -> int:
         """Setpoints put so far."""
         return self._seq
 
+    def setpoint(
+        self,
+        *,
+        pos: wire.Vector | None = None,
+        lat_deg: float | None = None,
+        lon_deg: float | None = None,
+        alt_amsl: float | None = None,
+        alt_rel: float | None = None,
+        vel: wire.Vector | None = None,
+        acc: wire.Vector | None = None,
+        yaw: float | None = None,
+        yaw_rate: float | None = None,
+        attitude: wire.Quaternion | None = None,
+        rates: wire.Vector | None = None,
+        thrust: float | None = None,
+        torque: wire.Vector | None = None,
+        manual: wire.ManualControl | None = None,
+        rc: Sequence[int | None] | None = None,
+        servo: Sequence[int | None] | None = None,
+        valid: float = 0.5,
+    ) -> None:
+        """Put one point, not to be flown later than ``valid`` seconds from now; fields as in :class:`wire.Setpoint`.
+
+        Repeat it at 5 Hz or more: half a second of silence and the vehicle holds. Raises what took the lease.
+        """
+        frame: Literal["ned", "global"] = "global" if lat_deg is not None or lon_deg is not None else "ned"
+        self._put(
+            valid, frame=frame, pos=pos, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl=alt_amsl, alt_rel=alt_rel, vel=vel,
+            acc=acc, yaw=yaw, yaw_rate=yaw_rate, attitude=attitude, rates=rates, thrust=thrust, torque=torque,
+            manual=manual, rc=None if rc is None else list(rc), servo=None if servo is None else list(servo),
+        )  # fmt: skip
+
+    def segment(self, points: Sequence[wire.SegmentPoint], *, valid: float = 0.5) -> None:
+        """Commit the vehicle to a trajectory that ends at rest; it flies it by itself, however bad the network gets.
+
+        ``valid``: seconds within which it must have arrived there. The next segment or setpoint takes its place.
+        """
+        self._put(valid, segment=list(points))
+
+    def _put(self, valid: float, **fields: Any) -> None:
+        if self.lost is not None:
+            raise self.lost
+        self._seq += 1
+        point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=time.time() + valid, **fields)
+        self._client.put(keys.SETPOINT, self._key, point)
+
+    def _ended(self) -> ZmavError | None:
+        """What the vehicle's state says of it."""
+        state, name = self.vehicle.last_state, self.vehicle.name
+        if state is None:
+            return None
+        if self._agent is None and state.lease is not None and state.lease.number == self.number:
+            self._agent = state.instance
+        if self._agent is not None and state.instance != self._agent:
+            return NotHolder(f"the agent of {name} was restarted: the lease is gone", vehicle=name, reason="gone")
+        end = state.lease_end
+        if end is None or end.number != self.number or (self._agent is None and state.t <= self._since):
+            return None
+        detail = {"vehicle": name, "reason": end.reason, **({"by": end.by} if end.by else {})}
+        return NotHolder(f"{name}: {end.text}", **detail)
+
     async def keep(self) -> None:
         """Renew until cancelled or until the vehicle says no; a bad network is no reason to stop trying."""
-        while self._lost is None:
-            await asyncio.sleep(self._ttl / 3)
+        renewal = wire.TakeLease(
+            holder=self.holder, ttl=self._args.ttl, priority=self.priority, instance=self._args.instance,
+            lease=self.token,
+        )  # fmt: skip
+        while self.lost is None:
+            await asyncio.sleep(self._args.ttl / 3)
             try:
-                args = wire.TakeLease(holder=self.holder, ttl=self._ttl, lease=self.token)
-                granted = (await self.vehicle.order("lease", args))["lease"]
-                if granted != self.token:  # it had run out, and nobody knows who flew meanwhile: that is for our user
-                    self._lost = NotHolder(f"the lease of {self.vehicle.name} ran out", vehicle=self.vehicle.name)
-                    await self.vehicle.order("release", wire.DropLease(lease=granted))
+                await self.vehicle.order("lease", renewal)
             except (NotHolder, BadInput) as e:
-                self._lost = e
+                self._lost = self._lost or e
             except ZmavError:
                 continue
+
+
+@contextlib.asynccontextmanager
+async def held(vehicle: Vehicle, client: Client, holder: str, ttl: float, priority: int) -> AsyncIterator[Lease]:
+    """Take the lease, renew it, give it back. The liveliness token goes before it: its loss tells the vehicle at once
+    that this process or its network has died.
+    """
+    instance = uuid.uuid4().hex
+    key = keys.HOLDER.key(vehicle.fleet, vehicle.name, holder=keys.check_name(holder, "holder"), instance=instance)
+    token = client.session.liveliness().declare_token(key)
+    try:
+        args = wire.TakeLease(holder=holder, ttl=ttl, priority=priority, instance=instance)
+        lease = Lease(vehicle, client, args, await vehicle.order("lease", args))
+        renewer = asyncio.create_task(lease.keep())
+        try:
+            yield lease
+        finally:
+            renewer.cancel()
+            with contextlib.suppress(ZmavError):
+                await vehicle.order("release", wire.DropLease(lease=lease.token))
+    finally:
+        token.undeclare()
