@@ -1,0 +1,405 @@
+"""Uploads and downloads against an autopilot that stores as ArduPilot does, and as PX4 does; bad links, bad manners."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.services.mission_peer import DENIED, ERROR, FENCE, INVALID, MISSION, RALLY, MissionPeer
+from zmav import keys, wire
+from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
+from zmav.services.mission_transfer import Pace
+
+if TYPE_CHECKING:
+    from tests.services.conftest import Bench, StartBench
+
+WAYPOINT = "MAV_CMD_NAV_WAYPOINT"
+QUICK = Pace(reply=0.1, shortest=0.02, longest=0.15, again=0.05, busy=0.3)
+"""ten times as fast as life, as MissionPeer's own timeouts are"""
+
+
+def waypoints(count: int, alt: float = 30.0) -> list[dict[str, Any]]:
+    """A mission as do/mission_upload takes it."""
+    return [
+        {"command": WAYPOINT, "params": [i % 5], "x": -35.36 + i * 1e-4, "y": 149.16 - i * 2e-4, "z": alt + i / 8}
+        for i in range(count)
+    ]
+
+
+def raw(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The same as an autopilot stores it."""
+    return [
+        {
+            "frame": 3, "command": 16, "autocontinue": 1, "param1": item["params"][0], "param2": 0.0, "param3": 0.0,
+            "param4": 0.0, "x": round(item["x"] * 1e7), "y": round(item["y"] * 1e7), "z": item["z"],
+        }
+        for item in items
+    ]  # fmt: skip
+
+
+Start = Callable[..., Awaitable[tuple["Bench", MissionPeer]]]
+
+
+@pytest.fixture
+async def start(bench: StartBench) -> Any:
+    """A vehicle with a mission store: ``await start(style)``."""
+    peers: list[MissionPeer] = []
+
+    async def start(style: str = "ardupilot", pace: Pace = QUICK) -> tuple[Bench, MissionPeer]:
+        peer = MissionPeer(style=style)
+        await peer.open()
+        peers.append(peer)
+        b = await (await bench(peer)).connected()
+        b.vehicle.missions.pace = pace
+        return b, peer
+
+    yield start
+    for peer in peers:
+        await peer.close()
+
+
+async def plan(b: Bench, kind: str = "mission") -> wire.Mission:
+    (reply,) = await b.ground.ask(keys.MISSION.key("demo", "quad1", kind=kind))
+    if reply.ok is None:
+        assert reply.err is not None
+        raise wire.error_from(reply.err.payload.to_bytes())
+    return wire.decode(reply.ok.payload.to_bytes(), wire.Mission, "mission")
+
+
+@pytest.mark.parametrize("style", ["ardupilot", "px4"])
+async def test_up_and_down(start: Start, style: str) -> None:
+    b, peer = await start(style)
+    peer.load(MISSION, raw(waypoints(3, alt=99.0)))
+    outcome = await b.ground.do("mission_upload", items=waypoints(12))
+    assert peer.stored() == raw(waypoints(12))
+    known_by = {"ardupilot": "read back", "px4": "opaque id"}[style]
+    assert outcome.result["count"] == 12
+    assert outcome.result["known_by"] == known_by
+    assert "kept_otherwise" not in outcome.result
+    assert (await b.ground.do("mission_download")).result["count"] == 12
+    got = await plan(b)
+    assert [(i.command, i.params, i.z) for i in got.items] == [
+        (WAYPOINT, [each["params"][0], 0.0, 0.0, 0.0], each["z"]) for each in waypoints(12)
+    ]
+    assert [i.x for i in got.items] == pytest.approx([w["x"] for w in waypoints(12)])
+    assert [i.y for i in got.items] == pytest.approx([w["y"] for w in waypoints(12)])
+    assert {i.frame for i in got.items} == {"MAV_FRAME_GLOBAL_RELATIVE_ALT"}
+    await b.ground.do("mission_clear")
+    assert peer.stored() == []
+    assert (await plan(b)).items == []
+
+
+async def test_home_is_put_in_and_taken_out(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    jump = {"command": "MAV_CMD_DO_JUMP", "frame": "MAV_FRAME_MISSION", "params": [1, 3]}
+    await b.ground.do("mission_upload", items=[*waypoints(2), jump])
+    counts = [told.fields["count"] for told in peer.heard("MISSION_COUNT")]
+    assert counts == [4]
+    assert peer.plans[MISSION][3]["param1"] == 2.0  # as ArduPilot counts
+    assert (await plan(b)).items[2].params[0] == 1.0
+
+
+async def test_a_px4_mission_has_no_home(start: Start) -> None:
+    b, peer = await start("px4")
+    jump = {"command": "MAV_CMD_DO_JUMP", "frame": "MAV_FRAME_MISSION", "params": [1, 3]}
+    await b.ground.do("mission_upload", items=[*waypoints(2), jump])
+    assert peer.plans[MISSION][2]["param1"] == 1.0
+    assert len(peer.plans[MISSION]) == 3
+
+
+FENCE_ITEMS = [
+    *(
+        {
+            "command": "MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION",
+            "frame": "MAV_FRAME_GLOBAL",
+            "params": [3],
+            "x": x,
+            "y": y,
+        }
+        for x, y in ((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.0))
+    ),
+    {
+        "command": "MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION",
+        "frame": "MAV_FRAME_GLOBAL",
+        "params": [25.5],
+        "x": -35.05,
+        "y": 149.02,
+    },
+]
+RALLY_ITEMS = [{"command": "MAV_CMD_NAV_RALLY_POINT", "x": -35.0, "y": 149.0, "z": 40.0}]
+
+
+@pytest.mark.parametrize("style", ["ardupilot", "px4"])
+@pytest.mark.parametrize(("kind", "number", "items"), [("fence", FENCE, FENCE_ITEMS), ("rally", RALLY, RALLY_ITEMS)])
+async def test_fences_and_rally_points(
+    start: Start, style: str, kind: str, number: int, items: list[dict[str, Any]]
+) -> None:
+    b, peer = await start(style)
+    peer.load(MISSION, raw(waypoints(2)))
+    await b.ground.do("mission_upload", kind=kind, items=items)
+    assert len(peer.plans[number]) == len(items)  # no home among them
+    assert [(i.command, i.params[0]) for i in (await plan(b, kind)).items] == [
+        (i["command"], i.get("params", [0.0])[0]) for i in items
+    ]
+    assert peer.stored() == raw(waypoints(2))
+    await b.ground.do("mission_clear", kind=kind)
+    assert peer.plans[number] == []
+    assert peer.stored() == raw(waypoints(2))
+
+
+# The link.
+
+
+@pytest.mark.parametrize("style", ["ardupilot", "px4"])
+async def test_a_hundred_items_over_a_bad_link(start: Start, style: str) -> None:
+    """20 % of the frames lost and 200 ms delay each way, at a tenth of all times."""
+    b, peer = await start(style)
+    peer.load(MISSION, raw(waypoints(3, alt=99.0)))
+    peer.loss, peer.delay = 0.2, 0.02
+    assert (await b.ground.do("mission_upload", items=waypoints(100))).result["count"] == 100
+    assert (await b.ground.do("mission_download")).result["count"] == 100
+    assert peer.stored() == raw(waypoints(100))
+    assert len((await plan(b)).items) == 100
+
+
+async def test_the_last_word_is_lost(start: Start) -> None:
+    """The acknowledgement does not come, nor anything else: what is read back tells."""
+    b, peer = await start("ardupilot")
+    peer.silent_at_end = True
+    assert (await b.ground.do("mission_upload", items=waypoints(5))).result["known_by"] == "read back"
+    assert peer.stored() == raw(waypoints(5))
+
+
+async def test_nobody_answers(start: Start) -> None:
+    b, peer = await start("ardupilot", pace=Pace(reply=0.02, shortest=0.02, attempts=4))
+    peer.kinds = set()
+    peer.ack = lambda *args: None  # type: ignore[method-assign]
+    with pytest.raises(TimedOut, match="download of the mission: the autopilot does not answer"):
+        await b.ground.do("mission_upload", items=waypoints(5))
+    assert len(peer.heard("MISSION_REQUEST_LIST")) == 4
+    assert not peer.heard("MISSION_COUNT")  # the old plan is not known, so it is not put at risk
+
+
+# How it asks.
+
+
+@pytest.mark.parametrize("asks", ["MISSION_REQUEST", "MISSION_REQUEST_INT"])
+@pytest.mark.parametrize("style", ["ardupilot", "px4"])
+async def test_it_asks_twice_for_everything(start: Start, style: str, asks: str) -> None:
+    b, peer = await start(style)
+    peer.asks, peer.times_asked = asks, 2
+    await b.ground.do("mission_upload", items=waypoints(10))
+    assert peer.stored() == raw(waypoints(10))
+    assert len(peer.heard("MISSION_ITEM_INT")) >= 20
+    assert not peer.heard("MISSION_ITEM")
+
+
+async def test_it_asks_out_of_order(start: Start) -> None:
+    b, peer = await start("px4")
+    order, got = [2, 0, 3, 1, 3, 0], {}
+
+    def ask_next() -> None:
+        peer.send("MISSION_REQUEST_INT", target_system=1, target_component=191, seq=order[0])
+
+    def take(told: Any) -> None:
+        got[told.fields["seq"]] = {name: told.fields[name] for name in ("x", "y", "z")}
+        if order and told.fields["seq"] == order[0]:
+            order.pop(0)
+            if order:
+                ask_next()
+            else:
+                peer.ack(MISSION, 0, told.source, 77)
+
+    peer.on_mission_item_int = take  # type: ignore[method-assign]
+    peer.ask = ask_next  # type: ignore[method-assign]
+    await b.ground.do("mission_upload", items=waypoints(4))
+    assert {seq: item["x"] for seq, item in got.items()} == {i: w["x"] for i, w in enumerate(raw(waypoints(4)))}
+
+
+async def test_strangers_requests_and_acks_are_not_ours(start: Start) -> None:
+    """Another's transaction on the same link, seen in the middle of ours: only the target tells."""
+    b, peer = await start("ardupilot")
+    ask = peer.ask
+
+    def with_noise() -> None:
+        peer.send("MISSION_REQUEST_INT", target_system=255, target_component=190, seq=0)
+        peer.ack(MISSION, ERROR, (255, 190))
+        peer.ack(MISSION, 0, (255, 190))
+        peer.ack(FENCE, ERROR, (1, 191))
+        peer.ack(MISSION, 0, (1, 191))  # ours, but a late one
+        ask()
+
+    peer.ask = with_noise  # type: ignore[method-assign]
+    await b.ground.do("mission_upload", items=waypoints(5))
+    assert peer.stored() == raw(waypoints(5))
+    assert len(peer.heard("MISSION_ITEM_INT")) == 6
+
+
+async def test_a_ground_station_is_at_it_first(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.upload = {"kind": MISSION, "count": 3, "from": (255, 190), "next": 0, "new": []}
+    upload = asyncio.create_task(b.ground.do("mission_upload", items=waypoints(4)))
+    await peer.count("MISSION_REQUEST_LIST", 2)
+    peer.upload = None
+    await upload
+    assert peer.stored() == raw(waypoints(4))
+
+
+async def test_a_ground_station_never_ends(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.load(MISSION, raw(waypoints(2)))
+    peer.upload = {"kind": MISSION, "count": 3, "from": (255, 190), "next": 0, "new": []}
+    for verb, args in (("mission_upload", {"items": waypoints(4)}), ("mission_download", {})):
+        with pytest.raises(Refused, match="somebody else's transaction") as caught:
+            await b.ground.do(verb, **args)
+        assert caught.value.detail["result"] == "MAV_MISSION_DENIED"
+    assert peer.stored() == raw(waypoints(2))
+
+
+async def test_one_transaction_at_a_time(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.delay = 0.01
+    orders = [
+        b.ground.do("mission_upload", items=waypoints(6)),
+        b.ground.do("mission_upload", kind="rally", items=RALLY_ITEMS),
+        b.ground.do("mission_upload", kind="fence", items=FENCE_ITEMS),
+        b.ground.do("mission_download", kind="rally"),
+    ]
+    await asyncio.gather(*orders)
+    begun = [
+        t for t in peer.told if t.name in ("MISSION_COUNT", "MISSION_REQUEST_LIST", "MISSION_ITEM_INT", "MISSION_ACK")
+    ]
+    kinds = [t.fields["mission_type"] for t in begun]
+    runs = [kind for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
+    assert len(runs) <= 4, runs  # each to its end before the next
+    assert [len(peer.plans[kind]) for kind in (MISSION, FENCE, RALLY)] == [7, 4, 1]
+
+
+async def test_readers_at_the_same_time_share_one_download(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.load(MISSION, raw(waypoints(8)))
+    peer.delay = 0.02
+    found = await asyncio.gather(*(plan(b) for _ in range(5)))
+    assert [len(each.items) for each in found] == [8] * 5
+    assert len(peer.heard("MISSION_REQUEST_LIST")) == 1
+    await plan(b)  # from the cache
+    assert len(peer.heard("MISSION_REQUEST_LIST")) == 1
+
+
+async def test_a_slow_reading_says_how_far_it_is(start: Start) -> None:
+    b, peer = await start("ardupilot", pace=Pace(reply=2.0))
+    peer.load(MISSION, raw(waypoints(3)))
+    answer = peer.on_mission_request_int
+    peer.on_mission_request_int = lambda told: None if told.fields["seq"] == 2 else answer(told)  # type: ignore[method-assign]
+    with pytest.raises(Stale, match="being read: 3 of 4 items") as caught:
+        await plan(b)
+    assert caught.value.detail["reading"] is True
+    peer.on_mission_request_int = answer  # type: ignore[method-assign]
+    assert len((await plan(b)).items) == 3
+
+
+async def test_a_kind_it_does_not_keep(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.kinds = {MISSION}
+    with pytest.raises(Unsupported, match="MAV_MISSION_UNSUPPORTED"):
+        await b.ground.do("mission_upload", kind="fence", items=FENCE_ITEMS)
+    with pytest.raises(Unsupported):
+        await plan(b, "fence")
+    with pytest.raises(BadInput, match="no kind of mission 'survey'"):
+        await plan(b, "survey")
+
+
+async def test_a_plan_that_changes_while_it_is_read(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.load(MISSION, raw(waypoints(8)))
+    answer = peer.on_mission_request_int
+    changed: list[bool] = []
+
+    def change(told: Any) -> None:
+        if told.fields["seq"] == 4 and not changed:
+            changed.append(True)
+            peer.load(MISSION, raw(waypoints(3)))
+            peer.on_mission_request_list(told)
+        answer(told)
+
+    peer.on_mission_request_int = change  # type: ignore[method-assign]
+    await b.ground.do("mission_download")
+    assert len((await plan(b)).items) == 3
+
+
+# What is checked before anything is sent.
+
+
+@pytest.mark.parametrize(
+    ("kind", "items", "words"),
+    [
+        ("mission", [{"command": "MAV_CMD_NAV_WAYPONT"}], "item 0: no command .*; did you mean MAV_CMD_NAV_WAYPOINT"),
+        ("mission", [{"command": WAYPOINT, "frame": "GLOBAL"}], "no frame 'GLOBAL'; did you mean MAV_FRAME_GLOBAL"),
+        ("mission", [{"command": WAYPOINT, "x": 90.1}], "item 0: latitude 90.1 is beyond ±90"),
+        ("mission", [{"command": WAYPOINT, "y": -180.5}], "item 0: longitude -180.5 is beyond ±180"),
+        ("mission", [{"command": WAYPOINT, "z": 1e39}], "z is 1e\\+39"),
+        ("mission", [{"command": WAYPOINT, "params": [1, 2, 3, 4, 5]}], "5 params"),
+        ("mission", [{"command": "MAV_CMD_DO_JUMP", "params": [1]}], "jumps to item 1.0, which there is not"),
+        ("mission", [{"command": "MAV_CMD_DO_SET_SERVO", "x": 0.5}], "x is 0.5, but this command has whole numbers"),
+        ("mission", RALLY_ITEMS, "MAV_CMD_NAV_RALLY_POINT in a mission"),
+        ("mission", FENCE_ITEMS, "item 3: MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION in a mission"),
+        ("rally", [{"command": WAYPOINT}], f"{WAYPOINT} in rally points"),
+        ("fence", [{"command": WAYPOINT}], "is no fence item"),
+        ("fence", FENCE_ITEMS[:2], "a polygon of 3 vertices \\(param1\\) ends after 2"),
+        ("fence", [{**FENCE_ITEMS[0], "params": [2]}] * 2, "number of vertices of its polygon, 3 or more, not 2"),
+        ("fence", [*FENCE_ITEMS[:2], {**FENCE_ITEMS[2], "params": [4]}], "its vertex 2 says 4.0 in param1"),
+        ("fence", [{**FENCE_ITEMS[3], "params": [0]}], "a circle of radius 0 m"),
+        ("mission", [{"command": WAYPOINT, "x": 95}, {"command": WAYPOINT}, {"command": "X"}], "item 0: .*; item 2: "),
+    ],
+)  # fmt: skip
+async def test_bad_items_are_named_before_anything_is_sent(
+    start: Start, kind: str, items: list[dict[str, Any]], words: str
+) -> None:
+    b, peer = await start("ardupilot")
+    with pytest.raises(BadInput, match=words) as caught:
+        await b.ground.do("mission_upload", kind=kind, items=items)
+    assert caught.value.detail["faults"]
+    assert not [told for told in peer.told if told.name.startswith("MISSION_")]
+
+
+async def test_places_by_frame(start: Start) -> None:
+    """Degrees in a global frame, metres in a local one, plain numbers where the command has no place."""
+    b, peer = await start("px4")
+    items = [
+        {"command": WAYPOINT, "frame": "MAV_FRAME_GLOBAL", "x": -35.1234567, "y": 149.7654321, "params": [None] * 4},
+        {"command": WAYPOINT, "frame": "MAV_FRAME_LOCAL_NED", "x": 12.5, "y": -7.25},
+        {"command": "MAV_CMD_DO_DIGICAM_CONTROL", "frame": "MAV_FRAME_MISSION", "x": 1, "y": 2},
+        {"command": "MAV_CMD_DO_DIGICAM_CONTROL", "frame": "MAV_FRAME_GLOBAL", "x": 1, "y": 2},
+        {"command": "UNKNOWN_31999", "x": 1.5, "y": 2.5},
+    ]
+    await b.ground.do("mission_upload", items=items)
+    assert [(i["x"], i["y"]) for i in peer.stored()] == [
+        (-351234567, 1497654321), (125000, -72500), (1, 2), (1, 2), (15000000, 25000000),
+    ]  # fmt: skip
+    assert all(math.isnan(peer.stored()[0][f"param{n}"]) for n in range(1, 5))
+    assert peer.stored()[4]["command"] == 31999
+    await b.ground.do("mission_download")
+    got = (await plan(b)).items
+    assert [(i.command, i.x, i.y) for i in got] == [(i["command"], i["x"], i["y"]) for i in items]
+    assert got[0].params == [None] * 4
+
+
+async def test_refusals_name_the_item(start: Start) -> None:
+    b, peer = await start("ardupilot")
+    peer.refuses = {8: INVALID}
+    with pytest.raises(Refused, match=r"refused item 7 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID") as caught:
+        await b.ground.do("mission_upload", items=waypoints(10))
+    assert caught.value.detail["item"] == 7
+    assert caught.value.detail["result"] == "MAV_MISSION_INVALID"
+
+
+async def test_denied_in_the_middle_is_a_refusal(start: Start) -> None:
+    b, peer = await start("px4")
+    peer.load(MISSION, raw(waypoints(2)))
+    peer.refuses = {3: DENIED}
+    with pytest.raises(Refused, match=r"item 3 .*MAV_MISSION_DENIED; in force: the old mission"):
+        await b.ground.do("mission_upload", items=waypoints(10))

@@ -1,0 +1,104 @@
+"""A vehicle's missions, fences and rally points, as a script sees them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from zmav import keys, wire
+from zmav.errors import BadInput, Stale
+from zmav.formats import plans
+from zmav.formats.items import Plan
+from zmav.mavlink import Dialect
+from zmav.wire import MissionKind
+
+if TYPE_CHECKING:
+    from zmav.vehicle.vehicle import Vehicle
+
+Progress = Callable[[dict[str, Any]], None]
+KINDS: tuple[MissionKind, ...] = get_args(MissionKind)
+AGAIN = 0.3
+"""s before a plan that the vehicle is still reading is asked for again"""
+
+
+class Missions:
+    """``vehicle.missions``. Indices count from 0 without home, whatever the autopilot is.
+
+    Raises what orders raise; :class:`~zmav.errors.BadInput` names every item at fault before anything is sent, and the
+    ``in_force`` of a failed upload's detail says which plan the vehicle has: "old" or "unknown".
+    """
+
+    def __init__(self, vehicle: Vehicle, dialect: Dialect) -> None:
+        self._vehicle, self._dialect = vehicle, dialect
+
+    async def upload(
+        self,
+        what: Sequence[wire.MissionItem] | wire.Mission | Plan | str | Path,
+        kind: MissionKind | None = None,
+        *,
+        progress: Progress | None = None,
+    ) -> dict[MissionKind, dict[str, Any]]:
+        """Replace whole plans: items (of ``kind``, a mission unless said), a :class:`~zmav.wire.Mission`, or all that a
+        file (``.plan``, ``.waypoints``) holds, of ``kind`` alone where that is given. Returns what was done, by kind.
+        """
+        done: dict[MissionKind, dict[str, Any]] = {}
+        for each, items in plans_of(what, kind, self._dialect).items():
+            args = wire.MissionUpload(kind=each, items=items)
+            done[each] = await self._vehicle.order("mission_upload", args, progress)
+        return done
+
+    async def download(self, kind: MissionKind = "mission", *, progress: Progress | None = None) -> wire.Mission:
+        """Read the plan anew from the autopilot."""
+        await self._vehicle.order("mission_download", wire.MissionRefresh(kind=kind), progress)
+        return await self.get(kind)
+
+    async def get(self, kind: MissionKind = "mission") -> wire.Mission:
+        """The plan as the vehicle's companion knows it, with the item flown and the last one reached."""
+        key = keys.MISSION.key(self._vehicle.fleet, self._vehicle.name, kind=kind)
+        while True:
+            try:
+                return wire.decode(await self._vehicle._ask(key), wire.Mission, f"reply to mission/{kind}")
+            except Stale as e:
+                if not e.detail.get("reading"):
+                    raise
+                await asyncio.sleep(AGAIN)
+
+    async def clear(self, kind: MissionKind = "mission") -> None:
+        """Leave none of that kind."""
+        await self._vehicle.order("mission_clear", wire.MissionClear(kind=kind))
+
+    async def start(
+        self, first: int = 0, *, wait_end: bool = False, progress: Progress | None = None
+    ) -> dict[str, Any]:
+        """Fly the mission from item ``first`` on; with ``wait_end`` it returns at the mission's end, and raises
+        :class:`~zmav.errors.Refused` when the pilot takes over.
+        """
+        return await self._vehicle.order("mission_start", wire.MissionStart(first=first, wait_end=wait_end), progress)
+
+    async def set_current(self, index: int) -> None:
+        """Go on with item ``index``."""
+        await self._vehicle.order("mission_current", wire.MissionJump(index=index))
+
+
+def plans_of(
+    what: Sequence[wire.MissionItem] | wire.Mission | Plan | str | Path, kind: MissionKind | None, dialect: Dialect
+) -> dict[MissionKind, list[wire.MissionItem]]:
+    """What is to be uploaded, by kind; a kind that a file says nothing of, or has empty, is left alone unless asked for
+    by ``kind``. Raises :class:`BadInput` where there is nothing.
+    """
+    if isinstance(what, wire.Mission):
+        return {kind or what.kind: what.items}
+    name = str(what) if isinstance(what, (str, Path)) else "the plan"
+    if isinstance(what, (str, Path)):
+        what = plans.load(what, dialect.enums)
+    if not isinstance(what, Plan):
+        return {kind or "mission": list(what)}
+    by_kind: dict[MissionKind, list[wire.MissionItem] | None] = {
+        "mission": what.mission, "fence": what.fence, "rally": what.rally,
+    }  # fmt: skip
+    found = {each: items for each, items in by_kind.items() if items and kind in (None, each)}
+    if not found:
+        raise BadInput(f"{name} holds no {kind or 'items'}", field="kind", value=kind, expected="a plan with items")
+    return found
