@@ -28,6 +28,8 @@ from zmav.vehicle import Vehicle
 from zmav.waiting import within
 
 T = TypeVar("T")
+OVER = b"Timeout"
+"""Zenoh's own words when a query's time is over: nobody's answer"""
 FORGET = 30.0
 """s without token or state after which a vehicle is no longer listed"""
 
@@ -243,20 +245,29 @@ class Client:
         return Subscription(self.session, keys.expression(key, self.fleet_name), convert or (lambda s: s), depth, token)
 
     async def ask(
-        self, key: str, payload: bytes = b"", timeout: float = 2.0, channel: keys.Channel = keys.DO
+        self,
+        key: str,
+        payload: bytes = b"",
+        timeout: float = 2.0,
+        channel: keys.Channel = keys.DO,
+        enough: Callable[[Answer], bool] = lambda answer: False,
     ) -> list[Answer | ZmavError]:
         """Query a key expression; every answer that comes, error replies as exceptions in the list.
 
-        ``channel``: whose class of service it has. Of bulk nothing is held back for the end, where it may be lost.
+        ``channel``: whose class of service it has. Of bulk nothing is held back for the end, which may be lost like
+        any part of it; an answer that is ``enough`` ends the waiting.
         """
         loop, done = asyncio.get_running_loop(), asyncio.Event()
         answers: list[Answer | ZmavError] = []
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                answers.append(Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
-            elif reply.err is not None:
-                answers.append(wire.error_from(reply.err.payload.to_bytes()))
+                answer = Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+                answers.append(answer)
+                if enough(answer):
+                    done.set()
+            elif reply.err is not None and (said := reply.err.payload.to_bytes()) != OVER:
+                answers.append(wire.error_from(said))
 
         # Straight on Zenoh's thread: all it does is hand over, and a thread for each query would cost more.
         handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)

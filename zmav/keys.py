@@ -122,13 +122,17 @@ CHANNELS: dict[str, Channel] = {
             "mission, fence or rally points, from the vehicle's cache", (ANYONE,),
         ),
         Channel(
-            "file", "{fleet}/{vehicle}/file/{file}", "query", None, Qos.BULK,
-            "bytes of a file or log fetched from the autopilot, in chunks under file/{file}/{offset}", (ANYONE,),
+            "file", "{fleet}/{vehicle}/file/{file}", "query", wire.StoredFile, Qos.MUST_ARRIVE,
+            "a file or log fetched from the autopilot: what it is", (ANYONE,),
+        ),
+        Channel(
+            "file_chunk", "{fleet}/{vehicle}/file/{file}/{offset}", "query", None, Qos.BULK,
+            "its bytes: ask for offset * with a FileQuery, answered by chunks under their offsets", (ANYONE,),
             encoding=RAW,
         ),
         Channel(
-            "file_chunk", "{fleet}/{vehicle}/file/{file}/{offset}", "put", None, Qos.BULK,
-            "a chunk of a file: in answers, and put by who writes a file to the autopilot", (OPERATOR,), encoding=RAW,
+            "upload", "{fleet}/{vehicle}/upload/{file}/{offset}", "query", wire.Uploaded, Qos.BULK,
+            "a chunk of what do/file_put will write to the autopilot; each is acknowledged", (OPERATOR, PLANNER),
         ),
         Channel(
             "rates", "{fleet}/{vehicle}/rates", "query", wire.RateTable, Qos.MUST_ARRIVE,
@@ -164,7 +168,8 @@ CHANNELS: dict[str, Channel] = {
 RX, TX, STATE, EVENT = CHANNELS["rx"], CHANNELS["tx"], CHANNELS["state"], CHANNELS["event"]
 MSG, DO, SETPOINT, LINK = CHANNELS["msg"], CHANNELS["do"], CHANNELS["setpoint"], CHANNELS["link"]
 PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS["mission"], CHANNELS["rates"]
-FILE, FILE_CHUNK, WANT, HOLDER = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["want"], CHANNELS["holder"]
+FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
+WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
 
 

@@ -107,8 +107,13 @@ class Onboard:
             session, port, self.identity, self.commander, self.events, self.presence.check, rules
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
+        self.rates.needs.update(self.authority.pilot.needs)
+        self.flight.check, carrot = self.authority.bounds.check, self.authority.carrot
+        self.flight.lead, self.flight.leads = carrot.lead, lambda: carrot.leading
         self.params = Params(session, port, self.identity, self.events)
-        self.setpoints.accept = Needs(self.params, self.identity, self.events).check
+        count = self.setpoints.counts
+        self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
+        self.setpoints.accept = self.needs.check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(session, port, ftp, Store(cache / fleet / name))
@@ -165,6 +170,10 @@ class Onboard:
                 if "mode" in e.detail:  # the order saw the pilot's mode before anybody else judged it
                     self.authority.taken(e.message)
                 raise
+            except asyncio.CancelledError:
+                if why := self.authority.taken_from:
+                    raise Refused(f"taken over: {why}", vehicle=self.settings.name, mode=self.identity.mode) from None
+                raise
 
         return guarded
 
@@ -190,6 +199,7 @@ class Onboard:
         self.files.start()
         self.orders.start()
         self.authority.start()
+        self.needs.start()
         adapter.start()
         self._housekeeper = loop.create_task(self._keep_house())
         return self
@@ -199,6 +209,7 @@ class Onboard:
             self._housekeeper.cancel()
         self.rates.close()
         self.authority.close()
+        self.needs.close()
         await self.orders.close()
         self.params.close()
         await self.missions.close()

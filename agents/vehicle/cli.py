@@ -55,6 +55,10 @@ def up(
         sysid=sysid if sysid is not None else (table.sysid if table else None),
         dialect=dialect or (table.dialect if table else "ardupilotmega"),
         origin=origin_of(*origin) if origin else file.origin,
+        failsafe=(table.failsafe if table else None) or file.failsafe,
+        geofence=(table.geofence if table else None) or file.geofence,
+        limits=(table.limits if table else None) or file.limits,
+        pilot_switch=table.pilot_switch if table else None,
         cache=cache,
         signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
     )

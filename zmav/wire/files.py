@@ -1,9 +1,20 @@
-"""Files and logs of an autopilot, and how their bytes cross the key space."""
+"""Files and logs of an autopilot, and how their bytes cross the key space.
+
+A file is fetched in two steps: an order (``do/file_get``, ``do/log_get``) brings it from the autopilot to the vehicle's
+computer, whose answer is a :class:`StoredFile`; its bytes are then asked for on ``file/{file}/*`` as often as the
+network needs. The other way: chunks on ``upload/{file}/{offset}``, each acknowledged, then ``do/file_put``. Checksums
+are MAVFTP's CRC-32 (:func:`zmav.mavlink.ftp.crc32`).
+"""
 
 from __future__ import annotations
 
 from zmav.wire.base import Wire
 from zmav.wire.orders import Order
+
+CHUNK = 1100
+"""bytes of one chunk at most: bulk goes best effort, and a larger sample would be cut up on the way"""
+MOST_CHUNKS = 200
+"""chunks in the answer to one query: more than 256 replies stop a session that asks itself"""
 
 
 class FileEntry(Wire, kw_only=True):
@@ -16,27 +27,41 @@ class FileEntry(Wire, kw_only=True):
 
 
 class LogEntry(Wire, kw_only=True):
-    """One log on the autopilot. ``t``: UTC seconds of its end, None where the autopilot had no clock."""
+    """One log on the autopilot. ``t``: UTC seconds of its end, None where the autopilot had no clock.
+
+    ``path``: the file it is on the autopilot, where that is known; ``name``: what to call it here.
+    """
 
     id: int
     size: int
     t: float | None = None
+    name: str = ""
+    path: str | None = None
 
 
 class FilePath(Order, kw_only=True):
-    """A path on the autopilot (MAVFTP): ``do/file_list``, ``do/file_remove``, ``do/file_mkdir``, ``do/file_crc``."""
+    """A path on the autopilot (MAVFTP): ``do/file_list``, ``file_remove``, ``file_mkdir``, ``file_rmdir``,
+    ``file_crc``.
+    """
 
     path: str = "/"
 
 
+class FileRename(Order, kw_only=True):
+    """``do/file_rename``."""
+
+    path: str
+    to: str
+
+
 class FileGet(Order, kw_only=True):
-    """``do/file_get``: fetch a file to the vehicle's computer; it is then read from the key ``file/{result.file}``."""
+    """``do/file_get``: fetch a file to the vehicle's computer. Its result is a :class:`StoredFile`."""
 
     path: str
 
 
 class FilePut(Order, kw_only=True):
-    """``do/file_put``: write what was put in chunks on ``file/{file}`` to ``path`` on the autopilot."""
+    """``do/file_put``: write what was sent in chunks on ``upload/{file}/{offset}`` to ``path`` on the autopilot."""
 
     path: str
     file: str
@@ -49,17 +74,49 @@ class LogList(Order, kw_only=True):
 
 
 class LogGet(Order, kw_only=True):
-    """``do/log_get``: fetch a log to the vehicle's computer; it is then read from the key ``file/{result.file}``."""
+    """``do/log_get``: fetch a log to the vehicle's computer. Its result is a :class:`StoredFile`.
+
+    ``by``: MAVFTP or the log protocol; empty: the better of what there is.
+    """
 
     log: int
+    by: str = ""
 
 
 class LogErase(Order, kw_only=True):
     """``do/log_erase``: all logs of the autopilot."""
 
 
+class StoredFile(Wire, kw_only=True):
+    """A file on the vehicle's computer; ``file`` is its part of the key.
+
+    ``verified``: its checksum is the one the autopilot gave. ``by``: how it came; ``rate`` in bytes/s, and ``resumed``
+    the bytes that were there before.
+    """
+
+    file: str
+    path: str
+    size: int
+    crc32: int
+    t: float
+    verified: bool = False
+    by: str = ""
+    rate: float = 0.0
+    resumed: int = 0
+
+
 class FileQuery(Wire, kw_only=True):
-    """Payload of a query on ``file/{file}``: answered by chunks, each under ``file/{file}/{offset}``."""
+    """Payload of a query on ``file/{file}/*``: answered by chunks, each under ``file/{file}/{offset}``.
+
+    ``length`` bytes from ``offset``, or as many as :data:`MOST_CHUNKS` chunks hold.
+    """
 
     offset: int = 0
-    length: int = 256_000
+    length: int = CHUNK * MOST_CHUNKS
+
+
+class Uploaded(Wire, kw_only=True):
+    """The answer to a chunk put under ``upload/{file}/{offset}``: how many bytes of that file are there now."""
+
+    file: str
+    bytes: int

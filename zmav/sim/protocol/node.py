@@ -10,13 +10,18 @@ from zmav.sim.autopilots.arming import prearm_faults
 from zmav.sim.protocol import commands, setpoint
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.duties import DUTIES
 from zmav.sim.protocol.mission import MissionProtocol
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.reports.status import GIT_HASH
+from zmav.sim.protocol.setpoint import guided_item
 from zmav.sim.protocol.signing import SigningPart
+from zmav.sim.protocol.storage import Storage
 from zmav.sim.protocol.streams import RATE_PARAMS
 from zmav.sim.protocol.telemetry import REPORTS
+
+HANDLERS = {**commands.HANDLERS, **DUTIES}
 
 
 class MavNode(Node):
@@ -27,8 +32,15 @@ class MavNode(Node):
     def __init__(self, copter: ArduCopter, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
         super().__init__(copter, dialect, REPORTS, uid=uid, epoch_us=epoch_us)
         self.copter = copter
-        self.add(ParamProtocol(copter.params, lambda: self.channels, self.banner))
-        self.add(MissionProtocol())
+        self.storage = Storage(copter, lambda: self.unix_us)
+        for part in self.storage.parts:
+            self.add(part)
+        params = ParamProtocol(copter.params, lambda: self.channels, self.banner)
+        self.add(params)
+        stores = (copter.mission, copter.fence.items, copter.rally)
+        self.add(MissionProtocol(stores, self.say, lambda: copter.now, lambda item: guided_item(copter, item)))
+        copter.report, copter.reached, copter.learned = self.report_to_all, self._item_reached, params.tell
+        copter.unix_s = lambda: self.unix_us * 1e-6
         self.add(
             SigningPart(dialect, lambda: self.channels, lambda: copter.armed, self.say, lambda: self.unix_us / 1e6)
         )
@@ -41,11 +53,14 @@ class MavNode(Node):
             "HEARTBEAT": self._heartbeat,
             "SET_MODE": self._set_mode,
             "REQUEST_DATA_STREAM": self._data_stream,
-            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who)),
-            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who)),
+            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who), HANDLERS),
+            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who), HANDLERS),
             "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(copter, m),
             "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(copter, m),
             "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(copter, m),
+            "MISSION_SET_CURRENT": self._set_current,
+            "RC_CHANNELS_OVERRIDE": self._rc_override,
+            "MANUAL_CONTROL": self._manual_control,
         }
 
     @property
@@ -57,20 +72,29 @@ class MavNode(Node):
     def fields(self, name: str) -> dict[str, Any] | None:
         return REPORTS[name](self)
 
-    def greet(self, channel: Channel) -> None:
+    def greet(self, channel: Channel, link: str) -> None:
         """Start the streams of the MAV1_ parameters."""
         for param, group in RATE_PARAMS.items():
             if self.copter.params[param] > 0:
                 channel.streams.set_group(group, self.copter.params[param], self.copter.now)
 
     def say(self, severity: int, text: str) -> None:
-        """A STATUSTEXT on every channel (at most 50 characters of it, as ArduPilot's are)."""
+        """A STATUSTEXT on every channel (at most 50 characters of it, as ArduPilot's are), and into the log."""
+        self.storage.flight_log.message(text)
         for channel in self.channels:
             channel.send("STATUSTEXT", severity=severity, text=text[:50])
 
     def say_prearm(self) -> None:
         for fault in prearm_faults(self.copter):
             self.say(CRITICAL, f"PreArm: {fault}")
+
+    def report_to_all(self, name: str) -> None:
+        for channel in self.channels:
+            self.report(channel, name)
+
+    def _item_reached(self, seq: int) -> None:
+        for channel in self.channels:
+            channel.send("MISSION_ITEM_REACHED", seq=seq)
 
     def announce(self) -> None:
         """Where the origin and home are now."""
@@ -87,6 +111,25 @@ class MavNode(Node):
 
     def _heartbeat(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         self.copter.gcs.heard(sender[0])
+
+    def _from_gcs(self, sender: Sender) -> bool:
+        """Whether the pilot's sticks may come from there; such words count as the ground station's heartbeat."""
+        self.copter.gcs.heard(sender[0])
+        return sender[0] == int(self.copter.params["MAV_GCS_SYSID"])
+
+    def _rc_override(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if self._from_gcs(sender):
+            self.copter.rc.override(msg)
+
+    def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if msg["target"] == self.sysid and self._from_gcs(sender):
+            self.copter.rc.manual(msg)
+
+    def _set_current(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """The number asked for comes back, even where the mission holds another: clients take that for an answer."""
+        if self.copter.mission.set_current(msg["seq"]):
+            fields = self.fields("MISSION_CURRENT") or {}
+            channel.send("MISSION_CURRENT", **{**fields, "seq": msg["seq"]})
 
     def _set_mode(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["base_mode"] & 1:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.boot import Flag
+from zmav.sim.autopilots.fence import CEILING, CIRCLE, FLOOR, POLYGON
+from zmav.sim.autopilots.mission import State
 from zmav.sim.protocol.reports.base import Fields, boot_ms
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.node import MavNode
 
-# AUTOPILOT_VERSION.capabilities: float and int missions, float parameters, COMMAND_INT, attitude and position
-# targets, flight termination, MAVLink 2, values cast to float.
-CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x40 | 0x80 | 0x100 | 0x800 | 0x2000
+# AUTOPILOT_VERSION.capabilities: float and int missions, float parameters, COMMAND_INT, FTP, attitude and
+# position targets, flight termination, MAVLink 2, values cast to float, fences and rally points as missions.
+CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x40 | 0x80 | 0x100 | 0x800 | 0x2000 | 0x4000 | 0x8000
 VERSION = 0x04070000  # 4.7.0-dev
 GIT_HASH = "zmav-sim"
 
@@ -59,7 +61,7 @@ def sys_status(node: MavNode) -> Fields:
         "onboard_control_sensors_present": present,
         "onboard_control_sensors_enabled": enabled,
         "onboard_control_sensors_health": health,
-        "voltage_battery": round(copter.airframe.battery_v * 1000),
+        "voltage_battery": round(copter.voltage * 1000),
         "current_battery": round(copter.sense.current_a * 100),
         "battery_remaining": _battery_left(node),
     }
@@ -67,7 +69,7 @@ def sys_status(node: MavNode) -> Fields:
 
 def battery_status(node: MavNode) -> Fields:
     copter = node.copter
-    volts = copter.airframe.battery_v
+    volts = copter.voltage
     return {
         "temperature": 32767,
         "voltages": [round(volts * 1000)] + [65535] * 9,
@@ -98,7 +100,7 @@ def system_time(node: MavNode) -> Fields:
 
 
 def ekf_status_report(node: MavNode) -> Fields:
-    flags = node.copter.boot.ekf_flags
+    flags = node.copter.ekf_flags
     known = 0.0 if flags in (Flag(0), Flag.UNINITIALIZED) else 1.0
     return {
         "flags": int(flags),
@@ -111,15 +113,37 @@ def ekf_status_report(node: MavNode) -> Fields:
 
 def extended_sys_state(node: MavNode) -> Fields:
     copter = node.copter
-    if copter.landed and not (copter.armed and copter.guided.taking_off):
-        return {"landed_state": 1}
-    if copter.mode is copter.guided and copter.guided.taking_off:
+    if copter.armed and copter.taking_off:
         return {"landed_state": 3}
-    return {"landed_state": 4 if copter.mode.number == 9 else 2}
+    if copter.landed:
+        return {"landed_state": 1}
+    return {"landed_state": 4 if copter.mode.is_landing else 2}
 
 
 def mission_current(node: MavNode) -> Fields:
-    return {"mission_state": 1}
+    """MISSION_STATE: none there, not started, active or complete."""
+    copter, mission = node.copter, node.copter.mission
+    state = {State.STOPPED: 2, State.RUNNING: 3, State.COMPLETE: 5}[mission.state] if mission.present else 1
+    return {
+        "seq": mission.current,
+        "total": max(len(mission) - 1, 0),
+        "mission_state": state,
+        "mission_mode": int(copter.mode is copter.auto),
+    }
+
+
+def fence_status(node: MavNode) -> Fields | None:
+    fence = node.copter.fence
+    if not fence.enabled:
+        return None
+    kinds = ((CIRCLE | POLYGON, 3), (CEILING, 2), (FLOOR, 1))
+    return {
+        "breach_status": int(fence.breached != 0),
+        "breach_count": fence.breaches,
+        "breach_type": next((number for kind, number in kinds if fence.breached & kind), 0),
+        "breach_time": int(fence.breach_time * 1000.0) if fence.breaches else 0,
+        "breach_mitigation": 1,
+    }
 
 
 def autopilot_version(node: MavNode) -> Fields:

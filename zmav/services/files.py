@@ -1,0 +1,273 @@
+"""The autopilot's files as orders, and the bytes of what was fetched as answers to queries.
+
+``do/file_get`` brings a file into the :class:`~zmav.services.store.Store`; ``file/{file}/*`` is then answered with its
+chunks. What is to be written comes in chunks on ``upload/{file}/{offset}`` and is kept in memory until ``do/file_put``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import time
+from collections.abc import Awaitable, Coroutine
+from typing import Any, TypeVar
+
+import msgspec
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput, Refused, ZmavError
+from zmav.mavlink.ftp import Nak, crc32
+from zmav.services.ftp import Ftp, generated
+from zmav.services.ftp_read import Memory, Sink
+from zmav.services.gaps import UNKNOWN
+from zmav.services.orders import Handler, Report
+from zmav.services.port import Port, on_loop
+from zmav.services.store import Meta, Part, Store
+from zmav.wire.files import CHUNK, MOST_CHUNKS
+
+T = TypeVar("T")
+MOST_UPLOADED = 1 << 24
+"""bytes of all uploads that are kept in memory"""
+UPLOAD_NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
+ATTEMPTS = 2
+
+
+class Upload(Memory):
+    """Bytes on their way to the autopilot."""
+
+    def __init__(self) -> None:
+        super().__init__(MOST_UPLOADED)
+        self.touched = 0.0
+
+
+class Files:
+    """Orders ``file_*`` and the keys ``file/**`` and ``upload/**``. Lives on the event loop."""
+
+    def __init__(self, session: zenoh.Session, port: Port, ftp: Ftp, store: Store) -> None:
+        self._session, self._port = session, port
+        self.ftp, self.store = ftp, store
+        self._uploads: dict[str, Upload] = {}
+        self._under_way: asyncio.Task[Any] | None = None
+        self._queryables: list[Any] = []
+
+    @property
+    def handlers(self) -> dict[str, Handler]:
+        """The verbs of this service."""
+        return {
+            "file_list": self.listing,
+            "file_get": self.get,
+            "file_put": self.put,
+            "file_remove": lambda args, report: self._done(self.ftp.remove(args.path, report)),
+            "file_mkdir": lambda args, report: self._done(self.ftp.mkdir(args.path, report)),
+            "file_rmdir": lambda args, report: self._done(self.ftp.rmdir(args.path, report)),
+            "file_rename": lambda args, report: self._done(self.ftp.rename(args.path, args.to, report)),
+            "file_crc": self.crc,
+            "file_cancel": self.cancel,
+        }
+
+    def start(self) -> None:
+        key = {"fleet": self._port.fleet, "vehicle": self._port.name, "file": "*"}
+        upload = on_loop(asyncio.get_running_loop(), self._on_upload)
+        declare = self._session.declare_queryable
+        self._queryables = [
+            declare(keys.FILE.key(**key), self._on_info),
+            declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read),
+            declare(keys.UPLOAD.key(**key, offset="*"), upload),
+        ]
+
+    def close(self) -> None:
+        for queryable in self._queryables:
+            queryable.undeclare()
+
+    # Orders.
+
+    async def listing(self, args: wire.FilePath, report: Report) -> dict[str, Any]:
+        """The entries of a directory: ``{"entries": [FileEntry, ...]}``."""
+        return {"entries": msgspec.to_builtins(await self.ftp.list(args.path, report))}
+
+    async def crc(self, args: wire.FilePath, report: Report) -> dict[str, Any]:
+        return {"crc32": await self.ftp.crc32(args.path, report=report)}
+
+    async def get(self, args: wire.FileGet, report: Report) -> dict[str, Any]:
+        """Fetch a file; its result is a :class:`zmav.wire.StoredFile`. Goes on where an earlier attempt was cut off,
+        provided that the file is still the same one.
+        """
+        stored = await self.transfer(self.fetch(args.path, report))
+        result: dict[str, Any] = msgspec.to_builtins(stored)
+        return result
+
+    async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
+        """Write an upload to the autopilot, and see by its checksum that it is there."""
+        data = self._uploaded(args)
+        meter = await self.transfer(self.ftp.put(args.path, data, report))
+        verified = False
+        if not generated(args.path):
+            found = await self._crc(args.path, len(data), report)
+            if found not in (None, args.crc32):
+                why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
+                raise Refused(why, path=args.path)
+            verified = found is not None
+        self._uploads.pop(args.file, None)
+        return {"path": args.path, "size": len(data), "verified": verified, "rate": round(meter.rate)}
+
+    async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
+        what = self.ftp.under_way
+        if self._under_way is None:
+            return {"cancelled": None}
+        self._under_way.cancel()
+        return {"cancelled": what or "a transfer"}
+
+    async def _done(self, work: Awaitable[None]) -> dict[str, Any]:
+        await work
+        return {}
+
+    # Fetching.
+
+    async def transfer(self, work: Coroutine[Any, Any, T]) -> T:
+        """See ``work`` through as the transfer that ``file_cancel`` ends."""
+        task = asyncio.ensure_future(work)
+        self._under_way = task
+        try:
+            return await task
+        finally:
+            task.cancel()
+            await asyncio.wait({task})
+            if self._under_way is task:
+                self._under_way = None
+
+    async def fetch(self, path: str, report: Report) -> wire.StoredFile:
+        """Bring a file of the autopilot into the store."""
+        for attempt in range(ATTEMPTS):
+            expected = None if generated(path) else await self._crc(path, 0, report)
+            identity = "" if expected is None else f"{expected:08x}"
+            kept = self.store.find(path, identity)
+            if kept is not None and not kept.missing and expected is not None:
+                return self.stored(kept, by="store", resumed=kept.size)
+            resume = attempt == 0 and not generated(path) and not (kept and not kept.missing)
+            part, rate, same = await self._fetch_once(path, identity, expected, resume, report)
+            if same:
+                break  # else it came out of two versions, or it grows as it is read
+        return self.stored(part.meta, by="ftp", rate=rate, resumed=part.resumed)
+
+    async def _fetch_once(
+        self, path: str, identity: str, expected: int | None, resume: bool, report: Report
+    ) -> tuple[Part, float, bool]:
+        async with contextlib.AsyncExitStack() as stack:
+            parts: list[Part] = []
+
+            def begin(size: int) -> Sink:
+                if parts:  # another attempt of the same transfer
+                    if generated(path):
+                        parts[0].restart()
+                    return parts[0]
+                part = self.store.open(path, identity, None if generated(path) else size, resume=resume)
+                stack.push_async_exit(part)
+                parts.append(part)
+                return part
+
+            meter = await self.ftp.fetch(path, begin, report)
+            same = await parts[0].finish(expected)
+        return parts[0], meter.rate, same
+
+    async def _crc(self, path: str, size: int, report: Report) -> int | None:
+        """The autopilot's checksum; None where it cannot give one."""
+        report({"checking": True})
+        try:
+            return await self.ftp.crc32(path, size, report)
+        except Refused as e:
+            if e.detail.get("nak") not in (Nak.UNKNOWN_COMMAND.name, Nak.FAIL.name):
+                raise
+            return None
+        finally:
+            report({"checking": None})
+
+    def stored(self, meta: Meta, *, by: str, rate: float = 0.0, resumed: int = 0) -> wire.StoredFile:
+        return wire.StoredFile(
+            file=self.store.name_of(meta.origin), path=meta.origin, size=meta.size, crc32=meta.crc32, t=meta.t,
+            verified=meta.verified, by=by, rate=round(rate), resumed=resumed,
+        )  # fmt: skip
+
+    # What was fetched, as answers: in Zenoh's threads.
+
+    def _on_info(self, query: zenoh.Query) -> None:
+        """What a file is, or all files where the query's key says so."""
+        for name, meta in list(self.store.files.items()):
+            key = keys.FILE.key(self._port.fleet, self._port.name, file=name)
+            if not meta.missing and query.key_expr.intersects(key):
+                query.reply(key, wire.encode(self.stored(meta, by="store")), encoding=keys.JSON)
+        query.drop()
+
+    def _on_read(self, query: zenoh.Query) -> None:
+        with query:
+            *_, name, offset = str(query.key_expr).split("/")
+            if "*" in name:
+                return
+            try:
+                asked = self._asked(query, offset)
+                data = self.store.read(name, asked.offset, min(asked.length, CHUNK * MOST_CHUNKS))
+            except ZmavError as e:
+                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                return
+            for at in range(0, len(data), CHUNK):
+                key = keys.FILE_CHUNK.key(self._port.fleet, self._port.name, file=name, offset=asked.offset + at)
+                query.reply(key, data[at : at + CHUNK], encoding=keys.RAW)
+
+    def _asked(self, query: zenoh.Query, offset: str) -> wire.FileQuery:
+        if offset != "*":
+            return wire.FileQuery(offset=_offset(offset), length=CHUNK)
+        asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.FileQuery, "query of a file")
+        if asked.offset < 0 or asked.length < 0:
+            raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
+        return asked
+
+    # What is to be written: on the loop.
+
+    def _on_upload(self, query: zenoh.Query) -> None:
+        with query:
+            key = str(query.key_expr)
+            if "*" in key:
+                return
+            *_, name, offset = key.split("/")
+            try:
+                upload = self._take(name, _offset(offset), query.payload.to_bytes() if query.payload else b"")
+            except ZmavError as e:
+                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+            else:
+                there = UNKNOWN - upload.gaps.total
+                query.reply(key, wire.encode(wire.Uploaded(file=name, bytes=there)), encoding=keys.JSON)
+
+    def _take(self, name: str, offset: int, data: bytes) -> Upload:
+        if not UPLOAD_NAME.match(name):
+            raise BadInput(
+                f"{name!r} cannot be an upload's name", field="file", value=name, expected="[a-z0-9_-]{1,64}"
+            )
+        others = sum(len(each.data) for other, each in self._uploads.items() if other != name)
+        for oldest in sorted(self._uploads, key=lambda each: self._uploads[each].touched):
+            if others + offset + len(data) <= MOST_UPLOADED or offset + len(data) > MOST_UPLOADED:
+                break
+            if oldest != name:
+                others -= len(self._uploads.pop(oldest).data)
+        upload = self._uploads.setdefault(name, Upload())
+        upload.touched = time.monotonic()
+        upload.put(offset, data)
+        return upload
+
+    def _uploaded(self, args: wire.FilePut) -> bytes:
+        upload = self._uploads.get(args.file)
+        data = bytes(upload.data) if upload is not None else b""
+        if len(data) != args.size or crc32(data) != args.crc32:
+            there = "nothing" if upload is None else f"{len(data)} bytes, or others"
+            raise BadInput(
+                f"{args.size} bytes were to be uploaded as {args.file!r}, but {there} came: upload it again",
+                field="file", value=args.file, expected=f"{args.size} bytes with CRC-32 0x{args.crc32:08x}",
+            )  # fmt: skip
+        return data
+
+
+def _offset(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 12):
+        raise BadInput(f"{text!r} is no offset", field="offset", value=text, expected="a number of bytes")
+    return int(text)

@@ -1,0 +1,168 @@
+"""The files of one simulated autopilot: a small tree in memory, some of it made as it is read."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+
+from zmav.mavlink.ftp import Entry, Nak
+
+MOST = 8 << 20
+"""bytes that clients can write; beyond them the card is full"""
+
+Maker = Callable[[str, int], bytes]
+"""Makes a file's bytes: the part of its path behind "?", and the size of the reads it will be read by"""
+Stored = Callable[[], dict[str, bytes]]
+"""The files of a directory that another part of the vehicle keeps, by name"""
+
+
+class FileError(Exception):
+    """Why an operation failed, as a server says it."""
+
+    def __init__(self, nak: Nak, number: int = 0) -> None:
+        super().__init__(nak.name)
+        self.nak, self.number = nak, number
+
+
+NOT_FOUND = FileError(Nak.FILE_NOT_FOUND)
+
+
+class FileSystem:
+    """Directories and files by absolute path; a path that begins with ``@`` names a generated file."""
+
+    def __init__(self, *directories: str) -> None:
+        self._directories = {"/"}
+        self._files: dict[str, bytearray] = {}
+        self._makers: dict[str, tuple[Maker, Callable[[], int]]] = {}
+        self._stored: dict[str, tuple[Stored, Callable[[str], bool]]] = {}
+        for directory in directories:
+            parts = directory.strip("/").split("/")
+            self._directories.update("/" + "/".join(parts[: i + 1]) for i in range(len(parts)))
+
+    def generate(self, path: str, maker: Maker, size: Callable[[], int]) -> None:
+        """Have ``path`` made anew whenever it is opened; ``size`` is what it is said to have before."""
+        self._makers[path] = (maker, size)
+
+    def attach(self, directory: str, stored: Stored, remove: Callable[[str], bool]) -> None:
+        """Show files that are kept elsewhere; ``remove(name)`` says whether there was one."""
+        self._stored[directory] = (stored, remove)
+
+    # ---- looking
+
+    def list(self, path: str) -> list[Entry]:
+        path = normal(path)
+        if path not in self._directories:
+            raise NOT_FOUND
+        inside = "/" if path == "/" else path + "/"
+        names = [Entry(name, None) for p in self._directories if (name := _child(p, inside))]
+        names += [Entry(name, len(data)) for p, data in self._files.items() if (name := _child(p, inside))]
+        if path in self._stored:
+            names += [Entry(name, len(data)) for name, data in self._stored[path][0]().items()]
+        return sorted(names, key=lambda entry: entry.name)
+
+    def size(self, path: str) -> int:
+        made = self._makers.get(path.partition("?")[0])
+        return made[1]() if made else len(self._data(normal(path)))
+
+    def open(self, path: str, read_size: int) -> bytes:
+        """A file's bytes now, to be read in steps of ``read_size``."""
+        base, _, query = path.partition("?")
+        made = self._makers.get(base)
+        return made[0](query, read_size) if made else bytes(self._data(normal(path)))
+
+    def _data(self, path: str) -> bytes | bytearray:
+        if path in self._files:
+            return self._files[path]
+        directory, _, name = path.rpartition("/")
+        if directory in self._stored:
+            data = self._stored[directory][0]().get(name)
+            if data is not None:
+                return data
+        raise NOT_FOUND
+
+    # ---- changing
+
+    def create(self, path: str) -> None:
+        """An empty file, in place of one that is there."""
+        path = normal(path)
+        if path in self._directories or self._parent(path) in self._stored:
+            raise FileError(Nak.FILE_PROTECTED)
+        self._check_parent(path)
+        self._files[path] = bytearray()
+
+    def write(self, path: str, offset: int, data: bytes) -> None:
+        path = normal(path)
+        if path not in self._files:
+            raise NOT_FOUND
+        file = self._files[path]
+        growth = max(offset + len(data) - len(file), 0)
+        if sum(map(len, self._files.values())) + growth > MOST:
+            raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
+        if offset > len(file):
+            file.extend(bytes(offset - len(file)))
+        file[offset : offset + len(data)] = data
+
+    def truncate(self, path: str, size: int) -> None:
+        path = normal(path)
+        if path not in self._files:
+            raise NOT_FOUND
+        del self._files[path][size:]
+
+    def remove(self, path: str) -> None:
+        path = normal(path)
+        if path in self._directories:
+            raise FileError(Nak.FAIL_ERRNO, errno.EISDIR)
+        if self._files.pop(path, None) is None:
+            directory, _, name = path.rpartition("/")
+            if directory not in self._stored or not self._stored[directory][1](name):
+                raise NOT_FOUND
+
+    def mkdir(self, path: str) -> None:
+        path = normal(path)
+        if path in self._directories or path in self._files:
+            raise FileError(Nak.FILE_EXISTS)
+        self._check_parent(path)
+        if len(self._directories) > 256:
+            raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
+        self._directories.add(path)
+
+    def rmdir(self, path: str) -> None:
+        path = normal(path)
+        if path not in self._directories:
+            raise NOT_FOUND
+        if path == "/" or self.list(path) or path in self._stored:
+            raise FileError(Nak.FAIL_ERRNO, errno.ENOTEMPTY)
+        self._directories.discard(path)
+
+    def rename(self, path: str, to: str) -> None:
+        path, to = normal(path), normal(to)
+        if path not in self._files:
+            raise NOT_FOUND
+        self._check_parent(to)
+        if to in self._directories:
+            raise FileError(Nak.FILE_EXISTS)
+        self._files[to] = self._files.pop(path)
+
+    def _check_parent(self, path: str) -> None:
+        if self._parent(path) not in self._directories:
+            raise NOT_FOUND
+        if len(self._files) > 1024:
+            raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
+
+    @staticmethod
+    def _parent(path: str) -> str:
+        return path.rpartition("/")[0] or "/"
+
+
+def normal(path: str) -> str:
+    """``path`` from the root, without empty parts; one that climbs with ``..`` names nothing."""
+    parts = [part for part in path.split("/") if part not in ("", ".")]
+    if ".." in parts or path.startswith("@"):
+        raise NOT_FOUND
+    return "/" + "/".join(parts)
+
+
+def _child(path: str, inside: str) -> str:
+    """The name of what lies directly ``inside``; empty for anything else."""
+    name = path[len(inside) :] if path.startswith(inside) else ""
+    return "" if "/" in name else name

@@ -1,0 +1,116 @@
+"""What a simulated ArduCopter writes into its log while it is armed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.dataflash import DataflashWriter, Layout
+from zmav.sim.protocol.logs import MOST_ONE, Log, LogStore
+from zmav.sim.protocol.part import Part
+
+ATTITUDE_S = 0.1
+POSITION_S = 0.2
+GPS_EPOCH_S = 315964800
+WEEK_S = 604800
+LEAP_S = 18
+"""seconds that GPS time is ahead of UTC, since 2017"""
+LAYOUTS = (
+    Layout("PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
+    Layout("MSG", "QZ", "TimeUS,Message", "s-", "F-"),
+    Layout("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
+    Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method", "s----", "F----"),
+    Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF", "sddddhh-", "F000000-"),
+    Layout(
+        "GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U",
+        "s#-s-S-DUmnhnh-", "F--C-0BGGB000--",
+    ),
+    Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt", "sDUmmm", "FGG000"),
+    Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot", "s#vAa", "F-00C"),
+)  # fmt: skip
+EKF3 = 3
+"""the estimator that the attitude is from"""
+
+
+class FlightLog(Part):
+    """Begins a log when the vehicle is armed and ends it when it is disarmed. ``unix_us``: UTC as the GPS tells it."""
+
+    def __init__(self, copter: ArduCopter, store: LogStore, unix_us: Callable[[], int]) -> None:
+        self._copter, self._store, self._unix_us = copter, store, unix_us
+        self._writer: DataflashWriter | None = None
+        self._log: Log | None = None
+        self._mode = -1
+        self._next_attitude = self._next_position = 0.0
+
+    @property
+    def _time_us(self) -> int:
+        return int(self._copter.uptime * 1e6)
+
+    def tick(self, now: float) -> None:
+        if not self._copter.armed:
+            if self._writer is not None:
+                self._end()
+            return
+        writer = self._writer or self._begin(now)
+        if self._copter.mode.number != self._mode:
+            self._mode = self._copter.mode.number
+            writer.write("MODE", self._time_us, self._mode, self._mode, 0)
+        if now >= self._next_attitude:
+            self._next_attitude += ATTITUDE_S
+            s = self._copter.sense
+            wanted = _tilt(s.want_qw, s.want_qx, s.want_qy, s.want_qz)
+            roll, pitch, yaw, want_yaw = (math.degrees(a) for a in (s.roll, s.pitch, s.yaw, s.want_yaw))
+            writer.write(
+                "ATT", self._time_us, wanted[0], roll, wanted[1], pitch, want_yaw % 360.0, yaw % 360.0, EKF3
+            )  # fmt: skip
+        if now >= self._next_position:
+            self._next_position += POSITION_S
+            self._write_position(writer)
+            self._touch()
+
+    def message(self, text: str) -> None:
+        """A text that the vehicle said."""
+        if self._writer is not None:
+            self._writer.write("MSG", self._time_us, text)
+
+    def _begin(self, now: float) -> DataflashWriter:
+        writer = DataflashWriter(LAYOUTS, self._time_us, MOST_ONE)
+        self._writer, self._log = writer, self._store.begin(writer.data, self._unix_us() / 1e6)
+        self._mode, self._next_attitude, self._next_position = -1, now, now
+        writer.write("MSG", self._time_us, "ArduCopter V4.7.0-dev")
+        params = self._copter.params
+        for name in params.names:
+            writer.write("PARM", self._time_us, name, params[name], math.nan)
+        writer.write("ARM", self._time_us, 1, 0, 0, 0)
+        return writer
+
+    def _end(self) -> None:
+        assert self._writer is not None
+        self._writer.write("ARM", self._time_us, 0, 0, 0, 0)
+        self._touch()
+        self._writer = self._log = None
+
+    def _touch(self) -> None:
+        if self._log is not None:
+            self._log.end_s = self._unix_us() / 1e6
+
+    def _write_position(self, writer: DataflashWriter) -> None:
+        copter, s = self._copter, self._copter.sense
+        here, home = copter.position, copter.place(copter.home_world)
+        gps_s = self._unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S
+        course = math.degrees(math.atan2(s.ve, s.vn)) % 360.0
+        writer.write(
+            "GPS", self._time_us, 0, 6, int(gps_s % WEEK_S * 1000.0), int(gps_s // WEEK_S), 10, 1.21, here.lat_deg,
+            here.lon_deg, here.alt_amsl_m, math.hypot(s.vn, s.ve), course, s.vd, 0.0, 1,
+        )  # fmt: skip
+        above = here.alt_amsl_m - home.alt_amsl_m
+        writer.write("POS", self._time_us, here.lat_deg, here.lon_deg, here.alt_amsl_m, above, above)
+        writer.write("BAT", self._time_us, 0, copter.voltage, s.current_a, copter.consumed_mah)
+
+
+def _tilt(w: float, x: float, y: float, z: float) -> tuple[float, float]:
+    """Roll and pitch of an attitude, degrees."""
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    return math.degrees(roll), math.degrees(pitch)

@@ -1,0 +1,186 @@
+"""The flight logs of a simulated autopilot, and the log protocol: https://mavlink.io/en/services/log.html
+
+ArduPilot's rules: ids count from 1 (the oldest), nothing is given out while armed, one transfer at a time over all
+links, requests that come while data is sent are ignored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Answer, Part, Sender
+
+MOST = 4 << 20
+"""bytes of all logs of one vehicle; the oldest make room"""
+MOST_ONE = 2 << 20
+PER_TICK = 160
+"""LOG_DATA in one tick: 40 in each of ArduPilot's loops, of which there are four"""
+DATA = 90
+ERROR, INFO = 3, 6
+
+
+@dataclass
+class Log:
+    """One flight's log; ``end_s``: UTC when it was last written to."""
+
+    number: int
+    data: bytearray
+    end_s: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.number:08d}.BIN"
+
+
+class LogStore:
+    """The logs of one vehicle, oldest first, within bounds."""
+
+    def __init__(self) -> None:
+        self.logs: list[Log] = []
+        self._next = 1
+
+    def begin(self, data: bytearray, now_s: float) -> Log:
+        """A new log; its ``data`` may still grow, up to :data:`MOST_ONE`."""
+        log = Log(self._next, data, now_s)
+        self._next += 1
+        while self.logs and sum(len(each.data) for each in self.logs) + MOST_ONE > MOST:
+            self.logs.pop(0)
+        self.logs.append(log)
+        return log
+
+    def erase(self) -> None:
+        self.logs.clear()
+
+    def files(self) -> dict[str, bytes]:
+        """The logs as a directory's files."""
+        return {log.name: bytes(log.data) for log in self.logs}
+
+    def remove(self, name: str) -> bool:
+        before = len(self.logs)
+        self.logs = [log for log in self.logs if log.name != name]
+        return len(self.logs) < before
+
+
+@dataclass
+class Listing:
+    channel: Channel
+    next: int
+    last: int
+
+
+@dataclass
+class Sending:
+    channel: Channel
+    log: Log
+    id: int
+    offset: int
+    left: int
+
+
+class LogProtocol(Part):
+    """Lists, sends and erases ``store``'s logs. ``first_id``: PX4's is 0; ``while_armed``: PX4 gives them out then."""
+
+    def __init__(
+        self, store: LogStore, armed: Callable[[], bool], *, first_id: int = 1, while_armed: bool = False
+    ) -> None:
+        self.store = store
+        self._armed, self._first, self._while_armed = armed, first_id, while_armed
+        self._warned = False
+        self._task: Listing | Sending | None = None
+
+    def answers(self) -> Mapping[str, Answer]:
+        return {
+            "LOG_REQUEST_LIST": self._list,
+            "LOG_REQUEST_DATA": self._data,
+            "LOG_REQUEST_END": self._end,
+            "LOG_ERASE": self._erase,
+        }
+
+    def tick(self, now: float) -> None:
+        if self._refused(None):
+            return
+        for _ in range(PER_TICK):
+            task = self._task
+            if task is None or not task.channel.has_room():
+                return
+            if isinstance(task, Listing):
+                self._send_entry(task)
+            else:
+                self._send_data(task)
+
+    def closed(self, channel: Channel) -> None:
+        if self._task is not None and self._task.channel is channel:
+            self._task = None
+
+    def _refused(self, channel: Channel | None) -> bool:
+        """Armed, and said so once."""
+        if not self._armed() or self._while_armed:
+            self._warned = False
+            return False
+        if channel is not None and not self._warned:
+            self._warned = True
+            channel.send("STATUSTEXT", severity=ERROR, text="Disarm for log download")
+        return True
+
+    def _busy(self, channel: Channel) -> bool:
+        if self._task is None:
+            return False
+        if self._task.channel is not channel:
+            channel.send("STATUSTEXT", severity=INFO, text="Log download in progress")
+        return True
+
+    def _list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if self._refused(channel) or self._busy(channel):
+            return
+        count = len(self.store.logs)
+        if count == 0:
+            channel.send("LOG_ENTRY", id=0, num_logs=0, last_log_num=0, time_utc=0, size=0)
+            return
+        highest = self._first + count - 1
+        first, last = max(msg["start"], self._first), min(msg["end"], highest)
+        if first <= last:
+            self._task = Listing(channel, first, last)
+
+    def _send_entry(self, task: Listing) -> None:
+        index = task.next - self._first
+        if index >= len(self.store.logs):
+            self._task = None
+            return
+        log = self.store.logs[index]
+        count = len(self.store.logs)
+        task.channel.send(
+            "LOG_ENTRY", id=task.next, num_logs=count, last_log_num=self._first + count - 1, time_utc=int(log.end_s),
+            size=len(log.data),
+        )  # fmt: skip
+        task.next += 1
+        if task.next > task.last:
+            self._task = None
+
+    def _data(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if self._refused(channel) or self._busy(channel):
+            return
+        index = msg["id"] - self._first
+        if 0 <= index < len(self.store.logs):
+            log = self.store.logs[index]
+            left = min(msg["count"], max(len(log.data) - msg["ofs"], 0))
+            self._task = Sending(channel, log, msg["id"], msg["ofs"], left)
+
+    def _send_data(self, task: Sending) -> None:
+        count = min(task.left, DATA)
+        data = bytes(task.log.data[task.offset : task.offset + count])
+        task.channel.send("LOG_DATA", id=task.id, ofs=task.offset, count=count, data=data)
+        task.offset, task.left = task.offset + count, task.left - count
+        if count < DATA or task.left == 0:
+            self._task = None
+
+    def _end(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if not self._refused(channel):
+            self._task = None
+
+    def _erase(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if not self._refused(channel):
+            self._task = None
+            self.store.erase()
