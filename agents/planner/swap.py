@@ -14,7 +14,7 @@ import msgspec
 import zmav
 from agents.planner.straight import Route, rotate
 from zmav import keys, wire
-from zmav.errors import Refused, TimedOut, ZmavError
+from zmav.errors import NotHolder, Refused, TimedOut, ZmavError
 from zmav.waiting import together
 
 NAME = "planner"
@@ -82,17 +82,11 @@ class Swap:
         start = time.monotonic()
         lines = {name: route.line for name, route in routes.items()}
         ends = max(line.duration for line in lines.values())
-        refused = {lease.vehicle.name: _refused_for_mode(lease.vehicle) for lease in leases}
         step = 0
         while True:
             now = time.monotonic() - start
             for lease in leases:
-                lease.setpoint(pos=lines[lease.vehicle.name].at(now))
-                self.flown[lease.vehicle.name].setpoints = lease.sent
-                if _refused_for_mode(lease.vehicle) > refused[lease.vehicle.name]:
-                    self._taken.add(lease.vehicle.name)
-                    text = f"{lease.vehicle.name} was taken over: its mode is {lease.vehicle.state.mode}"
-                    raise Refused(text, vehicle=lease.vehicle.name)
+                self._put(lease, lines[lease.vehicle.name].at(now))
             near = SETTLED if now < ends + 5.0 else TOLERANCE / 2
             late = [lease.vehicle.name for lease in leases if self._away(lease.vehicle, routes) > near]
             if now > ends and not late:
@@ -103,6 +97,16 @@ class Swap:
                 self._tell("swap")
             step += 1
             await asyncio.sleep(max(0.0, start + step / RATE - time.monotonic()))
+
+    def _put(self, lease: zmav.Lease, pos: wire.Vector) -> None:
+        try:
+            lease.setpoint(pos=pos)
+        except NotHolder as e:
+            if e.detail.get("reason") == "pilot":
+                self._taken.add(lease.vehicle.name)
+                raise Refused(f"{lease.vehicle.name} was taken over: {e}", **e.detail) from e
+            raise
+        self.flown[lease.vehicle.name].setpoints = lease.sent
 
     def _away(self, vehicle: zmav.Vehicle, routes: dict[str, Route]) -> float:
         """Metres over the ground from the goal, by a state that is fresh; raises Stale where it is not."""
@@ -127,11 +131,6 @@ class Swap:
         """Land all that are still ours."""
         landings = (self._z.vehicle(name).land() for name in self._names if name not in self._taken)
         await asyncio.gather(*landings, return_exceptions=True)
-
-
-def _refused_for_mode(vehicle: zmav.Vehicle) -> int:
-    """Setpoints that the vehicle did not fly because it was not in the mode that follows them."""
-    return vehicle.state.setpoints.get("mode", 0)
 
 
 async def swap(z: zmav.Client, names: tuple[str, ...], node: str, say: Callable[[str], None]) -> dict[str, Flown]:

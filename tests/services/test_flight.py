@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 from zmav import keys, wire
-from zmav.errors import Refused
+from zmav.errors import NotHolder, Refused
 from zmav.sim import SimVehicle, VehicleStatus, World
 
 if TYPE_CHECKING:
@@ -120,12 +120,17 @@ async def test_the_pilot_takes_it_from_the_stream(flight: Flight) -> None:
     await flight.state(lambda s: s["mode"] == "LOITER", "the pilot's mode")
     for seq in range(2, 12):
         put(flight, lease, seq, (2.0, 0.0, 0.0))
-    await flight.state(lambda s: s["setpoints"].get("mode") == 10, "dropped setpoints")
+    await flight.state(lambda s: s["setpoints"].get("pilot") == 10, "dropped setpoints")
     there = await flight.see(lambda s: s.speed_mps < 0.2)
     assert there.mode == "LOITER"
-    # Somebody asks for it anew.
-    await flight.done("set_mode", mode="GUIDED", lease=lease)
-    put(flight, lease, 12, (2.0, 0.0, 0.0))
+    # Somebody asks for it anew: the old lease is no good for that.
+    with pytest.raises(NotHolder, match="the mode is now LOITER"):
+        await flight.done("set_mode", mode="GUIDED", lease=lease)
+    lease = (await flight.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    for seq in range(1, 100):
+        put(flight, lease, seq, (2.0, 0.0, 0.0))
+        if (await flight.state(lambda s: True, "a moment"))["setpoints"].get("flown", 0) > 10:
+            break
     await flight.see(lambda s: s.mode == "GUIDED" and s.speed_mps > 0.5)
 
 

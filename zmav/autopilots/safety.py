@@ -195,12 +195,18 @@ def flies_on(autopilot: Autopilot) -> bool:
     return autopilot.name == "ardupilot" and autopilot.kind in ("copter", "heli", "rover", "boat", "sub")
 
 
-_BY_COMMAND: dict[str, tuple[str, ...]] = {
+_ANY: dict[str, tuple[str, ...]] = {
     "px4": ("TAKEOFF", "HOLD", "MISSION", "RTL", "LAND"),
     "ardupilot": ("GUIDED", "AUTO", "RTL", "LAND", "LOITER", "TAKEOFF", "HOLD", "QLAND", "QRTL", "BRAKE"),
 }
+_BY_VERB: dict[str, dict[str, tuple[str, ...]]] = {
+    "px4": {
+        "takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "reposition": ("HOLD",), "mission_start": ("MISSION",),
+    },
+    "ardupilot": {"goto": ("GUIDED",), "reposition": ("GUIDED",), "mission_start": ("AUTO",)},
+}  # fmt: skip
 
 
-def by_command(autopilot: Autopilot) -> tuple[str, ...]:
-    """Modes that commands other than DO_SET_MODE may change to: a takeoff, a landing, a return, a mission's start."""
-    return _BY_COMMAND.get(autopilot.name, ())
+def by_command(autopilot: Autopilot, verb: str) -> tuple[str, ...]:
+    """Modes that the command behind an order changes to by itself, without a DO_SET_MODE; ``command`` may be any."""
+    return _ANY.get(autopilot.name, ()) if verb == "command" else _BY_VERB.get(autopilot.name, {}).get(verb, ())

@@ -60,6 +60,9 @@ class Authority:
             session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
         )
 
+        self.taken_from = ""
+        """what ended the last order that the pilot ended"""
+
     def start(self) -> None:
         ladder, pilot, setpoints = self.ladder, self.pilot, self.setpoints
 
@@ -95,9 +98,10 @@ class Authority:
             return
         if verb.name != "disarm":
             self.pilot.check()
+        self.taken_from = ""
         self.ladder.stop()
         self.carrot.stop()
-        self.pilot.order_begins()
+        self.pilot.order_begins(verb.name)
         if verb.access is Access.OPEN and not self.leases.holds(args.lease):  # his next setpoint would undo it
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
 
@@ -106,7 +110,9 @@ class Authority:
         ours = self.ladder.flying or self.carrot.leading or self._commander.moving or self.leases.holder is not None
         self.ladder.stop()
         self.carrot.stop()
-        self._commander.supersede()
+        if self._commander.moving:
+            self.taken_from = text
+            self._commander.supersede()
         if ours:
             self._events.emit("pilot", "warning", f"{text}: released")
         self.leases.end("pilot", f"{text}: the lease has ended")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 from zmav import geo, wire
@@ -30,6 +31,11 @@ class Flight:
 
     def __init__(self, port: Port, identity: Identity, state: StateService, commander: Commander) -> None:
         self._port, self._identity, self._state, self._do = port, identity, state, commander
+        self.check: Callable[[Target], None] = lambda target: None
+        """raises where a place is beyond the fence"""
+        self.lead: Callable[[Target], bool] = lambda target: False
+        """keeps giving the way to a far target piece by piece; False where it may be given as it is"""
+        self.leads: Callable[[], bool] = lambda: False
 
     async def arm(self, args: wire.Arm, report: Report) -> dict[str, Any]:
         """Wait until the autopilot is ready, arm, and see it armed; a refusal is retried until ``ready_timeout``."""
@@ -88,9 +94,11 @@ class Flight:
         async with self._do.move():
             autopilot = self._do.autopilot()
             self._check_flying()
-            await self._do.enter(autopilot.guided)
             action = autopilot.goto(target)
-            await self._do.give(action)
+            if autopilot.engage_after == 0.0:  # who wants a stream first is given a command that changes the mode
+                await self._do.enter(autopilot.guided)
+            if not self.lead(target):
+                await self._do.give(action)
             if not args.arrive:
                 return {}
             return {"away": await self._arrive(action, target, args, report)}
@@ -165,7 +173,9 @@ class Flight:
     def _place(self, args: wire.GoTo) -> Target:
         if args.pos is None and args.lat_deg is None:
             raise BadInput("a goto needs a position", field="pos", value=None, expected="pos, or lat_deg and lon_deg")
-        return resolve(args, self._state.origin)
+        target = resolve(args, self._state.origin)
+        self.check(target)
+        return target
 
     def _check_flying(self) -> None:
         if not self._identity.armed:
@@ -226,7 +236,7 @@ class Flight:
                 if away <= near:
                     return away
                 self._do.check_mode(mode)
-                if isinstance(action, Message) and time.monotonic() - given > 1.0:
+                if isinstance(action, Message) and not self.leads() and time.monotonic() - given > 1.0:
                     given = time.monotonic()
                     await self._do.give(action)  # a target has no acknowledgement: say it again in case it was lost
 

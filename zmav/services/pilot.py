@@ -38,7 +38,7 @@ class Pilot:
         """why no agent may have the vehicle; None: it may"""
         self._mode: str | None = None
         self._armed = False
-        self._grace = 0.0
+        self._verb, self._grace = "", 0.0
         self._stop: Callable[[], None] = lambda: None
 
     @property
@@ -58,9 +58,9 @@ class Pilot:
         if self.has_it:
             raise Refused(f"the pilot has it: {self.has_it}", vehicle=self._port.name, count="pilot")
 
-    def order_begins(self) -> None:
-        """What the autopilot does in the next seconds may be what an order's command asks of it."""
-        self._grace = time.monotonic() + GRACE
+    def order_begins(self, verb: str) -> None:
+        """What the autopilot does until it ends, and in the next seconds, may be what its command asks for."""
+        self._verb, self._grace = verb, time.monotonic() + GRACE
 
     def changed(self) -> None:
         """The HEARTBEAT shows another mode or arming, or another autopilot."""
@@ -83,7 +83,7 @@ class Pilot:
         autopilot, heartbeat = self._identity.autopilot, self._identity.heartbeat
         if mode is None or autopilot is None or heartbeat is None:
             return False
-        if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot)):
+        if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot, self._verb)):
             return True
         return mode in ends_in(autopilot, before) and int(heartbeat["system_status"]) < CRITICAL
 
@@ -92,7 +92,7 @@ class Pilot:
 
     def _ends_on_ground(self, mode: str) -> bool:
         """It disarms there by itself, or somebody ordered it."""
-        if time.monotonic() < self._grace:
+        if self._verb in ("disarm", "command") and time.monotonic() < self._grace:
             return True
         return self._identity.autopilot is not None and mode in _landing_modes(self._identity.autopilot)
 

@@ -72,6 +72,8 @@ class Rates:
     def __init__(self, session: zenoh.Session, port: Port, identity: Identity, events: Events) -> None:
         self._session, self._port, self._identity, self._events = session, port, identity, events
         self.meter, self.demands = Meter(port), Demands(session, port)
+        self.needs: dict[str, float] = {}
+        """what else the companion reads, in Hz: the pilot's switch"""
         self._asker, self._shedder = IntervalAsker(port), Shedder(port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, Standing] = {}
@@ -91,8 +93,14 @@ class Rates:
         self._worker = loop.create_task(self._work())
 
     def close(self) -> None:
+        """End it; what was asked for is put back without waiting for answers, so that nothing flows for nobody."""
         if self._worker:
             self._worker.cancel()
+        floor = {target.name: target.floor for target in self._targets}
+        for name, standing in self._standing.items():
+            if self._of is not None and standing.asked is not None and standing.asked > floor.get(name, 0.0):
+                interval = 1e6 / floor[name] if floor.get(name) and standing.before <= 0 else standing.before
+                self._asker.send(self._of, _msgid(name, self._port), interval)
         self._queryable.undeclare()
         self.demands.close()
 
@@ -128,7 +136,7 @@ class Rates:
             for standing in self._standing.values():
                 standing.not_before, standing.pause = 0.0, 1.0
         flows = self._flows()
-        targets = wanted(autopilot.floor, OWN, self.demands.current())
+        targets = wanted(autopilot.floor, {**OWN, **self.needs}, self.demands.current())
         ours = {name for name, standing in self._standing.items() if standing.asked is not None}
         self._shedder.apply(targets, flows, self.meter.used, ours, self._port.link.capacity)
         self._targets = targets
