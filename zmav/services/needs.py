@@ -1,25 +1,54 @@
-"""What a level of setpoints needs of the autopilot's parameters, held against the cache of them."""
+"""What a level of setpoints needs of the autopilot's parameters, and what the autopilot answers to those that are
+commands: the two ways in which setpoints can be sent and yet not be flown.
+"""
 
 from __future__ import annotations
 
-from zmav.autopilots import Autopilot, Need, Target
+import asyncio
+import time
+from collections.abc import Callable
+
+from zmav.autopilots import Autopilot, Level, Need, Target
 from zmav.errors import Unsupported
+from zmav.mavlink import Frame, decode
 from zmav.services.events import Events
 from zmav.services.identity import Identity
 from zmav.services.param import Params
+from zmav.services.port import Port, on_loop
+
+COMMANDS = ("MAV_CMD_DO_SET_SERVO", "MAV_CMD_DO_SET_ACTUATOR", "MAV_CMD_DO_REPOSITION")
+ANSWER_WITHIN = 1.0
+"""s after a setpoint in which an answer may be meant for it"""
+ACCEPTED, IN_PROGRESS = 0, 5
 
 
 class Needs:
-    """Judges each setpoint's level; a parameter that is not known yet is not held against it. On the event loop."""
+    """Judges each setpoint's level; a parameter that is not known yet is not held against it. On the event loop.
 
-    def __init__(self, params: Params, identity: Identity, events: Events) -> None:
-        self._params, self._identity, self._events = params, identity, events
+    ``count(why)`` is called for each setpoint that the autopilot refuses.
+    """
+
+    def __init__(
+        self, port: Port, params: Params, identity: Identity, events: Events, count: Callable[[str], None]
+    ) -> None:
+        self._port, self._params, self._identity, self._events, self._count = port, params, identity, events, count
+        self._numbers = {port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
         self._said: set[Need] = set()
+        self._level: Level | None = None
+        self._at = 0.0
+        self._stop: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        self._stop = self._port.listen("COMMAND_ACK", on_loop(asyncio.get_running_loop(), self._on_ack))
+
+    def close(self) -> None:
+        self._stop()
 
     def check(self, autopilot: Autopilot, target: Target) -> None:
         """Raise :class:`Unsupported` with what to set where such setpoints would do nothing; say it once where they
         would do something else than they say.
         """
+        self._level, self._at = target.level, time.monotonic()
         for need in autopilot.needs(target):
             source = self._identity.source
             why = need.unmet(self._value, source[0]) if source else None
@@ -34,3 +63,17 @@ class Needs:
     def _value(self, name: str) -> float | None:
         found = self._params.get(name)
         return None if found is None else found.value
+
+    def _on_ack(self, frame: Frame) -> None:
+        if (frame.sysid, frame.compid) != self._identity.source or time.monotonic() - self._at > ANSWER_WITHIN:
+            return
+        ack = decode(frame, self._port.dialect)
+        name, result = self._numbers.get(ack["command"]), ack["result"]
+        system, component = self._port.address
+        ours = ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
+        if name is None or not ours or result in (ACCEPTED, IN_PROGRESS):
+            return
+        self._count("refused")
+        said = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")
+        text = f"{self._level} setpoint: {name} refused: {said}"
+        self._events.emit("setpoint", "warning", text, limit="sp refused", why="refused")

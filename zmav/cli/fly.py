@@ -1,0 +1,223 @@
+"""``zmav fly``: one constant setpoint of any level for some seconds, or a stream of them from stdin; then hold."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import Any, TextIO
+
+import click
+
+import zmav
+from zmav import keys, wire
+from zmav.cli.common import F, dump, fleet_option, json_option, run, zenoh_options
+from zmav.client import Client
+from zmav.errors import BadInput, Refused
+from zmav.services.target import group_of
+from zmav.session import SessionSettings
+from zmav.vehicle import Lease, Vehicle
+
+LEVELS = ("position", "velocity", "acceleration", "trajectory", "attitude", "rates", "torque", "manual", "rc", "servo")
+OWN = ("lease", "seq", "deadline", "frame", "segment")
+SETTLE = 0.5
+"""s after which the vehicle's state counts the last setpoint"""
+
+
+def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
+    """An option of as many numbers as its metavar has words."""
+
+    def decorate(function: F) -> F:
+        nargs = len(metavar.split())
+        return click.option(f"--{name}", type=float, nargs=nargs, metavar=metavar, help=text)(function)
+
+    return decorate
+
+
+@click.command("fly")
+@click.argument("vehicle")
+@click.option("--level", type=click.Choice(LEVELS), help="What it must be; the options given say it, too.")
+@_vector("pos", "N E D", "Metres about the fleet's origin, down positive.")
+@_vector("at", "LAT LON", "Degrees, WGS84; with --alt.")
+@click.option("--alt", type=float, help="With --at: metres above home.")
+@_vector("vel", "N E D", "m/s.")
+@_vector("acc", "N E D", "m/s².")
+@click.option("--yaw", type=float, help="Radians clockwise from north, beside a position or a velocity.")
+@click.option("--yaw-rate", type=float, help="rad/s.")
+@_vector("rpy", "ROLL PITCH YAW", "Attitude in radians; with --thrust.")
+@_vector("rates", "P Q R", "Body rates in rad/s; with --thrust.")
+@click.option("--thrust", type=float, help="0 to 1.")
+@_vector("torque", "X Y Z", "-1 to 1 about the body's axes; with --thrust.")
+@_vector("sticks", "PITCH ROLL THRUST YAW", "-1 to 1, thrust 0 to 1: MANUAL_CONTROL.")
+@click.option("--rc", metavar="PWM,PWM,..", help="µs from channel 1 up; an empty one is left to the pilot's radio.")
+@click.option("--servo", metavar="PWM,PWM,..", help="µs from output 1 up; an empty one is left alone.")
+@click.option("--stdin", "from_stdin", is_flag=True, help="Setpoints as lines of JSON, put as they come.")
+@click.option("--for", "seconds", type=click.FloatRange(min=0.1), default=5.0, show_default=True, help="Seconds.")
+@click.option("--rate", type=click.FloatRange(1.0, 200.0), default=20.0, show_default=True, help="Setpoints a second.")
+@click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of the lease.")
+@fleet_option
+@json_option
+@zenoh_options
+def command(
+    vehicle: str, level: str | None, from_stdin: bool, seconds: float, rate: float, priority: int, fleet: str,
+    as_json: bool, settings: SessionSettings, **given: Any,
+) -> None:  # fmt: skip
+    """Stream setpoints under a lease, then hold: 'zmav fly quad1 --vel 1 0 0 --for 5'.
+
+    Other levels: --pos 10 0 -5, --rpy 0 -0.1 0 --thrust 0.5, --rates 0 0 0.3 --thrust 0.5, --sticks 0 0.2 0.5 0,
+    --rc 1500,1500,1600,1500, --servo ,,1200. From another program: 'my_planner | zmav fly quad1 --stdin', with lines
+    as {"vel": [1, 0, 0]}.
+    """
+    fields = {name: value for name, value in _fields(given).items() if value is not None}
+    if from_stdin == bool(fields):
+        raise click.UsageError("give one setpoint by its options, or --stdin")
+    if fields:
+        found = level_of(point_of(fields))
+        if level not in (None, found):
+            raise click.UsageError(f"that is of level {found}, not {level}")
+    lines = sys.stdin
+    points = _read(lines) if from_stdin else _repeat(fields, seconds, rate)
+    run(_fly(vehicle, points, priority, fleet, as_json, settings))
+
+
+def _fields(given: dict[str, Any]) -> dict[str, Any]:
+    """A setpoint's fields from the options."""
+    at, rpy, sticks = given.pop("at"), given.pop("rpy"), given.pop("sticks")
+    alt = given.pop("alt")
+    if (at is None) != (alt is None):
+        raise click.UsageError("--at and --alt go together")
+    if at:
+        given |= {"frame": "global", "lat_deg": at[0], "lon_deg": at[1], "alt_rel": alt}
+    if rpy:
+        given["attitude"] = quaternion(*rpy)
+    if sticks:
+        given["manual"] = dict(zip("xyzr", sticks, strict=True))
+    for name in ("rc", "servo"):
+        if given[name] is not None:
+            given[name] = _pulses(name, given[name])
+    return given
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> wire.Quaternion:
+    """w, x, y, z of the rotation that yaws, pitches and rolls, in this order (radians)."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy,
+    )  # fmt: skip
+
+
+def _pulses(name: str, text: str) -> list[int | None]:
+    try:
+        return [int(part) if part.strip() else None for part in text.split(",")]
+    except ValueError:
+        expected = "whole µs between commas, such as 1500,,1600"
+        raise BadInput(f"--{name} {text!r}: expected {expected}", field=name, value=text, expected=expected) from None
+
+
+def point_of(fields: dict[str, Any]) -> wire.Setpoint:
+    """The setpoint with these fields, not yet under any lease; raises :class:`BadInput` naming the fault."""
+    for name in ("lease", "seq", "deadline"):
+        if name in fields:
+            raise BadInput(f"{name} is put in by zmav fly", field=name, value=fields[name], expected="absent")
+    try:
+        text = json.dumps({"lease": "", "seq": 0, "deadline": 0.0, **fields}, allow_nan=False)
+    except ValueError:
+        raise BadInput("a number is not finite", field="setpoint", value=str(fields), expected="finite") from None
+    return wire.decode(text.encode(), wire.Setpoint, "setpoint")
+
+
+def level_of(point: wire.Setpoint) -> str:
+    """The level of authority, or segment; raises :class:`BadInput` for none and for two at a time."""
+    group = group_of(point)
+    if group == "attitude":
+        return "attitude" if point.attitude is not None else "rates"
+    if group != "motion":
+        return group
+    if point.pos is not None or point.lat_deg is not None:
+        return "position" if point.vel is None and point.acc is None else "trajectory"
+    return "velocity" if point.vel is not None else "acceleration"
+
+
+async def _repeat(fields: dict[str, Any], seconds: float, rate: float) -> AsyncIterator[wire.Setpoint]:
+    """The same point at a rate, kept by the clock and not by the pauses."""
+    point, start, count = point_of(fields), time.monotonic(), 0
+    while count / rate < seconds:
+        yield point
+        count += 1
+        await asyncio.sleep(max(0.0, start + count / rate - time.monotonic()))
+
+
+async def _read(lines: TextIO) -> AsyncIterator[wire.Setpoint]:
+    number = 0
+    while line := await asyncio.to_thread(lines.readline):
+        number += 1
+        if not line.strip():
+            continue
+        try:
+            fields = json.loads(line)
+        except ValueError as e:
+            why = f"line {number} is not JSON: {e}"
+            raise BadInput(why, field=f"line {number}", value=line[:80], expected='{"vel": [1, 0, 0]}') from None
+        if not isinstance(fields, dict):
+            raise BadInput(f"line {number} is no object", field=f"line {number}", expected='{"vel": [1, 0, 0]}')
+        yield point_of(fields)
+
+
+def _put(lease: Lease, point: wire.Setpoint) -> None:
+    if point.segment is not None:
+        group_of(point)
+        lease.segment(point.segment)
+        return
+    fields = {name: getattr(point, name) for name in point.__struct_fields__ if name not in OWN}
+    lease.setpoint(**fields)
+
+
+async def _fly(
+    name: str, points: AsyncIterator[wire.Setpoint], priority: int, fleet: str, as_json: bool, settings: SessionSettings
+) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        (vehicle,) = await z.wait_for(name, timeout=5.0)
+        said: list[str] = []
+        listener = asyncio.create_task(_listen(z, vehicle, said, as_json))
+        before, start = dict(vehicle.state.setpoints), time.monotonic()
+        try:
+            async with vehicle.lease("fly", priority=priority) as lease:
+                async for point in points:
+                    _put(lease, point)
+                flown_for = time.monotonic() - start
+                await asyncio.sleep(SETTLE)
+        finally:
+            listener.cancel()
+        counts = {k: n - before.get(k, 0) for k, n in vehicle.state.setpoints.items() if n > before.get(k, 0)}
+        _say(vehicle, lease.sent, flown_for, counts, said, as_json)
+
+
+async def _listen(z: Client, vehicle: Vehicle, said: list[str], as_json: bool) -> None:
+    """What the vehicle says of its setpoints: a refusal comes as an event, for a put has no answer."""
+    async with z.subscribe(keys.EVENT.key(vehicle.fleet, vehicle.name)) as events:
+        async for sample in events:
+            event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
+            if event.kind not in ("setpoint", "lease", "mode", "failsafe"):
+                continue
+            if event.kind == "setpoint":
+                said.append(event.text)
+            if not as_json:
+                click.echo(f"{vehicle.name}: {event.text}", err=True)
+
+
+def _say(vehicle: Vehicle, sent: int, seconds: float, counts: dict[str, int], said: list[str], as_json: bool) -> None:
+    if as_json:
+        line = {"vehicle": vehicle.name, "sent": sent, "seconds": round(seconds, 3), "counts": counts, "said": said}
+        click.echo(dump(line, pretty=False))
+    else:
+        listed = ", ".join(f"{n} {name}" for name, n in sorted(counts.items())) or "none heard"
+        click.echo(f"{vehicle.name}: {sent} setpoints in {seconds:.1f} s ({listed}); mode {vehicle.state.mode}")
+    if not counts.get("flown"):
+        why = said[0] if said else "see 'zmav echo VEHICLE/event'"
+        raise Refused(f"{vehicle.name} flew none of them: {why}", vehicle=vehicle.name, reasons=said)
