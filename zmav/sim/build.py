@@ -11,13 +11,17 @@ import numpy as np
 from zmav.errors import BadConfig
 from zmav.mavlink.dialect import Dialect
 from zmav.sim.autopilots.arducopter import ArduCopter
-from zmav.sim.control.setpoints import Vector
-from zmav.sim.dynamics.airframe import airframe
-from zmav.sim.fleet import CopterFleet
+from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.control.setpoints import SetpointHandle, Vector
+from zmav.sim.dynamics.airframe import Airframe, airframe
+from zmav.sim.fleet import CopterFleet, Sense
+from zmav.sim.geo import Position
+from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.node import MavNode
 from zmav.sim.protocol.params import ParamStore, defaults
-from zmav.sim.spec import Home, VehicleSpec, check
-from zmav.sim.vehicle import SimVehicle
+from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of, check
+from zmav.sim.vehicle import Autopilot, SimVehicle
 
 
 class Squad:
@@ -28,11 +32,12 @@ class Squad:
         self.vehicles: list[SimVehicle] = []
 
 
-def as_specs(copters: int | Sequence[VehicleSpec]) -> list[VehicleSpec]:
-    """So many plain copters, or the list itself; :class:`BadConfig` for fewer than one or more than there are system
-    ids.
+def as_specs(copters: int | Sequence[VehicleSpec], px4: int = 0) -> list[VehicleSpec]:
+    """So many plain ArduCopters, or the list itself, and so many PX4s; :class:`BadConfig` for fewer than one or more
+    than there are system ids.
     """
     specs = [VehicleSpec() for _ in range(copters)] if isinstance(copters, int) else list(copters)
+    specs += [VehicleSpec(autopilot=PX4) for _ in range(px4)]
     if not 1 <= len(specs) <= 255:
         raise BadConfig(
             f"{len(specs)} vehicles; expected 1 to 255", field="copters", value=len(specs), expected="1 to 255"
@@ -55,12 +60,12 @@ def build(
 ) -> list[tuple[Squad, SimVehicle]]:
     """All vehicles in the order of ``specs``, each with the squad it flies in."""
     for i, spec in enumerate(specs):
-        check(spec, spec.name or f"copter{i + 1}")
+        check(spec, _name(spec, i))
     starts = [spec.start_ned_m or (0.0, i * spacing_m, 0.0) for i, spec in enumerate(specs)]
     yaws = [math.radians(home.yaw_deg if spec.yaw_deg is None else spec.yaw_deg) for spec in specs]
     built: dict[int, tuple[Squad, SimVehicle]] = {}
-    for kind in sorted({spec.airframe for spec in specs}):
-        members = [i for i, spec in enumerate(specs) if spec.airframe == kind]
+    for kind in sorted({airframe_of(spec) for spec in specs}):
+        members = [i for i, spec in enumerate(specs) if airframe_of(spec) == kind]
         start = np.array([starts[i] for i in members]).T
         yaw = np.array([yaws[i] for i in members])
         # One generator per fleet, from the seed and the kind: adding another kind changes nothing for this one.
@@ -69,21 +74,53 @@ def build(
         squad.fleet.dynamics.wind[:] = np.array(wind)[:, None]
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
-            params = ParamStore(defaults("arducopter"))
-            params.preset(specs[i].params)
-            params.set("MAV_SYSID", specs[i].sysid or i + 1)
-            copter = ArduCopter(
-                squad.fleet.airframe, params, squad.fleet.handle(place), senses[place], home.position, ready_s
-            )
             uid = specs[i].uid
-            node = MavNode(copter, dialect, uid=_uid(seed, i) if uid is None else uid, epoch_us=epoch_us)
+            vehicle = _wire(
+                specs[i],
+                i,
+                (squad.fleet.airframe, squad.fleet.handle(place), senses[place], home.position, ready_s),
+                dialect,
+                uid=_uid(seed, i) if uid is None else uid,
+                epoch_us=epoch_us,
+            )
+            node = vehicle.node
             node.wind = wind
             node.throttles = _column(squad.fleet, "throttle", place)
             node.rotor_speeds = _column(squad.fleet, "rotor", place)
-            vehicle = SimVehicle(specs[i].name or f"copter{i + 1}", copter, node)
             squad.vehicles.append(vehicle)
             built[i] = (squad, vehicle)
     return [built[i] for i in range(len(specs))]
+
+
+def _name(spec: VehicleSpec, index: int) -> str:
+    return spec.name or f"copter{index + 1}"
+
+
+def _wire(
+    spec: VehicleSpec,
+    index: int,
+    body: tuple[Airframe, SetpointHandle, Sense, Position, float],
+    dialect: Dialect,
+    *,
+    uid: int,
+    epoch_us: int,
+) -> SimVehicle:
+    """An autopilot on a ``body`` (airframe, controllers, senses, origin of the world, seconds to readiness), and its
+    MAVLink face.
+    """
+    frame, setpoint, sense, world, ready_s = body
+    params = ParamStore(defaults(spec.autopilot))
+    params.preset(spec.params)
+    params.set("MAV_SYS_ID" if spec.autopilot == PX4 else "MAV_SYSID", spec.sysid or index + 1)
+    brain: Autopilot
+    node: Node
+    if spec.autopilot == PX4:
+        brain = Px4Copter(frame, params, setpoint, sense, world, ready_s)
+        node = Px4Node(brain, uid=uid, epoch_us=epoch_us)
+    else:
+        brain = ArduCopter(frame, params, setpoint, sense, world, ready_s)
+        node = MavNode(brain, dialect, uid=uid, epoch_us=epoch_us)
+    return SimVehicle(_name(spec, index), brain, node)
 
 
 def _column(fleet: CopterFleet, name: str, place: int) -> Callable[[], list[float]]:

@@ -10,6 +10,9 @@ from zmav.errors import BadConfig
 from zmav.sim.geo import Position
 
 FARTHEST_M = 1e6
+ARDUCOPTER, PX4 = "arducopter", "px4"
+USUAL = {ARDUCOPTER: "tcp", PX4: "px4"}  # endpoint
+AIRFRAMES = {ARDUCOPTER: "quad", PX4: "sih"}  # what each autopilot's own simulation flies
 
 
 class Home(msgspec.Struct, frozen=True):
@@ -28,14 +31,16 @@ class Home(msgspec.Struct, frozen=True):
 class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     """One copter. What is None is chosen by the world.
 
-    ``start_ned_m``: where it stands, metres NED of the world (None: in a row going east). ``endpoints``: see
-    :mod:`zmav.sim.endpoints`. ``uid``: what AUTOPILOT_VERSION tells it apart by. ``params``: parameters that differ
-    from the defaults.
+    ``autopilot``: "arducopter" or "px4". ``airframe``: "quad", "hexa" or "sih" (None: the one that the autopilot's own
+    simulation flies). ``start_ned_m``: where it stands, metres NED of the world (None: in a row going east).
+    ``endpoints``: see :mod:`zmav.sim.endpoints`. ``uid``: what AUTOPILOT_VERSION tells it apart by. ``params``:
+    parameters that differ from the defaults.
     """
 
     name: str | None = None
     sysid: int | None = None
-    airframe: str = "quad"
+    autopilot: str = ARDUCOPTER
+    airframe: str | None = None
     start_ned_m: tuple[float, float, float] | None = None
     yaw_deg: float | None = None
     endpoints: tuple[str, ...] | None = None
@@ -43,8 +48,15 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     params: dict[str, float] = {}
 
 
+def airframe_of(spec: VehicleSpec) -> str:
+    """The name of the airframe it flies."""
+    return spec.airframe or AIRFRAMES[spec.autopilot]
+
+
 def check(spec: VehicleSpec, where: str) -> None:
     """:class:`BadConfig` names what in ``spec`` (called ``where``) cannot be."""
+    if spec.autopilot not in AIRFRAMES:
+        raise _bad(where, "autopilot", spec.autopilot, " or ".join(AIRFRAMES))
     if spec.sysid is not None and not 1 <= spec.sysid <= 255:
         raise _bad(where, "sysid", spec.sysid, "1 to 255")
     if spec.uid is not None and not 1 <= spec.uid < 1 << 64:

@@ -8,9 +8,13 @@ import msgspec
 
 from zmav.errors import BadInput
 from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.autopilots.px4.modes import SWITCH
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.endpoints import Endpoint
-from zmav.sim.protocol.node import MavNode
+from zmav.sim.protocol.base import Node
+
+Autopilot = ArduCopter | Px4Copter
 
 
 class VehicleStatus(msgspec.Struct, frozen=True):
@@ -36,11 +40,25 @@ class VehicleStatus(msgspec.Struct, frozen=True):
 class SimVehicle:
     """A simulated vehicle: its addresses, its pilot, and its state."""
 
-    def __init__(self, name: str, copter: ArduCopter, node: MavNode) -> None:
+    def __init__(self, name: str, brain: Autopilot, node: Node) -> None:
         self.name = name
-        self.copter = copter
+        self.brain = brain
         self.node = node
         self.endpoints: list[Endpoint] = []
+
+    @property
+    def copter(self) -> ArduCopter:
+        """The ArduCopter that flies it; BadInput where a PX4 does."""
+        if isinstance(self.brain, ArduCopter):
+            return self.brain
+        raise BadInput(f"{self.name} is a PX4", field="copter", value="px4", expected="an ArduCopter")
+
+    @property
+    def px4(self) -> Px4Copter:
+        """The PX4 that flies it; BadInput where an ArduCopter does."""
+        if isinstance(self.brain, Px4Copter):
+            return self.brain
+        raise BadInput(f"{self.name} is an ArduCopter", field="px4", value="arducopter", expected="a PX4")
 
     @property
     def sysid(self) -> int:
@@ -68,25 +86,44 @@ class SimVehicle:
         """The pilot turns the mode switch to ``name``, with a hand on the throttle stick (0..1; its middle holds the
         height).
 
-        Only the modes of FLTMODE1 to FLTMODE6 are on the switch; BadInput names them.
+        Only the modes of FLTMODE1 to FLTMODE6 (COM_FLTMODE1 to 6) are on the switch; BadInput names them. On a PX4 it
+        turns the radio on.
         """
+        if isinstance(self.brain, Px4Copter):
+            self._turn_px4(self.brain, name, throttle)
+            return
         copter = self.copter
         on_switch = {}
         for position in range(1, 7):
             mode = copter.modes.get(int(copter.params[f"FLTMODE{position}"]))
             if mode is not None:
                 on_switch[mode.name] = position
-        if name not in on_switch:
-            expected = ", ".join(on_switch)
-            raise BadInput(
-                f"{name} is not on the mode switch; there are {expected}", field="mode", value=name, expected=expected
-            )
+        self._check_switch(name, on_switch)
         copter.pilot.sticks(throttle=throttle)
         copter.pilot.turn_switch(on_switch[name])
 
+    def _turn_px4(self, px4: Px4Copter, name: str, throttle: float) -> None:
+        on_switch = {}
+        for position in range(1, 7):
+            mode = SWITCH.get(int(px4.params[f"COM_FLTMODE{position}"]))
+            if mode is not None:
+                on_switch[mode.name] = position
+        self._check_switch(name, on_switch)
+        px4.sticks.radio = True
+        px4.sticks.pilot.sticks(throttle=throttle)
+        px4.sticks.pilot.turn_switch(on_switch[name])
+
+    def _check_switch(self, name: str, on_switch: dict[str, int]) -> None:
+        if name not in on_switch:
+            expected = ", ".join(on_switch) or "no mode"
+            raise BadInput(
+                f"{name} is not on the mode switch; there are {expected}", field="mode", value=name, expected=expected
+            )
+
     def status(self) -> VehicleStatus:
-        copter, s = self.copter, self.copter.sense
-        capacity = max(copter.params["BATT_CAPACITY"], 1.0)
+        copter, s = self.brain, self.brain.sense
+        params = copter.params
+        capacity = max(params["BATT_CAPACITY"], 1.0) if "BATT_CAPACITY" in params else copter.airframe.battery_mah
         return VehicleStatus(
             name=self.name,
             sysid=self.sysid,

@@ -21,8 +21,8 @@ from zmav.errors import BadConfig, TimedOut
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, as_specs, build
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.endpoints import open_endpoint, parse_endpoint
-from zmav.sim.spec import Home, VehicleSpec
+from zmav.sim.endpoints import expand, open_endpoint, parse_endpoint
+from zmav.sim.spec import USUAL, Home, VehicleSpec
 from zmav.sim.vehicle import SimVehicle, VehicleStatus
 
 T = TypeVar("T")
@@ -34,6 +34,10 @@ DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
 MOST = 1e6  # of any option that is a number: beyond it nothing makes sense
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
+
+
+def _first_of(*choices: Sequence[str] | None) -> Sequence[str]:
+    return next(choice for choice in choices if choice is not None)
 
 
 class WorldStatus(msgspec.Struct, frozen=True):
@@ -48,8 +52,9 @@ class WorldStatus(msgspec.Struct, frozen=True):
 class World:
     """Vehicles, their autopilots and their links on one clock.
 
-    ``copters``: how many, or one :class:`VehicleSpec` each. ``endpoint``: for those whose spec names none, see
-    :mod:`zmav.sim.endpoints`; several may be given. ``speed``: times real time, ``math.inf`` as fast as it goes.
+    ``copters``: how many (ArduCopters), or one :class:`VehicleSpec` each; ``px4``: so many PX4s after them.
+    ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None: "tcp" for
+    an ArduCopter, "px4" for a PX4). ``speed``: times real time, ``math.inf`` as fast as it goes.
     ``wind``: steady, m/s NED (where it blows to). ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
     ``gps_noise_m``: standard deviation per axis. ``epoch_s``: UTC at the start.
@@ -65,7 +70,8 @@ class World:
         *,
         home: Home | None = None,
         spacing_m: float = 10.0,
-        endpoint: str | Sequence[str] = "tcp",
+        px4: int = 0,
+        endpoint: str | Sequence[str] | None = None,
         speed: float = 1.0,
         seed: int = 0,
         wind: Vector = (0.0, 0.0, 0.0),
@@ -82,10 +88,10 @@ class World:
         self.home = home or Home()
         self.speed = speed
         self.ticks = 0
-        self._specs = as_specs(copters)
-        default = (endpoint,) if isinstance(endpoint, str) else tuple(endpoint)
+        self._specs = as_specs(copters, px4)
+        default = (endpoint,) if isinstance(endpoint, str) else endpoint
         self._addresses = [
-            [parse_endpoint(text, i) for text in (default if spec.endpoints is None else spec.endpoints)]
+            [parse_endpoint(text, i) for text in expand(_first_of(spec.endpoints, default, (USUAL[spec.autopilot],)))]
             for i, spec in enumerate(self._specs)
         ]
         built = build(
@@ -191,7 +197,7 @@ class World:
         for squad in self._squads:
             squad.fleet.advance(STEPS_PER_TICK)
             for vehicle, sense in zip(squad.vehicles, squad.fleet.senses(), strict=True):
-                vehicle.copter.update(now, sense, TICK_S)
+                vehicle.brain.update(now, sense, TICK_S)
                 vehicle.node.tick()
 
     def _run_guarded(self) -> None:

@@ -1,4 +1,5 @@
 """The cascade: reference -> position -> velocity -> lean and thrust (outer), attitude -> rate -> rotors (inner).
+A setpoint may enter at every level.
 
 The outer loops run every other tick, the attitude loop every tick, the rate loop with every step of the physics.
 Structure and gains after ArduCopter's position and attitude controllers (ardupilot.org, "Copter Position Control and
@@ -25,7 +26,7 @@ from zmav.sim.arrays import (
     wrap_pi,
 )
 from zmav.sim.control.reference import Reference
-from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, YAW_ANGLE, Setpoints
+from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, RATES, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe, throttle_for
 
 POS_P = 1.0  # PSC_POSXY_P, PSC_POSZ_P
@@ -73,6 +74,7 @@ class Cascade:
         self._rate: Array = np.zeros((3, n))  # body rates asked for
         self._flying: Flags = np.zeros(n, dtype=bool)
         self._idle: Array = np.zeros((len(mix), n))
+        self._by_rates: Flags | None = None  # whose body rates are given; None: nobody's
 
     def outer(self, est: Estimated, dt: float) -> None:
         """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
@@ -83,12 +85,19 @@ class Cascade:
         if grounded.all():
             self._stand(est)
             return
-        by_hand = grounded | (sp.horizontal == DIRECT)
+        by_hand = grounded | (sp.horizontal >= DIRECT)
         ballistic = grounded | (sp.vertical == DIRECT)
         ref = self.reference
         ref.follow(by_hand, ballistic, est.pos, est.vel)
         ref.advance(dt)
+        raw = sp.raw & self._flying
+        if raw.any():
+            ref.take(raw, est.pos, est.vel)
         want_vel = ref.vel + (ref.pos - est.pos) * POS_P
+        if raw.any():
+            limits = sp.limits
+            want_vel[:2, raw] = limit_length(want_vel[:2, raw], limits.speed[raw])
+            want_vel[2, raw] = clamp(want_vel[2, raw], -limits.speed_up[raw], limits.speed_down[raw])
         error = want_vel - est.vel
         self._vel_i = clamp(self._vel_i + error * VEL_I * dt, -VEL_I_MAX, VEL_I_MAX)
         self._vel_i[:2] *= ~by_hand
@@ -98,6 +107,16 @@ class Cascade:
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
         self._head(est, grounded, dt)
         self._lean_and_lift(est, acc, by_hand, ballistic)
+        self._below_attitude(est)
+
+    def _below_attitude(self, est: Estimated) -> None:
+        """Note who is flown by body rates; their attitude is whatever it is."""
+        by_rates = self._flying & (self.setpoints.horizontal == RATES)
+        self._by_rates = by_rates if by_rates.any() else None
+        if self._by_rates is not None:
+            self.attitude[:, by_rates] = est.q[:, by_rates]
+            self.yaw[by_rates] = _yaw_of(est.q)[by_rates]
+            self._turn_acc[by_rates] = 0.0
 
     def _stand(self, est: Estimated) -> None:
         """Nobody flies: everything is where it is."""
@@ -106,6 +125,7 @@ class Cascade:
         self._vel_i[:] = 0.0
         self._rate_i[:] = 0.0
         self._rate[:] = 0.0
+        self._by_rates = None
         self.attitude = est.q.copy()
         self.yaw = _yaw_of(est.q)
         self._turn[:] = 0.0
@@ -145,6 +165,8 @@ class Cascade:
         error = quat_error(self.attitude, est.q)
         rate = clamp(error[1:] * (2.0 * np.sign(error[0])) * ANGLE_P, -RATE_MAX, RATE_MAX)
         rate[2] += self._turn
+        if self._by_rates is not None:
+            rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
         self._rate = rate
 
     def inner(self, est: Estimated, dt: float) -> Array:

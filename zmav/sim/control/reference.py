@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmav.sim.arrays import Array, Flags, clamp, limit_length
-from zmav.sim.control.setpoints import ACCELERATION, POSITION, Setpoints
+from zmav.sim.control.setpoints import ACCELERATION, POSITION, VELOCITY, Setpoints
 
 BRAKING = 0.6  # share of the allowed acceleration that braking is planned with: measured on ArduCopter SITL
 # How fast speed and acceleration errors are worked off, 1/s. The second must well exceed the first, or arrivals
@@ -46,6 +46,15 @@ class Reference:
         self._vertical(dt)
         self.vel += self.acc * dt
         self.pos += self.vel * dt
+
+    def take(self, raw: Flags, pos: Array, vel: Array) -> None:
+        """Where setpoints are followed ``raw`` the reference is the setpoint itself; what is not held is as it is."""
+        sp = self._sp
+        for rows, kind in ((slice(0, 2), sp.horizontal), (slice(2, 3), sp.vertical)):
+            held, moved, pushed = raw & (kind == POSITION), raw & (kind == VELOCITY), raw & (kind == ACCELERATION)
+            self.pos[rows] = np.where(held, sp.pos[rows], np.where(moved | pushed, pos[rows], self.pos[rows]))
+            self.vel[rows] = np.where(held | moved, sp.vel[rows], np.where(pushed, vel[rows], self.vel[rows]))
+            self.acc[rows] = np.where(held | moved | pushed, sp.acc[rows], self.acc[rows])
 
     def _horizontal(self, dt: float) -> None:
         sp, lim = self._sp, self._sp.limits

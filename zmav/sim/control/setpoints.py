@@ -30,6 +30,7 @@ class Axis(enum.IntEnum):
     VELOCITY = 1
     ACCELERATION = 2
     DIRECT = 3  # horizontally the attitude, vertically the thrust, as given
+    RATES = 4  # horizontally: the body rates as given, heading included
 
 
 class Yaw(enum.IntEnum):
@@ -39,7 +40,8 @@ class Yaw(enum.IntEnum):
 
 # As plain numbers, for comparing whole rows many times a second.
 FLY, IDLE = int(Spool.FLY), int(Spool.IDLE)
-POSITION, ACCELERATION, DIRECT = int(Axis.POSITION), int(Axis.ACCELERATION), int(Axis.DIRECT)
+POSITION, VELOCITY, ACCELERATION = int(Axis.POSITION), int(Axis.VELOCITY), int(Axis.ACCELERATION)
+DIRECT, RATES = int(Axis.DIRECT), int(Axis.RATES)
 YAW_ANGLE = int(Yaw.ANGLE)
 
 
@@ -76,7 +78,10 @@ HIGHEST = {
 
 
 class Setpoints:
-    """Targets of N vehicles: metres, m/s, m/s^2 in world NED; radians; thrust as a fraction of the rotors' sum."""
+    """Targets of N vehicles: metres, m/s, m/s^2 in world NED; radians; thrust as a fraction of the rotors' sum.
+
+    ``raw``: the targets are followed as they are, without the shaping of :class:`~zmav.sim.control.reference.Reference`.
+    """
 
     def __init__(self, n: int) -> None:
         self.spool = np.zeros(n, dtype=np.int8)
@@ -91,6 +96,8 @@ class Setpoints:
         self.thrust: Array = np.zeros(n)
         self.yaw: Array = np.zeros(n)
         self.yaw_rate: Array = np.zeros(n)
+        self.body: Array = np.zeros((3, n))  # body rates, rad/s
+        self.raw = np.zeros(n, dtype=bool)
         self.limits = Limits(n)
 
     def handle(self, index: int) -> SetpointHandle:
@@ -120,6 +127,16 @@ class SetpointHandle:
         t, i = self._t, self._i
         t.horizontal[i], t.vertical[i] = horizontal, vertical
         t.pos[:, i], t.vel[:, i], t.acc[:, i] = pos, vel, acc
+
+    def raw(self, on: bool) -> None:
+        """Follow targets unshaped, as a controller does that a stream of setpoints drives."""
+        self._t.raw[self._i] = on
+
+    def rates(self, p: float, q: float, r: float) -> None:
+        """Hold these body rates, rad/s about forward, right and down."""
+        t, i = self._t, self._i
+        t.horizontal[i] = Axis.RATES
+        t.body[:, i] = p, q, r
 
     def lean(self, roll: float, pitch: float) -> None:
         """Hold this attitude (radians) instead of anything horizontal."""

@@ -127,9 +127,29 @@ def _hexa_x() -> Airframe:
     )
 
 
+def _sih_x() -> Airframe:
+    # PX4's own simulation-in-hardware quadrotor: 1 kg, 5 N a rotor straight from the command, linear drag (SIH_*).
+    return Airframe(
+        name="sih",
+        mass_kg=1.0,
+        inertia_kgm2=(0.025, 0.025, 0.030),
+        rotors=_ring(4, 0.283, 45.0, (1, -1, 1, -1)),
+        thrust_max_n=5.0,
+        torque_per_thrust_m=0.02,
+        thrust_expo=0.0,
+        rotor_tau_s=0.05,
+        drag_area_m2=0.0,
+        rotor_drag_kgps=1.0,
+        leg_m=0.15,
+        hover_current_a=9.0,
+        battery_mah=3300.0,
+        battery_v=16.2,
+    )
+
+
 def airframe(name: str) -> Airframe:
     """The airframe of that name; :class:`BadConfig` names the known ones."""
-    makers = {"quad": _quad_plus, "hexa": _hexa_x}
+    makers = {"quad": _quad_plus, "hexa": _hexa_x, "sih": _sih_x}
     if name not in makers:
         expected = ", ".join(makers)
         raise BadConfig(f"no airframe {name!r}; known: {expected}", field="airframe", value=name, expected=expected)

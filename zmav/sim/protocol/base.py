@@ -119,9 +119,9 @@ class Node(ABC):
 
     # ---- channels
 
-    def open_channel(self, outlet: Outlet) -> Channel:
+    def open_channel(self, outlet: Outlet, link: str = "") -> Channel:
         """A new link; it hears the heartbeat from now on, and what :meth:`greet` starts."""
-        channel = Channel(self.dialect, outlet, self.sysid, COMPONENT, self.brain.now)
+        channel = Channel(self.dialect, outlet, self.sysid, COMPONENT, self.brain.now, link)
         self.greet(channel)
         self.channels.append(channel)
         for part in self._parts:

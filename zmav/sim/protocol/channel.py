@@ -28,9 +28,14 @@ class Outlet(Protocol):
 
 
 class Channel:
-    """One link: frames in through ``splitter``, frames out with :meth:`send`."""
+    """One link: frames in through ``splitter``, frames out with :meth:`send`. ``link`` names it, where an autopilot
+    tells its links apart.
+    """
 
-    def __init__(self, dialect: Dialect, outlet: Outlet, sysid: int, compid: int, now: float) -> None:
+    def __init__(
+        self, dialect: Dialect, outlet: Outlet, sysid: int, compid: int, now: float, link: str = ""
+    ) -> None:
+        self.link = link
         self.streams = Streams(now)
         self.splitter = Splitter(dialect)
         self.outlet = outlet

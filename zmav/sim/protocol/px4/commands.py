@@ -1,0 +1,236 @@
+"""COMMAND_LONG and COMMAND_INT, with PX4's verdicts.
+
+Protocol: https://mavlink.io/en/services/command.html. PX4's receiver acknowledges what it does itself, its commander
+the rest; DO_SET_MODE is acknowledged by both. The frame of a COMMAND_INT is not looked at: altitudes are above mean sea
+level.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from zmav.sim.autopilots.px4.modes import BY_NUMBERS, HOLD, LAND, MISSION, RTL, TAKEOFF, Mode
+from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Sender
+from zmav.sim.protocol.px4.setpoint import point
+from zmav.sim.protocol.px4.telemetry import REPORTS
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.px4.node import Px4Node
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
+
+_SET_MODE = 176
+_FORCE = 21196
+_CUSTOM_MODE = 1
+_CHANGE_MODE = 1
+_NO_PLACE = 2**31 - 1  # x and y of a COMMAND_INT that names none
+_REBOOT = 1
+
+
+class Command(msgspec.Struct, frozen=True):
+    """A command in either form: latitude and longitude in degrees, NaN where not given; ``sender`` is who asked."""
+
+    number: int
+    p1: float
+    p2: float
+    p3: float
+    p4: float
+    lat: float
+    lon: float
+    alt: float
+    channel: Channel
+    sender: Sender
+
+
+Handler = Callable[["Px4Node", Command], int]
+
+
+def from_long(msg: dict[str, Any], channel: Channel, sender: Sender) -> Command:
+    p1, p2, p3, p4, lat, lon, alt = (msg[f"param{i}"] for i in range(1, 8))
+    return Command(msg["command"], p1, p2, p3, p4, lat, lon, alt, channel, sender)
+
+
+def from_int(msg: dict[str, Any], channel: Channel, sender: Sender) -> Command:
+    p1, p2, p3, p4 = (msg[f"param{i}"] for i in range(1, 5))
+    lat, lon = msg["x"] * 1e-7, msg["y"] * 1e-7
+    if msg["x"] == msg["y"] == _NO_PLACE:
+        lat = lon = math.nan
+    return Command(msg["command"], p1, p2, p3, p4, lat, lon, msg["z"], channel, sender)
+
+
+def run(node: Px4Node, command: Command) -> None:
+    """Carry out, and acknowledge to who asked on the link it came by."""
+    if command.number == _SET_MODE:
+        _acknowledge(command, ACCEPTED)  # the receiver's, that passes it on
+    handler = HANDLERS.get(command.number)
+    _acknowledge(command, UNSUPPORTED if handler is None else handler(node, command))
+
+
+def _acknowledge(command: Command, result: int) -> None:
+    command.channel.send(
+        "COMMAND_ACK",
+        command=command.number,
+        result=result,
+        target_system=command.sender[0],
+        target_component=command.sender[1],
+    )
+
+
+def _verdict(done: bool) -> int:
+    return ACCEPTED if done else TEMPORARILY_REJECTED
+
+
+# ---- the commander's
+
+
+def _set_mode(node: Px4Node, c: Command) -> int:
+    if not (math.isfinite(c.p1) and math.isfinite(c.p2) and int(c.p1) & _CUSTOM_MODE):
+        return TEMPORARILY_REJECTED
+    mode = BY_NUMBERS.get((int(c.p2), int(c.p3) if math.isfinite(c.p3) else 0))
+    return _verdict(mode is not None and node.copter.set_mode(mode))
+
+
+def _arm_disarm(node: Px4Node, c: Command) -> int:
+    forced = c.p2 == _FORCE
+    if c.p1 == 1:
+        return _verdict(node.copter.arm(forced=forced))
+    if c.p1 == 0:
+        return _verdict(node.copter.disarm(forced=forced))
+    return UNSUPPORTED
+
+
+def _enter(mode: Mode) -> Handler:
+    def handler(node: Px4Node, c: Command) -> int:
+        return _verdict(node.copter.set_mode(mode))
+
+    return handler
+
+
+def _takeoff(node: Px4Node, c: Command) -> int:
+    navigator = node.copter.navigator
+    navigator.takeoff_amsl = c.alt if math.isfinite(c.alt) else None
+    done = node.copter.set_mode(TAKEOFF)
+    if not done:
+        navigator.takeoff_amsl = None
+    return _verdict(done)
+
+
+def _reposition(node: Px4Node, c: Command) -> int:
+    """Fly to a place and HOLD there; what is NaN stays as it is."""
+    copter = node.copter
+    if not math.isfinite(c.p2) or int(c.p2) != _CHANGE_MODE:
+        return UNSUPPORTED
+    here = copter.position
+    lat, lon = (c.lat, c.lon) if math.isfinite(c.lat) and math.isfinite(c.lon) else (here.lat_deg, here.lon_deg)
+    place = point(copter, lat, lon, c.alt if math.isfinite(c.alt) else here.alt_amsl_m, 0)
+    if place is None:
+        return DENIED
+    if not copter.set_mode(HOLD):
+        return TEMPORARILY_REJECTED
+    speed = c.p1 if math.isfinite(c.p1) and c.p1 > 0 else None
+    copter.navigator.reposition(place, c.p4 if math.isfinite(c.p4) else None, speed)
+    return ACCEPTED
+
+
+def _change_speed(node: Px4Node, c: Command) -> int:
+    """A speed that is not above nought goes back to the parameter's."""
+    node.copter.cruise_speed = c.p2 if math.isfinite(c.p2) and c.p2 > 0 else None
+    return ACCEPTED
+
+
+def _set_home(node: Px4Node, c: Command) -> int:
+    copter = node.copter
+    if not copter.position_ok:
+        return TEMPORARILY_REJECTED
+    if c.p1 == 1:
+        copter.home_world = (copter.sense.north, copter.sense.east, copter.sense.down)
+    else:
+        place = point(copter, c.lat, c.lon, c.alt, 0)
+        if place is None:
+            return DENIED
+        copter.home_world = place
+    return ACCEPTED
+
+
+def _terminate(node: Px4Node, c: Command) -> int:
+    return _verdict(c.p1 > 0.5 and node.copter.disarm(forced=True))
+
+
+def _reboot(node: Px4Node, c: Command) -> int:
+    if node.copter.armed:
+        return TEMPORARILY_REJECTED
+    if c.p1 != _REBOOT:
+        return DENIED
+    node.reboot_after_ack()
+    return ACCEPTED
+
+
+def _accept(node: Px4Node, c: Command) -> int:
+    return ACCEPTED
+
+
+# ---- the receiver's
+
+
+def _set_interval(node: Px4Node, c: Command) -> int:
+    name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
+    if name not in REPORTS or not math.isfinite(c.p2):
+        return FAILED
+    period = node.usual_period(c.channel, name) if c.p2 == 0 else max(c.p2 / 1e6, 0.0)
+    c.channel.streams.set_period(name, period, node.copter.now)
+    return ACCEPTED
+
+
+def _get_interval(node: Px4Node, c: Command) -> int:
+    name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
+    period = c.channel.streams.period(name) if name else None
+    msgid = round(c.p1) & 0xFFFF if math.isfinite(c.p1) else 0
+    # Nought says that there is no such message, -1 that it is not sent.
+    interval = round(period * 1e6) if period else (-1 if name else 0)
+    c.channel.send("MESSAGE_INTERVAL", message_id=msgid, interval_us=interval)
+    return ACCEPTED
+
+
+def _request_message(node: Px4Node, c: Command) -> int:
+    name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
+    if name not in REPORTS:
+        return DENIED
+    # PX4 sends it at once, and then the acknowledgement.
+    node.report(c.channel, name)
+    return ACCEPTED
+
+
+def _ask_for(name: str) -> Handler:
+    def handler(node: Px4Node, c: Command) -> int:
+        node.report(c.channel, name)
+        return ACCEPTED
+
+    return handler
+
+
+HANDLERS: dict[int, Handler] = {
+    17: _enter(HOLD),  # NAV_LOITER_UNLIM
+    20: _enter(RTL),
+    21: _enter(LAND),
+    22: _takeoff,
+    _SET_MODE: _set_mode,
+    178: _change_speed,
+    179: _set_home,
+    185: _terminate,
+    192: _reposition,
+    246: _reboot,
+    300: _enter(MISSION),
+    400: _arm_disarm,
+    401: _accept,  # RUN_PREARM_CHECKS
+    410: _ask_for("HOME_POSITION"),
+    510: _get_interval,
+    511: _set_interval,
+    512: _request_message,
+    519: _ask_for("PROTOCOL_VERSION"),
+    520: _ask_for("AUTOPILOT_VERSION"),
+}

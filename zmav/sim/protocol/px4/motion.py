@@ -1,0 +1,258 @@
+"""Where a PX4 is, how it moves, and where it wants to go; None where it has nothing to say.
+
+Messages: https://mavlink.io/en/messages/common.html
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from zmav.sim.autopilots.px4.ground import Stage
+from zmav.sim.autopilots.px4.modes import OFFBOARD
+from zmav.sim.autopilots.px4.offboard import Motion
+from zmav.sim.protocol.px4.clock import boot_ms, boot_us
+from zmav.sim.protocol.reports.base import Fields, centidegrees, e7
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.px4.node import Px4Node
+
+
+def attitude(node: Px4Node) -> Fields:
+    s = node.copter.sense
+    return {
+        "time_boot_ms": boot_ms(node),
+        "roll": s.roll,
+        "pitch": s.pitch,
+        "yaw": s.yaw,
+        "rollspeed": s.p,
+        "pitchspeed": s.q,
+        "yawspeed": s.r,
+    }
+
+
+def attitude_quaternion(node: Px4Node) -> Fields:
+    s = node.copter.sense
+    return {
+        "time_boot_ms": boot_ms(node),
+        "q1": s.qw,
+        "q2": s.qx,
+        "q3": s.qy,
+        "q4": s.qz,
+        "rollspeed": s.p,
+        "pitchspeed": s.q,
+        "yawspeed": s.r,
+    }
+
+
+def local_position_ned(node: Px4Node) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.position_ok:
+        return None
+    x, y, z = copter.local
+    return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}
+
+
+def odometry(node: Px4Node) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.position_ok:
+        return None
+    x, y, z = copter.local
+    return {
+        "time_usec": boot_us(node),
+        "frame_id": 1,
+        "child_frame_id": 1,
+        "x": x,
+        "y": y,
+        "z": z,
+        "q": [s.qw, s.qx, s.qy, s.qz],
+        "vx": s.vn,
+        "vy": s.ve,
+        "vz": s.vd,
+        "rollspeed": s.p,
+        "pitchspeed": s.q,
+        "yawspeed": s.r,
+        "pose_covariance": _POSE_COVARIANCE,
+        "velocity_covariance": _VELOCITY_COVARIANCE,
+        "estimator_type": 8,
+    }
+
+
+def _diagonal(values: tuple[float, ...]) -> list[float]:
+    """The upper triangle of a 6 by 6 matrix, row by row, that only knows its diagonal."""
+    triangle = []
+    for row in range(6):
+        triangle += [values[row] if row < len(values) else math.nan] + [math.nan] * (5 - row)
+    return triangle
+
+
+_POSE_COVARIANCE = _diagonal((0.043, 0.043, 0.09, 0.0003, 0.0003, 0.02))
+_VELOCITY_COVARIANCE = _diagonal((0.011, 0.01, 0.006))
+
+
+def global_position_int(node: Px4Node) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.position_ok:
+        return None
+    here = copter.position
+    return {
+        "time_boot_ms": boot_ms(node),
+        "lat": e7(here.lat_deg),
+        "lon": e7(here.lon_deg),
+        "alt": round(here.alt_amsl_m * 1000),
+        "relative_alt": round((copter.home_world[2] - s.down) * 1000),
+        "vx": round(s.vn * 100),
+        "vy": round(s.ve * 100),
+        "vz": round(s.vd * 100),
+        "hdg": centidegrees(s.yaw),
+    }
+
+
+def altitude(node: Px4Node) -> Fields | None:
+    copter = node.copter
+    if not copter.position_ok:
+        return None
+    amsl, height = copter.position.alt_amsl_m, copter.home_world[2] - copter.sense.down
+    return {
+        "time_usec": boot_us(node),
+        "altitude_monotonic": amsl,
+        "altitude_amsl": amsl,
+        "altitude_local": -copter.local[2],
+        "altitude_relative": height,
+        "altitude_terrain": 0.0,
+        "bottom_clearance": max(-copter.sense.down, 0.0),
+    }
+
+
+def vfr_hud(node: Px4Node) -> Fields:
+    copter, s = node.copter, node.copter.sense
+    return {
+        "groundspeed": math.hypot(s.vn, s.ve),
+        "heading": int(math.degrees(s.yaw)) % 360,
+        "throttle": round(s.throttle * 100) if copter.armed and not copter.landed else 0,
+        "alt": copter.position.alt_amsl_m if copter.position_ok else 0.0,
+        "climb": -s.vd,
+    }
+
+
+def home_position(node: Px4Node) -> Fields | None:
+    copter = node.copter
+    if not copter.position_ok:
+        return None
+    home, origin = copter.home_world, copter.origin_world
+    place = copter.place(home)
+    return {
+        "latitude": e7(place.lat_deg),
+        "longitude": e7(place.lon_deg),
+        "altitude": round(place.alt_amsl_m * 1000),
+        "x": home[0] - origin[0],
+        "y": home[1] - origin[1],
+        "z": home[2] - origin[2],
+        "q": [1.0, 0.0, 0.0, 0.0],
+        "time_usec": boot_us(node),
+    }
+
+
+def gps_global_origin(node: Px4Node) -> Fields | None:
+    copter = node.copter
+    if not copter.position_ok:
+        return None
+    place = copter.place(copter.origin_world)
+    return {
+        "latitude": e7(place.lat_deg),
+        "longitude": e7(place.lon_deg),
+        "altitude": round(place.alt_amsl_m * 1000),
+        "time_usec": boot_us(node),
+    }
+
+
+def open_drone_id_location(node: Px4Node) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.position_ok:
+        return None
+    here = copter.position
+    return {
+        "status": 1 if copter.landed else 2,
+        "direction": centidegrees(math.atan2(s.ve, s.vn)),
+        "speed_horizontal": min(round(math.hypot(s.vn, s.ve) * 100), 25500),
+        "speed_vertical": round(min(max(-s.vd, -62.0), 62.0) * 100),
+        "latitude": e7(here.lat_deg),
+        "longitude": e7(here.lon_deg),
+        "altitude_barometric": here.alt_amsl_m,
+        "altitude_geodetic": here.alt_amsl_m,
+        "height": copter.home_world[2] - s.down,
+        "horizontal_accuracy": 12,
+        "vertical_accuracy": 5,
+        "speed_accuracy": 3,
+        "timestamp": 65535.0,
+    }
+
+
+def open_drone_id_system(node: Px4Node) -> Fields | None:
+    copter = node.copter
+    if not copter.position_ok:
+        return None
+    home = copter.place(copter.home_world)
+    return {
+        "operator_latitude": e7(home.lat_deg),
+        "operator_longitude": e7(home.lon_deg),
+        "area_count": 1,
+        "area_ceiling": -1000.0,
+        "area_floor": -1000.0,
+        "operator_altitude_geo": home.alt_amsl_m,
+    }
+
+
+# ---- where it wants to go
+
+
+def attitude_target(node: Px4Node) -> Fields:
+    s = node.copter.sense
+    standing = not node.copter.armed or node.copter.ground.stage in (Stage.STANDING, Stage.TOUCHED)
+    return {
+        "time_boot_ms": boot_ms(node),
+        "q": [s.want_qw, s.want_qx, s.want_qy, s.want_qz],
+        "thrust": 0.0 if standing else s.throttle,
+    }
+
+
+def position_target_local_ned(node: Px4Node) -> Fields | None:
+    """What the position controller follows; nothing where attitude or rates are streamed."""
+    copter = node.copter
+    wish = copter.offboard.wish if copter.armed and copter.mode is OFFBOARD else None
+    if wish is not None and not isinstance(wish, Motion):
+        return None
+    fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1, "yaw": copter.sense.want_yaw}
+    no = math.nan
+    if not copter.armed or copter.ground.stage in (Stage.STANDING, Stage.TOUCHED):
+        return {**fields, "type_mask": 63, "x": no, "y": no, "z": no, "vx": no, "vy": no, "vz": no, "afz": 100.0}
+    if copter.failsafe.active and copter.mode.manual:
+        return {**fields, "type_mask": 31, "x": no, "y": no, "z": no, "vx": no, "vy": no, "vz": copter.sense.vd}
+    if wish is None:
+        x, y, z = copter.local
+        return {**fields, "x": x, "y": y, "z": z, "vx": copter.sense.ref_vn, "vy": copter.sense.ref_ve}
+    mask = 0
+    about = copter.origin_world
+    for axis, name in enumerate("xyz"):
+        pos, vel, acc = wish.pos[axis], wish.vel[axis], wish.acc[axis]
+        mask |= (pos is None) << axis
+        fields[name] = no if pos is None else pos - about[axis]
+        fields[f"v{name}"] = 0.0 if vel is None else vel
+        fields[f"af{name}"] = 0.0 if acc is None else acc
+    return {**fields, "type_mask": mask}
+
+
+def position_target_global_int(node: Px4Node) -> Fields | None:
+    """Where an AUTO mode goes."""
+    copter = node.copter
+    if not copter.armed or not copter.mode.auto:
+        return None
+    s = copter.sense
+    place = copter.place(copter.navigator.target or (s.north, s.east, s.down))
+    return {
+        "time_boot_ms": boot_ms(node),
+        "coordinate_frame": 5,
+        "lat_int": e7(place.lat_deg),
+        "lon_int": e7(place.lon_deg),
+        "alt": place.alt_amsl_m,
+    }

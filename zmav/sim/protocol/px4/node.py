@@ -1,0 +1,109 @@
+"""One PX4's MAVLink face: what it sends by itself on which link, and who answers what comes in."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.autopilots.px4.modes import BY_NUMBERS
+from zmav.sim.protocol.base import Node
+from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Answer, Sender
+from zmav.sim.protocol.px4 import commands, links, setpoint
+from zmav.sim.protocol.px4.clock import boot_ms
+from zmav.sim.protocol.px4.events import EventPart
+from zmav.sim.protocol.px4.messages import px4_dialect
+from zmav.sim.protocol.px4.params import Px4ParamProtocol
+from zmav.sim.protocol.px4.telemetry import REPORTS
+
+_GCS = 6  # MAV_TYPE_GCS
+_WARNING = 4
+
+
+class Px4Node(Node):
+    """Speaks for one :class:`Px4Copter`."""
+
+    SYSID_PARAM: ClassVar[str] = "MAV_SYS_ID"
+    TIMESYNC_PERIOD_S: ClassVar[float] = math.inf  # it is one of the streams
+
+    def __init__(self, copter: Px4Copter, *, uid: int, epoch_us: int) -> None:
+        super().__init__(copter, px4_dialect(), REPORTS, uid=uid, epoch_us=epoch_us)
+        self.copter = copter
+        self.events = EventPart(lambda: self.channels, lambda: boot_ms(self))
+        self._with_ground: list[Channel] = []  # where a ground station was heard
+        copter.event = self.events.send
+        self.add(self.events)
+        self.add(Px4ParamProtocol(copter.params, lambda: self.channels, lambda text: self.say(_WARNING, text)))
+        for name, answer in self._own_answers().items():
+            self.answer(name, answer)
+
+    def _own_answers(self) -> dict[str, Answer]:
+        copter = self.copter
+        return {
+            "HEARTBEAT": self._heartbeat,
+            "SET_MODE": self._set_mode,
+            "MANUAL_CONTROL": self._manual_control,
+            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who)),
+            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who)),
+            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(copter, m),
+            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(copter, m),
+            "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(copter, m),
+        }
+
+    # ---- out
+
+    def fields(self, name: str) -> dict[str, Any] | None:
+        return REPORTS[name](self)
+
+    def greet(self, channel: Channel) -> None:
+        """Start the streams of that link."""
+        now = self.copter.now
+        for name, rate in links.rates(channel.link).items():
+            channel.streams.set_period(name, 1.0 / rate, now)
+
+    def usual_period(self, channel: Channel, name: str) -> float:
+        """Seconds between two such messages unless somebody asked otherwise; 0: it is not sent."""
+        rate = links.rates(channel.link).get(name, 0.0)
+        return 1.0 / rate if rate else 0.0
+
+    def close_channel(self, channel: Channel) -> None:
+        super().close_channel(channel)
+        self._with_ground = [c for c in self._with_ground if c is not channel]
+
+    def restart(self) -> None:
+        super().restart()
+        self._with_ground.clear()
+        for channel in self.channels:
+            self.greet(channel)
+
+    def say(self, severity: int, text: str) -> None:
+        """A STATUSTEXT where a ground station was heard, and nowhere else."""
+        for channel in self._with_ground:
+            channel.send("STATUSTEXT", severity=severity, text=text[:50])
+
+    def announce(self) -> None:
+        """Where the origin and home are now."""
+        for channel in self.channels:
+            self.report(channel, "GPS_GLOBAL_ORIGIN")
+            self.report(channel, "HOME_POSITION")
+
+    # ---- in
+
+    def _heartbeat(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if msg["type"] != _GCS:
+            return
+        self.copter.failsafe.ground_spoke()
+        if channel not in self._with_ground:
+            self._with_ground.append(channel)
+
+    def _set_mode(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        custom = msg["custom_mode"]
+        mode = BY_NUMBERS.get((custom >> 16 & 0xFF, custom >> 24 & 0xFF))
+        if msg["base_mode"] & 1 and mode is not None:
+            self.copter.set_mode(mode)
+
+    def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """x forward, y right, r clockwise in -1000 to 1000; z is the throttle in 0 to 1000."""
+        pitch, roll, yaw = (min(max(msg[name] / 1000.0, -1.0), 1.0) for name in ("x", "y", "r"))
+        self.copter.sticks.joystick(roll, pitch, yaw, min(max(msg["z"] / 1000.0, 0.0), 1.0))

@@ -1,0 +1,138 @@
+"""How a PX4 is: heartbeat, health, battery, time, versions; with the fill-ins of a recorded one.
+
+Messages: https://mavlink.io/en/messages/common.html
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD, TAKEOFF
+from zmav.sim.protocol.px4.clock import boot_ms, boot_us
+from zmav.sim.protocol.reports.base import Fields
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.px4.node import Px4Node
+
+# Float and int missions, int commands, bytewise parameters, FTP, attitude, position and global targets, termination,
+# MAVLink 2, fence, rally: what PX4 1.16.1 says of itself, and its version.
+CAPABILITIES = 0xE8FF
+VERSION = 0x011001FF
+GIT_HASH = "zmav-sim"
+_ARMED, _MANUAL, _STABILIZE, _GUIDED, _AUTO, _CUSTOM = 128, 64, 16, 8, 4, 1  # MAV_MODE_FLAG
+_PRESENT, _ENABLED, _HEALTHY, _PREARM = 0x0300402F, 0x0301402F, 0x0320C83F, 0x10000000
+_QUADROTOR, _HEXAROTOR = 2, 13
+
+
+def heartbeat(node: Px4Node) -> Fields:
+    copter, mode = node.copter, node.copter.mode
+    flags = _CUSTOM
+    if copter.armed:
+        flags |= _ARMED
+    if mode.auto:
+        flags |= _AUTO | _GUIDED | _STABILIZE
+    elif mode.manual:
+        flags |= _MANUAL | _STABILIZE
+    elif mode is OFFBOARD and copter.offboard.known:
+        flags |= _STABILIZE
+    return {
+        "type": _HEXAROTOR if len(copter.airframe.rotors) == 6 else _QUADROTOR,
+        "autopilot": 12,
+        "base_mode": flags,
+        "custom_mode": mode.custom,
+        "system_status": copter.system_status,
+        "mavlink_version": 3,
+    }
+
+
+def current_mode(node: Px4Node) -> Fields:
+    copter = node.copter
+    return {
+        "standard_mode": copter.mode.standard,
+        "custom_mode": copter.mode.custom,
+        "intended_custom_mode": copter.wanted.custom,
+    }
+
+
+def sys_status(node: Px4Node) -> Fields:
+    copter = node.copter
+    return {
+        "onboard_control_sensors_present": _PRESENT,
+        "onboard_control_sensors_enabled": _ENABLED,
+        "onboard_control_sensors_health": _HEALTHY | (_PREARM if copter.checks_ok else 0),
+        "load": 140,
+        "voltage_battery": round(copter.airframe.battery_v * 1000),
+        "current_battery": -100,
+        "battery_remaining": _battery_left(node),
+    }
+
+
+def _battery_left(node: Px4Node) -> int:
+    return max(round(100.0 * (1.0 - node.copter.consumed_mah / node.copter.airframe.battery_mah)), 0)
+
+
+def battery_status(node: Px4Node) -> Fields:
+    copter = node.copter
+    return {
+        "battery_function": 1,
+        "type": 1,
+        "temperature": 32767,
+        "voltages": [round(copter.airframe.battery_v * 1000)] + [65535] * 9,
+        "current_battery": -100,
+        "current_consumed": round(copter.consumed_mah),
+        "energy_consumed": -1,
+        "battery_remaining": _battery_left(node),
+        "charge_state": 1,
+    }
+
+
+def extended_sys_state(node: Px4Node) -> Fields:
+    copter = node.copter
+    if copter.landed:
+        return {"landed_state": 1}
+    return {"landed_state": {TAKEOFF: 3, LAND: 4}.get(copter.mode, 2)}
+
+
+def system_time(node: Px4Node) -> Fields:
+    return {"time_unix_usec": node.unix_us, "time_boot_ms": boot_ms(node)}
+
+
+def timesync(node: Px4Node) -> Fields:
+    return {"tc1": 0, "ts1": node.nanoseconds()}
+
+
+def ping(node: Px4Node) -> Fields:
+    return {"time_usec": boot_us(node), "seq": int(node.copter.uptime)}
+
+
+def link_node_status(node: Px4Node) -> Fields:
+    return {"timestamp": boot_us(node), "tx_rate": 24000, "messages_sent": sum(c.sent for c in node.channels)}
+
+
+def time_estimate_to_target(node: Px4Node) -> Fields:
+    return {"safe_return": 0, "land": -1, "mission_next_item": -1, "mission_end": -1, "commanded_action": -1}
+
+
+def current_event_sequence(node: Px4Node) -> Fields:
+    return {"sequence": node.events.sequence}
+
+
+def autopilot_version(node: Px4Node) -> Fields:
+    return {
+        "capabilities": CAPABILITIES,
+        "flight_sw_version": VERSION,
+        "middleware_sw_version": VERSION,
+        "os_sw_version": 0x061221FF,
+        "board_version": 1,
+        "flight_custom_version": list(GIT_HASH.encode("ascii")),
+        "middleware_custom_version": list(GIT_HASH.encode("ascii")),
+        "uid": node.uid,
+    }
+
+
+def protocol_version(node: Px4Node) -> Fields:
+    return {"version": 200, "min_version": 100, "max_version": 200}
+
+
+def mission_current(node: Px4Node) -> Fields:
+    return {"seq": 0, "total": 65535}
