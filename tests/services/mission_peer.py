@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import random
 import struct
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from typing import Any
 
-from tests.services.conftest import Peer, Told
+from tests.services.conftest import Bench, Peer, StartBench, Told
+from zmav import keys, wire
 from zmav.mavlink.frame import build_frame
+from zmav.services.mission_transfer import Pace
 
 MISSION, FENCE, RALLY = 0, 1, 2
 ACCEPTED, ERROR, UNSUPPORTED, INVALID, INVALID_SEQUENCE, DENIED = 0, 1, 3, 5, 13, 14
@@ -199,3 +202,78 @@ class MissionPeer(Peer):
         self.at = max(self.at, seq + 1)
         item = {**self.plans[kind][seq], "seq": seq, "mission_type": kind}
         self.send("MISSION_ITEM_INT", target_system=system, target_component=component, **item)
+
+
+WAYPOINT = "MAV_CMD_NAV_WAYPOINT"
+QUICK = Pace(reply=0.1, shortest=0.02, longest=0.15, again=0.05, busy=0.3)
+"""ten times as fast as life, as MissionPeer's own timeouts are"""
+
+
+def waypoints(count: int, alt: float = 30.0) -> list[dict[str, Any]]:
+    """A mission as do/mission_upload takes it."""
+    return [
+        {"command": WAYPOINT, "params": [i % 5], "x": -35.36 + i * 1e-4, "y": 149.16 - i * 2e-4, "z": alt + i / 8}
+        for i in range(count)
+    ]
+
+
+def raw(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The same as an autopilot stores it."""
+    return [
+        {
+            "frame": 3, "command": 16, "autocontinue": 1, "param1": item["params"][0], "param2": 0.0, "param3": 0.0,
+            "param4": 0.0, "x": round(item["x"] * 1e7), "y": round(item["y"] * 1e7), "z": item["z"],
+        }
+        for item in items
+    ]  # fmt: skip
+
+
+FENCE_ITEMS = [
+    *(
+        {
+            "command": "MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION",
+            "frame": "MAV_FRAME_GLOBAL",
+            "params": [3],
+            "x": x,
+            "y": y,
+        }
+        for x, y in ((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.0))
+    ),
+    {
+        "command": "MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION",
+        "frame": "MAV_FRAME_GLOBAL",
+        "params": [25.5],
+        "x": -35.05,
+        "y": 149.02,
+    },
+]
+RALLY_ITEMS = [{"command": "MAV_CMD_NAV_RALLY_POINT", "x": -35.0, "y": 149.0, "z": 40.0}]
+
+
+MissionBench = Callable[..., Awaitable[tuple[Bench, MissionPeer]]]
+
+
+@asynccontextmanager
+async def mission_benches(bench: StartBench) -> AsyncIterator[MissionBench]:
+    """What the fixture ``mission_bench`` gives: ``await mission_bench(style, pace=...)``."""
+    peers: list[MissionPeer] = []
+
+    async def start(style: str = "ardupilot", pace: Pace = QUICK, **more: Any) -> tuple[Bench, MissionPeer]:
+        peer = MissionPeer(style=style, **more)
+        await peer.open()
+        peers.append(peer)
+        b = await (await bench(peer)).connected()
+        b.vehicle.missions.pace = pace
+        return b, peer
+
+    yield start
+    for peer in peers:
+        await peer.close()
+
+
+async def plan(b: Bench, kind: str = "mission") -> wire.Mission:
+    (reply,) = await b.ground.ask(keys.MISSION.key("demo", "quad1", kind=kind))
+    if reply.ok is None:
+        assert reply.err is not None
+        raise wire.error_from(reply.err.payload.to_bytes())
+    return wire.decode(reply.ok.payload.to_bytes(), wire.Mission, "mission")

@@ -4,75 +4,32 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
-from tests.services.mission_peer import DENIED, ERROR, FENCE, INVALID, MISSION, RALLY, MissionPeer
-from zmav import keys, wire
+from tests.services.mission_peer import (
+    DENIED,
+    ERROR,
+    FENCE,
+    FENCE_ITEMS,
+    INVALID,
+    MISSION,
+    RALLY,
+    RALLY_ITEMS,
+    WAYPOINT,
+    MissionBench,
+    plan,
+    raw,
+    waypoints,
+)
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
 from zmav.services.mission_transfer import Pace
 
-if TYPE_CHECKING:
-    from tests.services.conftest import Bench, StartBench
-
-WAYPOINT = "MAV_CMD_NAV_WAYPOINT"
-QUICK = Pace(reply=0.1, shortest=0.02, longest=0.15, again=0.05, busy=0.3)
-"""ten times as fast as life, as MissionPeer's own timeouts are"""
-
-
-def waypoints(count: int, alt: float = 30.0) -> list[dict[str, Any]]:
-    """A mission as do/mission_upload takes it."""
-    return [
-        {"command": WAYPOINT, "params": [i % 5], "x": -35.36 + i * 1e-4, "y": 149.16 - i * 2e-4, "z": alt + i / 8}
-        for i in range(count)
-    ]
-
-
-def raw(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The same as an autopilot stores it."""
-    return [
-        {
-            "frame": 3, "command": 16, "autocontinue": 1, "param1": item["params"][0], "param2": 0.0, "param3": 0.0,
-            "param4": 0.0, "x": round(item["x"] * 1e7), "y": round(item["y"] * 1e7), "z": item["z"],
-        }
-        for item in items
-    ]  # fmt: skip
-
-
-Start = Callable[..., Awaitable[tuple["Bench", MissionPeer]]]
-
-
-@pytest.fixture
-async def start(bench: StartBench) -> Any:
-    """A vehicle with a mission store: ``await start(style)``."""
-    peers: list[MissionPeer] = []
-
-    async def start(style: str = "ardupilot", pace: Pace = QUICK) -> tuple[Bench, MissionPeer]:
-        peer = MissionPeer(style=style)
-        await peer.open()
-        peers.append(peer)
-        b = await (await bench(peer)).connected()
-        b.vehicle.missions.pace = pace
-        return b, peer
-
-    yield start
-    for peer in peers:
-        await peer.close()
-
-
-async def plan(b: Bench, kind: str = "mission") -> wire.Mission:
-    (reply,) = await b.ground.ask(keys.MISSION.key("demo", "quad1", kind=kind))
-    if reply.ok is None:
-        assert reply.err is not None
-        raise wire.error_from(reply.err.payload.to_bytes())
-    return wire.decode(reply.ok.payload.to_bytes(), wire.Mission, "mission")
-
 
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
-async def test_up_and_down(start: Start, style: str) -> None:
-    b, peer = await start(style)
+async def test_up_and_down(mission_bench: MissionBench, style: str) -> None:
+    b, peer = await mission_bench(style)
     peer.load(MISSION, raw(waypoints(3, alt=99.0)))
     outcome = await b.ground.do("mission_upload", items=waypoints(12))
     assert peer.stored() == raw(waypoints(12))
@@ -93,8 +50,8 @@ async def test_up_and_down(start: Start, style: str) -> None:
     assert (await plan(b)).items == []
 
 
-async def test_home_is_put_in_and_taken_out(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_home_is_put_in_and_taken_out(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     jump = {"command": "MAV_CMD_DO_JUMP", "frame": "MAV_FRAME_MISSION", "params": [1, 3]}
     await b.ground.do("mission_upload", items=[*waypoints(2), jump])
     counts = [told.fields["count"] for told in peer.heard("MISSION_COUNT")]
@@ -103,42 +60,20 @@ async def test_home_is_put_in_and_taken_out(start: Start) -> None:
     assert (await plan(b)).items[2].params[0] == 1.0
 
 
-async def test_a_px4_mission_has_no_home(start: Start) -> None:
-    b, peer = await start("px4")
+async def test_a_px4_mission_has_no_home(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("px4")
     jump = {"command": "MAV_CMD_DO_JUMP", "frame": "MAV_FRAME_MISSION", "params": [1, 3]}
     await b.ground.do("mission_upload", items=[*waypoints(2), jump])
     assert peer.plans[MISSION][2]["param1"] == 1.0
     assert len(peer.plans[MISSION]) == 3
 
 
-FENCE_ITEMS = [
-    *(
-        {
-            "command": "MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION",
-            "frame": "MAV_FRAME_GLOBAL",
-            "params": [3],
-            "x": x,
-            "y": y,
-        }
-        for x, y in ((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.0))
-    ),
-    {
-        "command": "MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION",
-        "frame": "MAV_FRAME_GLOBAL",
-        "params": [25.5],
-        "x": -35.05,
-        "y": 149.02,
-    },
-]
-RALLY_ITEMS = [{"command": "MAV_CMD_NAV_RALLY_POINT", "x": -35.0, "y": 149.0, "z": 40.0}]
-
-
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
 @pytest.mark.parametrize(("kind", "number", "items"), [("fence", FENCE, FENCE_ITEMS), ("rally", RALLY, RALLY_ITEMS)])
 async def test_fences_and_rally_points(
-    start: Start, style: str, kind: str, number: int, items: list[dict[str, Any]]
+    mission_bench: MissionBench, style: str, kind: str, number: int, items: list[dict[str, Any]]
 ) -> None:
-    b, peer = await start(style)
+    b, peer = await mission_bench(style)
     peer.load(MISSION, raw(waypoints(2)))
     await b.ground.do("mission_upload", kind=kind, items=items)
     assert len(peer.plans[number]) == len(items)  # no home among them
@@ -155,27 +90,27 @@ async def test_fences_and_rally_points(
 
 
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
-async def test_a_hundred_items_over_a_bad_link(start: Start, style: str) -> None:
-    """20 % of the frames lost and 200 ms delay each way, at a tenth of all times."""
-    b, peer = await start(style)
+async def test_a_hundred_items_over_a_bad_link(mission_bench: MissionBench, style: str) -> None:
+    """20 % of the frames lost and 200 ms delay each way, at a fortieth of all times."""
+    b, peer = await mission_bench(style, pace=Pace(reply=0.018, shortest=0.005, longest=0.04))
     peer.load(MISSION, raw(waypoints(3, alt=99.0)))
-    peer.loss, peer.delay = 0.2, 0.02
+    peer.loss, peer.delay, peer.time = 0.2, 0.005, 0.025
     assert (await b.ground.do("mission_upload", items=waypoints(100))).result["count"] == 100
     assert (await b.ground.do("mission_download")).result["count"] == 100
     assert peer.stored() == raw(waypoints(100))
     assert len((await plan(b)).items) == 100
 
 
-async def test_the_last_word_is_lost(start: Start) -> None:
+async def test_the_last_word_is_lost(mission_bench: MissionBench) -> None:
     """The acknowledgement does not come, nor anything else: what is read back tells."""
-    b, peer = await start("ardupilot")
+    b, peer = await mission_bench("ardupilot")
     peer.silent_at_end = True
     assert (await b.ground.do("mission_upload", items=waypoints(5))).result["known_by"] == "read back"
     assert peer.stored() == raw(waypoints(5))
 
 
-async def test_nobody_answers(start: Start) -> None:
-    b, peer = await start("ardupilot", pace=Pace(reply=0.02, shortest=0.02, attempts=4))
+async def test_nobody_answers(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot", pace=Pace(reply=0.02, shortest=0.02, attempts=4))
     peer.kinds = set()
     peer.ack = lambda *args: None  # type: ignore[method-assign]
     with pytest.raises(TimedOut, match="download of the mission: the autopilot does not answer"):
@@ -189,8 +124,8 @@ async def test_nobody_answers(start: Start) -> None:
 
 @pytest.mark.parametrize("asks", ["MISSION_REQUEST", "MISSION_REQUEST_INT"])
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
-async def test_it_asks_twice_for_everything(start: Start, style: str, asks: str) -> None:
-    b, peer = await start(style)
+async def test_it_asks_twice_for_everything(mission_bench: MissionBench, style: str, asks: str) -> None:
+    b, peer = await mission_bench(style)
     peer.asks, peer.times_asked = asks, 2
     await b.ground.do("mission_upload", items=waypoints(10))
     assert peer.stored() == raw(waypoints(10))
@@ -198,8 +133,8 @@ async def test_it_asks_twice_for_everything(start: Start, style: str, asks: str)
     assert not peer.heard("MISSION_ITEM")
 
 
-async def test_it_asks_out_of_order(start: Start) -> None:
-    b, peer = await start("px4")
+async def test_it_asks_out_of_order(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("px4")
     order, got = [2, 0, 3, 1, 3, 0], {}
 
     def ask_next() -> None:
@@ -220,9 +155,9 @@ async def test_it_asks_out_of_order(start: Start) -> None:
     assert {seq: item["x"] for seq, item in got.items()} == {i: w["x"] for i, w in enumerate(raw(waypoints(4)))}
 
 
-async def test_strangers_requests_and_acks_are_not_ours(start: Start) -> None:
+async def test_strangers_requests_and_acks_are_not_ours(mission_bench: MissionBench) -> None:
     """Another's transaction on the same link, seen in the middle of ours: only the target tells."""
-    b, peer = await start("ardupilot")
+    b, peer = await mission_bench("ardupilot")
     ask = peer.ask
 
     def with_noise() -> None:
@@ -239,8 +174,8 @@ async def test_strangers_requests_and_acks_are_not_ours(start: Start) -> None:
     assert len(peer.heard("MISSION_ITEM_INT")) == 6
 
 
-async def test_a_ground_station_is_at_it_first(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_a_ground_station_is_at_it_first(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.upload = {"kind": MISSION, "count": 3, "from": (255, 190), "next": 0, "new": []}
     upload = asyncio.create_task(b.ground.do("mission_upload", items=waypoints(4)))
     await peer.count("MISSION_REQUEST_LIST", 2)
@@ -249,8 +184,8 @@ async def test_a_ground_station_is_at_it_first(start: Start) -> None:
     assert peer.stored() == raw(waypoints(4))
 
 
-async def test_a_ground_station_never_ends(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_a_ground_station_never_ends(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.load(MISSION, raw(waypoints(2)))
     peer.upload = {"kind": MISSION, "count": 3, "from": (255, 190), "next": 0, "new": []}
     for verb, args in (("mission_upload", {"items": waypoints(4)}), ("mission_download", {})):
@@ -260,8 +195,8 @@ async def test_a_ground_station_never_ends(start: Start) -> None:
     assert peer.stored() == raw(waypoints(2))
 
 
-async def test_one_transaction_at_a_time(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_one_transaction_at_a_time(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.delay = 0.01
     orders = [
         b.ground.do("mission_upload", items=waypoints(6)),
@@ -279,8 +214,8 @@ async def test_one_transaction_at_a_time(start: Start) -> None:
     assert [len(peer.plans[kind]) for kind in (MISSION, FENCE, RALLY)] == [7, 4, 1]
 
 
-async def test_readers_at_the_same_time_share_one_download(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_readers_at_the_same_time_share_one_download(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.load(MISSION, raw(waypoints(8)))
     peer.delay = 0.02
     found = await asyncio.gather(*(plan(b) for _ in range(5)))
@@ -290,8 +225,8 @@ async def test_readers_at_the_same_time_share_one_download(start: Start) -> None
     assert len(peer.heard("MISSION_REQUEST_LIST")) == 1
 
 
-async def test_a_slow_reading_says_how_far_it_is(start: Start) -> None:
-    b, peer = await start("ardupilot", pace=Pace(reply=2.0))
+async def test_a_slow_reading_says_how_far_it_is(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot", pace=Pace(reply=2.0))
     peer.load(MISSION, raw(waypoints(3)))
     answer = peer.on_mission_request_int
     peer.on_mission_request_int = lambda told: None if told.fields["seq"] == 2 else answer(told)  # type: ignore[method-assign]
@@ -302,8 +237,8 @@ async def test_a_slow_reading_says_how_far_it_is(start: Start) -> None:
     assert len((await plan(b)).items) == 3
 
 
-async def test_a_kind_it_does_not_keep(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_a_kind_it_does_not_keep(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.kinds = {MISSION}
     with pytest.raises(Unsupported, match="MAV_MISSION_UNSUPPORTED"):
         await b.ground.do("mission_upload", kind="fence", items=FENCE_ITEMS)
@@ -313,8 +248,8 @@ async def test_a_kind_it_does_not_keep(start: Start) -> None:
         await plan(b, "survey")
 
 
-async def test_a_plan_that_changes_while_it_is_read(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_a_plan_that_changes_while_it_is_read(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.load(MISSION, raw(waypoints(8)))
     answer = peer.on_mission_request_int
     changed: list[bool] = []
@@ -357,18 +292,18 @@ async def test_a_plan_that_changes_while_it_is_read(start: Start) -> None:
     ],
 )  # fmt: skip
 async def test_bad_items_are_named_before_anything_is_sent(
-    start: Start, kind: str, items: list[dict[str, Any]], words: str
+    mission_bench: MissionBench, kind: str, items: list[dict[str, Any]], words: str
 ) -> None:
-    b, peer = await start("ardupilot")
+    b, peer = await mission_bench("ardupilot")
     with pytest.raises(BadInput, match=words) as caught:
         await b.ground.do("mission_upload", kind=kind, items=items)
     assert caught.value.detail["faults"]
     assert not [told for told in peer.told if told.name.startswith("MISSION_")]
 
 
-async def test_places_by_frame(start: Start) -> None:
+async def test_places_by_frame(mission_bench: MissionBench) -> None:
     """Degrees in a global frame, metres in a local one, plain numbers where the command has no place."""
-    b, peer = await start("px4")
+    b, peer = await mission_bench("px4")
     items = [
         {"command": WAYPOINT, "frame": "MAV_FRAME_GLOBAL", "x": -35.1234567, "y": 149.7654321, "params": [None] * 4},
         {"command": WAYPOINT, "frame": "MAV_FRAME_LOCAL_NED", "x": 12.5, "y": -7.25},
@@ -388,8 +323,8 @@ async def test_places_by_frame(start: Start) -> None:
     assert got[0].params == [None] * 4
 
 
-async def test_refusals_name_the_item(start: Start) -> None:
-    b, peer = await start("ardupilot")
+async def test_refusals_name_the_item(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot")
     peer.refuses = {8: INVALID}
     with pytest.raises(Refused, match=r"refused item 7 \(MAV_CMD_NAV_WAYPOINT\): MAV_MISSION_INVALID") as caught:
         await b.ground.do("mission_upload", items=waypoints(10))
@@ -397,8 +332,8 @@ async def test_refusals_name_the_item(start: Start) -> None:
     assert caught.value.detail["result"] == "MAV_MISSION_INVALID"
 
 
-async def test_denied_in_the_middle_is_a_refusal(start: Start) -> None:
-    b, peer = await start("px4")
+async def test_denied_in_the_middle_is_a_refusal(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("px4")
     peer.load(MISSION, raw(waypoints(2)))
     peer.refuses = {3: DENIED}
     with pytest.raises(Refused, match=r"item 3 .*MAV_MISSION_DENIED; in force: the old mission"):

@@ -43,6 +43,8 @@ class Commander:
         self._port, self._identity, self._events = port, identity, events
         self._locks: dict[str, asyncio.Lock] = {}
         self._mover: asyncio.Task[Any] | None = None
+        self.follows: frozenset[str] = frozenset()
+        """modes that the order which moves the vehicle leads to by itself: a mission that ends in a return"""
         self.ordered: str | None = None
         """the mode last asked for here: any other that the autopilot shows was somebody else's wish"""
 
@@ -63,6 +65,7 @@ class Commander:
     async def move(self) -> AsyncIterator[None]:
         """One order at a time moves the vehicle: a later one ends an earlier one."""
         self.supersede()
+        self.follows = frozenset()
         self._mover = me = asyncio.current_task()
         try:
             yield

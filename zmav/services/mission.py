@@ -128,8 +128,9 @@ class Missions:
     # What others use.
 
     def items(self) -> Items:
-        """How items are written for this autopilot; raises :class:`Stale` where none is heard."""
-        return Items(self._port.dialect, self._do.autopilot().missions.home_first)
+        """How items are written for this autopilot; raises :class:`Stale` where none was ever heard."""
+        autopilot = self._identity.autopilot or self._do.autopilot()
+        return Items(self._port.dialect, autopilot.missions.home_first)
 
     async def plan(self, kind: MissionKind, report: Report) -> list[Raw]:
         """The plan that is on the autopilot (home included), from the cache where nothing speaks against it."""

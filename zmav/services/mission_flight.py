@@ -97,13 +97,7 @@ class MissionFlight:
     async def _watch(self, plan: list[Raw], start: int, report: Report) -> dict[str, Any]:
         """Until the last item is reached, the autopilot says that the mission is complete, or it has landed by it."""
         flight = _Flight(plan, start, ends_at(self._missions.items(), plan))
-        rtl = land = None
-        with contextlib.suppress(Unsupported):
-            rtl = self._do.autopilot().rtl()
-        with contextlib.suppress(Unsupported):
-            land = self._do.autopilot().land()
-        ours = {self._identity.mode}
-        left: float | None = None  # since when its mode is not ours
+        mode, left = self._identity.mode, None  # since when its mode is another
         with self._do.inbox("MISSION_CURRENT", "MISSION_ITEM_REACHED", "HEARTBEAT") as inbox:
             while True:
                 name, fields = await self._do.next(inbox, math.inf, "")
@@ -115,15 +109,24 @@ class MissionFlight:
                     if flight.landing:
                         return flight.told()
                     raise Refused(f"it disarmed at {flight.where()}", vehicle=self._port.name, **flight.told())
-                allowed = ours | ({rtl} if flight.returning else {land} if flight.landing else set())
-                if self._identity.mode in allowed:
+                self._do.follows = self._leads_to(flight)
+                if self._identity.mode == mode or (flight.landing and self._identity.mode in self._do.follows):
                     left = None
-                elif not flight.may_be_over:
-                    self._do.check_mode(next(iter(ours)))
-                else:
-                    left = left or time.monotonic()
-                    if time.monotonic() - left > LAST_WORD:
-                        self._do.check_mode(next(iter(ours)))
+                    continue
+                left = left or time.monotonic()
+                if self._identity.mode not in self._do.follows or time.monotonic() - left > LAST_WORD:
+                    self._do.check_mode(mode)
+
+    def _leads_to(self, flight: _Flight) -> frozenset[str]:
+        """Modes that the autopilot may enter by itself where the mission is: for its landing, or at its end."""
+        modes: set[str] = set()
+        with contextlib.suppress(Unsupported):
+            if flight.returning or flight.may_be_over:
+                modes.add(self._do.autopilot().rtl())
+        with contextlib.suppress(Unsupported):
+            if flight.landing and not flight.returning:
+                modes.add(self._do.autopilot().land())
+        return frozenset(modes)
 
 
 class _Flight:

@@ -168,11 +168,15 @@ class Items:
         return 1e7 if "GLOBAL" in name and self.located(command) else 1.0
 
 
-def same(items: Items, kind: MissionKind, one: Sequence[Raw], other: Sequence[Raw]) -> bool:
-    """Both are the same plan, as far as an autopilot's storage can tell; home is not looked at."""
+def same(items: Items, kind: MissionKind, one: Sequence[Raw], other: Sequence[Raw], exact: bool = False) -> bool:
+    """Both are the same plan, as far as an autopilot's storage can tell (``exact``: in every parameter); home is not
+    looked at.
+    """
     start = items.offset(kind)
-    pairs = zip(one[start:], other[start:], strict=False)
-    return len(one[start:]) == len(other[start:]) and not any(items.differences(kind, a, b)[0] for a, b in pairs)
+    if len(one[start:]) != len(other[start:]):
+        return False
+    found = [items.differences(kind, a, b) for a, b in zip(one[start:], other[start:], strict=True)]
+    return not any(place or (exact and params) for place, params in found)
 
 
 def ends_at(items: Items, raws: Sequence[Raw]) -> int | None:

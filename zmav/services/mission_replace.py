@@ -59,9 +59,9 @@ class Replacer:
         which that is: ``new``, ``old`` or ``restored``; raises :class:`VehicleError`.
         """
         now = await self._transfer.download(self._phase("reading what is there"))
-        if same(self._items, self._kind, now.items, full):
+        if same(self._items, self._kind, now.items, full, self._exact):
             return now, "new"
-        if same(self._items, self._kind, now.items, old.items):
+        if same(self._items, self._kind, now.items, old.items, self._exact):
             return now, "old"
         return (await self._put(old.items, "restoring")).now, "restored"
 

@@ -83,6 +83,8 @@ class Pilot:
         autopilot, heartbeat = self._identity.autopilot, self._identity.heartbeat
         if mode is None or autopilot is None or heartbeat is None:
             return False
+        if self._commander.moving and mode in self._commander.follows:
+            return True
         if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot, self._verb)):
             return True
         return mode in ends_in(autopilot, before) and int(heartbeat["system_status"]) < CRITICAL
