@@ -76,7 +76,7 @@ def test_the_prearm_bit_rises_before_guided_can_be_armed(make_desk: MakeDesk) ->
     assert desk.command(ARM, 1) == FAILED
 
 
-@pytest.mark.parametrize(("mode", "name"), [(LAND, "LAND"), (RTL, "RTL"), (BRAKE, "BRAKE"), (AUTO, "AUTO")])
+@pytest.mark.parametrize(("mode", "name"), [(LAND, "LAND"), (RTL, "RTL"), (BRAKE, "BRAKE")])
 def test_some_modes_cannot_be_armed_in(desk: Desk, mode: int, name: str) -> None:
     desk.world.step(1.0)
     assert desk.command(SET_MODE, 1, mode) == ACCEPTED
@@ -314,7 +314,7 @@ class TestGcsFailsafe:
         assert "GCS Failsafe" in desk.texts()
         assert desk.last("HEARTBEAT")["system_status"] == 5
         desk.send("HEARTBEAT", type=6)
-        desk.world.step(0.1)
+        desk.world.step(0.4)  # it looks three times a second
         assert "GCS Failsafe Cleared" in desk.texts()
         assert desk.last("HEARTBEAT")["system_status"] == 4
 

@@ -14,7 +14,7 @@ from zmav.errors import BadConfig
 from zmav.mavlink.codec import Packer
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim import VehicleSpec
-from zmav.sim.protocol.commands import HANDLERS
+from zmav.sim.protocol.node import HANDLERS
 from zmav.sim.protocol.params import defaults
 from zmav.sim.protocol.telemetry import REPORTS
 
@@ -94,8 +94,10 @@ class TestIntervals:
         assert len(desk.all("LOCAL_POSITION_NED")) >= 9
 
 
-def test_every_message_can_be_requested(desk: Desk) -> None:
+def test_every_message_can_be_requested(make_desk: MakeDesk) -> None:
+    desk = make_desk([VehicleSpec(params={"FENCE_ENABLE": 1, "CAM1_TYPE": 1, "MNT1_TYPE": 1})])
     desk.take_off(2.0)
+    assert desk.command(2000, 0, 0, 1) == ACCEPTED  # a picture
     desk.goto(1.0, 0.0, -2.0)
     desk.world.step(0.1)
     for name in REPORTS:
@@ -257,25 +259,6 @@ class TestCommands:
         desk.world.step(0.2)
         assert desk.command(401) == ACCEPTED
         assert [t for t in desk.texts() if t.startswith("PreArm: ")]
-
-
-class TestMissions:
-    def test_there_is_none(self, desk: Desk) -> None:
-        desk.send("MISSION_REQUEST_LIST", mission_type=1)
-        assert [(m["count"], m["mission_type"]) for m in desk.all("MISSION_COUNT")] == [(0, 1)]
-        desk.send("MISSION_REQUEST_INT", seq=0)
-        assert desk.all("MISSION_ACK")[-1]["type"] == 13  # invalid sequence
-
-    def test_none_is_taken(self, desk: Desk) -> None:
-        desk.send("MISSION_COUNT", count=3)
-        ack = desk.all("MISSION_ACK")[-1]
-        assert (ack["type"], ack["target_system"], ack["target_component"]) == (3, 255, 190)  # unsupported
-        desk.send("MISSION_ITEM_INT", seq=0)
-        assert desk.all("MISSION_ACK")[-1]["type"] == 3
-
-    def test_and_none_can_be_cleared(self, desk: Desk) -> None:
-        desk.send("MISSION_CLEAR_ALL")
-        assert desk.all("MISSION_ACK")[-1]["type"] == 0
 
 
 def test_times_are_synchronised_both_ways(desk: Desk) -> None:

@@ -62,7 +62,6 @@ NOT_SENT = {
     "PARAM_VALUE": "what the real one learns and saves in flight",
 }
 NOT_SAID = {
-    "RC7: SaveWaypoint LOW": "there are no auxiliary switches yet",
     "EKF3 IMU0 MAG0 in-flight yaw alignment complete": "the compass has no errors to learn",
     "EKF3 IMU1 MAG0 in-flight yaw alignment complete": "the compass has no errors to learn",
 }

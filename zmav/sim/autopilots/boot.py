@@ -24,6 +24,9 @@ class Flag(enum.IntFlag):
     UNINITIALIZED = 1024
 
 
+_ALIGNED = Flag.ATTITUDE | Flag.VELOCITY_HORIZ | Flag.VELOCITY_VERT | Flag.POS_VERT_ABS
+
+
 class Stage(msgspec.Struct, frozen=True):
     """Something that happens ``at`` seconds after boot (in the real autopilot's time)."""
 
@@ -69,12 +72,15 @@ class Boot:
         return event in self.reached
 
     @property
+    def flags_without_position(self) -> Flag:
+        return _ALIGNED | Flag.CONST_POS_MODE
+
+    @property
     def ekf_flags(self) -> Flag:
         """EKF_STATUS_REPORT.flags of this stage: 0x400, 0, 0xa7, then 0x33f with a position."""
-        aligned = Flag.ATTITUDE | Flag.VELOCITY_HORIZ | Flag.VELOCITY_VERT | Flag.POS_VERT_ABS
         if self.has("position"):
             horizontal = Flag.POS_HORIZ_REL | Flag.POS_HORIZ_ABS | Flag.PRED_POS_HORIZ_REL | Flag.PRED_POS_HORIZ_ABS
-            return aligned | horizontal
+            return _ALIGNED | horizontal
         if self.has("aligned"):
-            return aligned | Flag.CONST_POS_MODE
+            return self.flags_without_position
         return Flag(0) if self.has("ekf_started") else Flag.UNINITIALIZED

@@ -2,7 +2,7 @@
 
 Targets: https://ardupilot.org/dev/docs/copter-commands-in-guided-mode.html. A position target holds for ever;
 velocities, accelerations and attitudes are dropped GUID_TIMEOUT seconds after the last one, and the copter comes to
-a stop. On the ground only a takeoff lifts it.
+a stop. On the ground only a takeoff lifts it, or an attitude with a climb.
 """
 
 from __future__ import annotations
@@ -45,14 +45,23 @@ class Target(msgspec.Struct, frozen=True):
     yaw: YawWish = YawWish()
 
 
-class AttitudeTarget(msgspec.Struct, frozen=True):
-    """Lean in radians, vertical speed in m/s (positive up) or thrust 0..1, and the yaw part."""
+Quaternion = tuple[float, float, float, float]
 
-    roll: float
-    pitch: float
+
+class AttitudeTarget(msgspec.Struct, frozen=True):
+    """An attitude (w, x, y, z; body to world) that turns at body ``rates`` (rad/s), or without one the rates alone;
+    and a vertical speed in m/s (positive up) or a thrust, -1 to 1.
+    """
+
+    attitude: Quaternion | None
+    rates: Vector
     climb: float | None
     thrust: float | None
-    yaw: YawWish = YawWish()
+
+    @property
+    def lifts(self) -> bool:
+        """It takes a landed copter off the ground."""
+        return (self.climb or 0.0) > 0.0 or (self.thrust or 0.0) > 0.0
 
 
 class Guided(Mode):
@@ -62,6 +71,8 @@ class Guided(Mode):
     _until = math.inf
     _lift_at = 0.0
     _takeoff_down = 0.0
+    _wanted = AttitudeTarget(None, (0.0, 0.0, 0.0), 0.0, None)
+    _turned: Quaternion | None = None
 
     def enter(self) -> None:
         self.hold()
@@ -109,19 +120,58 @@ class Guided(Mode):
         self._face(target.yaw)
 
     def lean(self, target: AttitudeTarget) -> None:
-        """Take an attitude target."""
+        """Take an attitude target; a positive climb or thrust lifts a landed copter."""
         copter, sp = self.copter, self.copter.sp
+        if self.doing is not Doing.ATTITUDE:
+            self._lift_at = math.inf
         self.doing, self._until = Doing.ATTITUDE, copter.now + copter.params["GUID_TIMEOUT"]
-        sp.lean(target.roll, target.pitch)
+        self.target, self._wanted, self._turned = Target(), target, target.attitude
         if target.thrust is not None:
-            sp.direct_thrust(target.thrust)
+            sp.direct_thrust(min(max(target.thrust, 0.0), 1.0))
         else:
             sp.climb(-(target.climb or 0.0))
-        self.target = Target(yaw=target.yaw)
-        if target.yaw.angle is None and target.yaw.rate is None:
-            copter.heading.hold(copter.sense.yaw)
+        if target.lifts:
+            copter.auto_armed = True
+        if target.attitude is None:
+            sp.rates(*target.rates)
         else:
-            self._face(target.yaw)
+            self._incline(target.attitude)
+
+    def _incline(self, q: Quaternion) -> None:
+        """Hold this attitude; never leaning more than ANGLE_MAX."""
+        copter = self.copter
+        w, x, y, z = q
+        most = copter.sp.limit_of("lean")
+        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
+        copter.sp.lean(min(max(roll, -most), most), min(max(pitch, -most), most))
+        copter.heading.hold(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+    def _turn_on(self) -> None:
+        """An attitude with body rates turns on by itself until the next one comes."""
+        if self._turned is None or not any(self._wanted.rates):
+            return
+        half = 0.5 * self.copter.dt
+        a, b, c = (rate * half for rate in self._wanted.rates)
+        w, x, y, z = self._turned
+        turned = (
+            w - x * a - y * b - z * c,
+            x + w * a + y * c - z * b,
+            y + w * b + z * a - x * c,
+            z + w * c + x * b - y * a,
+        )
+        norm = math.sqrt(sum(part * part for part in turned))
+        self._turned = (turned[0] / norm, turned[1] / norm, turned[2] / norm, turned[3] / norm)
+        self._incline(self._turned)
+
+    def _attitude_from_ground(self) -> bool:
+        """A landed copter that is to lean: idle, or spooling up to lift. True while it stays on the ground."""
+        copter = self.copter
+        if not self._wanted.lifts or copter.now > self._until:
+            self._lift_at = math.inf
+        elif self._lift_at == math.inf:
+            self._lift_at = copter.now + SPOOL_UP_S
+        return copter.now < self._lift_at
 
     def _face(self, wish: YawWish) -> None:
         copter = self.copter
@@ -134,7 +184,8 @@ class Guided(Mode):
 
     def update(self) -> None:
         copter = self.copter
-        if copter.landed and self.doing is not Doing.TAKEOFF:
+        leans = self.doing is Doing.ATTITUDE
+        if copter.landed and self.doing is not Doing.TAKEOFF and (not leans or self._attitude_from_ground()):
             copter.sp.spool(Spool.IDLE)
             return
         if self.doing is Doing.TAKEOFF and copter.now < self._lift_at:
@@ -143,6 +194,8 @@ class Guided(Mode):
         copter.sp.spool(Spool.FLY)
         if copter.now > self._until:
             self._starve()
+        elif leans:
+            self._turn_on()
 
     def _starve(self) -> None:
         """Nothing came for GUID_TIMEOUT: a stop, and level flight."""
@@ -151,6 +204,7 @@ class Guided(Mode):
         if self.doing is Doing.POSITION_VELOCITY and self.target.pos is not None:
             copter.sp.move(pos=self.target.pos)
         elif self.doing is Doing.ATTITUDE:
+            self._turned = None
             copter.sp.lean(0.0, 0.0)
             copter.sp.climb(0.0)
         else:

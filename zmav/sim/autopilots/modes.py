@@ -1,4 +1,5 @@
-"""ArduCopter's flight modes, except GUIDED (in :mod:`.guided`): one object per mode and vehicle.
+"""ArduCopter's flight modes, except GUIDED and AUTO (in :mod:`.guided`, :mod:`.auto`): one object per mode and
+vehicle.
 
 Modes: https://ardupilot.org/copter/docs/flight-modes.html
 """
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 CENTI = 0.01
 TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off
 LEAN_MAX = math.radians(30.0)
+LAND_PAUSE_S = 4.0
 
 
 class Mode(ABC):
@@ -27,11 +29,20 @@ class Mode(ABC):
     needs_position: ClassVar[bool] = True
     armable: ClassVar[bool] = False
     by_pilot: ClassVar[bool] = False
+    manual_throttle: ClassVar[bool] = False
     throttle_to_arm: ClassVar[float] = 0.5  # the highest throttle stick that it may be armed with
     changes_speed: ClassVar[bool] = False  # takes DO_CHANGE_SPEED
 
     def __init__(self, copter: ArduCopter) -> None:
         self.copter = copter
+
+    def allows_arming(self) -> bool:
+        return self.armable
+
+    @property
+    def is_landing(self) -> bool:
+        """On its way down to the ground."""
+        return False
 
     def refusal(self) -> str:
         """Why an armed vehicle cannot enter; empty where it can."""
@@ -39,6 +50,16 @@ class Mode(ABC):
 
     def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
         """Called when the mode is taken up, armed or not."""
+
+    def on_arming(self) -> None:
+        """The motors were just armed in it."""
+        self.enter()
+
+    def leave(self) -> None:  # noqa: B027 - as above
+        """Another mode is about to be taken up."""
+
+    def idle(self) -> None:  # noqa: B027 - as above
+        """Called instead of :meth:`update` while disarmed."""
 
     @abstractmethod
     def update(self) -> None:
@@ -52,11 +73,11 @@ class Mode(ABC):
 
 class Stabilize(Mode):
     number, name = 0, "STABILIZE"
-    needs_position, armable, by_pilot = False, True, True
+    needs_position, armable, by_pilot, manual_throttle = False, True, True, True
     throttle_to_arm = 0.02
 
     def update(self) -> None:
-        copter, pilot = self.copter, self.copter.pilot
+        copter, pilot = self.copter, self.copter.rc
         if pilot.throttle < 0.02 and copter.landed:
             copter.sp.spool(Spool.IDLE)
             return
@@ -73,7 +94,7 @@ class AltHold(Mode):
     needs_position, armable, by_pilot = False, True, True
 
     def update(self) -> None:
-        copter, pilot = self.copter, self.copter.pilot
+        copter, pilot = self.copter, self.copter.rc
         if not self.lifts_off():
             return
         copter.sp.lean(pilot.roll * LEAN_MAX, -pilot.pitch * LEAN_MAX)
@@ -82,7 +103,7 @@ class AltHold(Mode):
     def lifts_off(self) -> bool:
         """In the air, or about to be: a landed copter idles until the throttle stick is raised beyond its middle."""
         copter = self.copter
-        if copter.landed and copter.pilot.climb < TAKEOFF_STICK:
+        if copter.landed and copter.rc.climb < TAKEOFF_STICK:
             copter.sp.spool(Spool.IDLE)
             return False
         copter.sp.spool(Spool.FLY)
@@ -90,7 +111,7 @@ class AltHold(Mode):
 
     def by_throttle(self) -> None:
         """Climb and turn as the left stick says."""
-        copter, pilot = self.copter, self.copter.pilot
+        copter, pilot = self.copter, self.copter.rc
         up = copter.params["PILOT_SPEED_UP"] * CENTI
         down = copter.params["PILOT_SPEED_DN"] * CENTI or up
         copter.sp.climb(-pilot.climb * (up if pilot.climb > 0 else down))
@@ -106,7 +127,7 @@ class Loiter(AltHold):
         self.copter.sp.limit("speed", self.copter.params["LOIT_SPEED"] * CENTI)
 
     def update(self) -> None:
-        copter, pilot = self.copter, self.copter.pilot
+        copter, pilot = self.copter, self.copter.rc
         if not self.lifts_off():
             return
         speed = copter.params["LOIT_SPEED"] * CENTI
@@ -130,22 +151,19 @@ class Brake(Mode):
         self.copter.sp.spool(Spool.IDLE if self.copter.landed else Spool.FLY)
 
 
-class Auto(Mode):
-    number, name = 3, "AUTO"
-
-    def refusal(self) -> str:
-        return "init failed"  # there is no mission
-
-    def update(self) -> None:
-        self.copter.sp.spool(Spool.IDLE)
-
-
 class Land(Mode):
     number, name = 9, "LAND"
     needs_position = False
+    is_landing = True
+    _until = 0.0
 
     def enter(self) -> None:
+        self._until = 0.0
         self.stop_here()
+
+    def pause(self) -> None:
+        """A failsafe landed it: give the pilot a moment."""
+        self._until = self.copter.now + LAND_PAUSE_S
 
     def update(self) -> None:
         copter = self.copter
@@ -153,7 +171,10 @@ class Land(Mode):
             copter.sp.spool(Spool.IDLE)
             return
         copter.sp.spool(Spool.FLY)
-        descend(copter)
+        if copter.now < self._until:
+            copter.sp.climb(0.0)
+        else:
+            descend(copter)
 
 
 class Rtl(Mode):
@@ -163,25 +184,39 @@ class Rtl(Mode):
     def __init__(self, copter: ArduCopter) -> None:
         super().__init__(copter)
         self._leg = "climb"
-        self._place = (0.0, 0.0)
+        self._target = (0.0, 0.0)
         self._height = 0.0
         self._since = 0.0
+
+    @property
+    def landing(self) -> bool:
+        return self._leg == "land"
+
+    @property
+    def is_landing(self) -> bool:
+        return self.landing
 
     def enter(self) -> None:
         copter = self.copter
         self._leg = "climb"
         self.stop_here()
-        north, east, down = copter.home_world
+        if copter.params["RTL_SPEED"] > 0:
+            copter.change_speed("speed", copter.params["RTL_SPEED"] * CENTI)
+        north, east, place_down = copter.rally.nearest()
+        self._target = (north, east)
+        down = copter.home_world[2]
         away = math.hypot(north - copter.sense.north, east - copter.sense.east)
         height = down - copter.sense.down
         # Near home it need not climb as high: a cone (RTL_CONE_SLOPE) over it limits the height.
         slope = copter.params["RTL_CONE_SLOPE"]
-        wanted = copter.params["RTL_ALT"] * CENTI
-        if slope > 0.5:
-            wanted = min(wanted, away * slope)
-        wanted = max(wanted, height + max(copter.params["RTL_CLIMB_MIN"] * CENTI, 0.0), 2.0)
-        self._height = down - wanted
-        self._place = (copter.sense.north, copter.sense.east)
+        least = max(height + max(copter.params["RTL_CLIMB_MIN"] * CENTI, 0.0), 2.0)
+        wanted = max(copter.params["RTL_ALT"] * CENTI, least, down - place_down)
+        if slope >= 0.5:
+            wanted = min(wanted, max(away * slope, least))
+        ceiling = copter.fence.ceiling
+        if ceiling is not None and wanted > ceiling:
+            wanted = ceiling
+        self._height = down - max(wanted, height)
 
     def update(self) -> None:
         copter = self.copter
@@ -189,7 +224,7 @@ class Rtl(Mode):
             copter.sp.spool(Spool.IDLE)
             return
         copter.sp.spool(Spool.FLY)
-        north, east, _ = copter.home_world
+        north, east = self._target
         if self._leg == "climb":
             copter.sp.move(vel=(0.0, 0.0, 0.0), horizontal=Axis.VELOCITY, pos=(0.0, 0.0, self._height))
             if copter.sense.down < self._height + 0.5:

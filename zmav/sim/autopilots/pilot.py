@@ -1,4 +1,4 @@
-"""The pilot's radio: eight channels of PWM as an RC receiver gives them, and the switch that chooses the mode.
+"""The pilot's radio: channels of PWM as an RC receiver gives them, and the switch that chooses the mode.
 
 Channel order is ArduPilot's default: roll, pitch, throttle, yaw, mode switch
 (https://ardupilot.org/copter/docs/common-rcmap.html).
@@ -11,33 +11,11 @@ SWITCH_EDGES = (1230, 1360, 1490, 1620, 1749)
 DEADZONE = 0.05
 
 
-class Pilot:
-    """Sticks from -1 to 1 (throttle 0 to 1), as PWM; set from any thread, read by the autopilot at its next update."""
+class Sticks:
+    """Channels as PWM, microseconds, and what the first five of them mean."""
 
     def __init__(self) -> None:
         self.pwm: list[int] = [1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800]
-
-    def sticks(
-        self,
-        *,
-        roll: float | None = None,
-        pitch: float | None = None,
-        throttle: float | None = None,
-        yaw: float | None = None,
-    ) -> None:
-        """Move sticks; what is not named stays. Roll right, nose down, and turning right are positive."""
-        if roll is not None:
-            self.pwm[0] = round(1500 + 500 * roll)
-        if pitch is not None:
-            self.pwm[1] = round(1500 - 500 * pitch)
-        if throttle is not None:
-            self.pwm[2] = round(1000 + 1000 * throttle)
-        if yaw is not None:
-            self.pwm[3] = round(1500 + 500 * yaw)
-
-    def turn_switch(self, position: int) -> None:
-        """Turn the mode switch to one of its positions 1 to 6."""
-        self.pwm[4] = SWITCH_PWM[position - 1]
 
     @property
     def switch(self) -> int:
@@ -65,6 +43,48 @@ class Pilot:
     def climb(self) -> float:
         """The throttle stick as a wish to climb: -1 to 1, zero in the middle."""
         return _centred(self.pwm[2])
+
+
+class Pilot(Sticks):
+    """Sticks from -1 to 1 (throttle 0 to 1), as PWM; set from any thread, read by the autopilot at its next update."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sending = True
+
+    def sticks(
+        self,
+        *,
+        roll: float | None = None,
+        pitch: float | None = None,
+        throttle: float | None = None,
+        yaw: float | None = None,
+    ) -> None:
+        """Move sticks; what is not named stays. Roll right, nose down, and turning right are positive."""
+        if roll is not None:
+            self.pwm[0] = round(1500 + 500 * roll)
+        if pitch is not None:
+            self.pwm[1] = round(1500 - 500 * pitch)
+        if throttle is not None:
+            self.pwm[2] = round(1000 + 1000 * throttle)
+        if yaw is not None:
+            self.pwm[3] = round(1500 + 500 * yaw)
+
+    def turn_switch(self, position: int) -> None:
+        """Turn the mode switch to one of its positions 1 to 6."""
+        self.pwm[4] = SWITCH_PWM[position - 1]
+
+    def flip(self, channel: int, pwm: int) -> None:
+        """Set a switch or knob: one of the channels 6 to 8 to a pulse width in microseconds."""
+        self.pwm[channel - 1] = pwm
+
+    def lose(self) -> None:
+        """Out of range, or switched off: the receiver gives no pulses any more."""
+        self.sending = False
+
+    def regain(self) -> None:
+        """The transmitter is heard again."""
+        self.sending = True
 
 
 def _centred(pwm: int) -> float:

@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT, with ArduCopter's verdicts.
+"""COMMAND_LONG and COMMAND_INT, with ArduCopter's verdicts; those about missions and outputs are in :mod:`.duties`.
 
 Protocol: https://mavlink.io/en/services/command.html; which commands, and in which form:
 https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is answered MAV_RESULT_UNSUPPORTED.
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from zmav.sim.autopilots.arducopter import WARNING
 from zmav.sim.autopilots.guided import Target
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.setpoint import point
@@ -49,6 +50,7 @@ class Command(msgspec.Struct, frozen=True):
 
 
 Handler = Callable[["MavNode", Command], int]
+Handlers = dict[int, Handler]
 
 
 def from_long(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
@@ -61,9 +63,9 @@ def from_int(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> 
     return Command(msg["command"], p1, p2, p3, p4, msg["x"], msg["y"], msg["z"], msg["frame"], True, channel, sender)
 
 
-def run(node: MavNode, command: Command) -> None:
-    """Carry out, and acknowledge to who asked on the link it came by."""
-    handler = HANDLERS.get(command.number)
+def run(node: MavNode, command: Command, handlers: Handlers) -> None:
+    """Carry out what there is one of the ``handlers`` for, and acknowledge to who asked on the link it came by."""
+    handler = handlers.get(command.number)
     if handler is None:
         result = UNSUPPORTED
     elif not all(math.isfinite(p) for p in (command.p1, command.p2)) and command.number not in _NAN_ALLOWED:
@@ -79,34 +81,34 @@ def run(node: MavNode, command: Command) -> None:
     )
 
 
-def _verdict(done: bool) -> int:
+def verdict(done: bool) -> int:
     return ACCEPTED if done else FAILED
 
 
 def _arm_disarm(node: MavNode, c: Command) -> int:
     forced = round(c.p2) == _FORCE
     if c.p1 == 1:
-        return _verdict(node.copter.arm(forced=forced))
+        return verdict(node.copter.arm(forced=forced))
     if c.p1 == 0:
-        return _verdict(node.copter.disarm(forced=forced))
+        return verdict(node.copter.disarm(forced=forced))
     return UNSUPPORTED
 
 
 def _set_mode(node: MavNode, c: Command) -> int:
     if not int(c.p1) & _CUSTOM_MODE:
         return DENIED
-    return _verdict(node.copter.set_mode(int(c.p2)))
+    return verdict(node.copter.set_mode(int(c.p2)))
 
 
 def _takeoff(node: MavNode, c: Command) -> int:
     if c.frame != _RELATIVE_ALT:
         return DENIED
-    return _verdict(math.isfinite(c.z) and node.copter.take_off(c.z))
+    return verdict(math.isfinite(c.z) and node.copter.take_off(c.z))
 
 
 def _enter(number: int) -> Handler:
     def handler(node: MavNode, c: Command) -> int:
-        return _verdict(node.copter.set_mode(number))
+        return verdict(node.copter.set_mode(number))
 
     return handler
 
@@ -158,22 +160,17 @@ def _get_home(node: MavNode, c: Command) -> int:
 
 
 def _set_home(node: MavNode, c: Command) -> int:
-    copter = node.copter
-    if not copter.boot.has("origin"):
+    x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
+    if c.p1 == 1 or (x == 0 and y == 0):
+        return verdict(node.copter.move_home(None, lock=True))
+    if c.p1 != 0:
         return FAILED
-    if c.p1 == 1:
-        copter.home_world = (copter.sense.north, copter.sense.east, copter.sense.down)
-    else:
-        x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
-        place = _place(node, x, y, c.z, 0 if not c.as_int else c.frame)
-        if place is None or (x == 0 and y == 0):
-            return DENIED
-        copter.home_world = place
-    copter.announce()
-    return ACCEPTED
+    where = place(node, x, y, c.z, c.frame if c.as_int else 0)
+    return DENIED if where is None else verdict(node.copter.move_home(where, lock=True))
 
 
-def _place(node: MavNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
+def place(node: MavNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
+    """A place that a command names, in the world's NED; None for one that there is not."""
     if not (math.isfinite(x) and math.isfinite(y)):
         return None
     return point(node.copter, round(x), round(y), z, frame)
@@ -183,15 +180,15 @@ def _reposition(node: MavNode, c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
     copter = node.copter
-    place = _place(node, c.x, c.y, c.z, c.frame)
-    if place is None or (c.x == 0 and c.y == 0):
+    where = place(node, c.x, c.y, c.z, c.frame)
+    if where is None or (c.x == 0 and c.y == 0):
         return DENIED
     if copter.mode is not copter.guided and not int(c.p2) & _CHANGE_MODE:
         return DENIED
     if not copter.set_mode(copter.guided.number):
         return FAILED
     # The speed and yaw that the command can carry are not looked at.
-    copter.guided.aim(Target(pos=place))
+    copter.guided.aim(Target(pos=where))
     return ACCEPTED
 
 
@@ -201,7 +198,7 @@ def _change_speed(node: MavNode, c: Command) -> int:
         return DENIED
     if limit is None or not node.copter.mode.changes_speed:
         return FAILED
-    node.copter.sp.limit(limit, c.p2)
+    node.copter.change_speed(limit, c.p2)
     return ACCEPTED
 
 
@@ -209,12 +206,9 @@ def _condition_yaw(node: MavNode, c: Command) -> int:
     copter = node.copter
     if not 0 <= c.p1 <= 360 or c.p4 not in (0, 1):
         return FAILED
-    if copter.mode is not copter.guided:
-        return ACCEPTED  # and without effect: other modes turn the nose by themselves
-    angle = math.radians(c.p1)
-    if c.p4 == 1:
-        angle = copter.sense.yaw + math.copysign(angle, c.p3 or 1.0)
-    copter.heading.hold(angle)
+    if not copter.mode.by_pilot:
+        start, angle, rate = copter.sense.yaw, math.radians(c.p1), math.radians(c.p2)
+        copter.heading.sweep(start, angle, rate, c.p3, relative=c.p4 == 1)
     return ACCEPTED
 
 
@@ -226,7 +220,15 @@ def _run_prearm(node: MavNode, c: Command) -> int:
 
 
 def _terminate(node: MavNode, c: Command) -> int:
-    return _verdict(c.p1 > 0.5 and node.copter.disarm(forced=True))
+    return verdict(c.p1 > 0.5 and node.copter.disarm(forced=True))
+
+
+def _storage(node: MavNode, c: Command) -> int:
+    """Only erasing is known, and that takes effect with the next boot: here, nothing comes of it."""
+    if c.p1 != 2:
+        return DENIED
+    node.say(WARNING, "All parameters reset, reboot board")
+    return ACCEPTED
 
 
 def _reboot(node: MavNode, c: Command) -> int:
@@ -243,11 +245,7 @@ def _banner(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _mission_start(node: MavNode, c: Command) -> int:
-    return DENIED if c.p1 or c.p2 else FAILED  # there is no mission
-
-
-HANDLERS: dict[int, Handler] = {
+HANDLERS: Handlers = {
     17: _enter(5),  # NAV_LOITER_UNLIM
     20: _enter(6),  # NAV_RETURN_TO_LAUNCH
     21: _enter(9),  # NAV_LAND
@@ -260,8 +258,8 @@ HANDLERS: dict[int, Handler] = {
     179: _set_home,
     185: _terminate,
     192: _reposition,
+    245: _storage,
     246: _reboot,
-    300: _mission_start,
     400: _arm_disarm,
     401: _run_prearm,
     410: _get_home,
@@ -271,4 +269,4 @@ HANDLERS: dict[int, Handler] = {
     520: _request_version,
     42428: _banner,
 }
-_NAN_ALLOWED = {22, 84, 192}
+_NAN_ALLOWED = {22, 84, 192, 1000}

@@ -98,7 +98,7 @@ class FlightLog(Part):
     def _write_position(self, writer: DataflashWriter) -> None:
         copter, s = self._copter, self._copter.sense
         here, home = copter.position, copter.place(copter.home_world)
-        gps_s = self._unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S
+        gps_s = max(self._unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S, 0.0)  # a simulated clock may start before GPS did
         course = math.degrees(math.atan2(s.ve, s.vn)) % 360.0
         writer.write(
             "GPS", self._time_us, 0, 6, int(gps_s % WEEK_S * 1000.0), int(gps_s // WEEK_S), 10, 1.21, here.lat_deg,

@@ -1,61 +1,224 @@
-"""Missions: there is no mission store yet, and this says so in the protocol's own words.
+"""The mission service as ArduPilot runs it: missions, fences and rally points, each with an upload of its own.
 
-Protocol: https://mavlink.io/en/services/mission.html. A download gives an empty list, clearing succeeds, an upload
-is refused with MAV_MISSION_UNSUPPORTED.
+Items overwrite the list as they arrive; what an upload that breaks off has brought stays. The vehicle asks for each
+item with MISSION_REQUEST, again after a second without an answer, and gives up after eight.
+Protocol: https://mavlink.io/en/services/mission.html
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import msgspec
+
+from zmav.sim.autopilots.items import FENCE, MISSION, Item, ItemStore, Result
 from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Answer, Part
+from zmav.sim.protocol.items import Client, ItemPart, acknowledge, read_item, send_item
+from zmav.sim.protocol.part import Sender
 
-ACCEPTED, UNSUPPORTED, INVALID_SEQUENCE = 0, 3, 13  # MAV_MISSION_RESULT
+ASK_AGAIN_S = 1.0
+GIVE_UP_S = 8.0
+WARNING, INFO = 4, 6  # MAV_SEVERITY
+_GUIDED, _CHANGE_ALT = 2, 3  # "current" of an item that is not for the list
 
 
-class MissionProtocol(Part):
-    """Answers the MISSION_ messages; ``sender`` is the (system, component) that asked."""
+class _Upload(msgspec.Struct):
+    client: Client
+    next: int
+    last: int
+    heard: float
+    asked: float
+    warned: bool = False
 
-    def answers(self) -> Mapping[str, Answer]:
-        return {
-            "MISSION_REQUEST_LIST": self.request_list,
-            "MISSION_COUNT": self.count,
-            "MISSION_CLEAR_ALL": self.clear_all,
-            "MISSION_REQUEST": self.request_item,
-            "MISSION_REQUEST_INT": self.request_item,
-            "MISSION_ITEM": self.item,
-            "MISSION_ITEM_INT": self.item,
-        }
 
-    def request_list(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int]) -> None:
-        channel.send(
-            "MISSION_COUNT",
-            target_system=sender[0],
-            target_component=sender[1],
-            count=0,
-            mission_type=msg["mission_type"],
-        )
+class MissionProtocol(ItemPart):
+    """Serves ``stores``. ``say(severity, text)`` speaks on every link; ``guided(item)`` takes an item that is to be
+    flown at once.
+    """
 
-    def count(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int]) -> None:
-        # A list of nothing is a list that can be kept.
-        self._ack(channel, msg, sender, ACCEPTED if msg["count"] == 0 else UNSUPPORTED)
+    def __init__(
+        self,
+        stores: Sequence[ItemStore],
+        say: Callable[[int, str], None],
+        now: Callable[[], float],
+        guided: Callable[[Item], Result],
+    ) -> None:
+        super().__init__(stores)
+        self._say = say
+        self._now = now
+        self._guided = guided
+        self._uploads: dict[int, _Upload] = {}
+        self._warned_request: set[int] = set()
 
-    def clear_all(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int]) -> None:
-        self._ack(channel, msg, sender, ACCEPTED)
+    # ---- downloads
 
-    def request_item(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int]) -> None:
-        self._ack(channel, msg, sender, INVALID_SEQUENCE)
+    def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        client, kind = Client(channel, sender), msg["mission_type"]
+        if kind not in self.stores:
+            acknowledge(client, Result.UNSUPPORTED, kind)
+        elif kind in self._uploads:
+            acknowledge(client, Result.DENIED, kind)
+        else:
+            client.reply("MISSION_COUNT", count=len(self.stores[kind]), mission_type=kind)
 
-    def item(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int]) -> None:
-        self._ack(channel, msg, sender, UNSUPPORTED)
+    def request_item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
+        client, kind = Client(channel, sender), msg["mission_type"]
+        if kind not in self.stores:
+            return
+        if as_int and kind in self._uploads:
+            acknowledge(client, Result.DENIED, kind)
+            return
+        item = self.stores[kind].read(msg["seq"])
+        if isinstance(item, Result):
+            if as_int and item is Result.INVALID_SEQUENCE:
+                client.reply("MISSION_COUNT", count=len(self.stores[kind]), mission_type=kind)
+            acknowledge(client, item, kind)
+            return
+        if not as_int and kind not in self._warned_request:
+            self._warned_request.add(kind)
+            self._say(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")
+        send_item(client, item, kind, as_int=as_int)
 
-    def _ack(self, channel: Channel, msg: dict[str, Any], sender: tuple[int, int], result: int) -> None:
-        channel.send(
-            "MISSION_ACK",
-            target_system=sender[0],
-            target_component=sender[1],
-            type=result,
-            mission_type=msg["mission_type"],
-        )
+    # ---- uploads
+
+    def count(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        client, kind = Client(channel, sender), msg["mission_type"]
+        if kind not in self.stores:
+            acknowledge(client, Result.UNSUPPORTED, kind)
+            return
+        if not self._may_restart(client, kind):
+            return
+        store, count = self.stores[kind], msg["count"]
+        if count > store.most:
+            acknowledge(client, Result.NO_SPACE, kind)
+            self._say(WARNING, f"Only {store.most} items are supported")
+            return
+        result = store.open(count)
+        if result is not Result.ACCEPTED:
+            acknowledge(client, result, kind)
+        elif count == 0:
+            self._complete(client, kind)
+        else:
+            self._begin(client, kind, 0, count - 1)
+
+    def write_partial(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        client, kind = Client(channel, sender), msg["mission_type"]
+        if kind not in self.stores:
+            acknowledge(client, Result.UNSUPPORTED, kind)
+            return
+        if kind in self._uploads:
+            acknowledge(client, Result.DENIED, kind)
+            return
+        first, last = msg["start_index"], msg["end_index"]
+        if not 0 <= first <= last <= len(self.stores[kind]):
+            self._say(WARNING, "Flight plan update rejected")
+            acknowledge(client, Result.ERROR, kind)
+            return
+        result = self.stores[kind].reopen()
+        if result is Result.ACCEPTED:
+            self._begin(client, kind, first, last)
+        else:
+            acknowledge(client, result, kind)
+
+    def clear_all(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        client, kind = Client(channel, sender), msg["mission_type"]
+        if kind not in self.stores:
+            acknowledge(client, Result.UNSUPPORTED, kind)
+            return
+        # A stranger is told twice: that the upload is another's, and that nothing was cleared.
+        cleared = self._may_restart(client, kind) and self.stores[kind].clear()
+        acknowledge(client, Result.ACCEPTED if cleared else Result.ERROR, kind)
+
+    def item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
+        client, kind = Client(channel, sender), msg["mission_type"]
+        item = read_item(msg, as_int=as_int)
+        if isinstance(item, Result):
+            acknowledge(client, item, kind)
+        elif kind == MISSION and item.current in (_GUIDED, _CHANGE_ALT):
+            acknowledge(client, self._guided(item), MISSION)
+        elif kind not in self.stores:
+            acknowledge(client, Result.UNSUPPORTED, kind)
+        elif kind not in self._uploads:
+            acknowledge(client, Result.ERROR, kind)
+        else:
+            self._take(client, kind, item, as_int)
+
+    def _take(self, client: Client, kind: int, item: Item, as_int: bool) -> None:
+        upload, store = self._uploads[kind], self.stores[kind]
+        if not as_int and not upload.warned:
+            upload.warned = True
+            self._say(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
+        # Answers go to the link of the upload, whoever sent the item.
+        client = Client(upload.client.channel, client.sender)
+        if item.seq != upload.next:
+            acknowledge(client, Result.INVALID_SEQUENCE, kind)
+            return
+        if client.sender != upload.client.sender:
+            acknowledge(client, Result.DENIED, kind)
+            return
+        # A fence's length is that of the list to come, so that every item of it replaces one.
+        fits = kind == FENCE or item.seq <= len(store)
+        result = store.put(item, upload.last) if fits else Result.ERROR
+        if result is not Result.ACCEPTED:
+            acknowledge(client, result, kind)
+            del self._uploads[kind]
+            store.abandon()
+            return
+        upload.heard = self._now()
+        upload.next += 1
+        if upload.next > upload.last:
+            del self._uploads[kind]
+            self._complete(client, kind)
+        else:
+            self._ask(upload, kind)
+
+    def _may_restart(self, client: Client, kind: int) -> bool:
+        """Nothing is coming in, or it comes from the one that asks now; ends it then."""
+        upload = self._uploads.get(kind)
+        if upload is None:
+            return True
+        if upload.client.sender != client.sender:
+            acknowledge(client, Result.DENIED, kind)
+            return False
+        del self._uploads[kind]
+        self.stores[kind].abandon()
+        return True
+
+    def _begin(self, client: Client, kind: int, first: int, last: int) -> None:
+        now = self._now()
+        upload = _Upload(client, first, last, now, now)
+        self._uploads[kind] = upload
+        self._warned_request.discard(kind)
+        self._ask(upload, kind)
+
+    def _ask(self, upload: _Upload, kind: int) -> None:
+        upload.asked = self._now()
+        upload.client.reply("MISSION_REQUEST", seq=upload.next, mission_type=kind)
+
+    def _complete(self, client: Client, kind: int) -> None:
+        result = self.stores[kind].close()
+        if kind == MISSION:
+            client.channel.send("STATUSTEXT", severity=INFO, text="Flight plan received")
+        acknowledge(client, result, kind)
+
+    # ---- by itself
+
+    def tick(self, now: float) -> None:
+        if not self._uploads:
+            return
+        for kind, upload in list(self._uploads.items()):
+            if now - upload.heard > GIVE_UP_S:
+                del self._uploads[kind]
+                title = self.stores[kind].title
+                upload.client.channel.send("STATUSTEXT", severity=WARNING, text=f"{title} upload timeout")
+                acknowledge(upload.client, Result.OPERATION_CANCELLED, kind)
+                self.stores[kind].abandon()
+            elif now - upload.asked > ASK_AGAIN_S:
+                self._ask(upload, kind)
+
+    def closed(self, channel: Channel) -> None:
+        for kind, upload in list(self._uploads.items()):
+            if upload.client.channel is channel:
+                del self._uploads[kind]
+                self.stores[kind].abandon()

@@ -72,7 +72,7 @@ class MavNode(Node):
     def fields(self, name: str) -> dict[str, Any] | None:
         return REPORTS[name](self)
 
-    def greet(self, channel: Channel, link: str) -> None:
+    def greet(self, channel: Channel) -> None:
         """Start the streams of the MAV1_ parameters."""
         for param, group in RATE_PARAMS.items():
             if self.copter.params[param] > 0:

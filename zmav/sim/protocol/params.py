@@ -116,8 +116,12 @@ class ParamProtocol(Part):
         name, value = msg["param_id"], msg["param_value"]
         if name in self.store and math.isfinite(value):
             self.store.set(name, value)
-            for each in self._everyone():
-                self._send(each, name, NO_INDEX)
+            self.tell(name)
+
+    def tell(self, name: str) -> None:
+        """Send a value to everyone: somebody, or the vehicle itself, changed it."""
+        for each in self._everyone():
+            self._send(each, name, NO_INDEX)
 
     def tick(self, now: float) -> None:
         for channel in self._everyone():

@@ -11,7 +11,8 @@ import math
 from typing import Any
 
 from zmav.sim.autopilots.arducopter import ArduCopter
-from zmav.sim.autopilots.guided import AttitudeTarget, Target, YawWish
+from zmav.sim.autopilots.guided import AttitudeTarget, Quaternion, Target, YawWish
+from zmav.sim.autopilots.items import Item, Result
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned
 
@@ -20,8 +21,10 @@ _FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
 _ABSOLUTE = (0, 5)
 _RELATIVE = (3, 6, 10, 11)  # above home; the ground of the simulated world is flat, so above terrain is the same
-_NO_THRUST, _NO_ATTITUDE = 64, 128  # ATTITUDE_TARGET_TYPEMASK
+_NO_RATES, _NO_THRUST, _NO_ATTITUDE = 7, 64, 128  # ATTITUDE_TARGET_TYPEMASK
+_FASTEST_TURN = 100.0  # rad/s
 _THRUST_IS_THRUST = 8  # GUID_OPTIONS
+_WAYPOINT, _GUIDED_ITEM = 16, 2
 _MOST = 1000.0  # m/s, m/s^2
 _FARTHEST = 1e7  # m
 _HIGHEST = 80_000.0  # m, up or down: what ArduPilot keeps as an altitude
@@ -29,7 +32,7 @@ _HIGHEST = 80_000.0  # m, up or down: what ArduPilot keeps as an altitude
 
 def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_LOCAL_NED."""
-    if copter.mode is not copter.guided:
+    if not copter.takes_targets:
         return
     frame, mask = msg["coordinate_frame"], msg["type_mask"]
     if frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET) or _asks_force(mask):
@@ -48,7 +51,7 @@ def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
 
 def global_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_GLOBAL_INT."""
-    if copter.mode is not copter.guided:
+    if not copter.takes_targets:
         return
     mask = msg["type_mask"]
     pos, vel, acc = _vectors(msg, mask, ("lat_int", "lon_int", "alt"))
@@ -77,31 +80,51 @@ def point(copter: ArduCopter, lat_e7: int, lon_e7: int, alt: float, frame: int) 
     return north, east, down
 
 
+def guided_item(copter: ArduCopter, item: Item) -> Result:
+    """A mission item that is to be flown at once: a waypoint, in GUIDED only; others of that kind are merely taken."""
+    if item.current != _GUIDED_ITEM:
+        return Result.ACCEPTED
+    place = point(copter, item.x, item.y, item.z, item.frame)
+    if not copter.takes_targets or item.command != _WAYPOINT or place is None:
+        return Result.ERROR
+    copter.guided.aim(Target(pos=place))
+    return Result.ACCEPTED
+
+
 def attitude_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     """Apply a SET_ATTITUDE_TARGET; the thrust field is a climb rate (0.5: none) unless GUID_OPTIONS says otherwise.
 
-    The attitude is needed; body rates are not flown.
+    The attitude, the body rates or both are flown; of the rates all three or none are to be given.
     """
-    if copter.mode is not copter.guided:
+    if not copter.takes_targets:
         return
-    mask, q, thrust = msg["type_mask"], msg["q"], msg["thrust"]
-    norm = math.sqrt(sum(c * c for c in q))
-    if mask & (_NO_ATTITUDE | _NO_THRUST) or not abs(norm - 1.0) < 1e-3 or not math.isfinite(thrust):
+    mask, thrust = msg["type_mask"], msg["thrust"]
+    rates = (msg["body_roll_rate"], msg["body_pitch_rate"], msg["body_yaw_rate"])
+    ignored = mask & _NO_RATES
+    attitude = None if mask & _NO_ATTITUDE else _unit(msg["q"])
+    senseless = attitude is None and not mask & _NO_ATTITUDE
+    if mask & _NO_THRUST or senseless or not math.isfinite(thrust) or ignored not in (0, _NO_RATES):
         copter.guided.hold()
         return
-    w, x, y, z = (c / norm for c in q)
-    lean = copter.sp.limit_of("lean")
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
-    wish = YawWish(angle=math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    roll, pitch = min(max(roll, -lean), lean), min(max(pitch, -lean), lean)
-    thrust = min(max(thrust, 0.0), 1.0)
+    if ignored:
+        rates = (0.0, 0.0, 0.0)
+    if not all(abs(rate) <= _FASTEST_TURN for rate in rates):
+        copter.guided.hold()
+        return
     if int(copter.params["GUID_OPTIONS"]) & _THRUST_IS_THRUST:
-        target = AttitudeTarget(roll, pitch, None, thrust, wish)
-    else:
-        span = copter.sp.limit_of("speed_up" if thrust > 0.5 else "speed_down")
-        target = AttitudeTarget(roll, pitch, (thrust - 0.5) * 2.0 * span, None, wish)
-    copter.guided.lean(target)
+        copter.guided.lean(AttitudeTarget(attitude, rates, None, min(max(thrust, -1.0), 1.0)))
+        return
+    thrust = min(max(thrust, 0.0), 1.0)
+    span = copter.params["WPNAV_SPEED_UP" if thrust > 0.5 else "WPNAV_SPEED_DN"] * 0.01
+    copter.guided.lean(AttitudeTarget(attitude, rates, (thrust - 0.5) * 2.0 * span, None))
+
+
+def _unit(q: list[float]) -> Quaternion | None:
+    """The quaternion at unit length; None for one that is far from it."""
+    norm = math.sqrt(sum(c * c for c in q))
+    if not abs(norm - 1.0) < 1e-3:
+        return None
+    return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
 
 
 def _asks_force(mask: int) -> bool:

@@ -19,12 +19,22 @@ GROUPS: dict[int, tuple[str, ...]] = {
         "MISSION_CURRENT",
         "GPS_RAW_INT",
         "POSITION_TARGET_GLOBAL_INT",
+        "FENCE_STATUS",
     ),
     3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE", "SIMSTATE", "AHRS2", "ESC_TELEMETRY_1_TO_4"),
     11: ("VFR_HUD",),
-    12: ("AHRS", "SYSTEM_TIME", "WIND", "TERRAIN_REPORT", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION"),
+    12: (
+        "AHRS",
+        "SYSTEM_TIME",
+        "WIND",
+        "TERRAIN_REPORT",
+        "BATTERY_STATUS",
+        "GIMBAL_DEVICE_ATTITUDE_STATUS",
+        "EKF_STATUS_REPORT",
+        "VIBRATION",
+    ),
 }
 # The parameter that holds a group's default rate on the first serial port, Hz.
 RATE_PARAMS = {

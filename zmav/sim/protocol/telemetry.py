@@ -41,4 +41,8 @@ REPORTS: dict[str, Report] = {
     "VIBRATION": sensors.vibration,
     "HOME_POSITION": motion.home_position,
     "EXTENDED_SYS_STATE": status.extended_sys_state,
+    "FENCE_STATUS": status.fence_status,
+    "RELAY_STATUS": sensors.relay_status,
+    "CAMERA_FEEDBACK": sensors.camera_feedback,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": sensors.gimbal_device_attitude_status,
 }

@@ -132,9 +132,11 @@ def nav_controller_output(node: MavNode) -> Fields:
 
 
 def _held_position(node: MavNode) -> Vector | None:
-    """The position GUIDED flies to or holds, in the world's NED."""
-    guided = node.copter.guided
-    if node.copter.mode is guided and guided.doing in (Doing.POSITION, Doing.POSITION_VELOCITY):
+    """The position that GUIDED or a mission flies to or holds, in the world's NED."""
+    copter, guided = node.copter, node.copter.guided
+    if copter.mode is copter.auto and copter.armed:
+        return copter.auto.target
+    if copter.mode is guided and guided.doing in (Doing.POSITION, Doing.POSITION_VELOCITY):
         return guided.target.pos
     return None
 

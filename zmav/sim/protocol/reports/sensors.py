@@ -12,11 +12,13 @@ if TYPE_CHECKING:
     from zmav.sim.protocol.node import MavNode
 
 MOST_RPM = 10_000.0
+RECEIVED = 8  # channels of the receiver
+_LEVEL_LOCKS, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 4 | 8, 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 
 
 def gps_raw_int(node: MavNode) -> Fields:
     copter, s = node.copter, node.copter.sense
-    if not copter.boot.has("gps"):
+    if not copter.gps_ok:
         return {"eph": 65535, "epv": 65535}
     here = copter.position
     speed = math.hypot(s.vn, s.ve)
@@ -98,7 +100,7 @@ def terrain_report(node: MavNode) -> Fields | None:
 
 def esc_telemetry(node: MavNode) -> Fields:
     turning = [round(MOST_RPM * speed) for speed in node.rotor_speeds()[:4]]
-    volts = round(node.copter.airframe.battery_v * 100)
+    volts = round(node.copter.voltage * 100)
     amps = round(node.copter.sense.current_a * 100 / len(node.copter.airframe.rotors))
     return {
         "temperature": [32] * 4,
@@ -116,13 +118,73 @@ def vibration(node: MavNode) -> Fields:
 
 
 def rc_channels(node: MavNode) -> Fields:
-    fields: Fields = {f"chan{i}_raw": pwm for i, pwm in enumerate(node.copter.pilot.pwm, start=1)}
-    return {"time_boot_ms": boot_ms(node), "chancount": len(fields), "rssi": 255, **fields}
+    pwm = node.copter.rc.pwm
+    fields: Fields = {f"chan{i}_raw": value % 65536 for i, value in enumerate(pwm, start=1)}
+    return {"time_boot_ms": boot_ms(node), "chancount": RECEIVED, "rssi": 255, **fields}
 
 
 def servo_output_raw(node: MavNode) -> Fields:
-    fields: Fields = {f"servo{i}_raw": round(1000 + 1000 * u) for i, u in enumerate(node.throttles(), start=1)}
-    return {"time_usec": boot_us(node), **fields}
+    """The motors on the first outputs, what DO_SET_SERVO set on the others; 0 where there is no signal."""
+    outputs = [round(1000 + 1000 * u) for u in node.throttles()]
+    outputs += node.copter.payload.servos[len(outputs) :]
+    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+
+
+def relay_status(node: MavNode) -> Fields:
+    payload = node.copter.payload
+    present = [i for i in range(len(payload.relays)) if payload.has_relay(i)]
+    return {
+        "time_boot_ms": boot_ms(node),
+        "on": sum(1 << i for i in present if payload.relays[i]),
+        "present": sum(1 << i for i in present),
+    }
+
+
+def camera_feedback(node: MavNode) -> Fields | None:
+    """The last picture."""
+    copter, camera = node.copter, node.copter.payload.camera
+    if not camera.pictures:
+        return None
+    place, s = copter.place(camera.shot_place), copter.sense
+    return {
+        "time_usec": int((camera.shot_at - copter.booted_at) * 1e6),
+        "img_idx": camera.pictures % 65536,
+        "lat": e7(place.lat_deg),
+        "lng": e7(place.lon_deg),
+        "alt_msl": place.alt_amsl_m,
+        "alt_rel": copter.home_world[2] - camera.shot_place[2],
+        "roll": math.degrees(s.roll),
+        "pitch": math.degrees(s.pitch),
+        "yaw": math.degrees(s.yaw),
+        "completed_captures": camera.pictures % 65536,
+    }
+
+
+def gimbal_device_attitude_status(node: MavNode) -> Fields | None:
+    """Where the gimbal points: about the nose, or about north where it is locked to that."""
+    gimbal = node.copter.payload.gimbal
+    if not gimbal.present:
+        return None
+    yaw = gimbal.yaw if gimbal.locked else gimbal.yaw_ahead
+    half = [math.radians(angle) / 2.0 for angle in (gimbal.roll, gimbal.pitch, yaw)]
+    (cr, cp, cy), (sr, sp, sy) = [math.cos(a) for a in half], [math.sin(a) for a in half]
+    flags = _LEVEL_LOCKS | (_YAW_IN_EARTH | _YAW_LOCK if gimbal.locked else _YAW_IN_VEHICLE)
+    return {
+        "time_boot_ms": boot_ms(node),
+        "flags": flags | {0: 1, 1: 2}.get(gimbal.mode, 0),
+        "q": [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        "angular_velocity_x": math.nan,
+        "angular_velocity_y": math.nan,
+        "angular_velocity_z": math.nan,
+        "delta_yaw": math.nan,
+        "delta_yaw_velocity": math.nan,
+        "gimbal_device_id": 1,
+    }
 
 
 def wind(node: MavNode) -> Fields | None:

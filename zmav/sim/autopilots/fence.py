@@ -1,0 +1,379 @@
+"""ArduCopter's fence: a ceiling, a floor, a circle about home, and polygons and circles to stay in or out of.
+
+After ArduPilot's AC_Fence library; https://ardupilot.org/copter/docs/common-geofencing-landing-page.html
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+import msgspec
+
+from zmav.sim.autopilots import items
+from zmav.sim.autopilots.items import Item, ItemStore, Result, check_place
+from zmav.sim.geo import Position, to_ned
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arducopter import ArduCopter
+
+CEILING, CIRCLE, POLYGON, FLOOR = 1, 2, 4, 8  # FENCE_TYPE
+EVERYTHING = CEILING | CIRCLE | POLYGON | FLOOR
+REPORT_ONLY, ALWAYS_LAND, BRAKE_OR_LAND = 0, 2, 4  # FENCE_ACTION
+SMART_RTL, SMART_RTL_OR_LAND = 3, 5
+UNION, NO_MODE_CHANGE = 2, 1  # FENCE_OPTIONS
+WHEN_ARMED = 3  # FENCE_AUTOENABLE
+GIVE_UP_M = 100.0  # beyond, it just lands
+BACKUP_M = 20.0  # farther out: another breach
+RECOVERY_S = 10.0
+RETURN_POINT, STAY_IN, STAY_OUT, CIRCLE_IN, CIRCLE_OUT = 5000, 5001, 5002, 5003, 5004  # MAV_CMD_NAV_FENCE_...
+_FRAMES = (0, 3, 5, 6, 10, 11)
+_NAMES = ((CEILING, "Max Alt"), (CIRCLE, "Circle"), (POLYGON, "Polygon"), (FLOOR, "Min Alt"))
+_WARNING, _NOTICE, _INFO = 4, 5, 6
+_RTL, _LAND, _BRAKE = 6, 9, 17
+
+Point = tuple[float, float]
+
+
+class Area(msgspec.Struct, frozen=True):
+    """A polygon (``radius`` None) or a circle (one corner) of the world's NED, to stay in or out of."""
+
+    corners: tuple[Point, ...]
+    radius: float | None
+    inside: bool
+
+    def outside_by(self, north: float, east: float) -> float:
+        """Metres on the wrong side; negative on the right one."""
+        if self.radius is not None:
+            beyond = math.hypot(north - self.corners[0][0], east - self.corners[0][1]) - self.radius
+            return beyond if self.inside else -beyond
+        edge = min(
+            _to_edge((north, east), a, b)
+            for a, b in zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
+        )
+        within = _contains(self.corners, north, east)
+        return -edge if within == self.inside else edge
+
+
+class FenceItems(ItemStore):
+    """The polygons and circles; a new list takes effect as a whole."""
+
+    kind: ClassVar[int] = items.FENCE
+    title: ClassVar[str] = "Fence"
+    most: ClassVar[int] = 70
+
+    def __init__(self, copter: ArduCopter) -> None:
+        self._copter = copter
+        self._items: list[Item] = []
+        self._new: list[Item | None] = []
+        self.areas: list[Area] = []
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def read(self, seq: int) -> Item | Result:
+        return self._items[seq] if seq < len(self._items) else Result.INVALID_SEQUENCE
+
+    def open(self, count: int) -> Result:
+        self._new = [None] * count
+        return Result.ACCEPTED
+
+    def reopen(self) -> Result:
+        self._new = list(self._items)
+        return Result.ACCEPTED
+
+    def put(self, item: Item, last: int) -> Result:
+        if item.seq >= len(self._new):
+            return Result.INVALID_SEQUENCE
+        if item.frame not in _FRAMES:
+            return Result.UNSUPPORTED_FRAME
+        if not RETURN_POINT <= item.command <= CIRCLE_OUT:
+            return Result.UNSUPPORTED
+        if item.command in (STAY_IN, STAY_OUT) and not item.p1 <= 255:
+            return Result.INVALID_PARAM1
+        p1 = float(int(item.p1)) if item.command in (STAY_IN, STAY_OUT) and item.p1 > 0 else item.p1
+        p1 = 0.0 if item.command == RETURN_POINT else p1
+        self._new[item.seq] = Item(
+            command=item.command, frame=0, p1=p1, x=item.x, y=item.y, seq=item.seq, autocontinue=0
+        )
+        return Result.ACCEPTED
+
+    def close(self) -> Result:
+        new = [item for item in self._new if item is not None]
+        self._new = []
+        fault = self._fault(new)
+        if fault:
+            self._copter.say(_WARNING, fault)
+            self._copter.say(_WARNING, "Fence validation failed")
+            return Result.ERROR
+        self._items = new
+        self.areas = self._as_areas()
+        self._copter.sized("FENCE_TOTAL", len(new) + 2 if len(new) >= 3 else 0)
+        return Result.ACCEPTED
+
+    def abandon(self) -> None:
+        self._new = []
+
+    def clear(self) -> bool:
+        self._items, self.areas = [], []
+        self._copter.sized("FENCE_TOTAL", 0)
+        return True
+
+    @staticmethod
+    def _fault(new: list[Item]) -> str:
+        """What is wrong with the whole, in ArduPilot's words; empty: nothing."""
+        left, kind, size, returns = 0, 0, 0.0, 0
+        for item in new:
+            if item.command in (STAY_IN, STAY_OUT):
+                if not item.p1 >= 3:
+                    return f"Invalid vertex count ({int(item.p1) if item.p1 > 0 else 0})"
+                if left == 0:
+                    left, kind, size = int(item.p1), item.command, item.p1
+                elif item.command != kind:
+                    return "Received incorrect vertex type"
+                elif item.p1 != size:
+                    return f"Unexpected vertex count want={int(size)} got={int(item.p1)}"
+                left -= 1
+            elif left:
+                return "Received incorrect type"
+            elif item.command == RETURN_POINT:
+                returns += 1
+                if returns > 1:
+                    return "Multiple return points"
+            elif not item.p1 > 0:
+                return "Non-positive circle radius"
+            if check_place(item) is not Result.ACCEPTED:
+                return "Bad lat or lon"
+        return "Incorrect item count" if left else ""
+
+    def _as_areas(self) -> list[Area]:
+        areas = []
+        corners: list[Point] = []
+        for item in self._items:
+            north, east, _ = to_ned(Position(item.x * 1e-7, item.y * 1e-7, 0.0), self._copter.world)
+            if item.command in (CIRCLE_IN, CIRCLE_OUT):
+                areas.append(Area(((north, east),), item.p1, item.command == CIRCLE_IN))
+            elif item.command in (STAY_IN, STAY_OUT):
+                corners.append((north, east))
+                if len(corners) == int(item.p1):
+                    areas.append(Area(tuple(corners), None, item.command == STAY_IN))
+                    corners = []
+        return areas
+
+
+class Fence:
+    """Watches where the copter is, 25 times a second, and acts on a breach."""
+
+    def __init__(self, copter: ArduCopter) -> None:
+        self._copter = copter
+        self.items = FenceItems(copter)
+        self.power_on()
+
+    def power_on(self) -> None:
+        self.enabled = 0  # of the types, those that are watched
+        self.breached = 0
+        self.breaches = 0
+        self.breach_time = 0.0
+        self._parameter = -1.0
+        self._recovering: float | None = None
+        self._backup: dict[int, float] = {}
+        self._beyond: dict[int, float] = {}
+
+    # ---- what there is
+
+    @property
+    def configured(self) -> int:
+        return int(self._copter.params["FENCE_TYPE"])
+
+    @property
+    def present(self) -> int:
+        return self.configured & (EVERYTHING if self.items.areas else EVERYTHING & ~POLYGON)
+
+    @property
+    def active(self) -> int:
+        return self.enabled & self.present
+
+    def enable(self, on: bool, types: int = EVERYTHING) -> bool:
+        """Switch fences on or off in flight (DO_FENCE_ENABLE); False where there is none to switch on."""
+        wanted = self.configured & types
+        if on and not self.present & types:
+            return False
+        self.enabled = self.enabled | wanted if on else self.enabled & ~wanted
+        if not on:
+            self.breached &= ~wanted
+        return True
+
+    @property
+    def ceiling(self) -> float | None:
+        """The height above home that flying back keeps below, m; None without a ceiling."""
+        params = self._copter.params
+        return params["FENCE_ALT_MAX"] - params["FENCE_MARGIN"] if self.active & CEILING else None
+
+    @property
+    def blocks_mode_change(self) -> bool:
+        copter = self._copter
+        if not (self.breached and copter.armed and not copter.landed and copter.mode_by_fence):
+            return False
+        return bool(int(copter.params["FENCE_OPTIONS"]) & NO_MODE_CHANGE)
+
+    def fault(self) -> str:
+        """Why arming is refused for the fence's sake; empty: it is not."""
+        params = self._copter.params
+        if params["FENCE_ENABLE"] and not self.present:
+            return "Fences enabled, but none selected"
+        if not (self.enabled or params["FENCE_AUTOENABLE"]) or not self.configured:
+            return ""
+        if self.configured & (CIRCLE | POLYGON) and not self._copter.position_ok:
+            return "Fence requires position"
+        if self.configured & CIRCLE and params["FENCE_RADIUS"] < 0:
+            return "Invalid Circle FENCE_RADIUS value"
+        if self.configured & CIRCLE and params["FENCE_RADIUS"] < params["FENCE_MARGIN"]:
+            return "Circle FENCE_MARGIN is greater than FENCE_RADIUS"
+        if params["FENCE_ALT_MAX"] < 0:
+            return "Invalid FENCE_ALT_MAX value"
+        breached = self.breached
+        if int(params["FENCE_AUTOENABLE"]) == WHEN_ARMED and self.configured & POLYGON and self._outside_areas() > 0:
+            breached |= POLYGON
+        if breached:
+            return f"Vehicle breaching {names(breached)}"
+        if params["FENCE_MARGIN"] < 0:
+            return "Invalid FENCE_MARGIN value"
+        if params["FENCE_ALT_MAX"] - params["FENCE_ALT_MIN"] <= 2.0 * params["FENCE_MARGIN"]:
+            return "FENCE_MARGIN too big"
+        return ""
+
+    def on_arming(self) -> None:
+        if int(self._copter.params["FENCE_AUTOENABLE"]) == WHEN_ARMED:
+            self.enable(True, EVERYTHING & ~FLOOR)
+            if self.active:
+                self._copter.say(_NOTICE, f"{names(self.active)} auto-enabled")
+
+    # ---- watching
+
+    def update(self) -> None:
+        copter = self._copter
+        parameter = copter.params["FENCE_ENABLE"]
+        if parameter != self._parameter:
+            self._parameter = parameter
+            self.enabled = self.configured & ~FLOOR if parameter else 0
+        if not self.enabled and not self.breached:
+            return
+        before = self.breached
+        self.breached &= self.configured
+        if copter.landed or not copter.armed:
+            self.enabled &= ~FLOOR
+            self.breached &= ~FLOOR
+        elif self.configured & FLOOR and not self.enabled & FLOOR and self.enabled:
+            self._raise_floor()
+        new = 0
+        for kind, beyond in self._measure():
+            new |= self._judge(kind, beyond)
+        if self._recovering is not None:
+            if copter.now - self._recovering < RECOVERY_S:
+                new = 0
+            else:
+                self._recovering = None
+        if before and not self.breached and not copter.landed:
+            copter.say(_NOTICE, "Fence breach cleared")
+        if new and copter.armed:
+            self._act(new)
+
+    def _raise_floor(self) -> None:
+        params = self._copter.params
+        if self._copter.height >= params["FENCE_ALT_MIN"] + params["FENCE_MARGIN"]:
+            self.enabled |= FLOOR
+            self._copter.say(_NOTICE, "Min Alt fence enabled (auto enable)")
+
+    def _measure(self) -> list[tuple[int, float]]:
+        """How far beyond each active fence it is, metres."""
+        copter, params, active = self._copter, self._copter.params, self.active
+        found = []
+        if active & CEILING:
+            found.append((CEILING, copter.height - params["FENCE_ALT_MAX"]))
+        if active & FLOOR:
+            found.append((FLOOR, params["FENCE_ALT_MIN"] - copter.height))
+        if active & CIRCLE and copter.position_ok:
+            found.append((CIRCLE, copter.from_home - params["FENCE_RADIUS"]))
+        if active & POLYGON and copter.position_ok:
+            found.append((POLYGON, self._outside_areas()))
+        return found
+
+    def _outside_areas(self) -> float:
+        s = self._copter.sense
+        inside = [a.outside_by(s.north, s.east) for a in self.items.areas if a.inside]
+        out = [a.outside_by(s.north, s.east) for a in self.items.areas if not a.inside]
+        union = bool(int(self._copter.params["FENCE_OPTIONS"]) & UNION)
+        allowed = [min(inside)] if inside and union else inside
+        return max([*allowed, *out], default=-math.inf)
+
+    def _judge(self, kind: int, beyond: float) -> int:
+        """Note a breach, or its end; gives the kind where the breach is new."""
+        self._beyond[kind] = beyond
+        at_edge = beyond >= 0 if kind != POLYGON else beyond > 0
+        if not at_edge:
+            self.breached &= ~kind
+            self._backup.pop(kind, None)
+            return 0
+        if self.breached & kind and (kind == POLYGON or beyond < self._backup.get(kind, math.inf)):
+            return 0
+        if not self.breached:
+            self.breach_time = self._copter.uptime
+            self._copter.report("FENCE_STATUS")
+        self.breaches += 1
+        self.breached |= kind
+        self._backup[kind] = beyond + BACKUP_M
+        return kind
+
+    def _act(self, new: int) -> None:
+        copter = self._copter
+        if not copter.landed:
+            copter.say(_NOTICE, f"{names(new)} breached")
+        action = int(copter.params["FENCE_ACTION"])
+        if action == REPORT_ONLY:
+            return
+        if copter.landed or (copter.mode.manual_throttle and copter.rc.throttle < 0.02 and not self.breached & CEILING):
+            copter.disarm(forced=True)
+            return
+        if max(self._beyond.get(kind, 0.0) for kind, _ in _NAMES if new & kind) > GIVE_UP_M or action == ALWAYS_LAND:
+            tries: tuple[int, ...] = (_LAND,)
+        elif action == BRAKE_OR_LAND:
+            tries = (_BRAKE, _LAND)
+        elif action == SMART_RTL_OR_LAND:
+            tries = (_LAND,)  # there is no SMART_RTL here
+        else:
+            tries = (_RTL, _LAND)
+        for number in tries:
+            if copter.set_mode(number, by_fence=True):
+                return
+
+    def mode_changed(self) -> None:
+        """Any change of mode in a breach is taken for the pilot's recovery: ten seconds of grace."""
+        if self.breached and int(self._copter.params["FENCE_ACTION"]) != REPORT_ONLY:
+            self._recovering = self._copter.now
+            self._copter.say(_INFO, "Manual recovery started")
+
+
+def names(kinds: int) -> str:
+    """Fences by name, as ArduPilot lists them."""
+    found = [name for kind, name in _NAMES if kinds & kind]
+    if len(found) < 2:
+        return f"{''.join(found)} fence"
+    return f"{', '.join(found[:-1])} and {found[-1]} fences"
+
+
+def _to_edge(p: Point, a: Point, b: Point) -> float:
+    """From ``p`` to the line from ``a`` to ``b``, metres."""
+    along = (b[0] - a[0], b[1] - a[1])
+    length = along[0] * along[0] + along[1] * along[1]
+    share = ((p[0] - a[0]) * along[0] + (p[1] - a[1]) * along[1]) / length if length > 0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.hypot(p[0] - a[0] - share * along[0], p[1] - a[1] - share * along[1])
+
+
+def _contains(corners: tuple[Point, ...], north: float, east: float) -> bool:
+    """Whether a ray to the east from the point crosses the polygon's edges an odd number of times."""
+    inside = False
+    for (n1, e1), (n2, e2) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        if (n1 > north) != (n2 > north) and east < e1 + (north - n1) / (n2 - n1) * (e2 - e1):
+            inside = not inside
+    return inside

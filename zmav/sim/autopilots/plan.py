@@ -1,0 +1,231 @@
+"""What ArduPilot keeps of a mission item, and what it refuses: a stored command has fifteen bytes, so parameters that
+a command does not use are lost, and those it uses become numbers of the size that they are stored with.
+
+After ArduPilot's AP_Mission library; https://ardupilot.org/copter/docs/mission-command-list.html
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+
+import msgspec
+
+from zmav.sim.autopilots.items import LOCATED, Item, Result, check_place
+
+HIGHEST_M = 83_000.0
+MISSION_FRAME = 2
+ABSOLUTE = (0, MISSION_FRAME, 5)  # MAV_FRAME
+RELATIVE = (3, 6)
+TERRAIN = (10, 11)
+
+Keep = Callable[[float], float]
+
+
+def _whole(bits: int, *, signed: bool = False) -> Keep:
+    """A C cast to an integer of that size."""
+
+    def keep(value: float) -> float:
+        number = int(value) if math.isfinite(value) else 0
+        number &= (1 << bits) - 1
+        return float(number - (1 << bits) if signed and number >> (bits - 1) else number)
+
+    return keep
+
+
+def _single(value: float) -> float:
+    return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def _none(value: float) -> float:
+    return 0.0
+
+
+def _flag(value: float) -> float:
+    return float(value > 0)
+
+
+def _signed_u16(value: float) -> float:
+    return math.copysign(_U16(abs(value)), value) if value else 0.0
+
+
+def _side(value: float) -> float:
+    return -1.0 if value < 0 else 1.0
+
+
+def _turns(value: float) -> float:
+    if 0.0 < value < 1.0:
+        return math.floor(value * 256.0) / 256.0
+    return float(min(255, _U16(value)))
+
+
+def _radius(value: float) -> float:
+    size = abs(value)
+    kept = float(int(size)) if size <= 255 else float(min(255, int(size * 0.1)) * 10)
+    return math.copysign(kept, value) if kept else 0.0
+
+
+_U8, _U16, _I8, _I16 = _whole(8), _whole(16), _whole(8, signed=True), _whole(16, signed=True)
+_F = _single
+
+# MAV_CMD -> how its parameters 1 to 4 are kept; missing ones are not.
+_KEPT: dict[int, tuple[Keep, ...]] = {
+    16: (_U16,),  # NAV_WAYPOINT
+    17: (_none, _none, _signed_u16),  # NAV_LOITER_UNLIM
+    18: (_turns, _none, _radius, _flag),  # NAV_LOITER_TURNS
+    19: (_U16, _none, _side, _flag),  # NAV_LOITER_TIME
+    20: (),  # NAV_RETURN_TO_LAUNCH
+    21: (_U16, _none, _none, _side),  # NAV_LAND
+    22: (_U16,),  # NAV_TAKEOFF
+    30: (_U16,),
+    31: (_none, _signed_u16, _none, _flag),  # NAV_LOITER_TO_ALT
+    82: (_U16,),  # NAV_SPLINE_WAYPOINT
+    83: (_F, _F, _U8),
+    84: (),
+    85: (_U16,),
+    92: (_U16,),  # NAV_GUIDED_ENABLE
+    93: (_F, _I8, _I8, _I8),  # NAV_DELAY
+    94: (lambda value: _U16(value * 100.0) * 0.01,),  # NAV_PAYLOAD_PLACE
+    112: (_F,),  # CONDITION_DELAY
+    114: (_F,),  # CONDITION_DISTANCE
+    115: (_F, _F, _I8, _U8),  # CONDITION_YAW
+    177: (_U16, _I16),  # DO_JUMP
+    178: (_U8, _F, _F),  # DO_CHANGE_SPEED
+    179: (_U16,),  # DO_SET_HOME
+    181: (_U8, _U8),  # DO_SET_RELAY
+    182: (_U8, _I16, _F),
+    183: (_U8, _U16),  # DO_SET_SERVO
+    184: (_U8, _U16, _I16, _F),
+    188: (),
+    189: (),
+    191: (),
+    193: (_U16,),
+    194: (_U16,),
+    195: (_U16,),  # DO_SET_ROI_LOCATION
+    197: (_U16,),  # DO_SET_ROI_NONE
+    201: (_U16,),  # DO_SET_ROI
+    202: (_U8, _U16, _U8, _U16),
+    203: (_U8, _U8, _I8, _U8),  # DO_DIGICAM_CONTROL
+    205: (_F, _F, _F),  # DO_MOUNT_CONTROL
+    206: (_F, _none, _U8),  # DO_SET_CAM_TRIGG_DIST
+    207: (_U16,),  # DO_FENCE_ENABLE
+    208: (_U16,),
+    210: (_U16,),
+    211: (_U8, _U8),
+    212: (_U16,),
+    213: (_F, _F, _U8),
+    215: (_U16,),
+    216: (_U16,),
+    217: (_U16, _F, _F, _F),
+    218: (_U16, _U8),  # DO_AUX_FUNCTION
+    222: (_U16, _F, _F, _F),  # DO_GUIDED_LIMITS
+    223: (_flag, _flag, _F),
+    531: (_U8, _F),
+    532: (_U8, _F),
+    534: (_U8, _U8, _U8),
+    600: (_U16,),  # JUMP_TAG
+    601: (_U16, _I16),  # DO_JUMP_TAG
+    1000: (_I8, _I16, _I8, _I8),  # DO_GIMBAL_MANAGER_PITCHYAW
+    2000: (_U8, _F, _U16, _U16),  # IMAGE_START_CAPTURE
+    2001: (_U16,),
+    2500: (_U8,),
+    2501: (_U8,),
+    3000: (_U8,),
+    42600: (_U8, _U8, _F, _F),
+    42702: (_U8, _U8, _F, _F),
+    42703: (_U16, _I16, _I8, _I16),
+}
+_XY_BYTES = {203, 1000}  # keep small numbers in x and y, or x and z
+_NAN_ALLOWED = {16: (3,), 17: (3,), 21: (3,), 22: (3,), 84: (3,), 85: (2, 3)}
+_INVALID_PARAM = (Result.INVALID_PARAM1, Result.INVALID_PARAM2, Result.INVALID_PARAM3, Result.INVALID_PARAM4)
+
+NAMES: dict[int, str] = {
+    16: "WP",
+    17: "LoitUnlim",
+    18: "LoitTurns",
+    19: "LoitTime",
+    20: "RTL",
+    21: "Land",
+    22: "Takeoff",
+    30: "ContinueAndChangeAlt",
+    31: "LoitAltitude",
+    82: "SplineWP",
+    84: "VTOLTakeoff",
+    85: "VTOLLand",
+    92: "GuidedEnable",
+    93: "Delay",
+    94: "PayloadPlace",
+    112: "CondDelay",
+    114: "CondDist",
+    115: "CondYaw",
+    177: "Jump",
+    178: "ChangeSpeed",
+    179: "SetHome",
+    181: "SetRelay",
+    182: "RepeatRelay",
+    183: "SetServo",
+    184: "RepeatServo",
+    188: "ReturnPathStart",
+    189: "LandStart",
+    191: "Go Around",
+    193: "PauseContinue",
+    195: "SetROILocation",
+    197: "SetROINone",
+    201: "SetROI",
+    202: "DigiCamCfg",
+    203: "DigiCamCtrl",
+    205: "MountControl",
+    206: "SetCamTrigDst",
+    207: "FenceEnable",
+    208: "Parachute",
+    218: "AuxFunction",
+    222: "GuidedLimits",
+    600: "Tag",
+    601: "JumpToTag",
+    1000: "GimbalPitchYaw",
+    2000: "ImageStartCapture",
+    2001: "ImageStopCapture",
+}
+"""What STATUSTEXT calls a command that starts; "?" where there is no name here."""
+
+
+def stored(item: Item) -> Item | Result:
+    """The item as it is kept, and given back by a download; or why it is not taken."""
+    if item.command not in _KEPT:
+        return Result.INVALID if item.command in (0, 1) else Result.UNSUPPORTED
+    allowed = _NAN_ALLOWED.get(item.command, ())
+    for index, value in enumerate(item.params):
+        if math.isinf(value) or (math.isnan(value) and index not in allowed):
+            return _INVALID_PARAM[index]
+    given = [0.0 if math.isnan(value) else value for value in item.params]
+    kept = [keep(value) for keep, value in zip(_KEPT[item.command], given, strict=False)]
+    p1, p2, p3, p4 = kept + [0.0] * (4 - len(kept))
+    bare = Item(command=item.command, p1=p1, p2=p2, p3=p3, p4=p4, frame=0, seq=item.seq)
+    if item.command in LOCATED:
+        return _placed(item, bare)
+    if item.command in _XY_BYTES:
+        last = float(int(item.z) & 0xFF) if math.isfinite(item.z) and item.command == 1000 else 0.0
+        y = 0 if item.command == 1000 else item.y & 0xFF
+        return msgspec.structs.replace(bare, x=item.x & 0xFF, y=y, z=last)
+    return bare
+
+
+def _placed(item: Item, bare: Item) -> Item | Result:
+    bad = check_place(item)
+    if bad is not Result.ACCEPTED:
+        return bad
+    if not abs(item.z) < HIGHEST_M:
+        return Result.INVALID_PARAM7
+    frames = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
+    frame = next((kept for group, kept in frames if item.frame in group), None)
+    if frame is None:
+        return Result.UNSUPPORTED_FRAME
+    # Altitudes are kept in whole centimetres.
+    z = _single(int(_single(item.z * 100.0)) * 0.01)
+    return msgspec.structs.replace(bare, frame=frame, x=item.x, y=item.y, z=z)
+
+
+def is_navigation(item: Item) -> bool:
+    """Only one such command runs at a time; the others run beside it."""
+    return item.command <= 95 or item.command in (213, 42702, 42703)

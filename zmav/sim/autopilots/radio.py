@@ -1,0 +1,234 @@
+"""What ArduCopter takes for its pilot's input: the receiver's channels, with those that a ground station overrides.
+
+Overrides: https://ardupilot.org/dev/docs/mavlink-rcinput.html; the loss of the radio:
+https://ardupilot.org/copter/docs/radio-failsafe.html
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from zmav.sim.autopilots.pilot import Pilot, Sticks
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arducopter import ArduCopter
+
+CHANNELS = 16
+RELEASED = 0
+IGNORED, RELEASED_UPPER = 65535, 65534  # UINT16_MAX and one less
+IGNORE_RECEIVER, IGNORE_OVERRIDES = 1, 2  # RC_OPTIONS
+NO_PULSES, LOW_THROTTLE = 1, 2  # SIM_RC_FAIL
+NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
+FRAME_S = 0.02
+CONFIRMATIONS = 3  # throttle values in a row that start or end the failsafe
+DEBOUNCE_S = 0.2
+SHORTEST, LONGEST = 800, 2200  # microseconds: pulses beyond are none
+LOW, MIDDLE, HIGH = 0, 1, 2
+# RCn_OPTION
+SAVE_WAYPOINT, CAMERA_TRIGGER, FENCE, MISSION_RESET, CLEAR_WAYPOINTS = 7, 9, 11, 24, 58
+OVERRIDE_ENABLE, ARM_DISARM = 46, 153
+RELAYS = {28: 0, 34: 1, 35: 2, 36: 3}
+_NAMES = {7: "SaveWaypoint", 9: "CameraTrigger", 11: "Fence", 24: "MissionReset", 58: "ClearWaypoint"}
+_NAMES |= {option: f"Relay{index + 1}" for option, index in RELAYS.items()}
+_FUNCTIONS = {*_NAMES, OVERRIDE_ENABLE, ARM_DISARM}
+_POSITIONS = ("LOW", "MIDDLE", "HIGH")
+_MODES = {4: 6, 16: 3, 18: 9, 33: 17, 55: 4, 56: 5, 68: 0, 70: 2}  # RCn_OPTION -> mode
+_UNTOUCHED_AT_FIRST = {ARM_DISARM}
+_INFO = 6
+
+
+class Radio(Sticks):
+    """The autopilot's view of all channels; ``lost``: the failsafe is on."""
+
+    def __init__(self, copter: ArduCopter, pilot: Pilot) -> None:
+        super().__init__()
+        self.pilot = pilot
+        self.lost = False
+        self.overridable = True
+        self.overridden = False  # ever
+        self._copter = copter
+        self._overrides: dict[int, tuple[int, float]] = {}
+        self._fresh = False
+        self._next = self._heard = copter.now
+        self._low = 0
+        self._had_receiver = False
+        self._switches: dict[int, tuple[int, int, float]] = {}
+
+    # ---- from the ground
+
+    def override(self, msg: dict[str, Any]) -> None:
+        """Apply an RC_CHANNELS_OVERRIDE: of the first eight channels 0 releases one and 65535 leaves it, of the
+        others 65534 releases one, and 0 and 65535 leave it.
+        """
+        for index in range(CHANNELS):
+            value = msg[f"chan{index + 1}_raw"]
+            if index < 8:
+                if value != IGNORED:
+                    self.set_override(index, value)
+            elif value not in (0, IGNORED):
+                self.set_override(index, RELEASED if value == RELEASED_UPPER else value)
+
+    def manual(self, msg: dict[str, Any]) -> None:
+        """Apply a MANUAL_CONTROL: sticks as -1000 to 1000, the throttle 0 to 1000. Negative thrust is not taken."""
+        if msg["z"] < 0:
+            return
+        axes = ((0, msg["y"], 1000, 2000), (1, -msg["x"] if msg["x"] != NO_AXIS else NO_AXIS, 1000, 2000))
+        for index, value, offset, scale in (*axes, (2, msg["z"], 0, 1000), (3, msg["r"], 1000, 2000)):
+            if value == NO_AXIS:
+                self.set_override(index, RELEASED)
+                continue
+            low, high = (int(self._copter.params[f"RC{index + 1}_{end}"]) for end in ("MIN", "MAX"))
+            self.set_override(index, max(int(low + (high - low) * (value + offset) / scale), 0))
+
+    def set_override(self, index: int, pwm: int) -> None:
+        if not self.overridable:
+            return
+        self._overrides[index] = (pwm, self._copter.now)
+        self._fresh = self.overridden = True
+
+    def clear_overrides(self) -> None:
+        self._overrides.clear()
+
+    def _override_of(self, index: int) -> int:
+        """The pulse width that a channel is held at; 0 for none."""
+        pwm, since = self._overrides.get(index, (RELEASED, 0.0))
+        lasts = self._copter.params["RC_OVERRIDE_TIME"]
+        held = pwm != RELEASED and (lasts < 0 or self._copter.now - since < lasts)
+        return pwm if held else RELEASED
+
+    # ---- every tick
+
+    def update(self) -> None:
+        """Read a frame where there is one, and watch for the loss of the radio."""
+        now = self._copter.now
+        if now < self._next:
+            return
+        self._next = now + FRAME_S
+        fail = int(self._copter.params["SIM_RC_FAIL"])
+        receiving = self.pilot.sending and fail != NO_PULSES
+        self._had_receiver |= receiving
+        if receiving or self._fresh:
+            self._fresh = False
+            self._heard = now
+            self._read(fail)
+            self._watch_throttle()
+        elif not self.lost and self._copter.params["FS_THR_ENABLE"]:
+            self._set_lost(now - self._heard >= max(self._copter.params["RC_FS_TIMEOUT"], 0.1))
+
+    def _read(self, fail: int) -> None:
+        if not self._overrides and fail == 0:
+            self.pwm = self.pilot.pwm
+            return
+        options = int(self._copter.params["RC_OPTIONS"])
+        source = self.pilot.pwm if self.pilot.sending else self.pwm
+        if fail == LOW_THROTTLE:
+            source = [950 if i == 2 else 1500 for i in range(8)]
+        merged = [*source, *[0] * (CHANNELS - len(source))]
+        held = self.pwm + [0] * (CHANNELS - len(self.pwm))
+        for index in range(CHANNELS):
+            pwm = RELEASED if options & IGNORE_OVERRIDES else self._override_of(index)
+            if pwm != RELEASED:
+                merged[index] = pwm
+            elif not self._had_receiver or options & IGNORE_RECEIVER:
+                merged[index] = held[index]
+        self.pwm = merged
+
+    def _watch_throttle(self) -> None:
+        params = self._copter.params
+        if not params["FS_THR_ENABLE"]:
+            self._set_lost(False)
+        elif self.pwm[2] < params["FS_THR_VALUE"]:
+            if not self.lost:
+                self._low += 1
+                if self._low >= CONFIRMATIONS:
+                    self._set_lost(True)
+        else:
+            self._low = max(self._low - 1, 0)
+            if self._low == 0:
+                self._set_lost(False)
+
+    def _set_lost(self, lost: bool) -> None:
+        if lost != self.lost:
+            self.lost = lost
+            self._copter.radio_failsafe.changed(lost)
+
+    @property
+    def valid(self) -> bool:
+        """The sticks may be believed."""
+        return not self.lost and self._low == 0
+
+    # ---- auxiliary switches
+
+    def read_switches(self) -> None:
+        """Ten times a second: what RCn_OPTION says, for each switch that was moved."""
+        if not self.valid:
+            return
+        now = self._copter.now
+        for channel in range(5, len(self.pwm) + 1):
+            option = int(self._copter.params[f"RC{channel}_OPTION"])
+            pwm = self.pwm[channel - 1]
+            if option == 0 or not SHORTEST < pwm < LONGEST:
+                continue
+            position = LOW if pwm < 1200 else HIGH if pwm > 1800 else MIDDLE
+            first = position if option in _UNTOUCHED_AT_FIRST else -1
+            stands, moving, since = self._switches.get(channel, (first, first, now))
+            if stands == position:
+                moving = position
+            elif moving != position:
+                moving, since = position, now
+            elif now - since >= DEBOUNCE_S:
+                stands = position
+                if option in _NAMES:
+                    self._copter.say(_INFO, f"RC{channel}: {_NAMES[option]} {_POSITIONS[position]}")
+                self.run_function(option, position)
+            self._switches[channel] = stands, moving, since
+
+    def run_function(self, option: int, position: int) -> bool:
+        """Do what an auxiliary switch in that position does; False for a function that is not simulated."""
+        if option in _MODES:
+            self._change_mode(_MODES[option], position)
+            return True
+        _act(self._copter, option, position)
+        return option in _FUNCTIONS
+
+    def _change_mode(self, number: int, position: int) -> None:
+        if position == HIGH:
+            self._copter.set_mode(number)
+        elif self._copter.mode.number == number:
+            self._copter.follow_switch(force=True)
+
+
+def _override_enable(copter: ArduCopter, position: int) -> None:
+    if position == HIGH:
+        copter.rc.overridable = True
+    elif position == LOW:
+        copter.rc.overridable = False
+        copter.rc.clear_overrides()
+
+
+def _arm(copter: ArduCopter, position: int) -> None:
+    if position == HIGH:
+        copter.arm()
+    elif position == LOW:
+        copter.disarm(forced=True)
+
+
+def _act(copter: ArduCopter, option: int, position: int) -> None:
+    """The functions that are no modes."""
+    high = position == HIGH
+    if option == FENCE:
+        copter.fence.enable(high)
+    elif option in RELAYS:
+        copter.payload.set_relay(RELAYS[option], int(high))
+    elif option == SAVE_WAYPOINT and high:
+        copter.save_waypoint()
+    elif option == CAMERA_TRIGGER and high:
+        copter.payload.camera.shoot()
+    elif option == MISSION_RESET and high:
+        copter.mission.reset()
+    elif option == CLEAR_WAYPOINTS and high:
+        copter.mission.clear()
+    elif option == OVERRIDE_ENABLE:
+        _override_enable(copter, position)
+    elif option == ARM_DISARM:
+        _arm(copter, position)

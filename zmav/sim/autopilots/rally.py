@@ -1,0 +1,90 @@
+"""Rally points: where ArduCopter may return to instead of home. https://ardupilot.org/copter/docs/common-rally-points.html"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from zmav.sim.autopilots import items
+from zmav.sim.autopilots.items import Item, ItemStore, Result, check_place
+from zmav.sim.autopilots.plan import ABSOLUTE, RELATIVE, TERRAIN
+from zmav.sim.control.setpoints import Vector
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arducopter import ArduCopter
+
+RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
+HIGHEST_M = 32767.0
+
+
+class Rally(ItemStore):
+    """Points are kept as they arrive."""
+
+    kind: ClassVar[int] = items.RALLY
+    title: ClassVar[str] = "Rally"
+    most: ClassVar[int] = 46
+
+    def __init__(self, copter: ArduCopter) -> None:
+        self._copter = copter
+        self._items: list[Item] = []
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def read(self, seq: int) -> Item | Result:
+        return self._items[seq] if seq < len(self._items) else Result.INVALID_SEQUENCE
+
+    def open(self, count: int) -> Result:
+        del self._items[count:]
+        self._copter.sized("RALLY_TOTAL", len(self._items))
+        return Result.ACCEPTED
+
+    def reopen(self) -> Result:
+        return Result.ACCEPTED
+
+    def put(self, item: Item, last: int) -> Result:
+        if item.command != RALLY_POINT:
+            return Result.UNSUPPORTED
+        bad = check_place(item)
+        if bad is not Result.ACCEPTED:
+            return bad
+        if not -HIGHEST_M - 1 <= item.z <= HIGHEST_M:
+            return Result.INVALID_PARAM7
+        frames = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
+        frame = next((kept for group, kept in frames if item.frame in group and item.frame != 2), None)
+        if frame is None:
+            return Result.UNSUPPORTED_FRAME
+        kept = Item(
+            command=RALLY_POINT, frame=frame, x=item.x, y=item.y, z=float(int(item.z)), seq=item.seq, autocontinue=0
+        )
+        if item.seq < len(self._items):
+            self._items[item.seq] = kept
+        else:
+            self._items.append(kept)
+            self._copter.sized("RALLY_TOTAL", len(self._items))
+        return Result.ACCEPTED
+
+    def close(self) -> Result:
+        return Result.ACCEPTED
+
+    def abandon(self) -> None:
+        """What has come stays."""
+
+    def clear(self) -> bool:
+        self._items = []
+        self._copter.sized("RALLY_TOTAL", 0)
+        return True
+
+    def nearest(self) -> Vector:
+        """Where to return to from here: the nearest point within RALLY_LIMIT_KM, or home where that is nearer."""
+        copter, s = self._copter, self._copter.sense
+        home = copter.home_world
+        places = [copter.place_of(item, home) for item in self._items]
+        if not places:
+            return home
+        best = min(places, key=lambda p: math.hypot(p[0] - s.north, p[1] - s.east))
+        away = math.hypot(best[0] - s.north, best[1] - s.east)
+        limit = copter.params["RALLY_LIMIT_KM"] * 1000.0
+        if limit > 0 and away > limit:
+            return home
+        return best if not copter.params["RALLY_INCL_HOME"] or away < copter.from_home else home

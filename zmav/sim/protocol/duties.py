@@ -1,0 +1,184 @@
+"""Commands about the mission, the fence, and what the vehicle carries, with ArduCopter's verdicts.
+
+https://ardupilot.org/dev/docs/mavlink-commands.html
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from zmav.sim.autopilots.arducopter import INFO
+from zmav.sim.autopilots.fence import EVERYTHING, FLOOR
+from zmav.sim.autopilots.mission import State
+from zmav.sim.control.setpoints import Vector
+from zmav.sim.protocol.commands import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Command, Handlers, place, verdict
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.node import MavNode
+
+_AUTO = 3
+_E7 = 1e7
+_HIGHEST_POSITION = 2  # of an auxiliary switch
+
+
+def _mission_start(node: MavNode, c: Command) -> int:
+    """AUTO, and off the ground with the throttle stick down too."""
+    if c.p1 or c.p2:
+        return DENIED
+    copter = node.copter
+    if not copter.set_mode(_AUTO):
+        return FAILED
+    copter.auto_armed = copter.armed
+    if copter.mission.state is not State.RUNNING and not copter.auto.waiting:
+        copter.mission.start_or_resume()
+    return ACCEPTED
+
+
+def _set_current(node: MavNode, c: Command) -> int:
+    """DO_SET_MISSION_CURRENT; ``p2`` 1: with the jumps' counters back at zero, and running again."""
+    mission, seq = node.copter.mission, int(c.p1)
+    if not 0 <= seq < len(mission):
+        return DENIED
+    again = c.p2 == 1
+    if again:
+        mission.reset()
+    if not mission.set_current(seq):
+        return FAILED
+    if again:
+        mission.resume()
+    node.after_ack(c.channel, "MISSION_CURRENT")
+    return ACCEPTED
+
+
+def _jump_to_tag(node: MavNode, c: Command) -> int:
+    if not 0 <= c.p1 <= 65535:
+        return DENIED
+    return verdict(node.copter.mission.jump_to_tag(int(c.p1)))
+
+
+def _pause_continue(node: MavNode, c: Command) -> int:
+    copter = node.copter
+    if int(c.p1) == 1:
+        copter.travel.resume()
+        return ACCEPTED
+    if int(c.p1) != 0:
+        return DENIED
+    if copter.mode is not copter.auto or copter.landed or copter.travel.reached or not copter.auto.travelled:
+        node.say(INFO, "Failed to pause")
+        return FAILED
+    copter.travel.pause()
+    return ACCEPTED
+
+
+def _fence_enable(node: MavNode, c: Command) -> int:
+    fence, types = node.copter.fence, int(c.p2) & 0xFF or EVERYTHING
+    if c.p1 == 1:
+        return verdict(fence.enable(True, types))
+    if c.p1 in (0, 2):
+        fence.enable(False, types if c.p1 == 0 else FLOOR)
+        return ACCEPTED
+    return FAILED
+
+
+def _aux_function(node: MavNode, c: Command) -> int:
+    if not 0 <= c.p2 <= _HIGHEST_POSITION:
+        return DENIED
+    return verdict(node.copter.rc.run_function(int(c.p1), int(c.p2)))
+
+
+def _set_servo(node: MavNode, c: Command) -> int:
+    return verdict(node.copter.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)))
+
+
+def _set_relay(node: MavNode, c: Command) -> int:
+    return verdict(node.copter.payload.set_relay(int(c.p1), int(c.p2)))
+
+
+def _region_of_interest(node: MavNode, c: Command) -> int:
+    x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
+    where: Vector | None = None
+    if x != 0 or y != 0 or c.z != 0:
+        where = place(node, x, y, c.z, c.frame)
+        if where is None:
+            return DENIED
+    node.copter.region_of_interest(where)
+    return ACCEPTED
+
+
+def _no_region_of_interest(node: MavNode, c: Command) -> int:
+    node.copter.region_of_interest(None)
+    return ACCEPTED
+
+
+def _mount_control(node: MavNode, c: Command) -> int:
+    """Pitch, roll and yaw about the nose, degrees; the last parameter is the mount's mode."""
+    gimbal = node.copter.payload.gimbal
+    if c.z in (0, 1):
+        return verdict(gimbal.rest(int(c.z)))
+    angles = (c.p1, c.p2, c.p3)
+    if not all(math.isfinite(angle) for angle in angles):
+        return DENIED
+    return verdict(gimbal.aim(c.p2, c.p1, c.p3, locked=False))
+
+
+def _mount_configure(node: MavNode, c: Command) -> int:
+    return verdict(node.copter.payload.gimbal.present)
+
+
+def _gimbal_pitch_yaw(node: MavNode, c: Command) -> int:
+    flags = int(c.x) if math.isfinite(c.x) else 0
+    gimbal = int(c.z) if math.isfinite(c.z) else 0
+    return verdict(node.copter.payload.gimbal_manager((c.p1, c.p2, c.p3, c.p4), flags, gimbal))
+
+
+def _shoot(node: MavNode, c: Command) -> int:
+    """DO_DIGICAM_CONTROL: accepted whatever comes of it."""
+    if c.x == 1:
+        node.copter.payload.camera.shoot()
+    return ACCEPTED
+
+
+def _trigger_distance(node: MavNode, c: Command) -> int:
+    camera = node.copter.payload.camera
+    camera.spacing_m = c.p1
+    if c.p3 == 1:
+        camera.shoot()
+    return ACCEPTED
+
+
+def _start_capture(node: MavNode, c: Command) -> int:
+    if c.p1 < 0:
+        return UNSUPPORTED
+    if not math.isfinite(c.p3) or c.p1 > 1:
+        return FAILED
+    return verdict(node.copter.payload.capture(c.p2, c.p3))
+
+
+def _stop_capture(node: MavNode, c: Command) -> int:
+    if c.p1 < 0 or (c.p1 > 0 and not node.copter.payload.camera.present):
+        return UNSUPPORTED
+    node.copter.payload.camera.stop()
+    return ACCEPTED
+
+
+DUTIES: Handlers = {
+    181: _set_relay,
+    183: _set_servo,
+    193: _pause_continue,
+    195: _region_of_interest,
+    197: _no_region_of_interest,
+    201: _region_of_interest,
+    203: _shoot,
+    204: _mount_configure,
+    205: _mount_control,
+    206: _trigger_distance,
+    207: _fence_enable,
+    218: _aux_function,
+    224: _set_current,
+    300: _mission_start,
+    601: _jump_to_tag,
+    1000: _gimbal_pitch_yaw,
+    2000: _start_capture,
+    2001: _stop_capture,
+}

@@ -1,0 +1,136 @@
+"""What the mission services of all autopilots share: items in and out of messages, and answers to who asked.
+
+Protocol: https://mavlink.io/en/services/mission.html
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from zmav.sim.autopilots.items import LOCATED, Item, ItemStore, Result, check_place
+from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Answer, Part, Sender
+
+_E7 = 1e7
+_INT32 = 2**31 - 1
+
+
+class Client(msgspec.Struct, frozen=True):
+    """Who takes part in a transfer: a system and component, behind one link."""
+
+    channel: Channel
+    sender: Sender
+
+    def reply(self, name: str, **fields: Any) -> None:
+        self.channel.send(name, target_system=self.sender[0], target_component=self.sender[1], **fields)
+
+
+class ItemPart(Part):
+    """A mission service over some lists of items; subclasses are the autopilots' ways with it."""
+
+    def __init__(self, stores: Sequence[ItemStore]) -> None:
+        self.stores = {store.kind: store for store in stores}
+
+    def answers(self) -> Mapping[str, Answer]:
+        return {
+            "MISSION_REQUEST_LIST": self.request_list,
+            "MISSION_REQUEST": lambda ch, m, who: self.request_item(ch, m, who, as_int=False),
+            "MISSION_REQUEST_INT": lambda ch, m, who: self.request_item(ch, m, who, as_int=True),
+            "MISSION_COUNT": self.count,
+            "MISSION_ITEM": lambda ch, m, who: self.item(ch, m, who, as_int=False),
+            "MISSION_ITEM_INT": lambda ch, m, who: self.item(ch, m, who, as_int=True),
+            "MISSION_WRITE_PARTIAL_LIST": self.write_partial,
+            "MISSION_CLEAR_ALL": self.clear_all,
+            "MISSION_ACK": self.ack,
+        }
+
+    @abstractmethod
+    def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """Somebody wants to know how many items there are."""
+
+    @abstractmethod
+    def request_item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
+        """Somebody wants one of them."""
+
+    @abstractmethod
+    def count(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """Somebody wants to upload so many."""
+
+    @abstractmethod
+    def item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
+        """One of them arrives."""
+
+    @abstractmethod
+    def write_partial(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """Somebody wants to replace some."""
+
+    @abstractmethod
+    def clear_all(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """Somebody wants them gone."""
+
+    def ack(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """A client ends a transfer; not every autopilot cares."""
+
+
+def acknowledge(client: Client, result: int, kind: int, **more: Any) -> None:
+    client.reply("MISSION_ACK", type=int(result), mission_type=kind, **more)
+
+
+def send_item(client: Client, item: Item, kind: int, *, as_int: bool) -> None:
+    """An item as MISSION_ITEM_INT, or as MISSION_ITEM with degrees in single precision."""
+    fields: dict[str, Any] = {
+        "seq": item.seq,
+        "frame": item.frame,
+        "command": item.command,
+        "current": item.current,
+        "autocontinue": item.autocontinue,
+        "param1": item.p1,
+        "param2": item.p2,
+        "param3": item.p3,
+        "param4": item.p4,
+        "x": item.x,
+        "y": item.y,
+        "z": item.z,
+        "mission_type": kind,
+    }
+    if as_int:
+        client.reply("MISSION_ITEM_INT", **fields)
+    else:
+        scale = 1.0 / _E7 if item.command in LOCATED else 1.0
+        client.reply("MISSION_ITEM", **{**fields, "x": item.x * scale, "y": item.y * scale})
+
+
+def read_item(msg: dict[str, Any], *, as_int: bool) -> Item | Result:
+    """The item of a message; of a MISSION_ITEM the place is brought to degrees times 1e7."""
+    item = Item(
+        command=msg["command"],
+        frame=msg["frame"],
+        p1=msg["param1"],
+        p2=msg["param2"],
+        p3=msg["param3"],
+        p4=msg["param4"],
+        x=msg["x"] if as_int else 0,
+        y=msg["y"] if as_int else 0,
+        z=msg["z"],
+        seq=msg["seq"],
+        current=msg["current"],
+        autocontinue=msg["autocontinue"],
+    )
+    if as_int:
+        return item
+    scale = _E7 if item.command in LOCATED else 1.0
+    x, y = msg["x"] * scale, msg["y"] * scale
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return Result.INVALID_PARAM5_X if not math.isfinite(x) else Result.INVALID_PARAM6_Y
+    placed = msgspec.structs.replace(item, x=_int32(x), y=_int32(y))
+    bad = check_place(placed) if scale != 1.0 else Result.ACCEPTED
+    return placed if bad is Result.ACCEPTED else bad
+
+
+def _int32(value: float) -> int:
+    return int(min(max(value, -_INT32), _INT32))
