@@ -1,0 +1,56 @@
+"""The right to fly ends while the stream goes on: the vehicle holds at once, and long before the stream is stale."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.failsafe.conftest import PATIENT, agent, another, held, moves, nothing_more, stops
+from tests.services.conftest import StartBench
+
+
+@pytest.mark.parametrize("how", ["expired", "revoked", "released"])
+async def test_lease(bench: StartBench, how: str) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    if how == "expired":
+        await b.ground.do("lease", holder="alice", ttl=0.1, lease=alice.token)
+    elif how == "revoked":
+        await b.ground.do("revoke", reason="enough")
+    else:
+        await b.ground.do("release", lease=alice.token)
+    await held(b)
+    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
+    assert (end["holder"], end["reason"]) == ("alice", how)
+    flown = len(moves(b))
+    alice.put()
+    await b.state(lambda s: s["setpoints"].get("lease") == 1, "refused setpoint")
+    await b.event("no such lease on quad1 any more", kind="setpoint")
+    assert len(moves(b)) == flown
+
+
+async def test_preempted(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b, priority=10)
+    await alice.fly()
+    bob = await another(b, "bob", priority=11)
+    await held(b)
+    alice.put()
+    said = await b.event("bob (priority 11) took the lease from alice (10); bob commands quad1", kind="setpoint")
+    assert said["detail"]["why"] == "lease"
+    await bob.fly()
+    assert moves(b)[-1].at > stops(b)[0].at
+
+
+async def test_what_somebody_meant_ends_with_the_hold(bench: StartBench) -> None:
+    """A revoked lease is no reason to fly home: somebody is there."""
+    from zmav.config import Failsafe
+
+    b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after=0.5)})
+    alice = await agent(b)
+    await alice.fly()
+    await b.ground.do("revoke")
+    await held(b)
+    await b.peer.until(lambda: len(stops(b)) >= 4, "all its holds")
+    await nothing_more(b)
+    assert b.peer.mode == 4
