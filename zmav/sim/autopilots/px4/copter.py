@@ -82,6 +82,7 @@ class Px4Copter:
         self.ground = Ground(self)
         self._stood_since = self.now
         self._flew = False
+        self._stream_reported = False
         self.sp.spool(Spool.OFF)
         self.sp.limit("lean", self.params["MPC_TILTMAX_AIR"] * _DEGREES)
 
@@ -207,6 +208,7 @@ class Px4Copter:
         self.now, self.sense = now, sense
         self.consumed_mah += sense.current_a * dt / 3.6
         self._follow_switch()
+        self._report_checks()
         if not self.armed:
             return
         self._take_over()
@@ -314,19 +316,21 @@ class Px4Copter:
     def takeoff_done(self) -> None:
         """COM_TAKEOFF_ACT 0: hold."""
         self.set_mode(HOLD)
-        self._report_checks()
 
     def default_takeoff(self, height: float) -> None:
         self.event(events.DEFAULT_TAKEOFF, events.float_argument(height))
         self.say(6, f"Using default takeoff altitude: {height:.1f} m\t")
 
     def failsafe_began(self) -> None:
-        self._report_checks()
         self._tell(events.FAILSAFE, bytes([0, 0, 6, 0, 2]))
 
     def _report_checks(self) -> None:
-        for event, arguments in events.arming_report(offboard_lost=not self.offboard.alive):
-            self.event(event, arguments)
+        """The arming report goes out whenever it changes: here, when the stream comes or goes."""
+        alive = self.offboard.alive
+        if alive is not self._stream_reported:
+            self._stream_reported = alive
+            for event, arguments in events.arming_report(offboard_lost=not alive):
+                self.event(event, arguments)
 
     def _tell(self, event: Event, arguments: bytes = b"") -> None:
         self.event(event, arguments)
