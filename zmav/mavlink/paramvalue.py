@@ -73,12 +73,12 @@ def raw_of(name: str, value: float | int, kind: str, encoding: ParamEncoding) ->
 
 def _checked(name: str, value: float | int, kind: str) -> float | int:
     """The value as its type takes it."""
-    if isinstance(value, bool) or not math.isfinite(value):
+    if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):
         raise BadInput(f"{name}: {value!r} is not a number", field=name, value=repr(value), expected="a number")
     if kind in _REALS:
         if abs(value) > _FLOAT_MAX:
-            text = f"{name}: {value!r} is beyond a 32-bit float"
-            raise BadInput(text, field=name, value=value, expected=f"±{_FLOAT_MAX:.6g} at most")
+            text = f"{name}: {_clip(value)} is beyond a 32-bit float"
+            raise BadInput(text, field=name, value=_clip(value), expected=f"±{_FLOAT_MAX:.6g} at most")
         return float(value)
     low, high = bounds(kind)
     expected = f"an integer from {low} to {high}"
@@ -86,8 +86,15 @@ def _checked(name: str, value: float | int, kind: str) -> float | int:
         text = f"{name} is {kind} and takes integers; {value!r} is none"
         raise BadInput(text, field=name, value=value, expected=expected)
     if not low <= value <= high:
-        raise BadInput(f"{name} is {kind} and cannot hold {value!r}", field=name, value=value, expected=expected)
+        text = f"{name} is {kind} and cannot hold {_clip(value)}"
+        raise BadInput(text, field=name, value=_clip(value), expected=expected)
     return int(value)
+
+
+def _clip(value: float | int) -> str:
+    """JSON's integers have no end."""
+    shown = repr(value) if abs(value) < 1 << 64 or isinstance(value, float) else hex(value)
+    return shown if len(shown) <= 30 else f"{shown[:30]}..."
 
 
 def bounds(kind: str) -> tuple[int, int]:

@@ -111,7 +111,7 @@ class Params:
 
     async def load(self, args: wire.ParamLoad, report: Report) -> dict[str, Any]:
         """Set many; see :class:`zmav.wire.ParamLoaded`. Raises :class:`Stale` only where nothing was begun."""
-        self.talk.source()
+        self.talk.check()
         if not args.values:
             raise BadInput("no values are given", field="values", value={}, expected="values by parameter name")
         result = await self._loader.load(args.values, report)
@@ -120,7 +120,7 @@ class Params:
     async def refresh(self, args: wire.ParamRefresh, report: Report) -> dict[str, Any]:
         """Read the whole set anew; who asks while it is being read gets that reading."""
         began = time.monotonic()
-        self.talk.source()
+        self.talk.check()
         reading = self._read()
         while not reading.done():
             report({"received": self.known.received, "count": self.known.count})
@@ -222,7 +222,7 @@ class Params:
             raise BadInput(f"{name!r} cannot be a parameter's name", field="name", value=name, expected=expected)
         entry = self.known.entries.get(name)
         if entry is None:
-            self.talk.source()
+            self.talk.check()
             entry = await self.talk.read(name)  # it may be hidden, or not read yet
         if entry is not None:
             return entry
