@@ -233,6 +233,10 @@ class Autopilot(ABC):
     def loiter(self) -> str:
         """The mode that stays where it is without anybody's orders, whatever the sticks are left at."""
 
+    def placed(self, target: Target, latest: Latest) -> Target:
+        """``target`` with the kind of altitude that this autopilot's commands take."""
+        return target
+
     @abstractmethod
     def goto(self, target: Target) -> Command | Message:
         """Fly to one point and stay there."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+import msgspec
+
 from zmav.autopilots import base, convert
 from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Need, Target
 from zmav.autopilots.missions import MissionRules
@@ -112,11 +114,23 @@ class Px4(Autopilot):
 
     def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
         """NAV_TAKEOFF with an altitude above mean sea level, which is what PX4 takes; it changes the mode by itself."""
+        home_amsl = self._home_amsl(latest, "takeoff")
+        return None, Command("MAV_CMD_NAV_TAKEOFF", (NAN, 0, 0, NAN, NAN, NAN, home_amsl + alt_rel))
+
+    def placed(self, target: Target, latest: Latest) -> Target:
+        """PX4 does not look at the frame of a COMMAND_INT: 10 m above home would be taken for 10 m above the sea, and
+        it would fly into the ground (PX4-Autopilot issues 10246 and 28257).
+        """
+        if target.alt_rel is None:
+            return target
+        amsl = self._home_amsl(latest, "an altitude above home") + target.alt_rel
+        return msgspec.structs.replace(target, alt_rel=None, alt_amsl=amsl)
+
+    def _home_amsl(self, latest: Latest, what: str) -> float:
         position = latest("GLOBAL_POSITION_INT")
         if position is None:
-            raise self.unsupported("takeoff without a global position")
-        home_amsl = (position["alt"] - position["relative_alt"]) / 1000.0
-        return None, Command("MAV_CMD_NAV_TAKEOFF", (NAN, 0, 0, NAN, NAN, NAN, home_amsl + alt_rel))
+            raise self.unsupported(f"{what} without a global position")
+        return float(position["alt"] - position["relative_alt"]) / 1000.0
 
     def hold(self) -> tuple[str, Message | None]:
         return "HOLD", None

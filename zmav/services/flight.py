@@ -94,6 +94,7 @@ class Flight:
         async with self._do.move():
             autopilot = self._do.autopilot()
             self._check_flying()
+            target = autopilot.placed(target, self._state.latest)
             action = autopilot.goto(target)
             if autopilot.engage_after == 0.0:  # who wants a stream first is given a command that changes the mode
                 await self._do.enter(autopilot.guided)
@@ -112,8 +113,9 @@ class Flight:
         if args.speed is not None and not 0.0 < args.speed < 200.0:
             raise BadInput("speed must be from 0 to 200 m/s", field="speed", value=args.speed, expected="0 to 200")
         async with self._do.move():
-            self._do.autopilot()
+            autopilot = self._do.autopilot()
             self._check_flying()
+            target = autopilot.placed(target, self._state.latest)
             action = reposition(target, speed=args.speed, radius=args.radius)
             await self._do.give(action)
             self._do.ordered = self._identity.mode
