@@ -24,7 +24,7 @@ endif
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint bench lock clean FORCE
+.PHONY: help demo test lint conformance bench lock clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -49,6 +49,10 @@ lint: $(VENV)/.dev ## check style, format and types
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
+
+conformance: $(VENV)/.dev ## fly the conformance suite: LINK=tcp:127.0.0.1:5760 (default: the simulator)
+	@echo "==> conformance of $(or $(LINK),the simulated autopilots)"
+	@ZMAV_LINK='$(LINK)' $(BIN)/python -m pytest tests/conformance -v $(ARGS)
 
 bench: $(VENV)/.dev ## run every benchmark in tests/bench
 	@failed=; for script in $(BENCHES); do \

@@ -222,3 +222,23 @@ async def test_rtl_of_a_rover(bench: StartBench) -> None:
     await b.state(lambda s: s["armed"] is True, "armed")
     outcome = await b.ground.do("rtl")
     assert (b.peer.mode, outcome.result) == (11, {"mode": "RTL", "armed": True})
+
+
+@pytest.mark.parametrize(("autopilot", "landed_in", "armed_in"), [(3, 9, 4), (12, 6 << 16, 4 << 16 | 3 << 24)])
+async def test_a_mode_that_cannot_be_armed_in_is_left_first(
+    bench: StartBench, autopilot: int, landed_in: int, armed_in: int
+) -> None:
+    """A landing leaves ArduCopter in LAND, a lost stream PX4 in OFFBOARD: neither can be armed there."""
+    b = await (await bench(autopilot=autopilot)).connected()
+    b.peer.mode = landed_in
+    await b.state(lambda s: s["mode"] in ("LAND", "OFFBOARD"), "the mode it landed in")
+    obey = b.peer.obey
+
+    def obey_px4(number: int, fields: dict[str, Any]) -> None:
+        obey(number, fields)
+        if number == 176 and autopilot == 12:
+            b.peer.mode = int(fields["param2"]) << 16 | int(fields["param3"]) << 24
+
+    b.peer.obey = obey_px4  # type: ignore[method-assign]
+    await b.ground.do("arm", ready_timeout=0)
+    assert (b.peer.mode, b.peer.armed) == (armed_in, True)

@@ -90,6 +90,9 @@ class ArduPilot(Autopilot):
             raise self.unsupported("land")
         return self.rules.land
 
+    def arming_mode(self, mode: str | None) -> str | None:
+        return self.guided if mode in self.rules.unarmable else None
+
     def rtl(self) -> str:
         return "RTL" if "RTL" in self._modes else "SURFACE"
 

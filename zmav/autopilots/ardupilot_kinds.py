@@ -48,6 +48,8 @@ class Rules:
     circles: bool = False
     """it is given points to circle about by command, and takes no stream of them"""
     keepalive_hz: float = 4.0
+    unarmable: tuple[str, ...] = ()
+    """modes in which it refuses to be armed"""
 
 
 COPTER = Rules(
@@ -58,6 +60,7 @@ COPTER = Rules(
     land="LAND",
     takeoff_mode="GUIDED",
     takeoff_command=True,
+    unarmable=("LAND", "RTL", "SMART_RTL", "BRAKE", "CIRCLE", "AUTOTUNE", "FLIP", "AVOID_ADSB", "FOLLOW", "SYSTEMID"),
     loiter="BRAKE",  # LOITER obeys a throttle stick that nobody holds, and comes down
     levels={
         "position": convert.motion,
@@ -78,6 +81,7 @@ ROVER = Rules(
     land=None,
     takeoff_mode=None,
     takeoff_command=False,
+    unarmable=("RTL", "SMART_RTL", "INITIALISING"),
     loiter="LOITER",
     levels={
         "position": convert.position_only,

@@ -202,6 +202,10 @@ class Autopilot(ABC):
     def guided(self) -> str:
         """The mode in which the vehicle follows setpoints."""
 
+    def arming_mode(self, mode: str | None) -> str | None:
+        """The mode to enter before arming, where it cannot be armed in ``mode`` (a landing has just ended in LAND)."""
+        return None
+
     def arm(self, on: bool) -> Command:
         """MAV_CMD_COMPONENT_ARM_DISARM, never forced: a disarm in the air is refused by the autopilot."""
         return Command("MAV_CMD_COMPONENT_ARM_DISARM", (1.0 if on else 0.0,))

@@ -141,6 +141,10 @@ class Px4(Autopilot):
     def rtl(self) -> str:
         return "RTL"
 
+    def arming_mode(self, mode: str | None) -> str | None:
+        """OFFBOARD is accepted while disarmed, and arming then refused until the mode changes."""
+        return "HOLD" if mode in ("OFFBOARD", "LAND", "RTL", "PRECLAND") else None
+
     def servo(self, output: int, pwm: int) -> Command:
         """MAV_CMD_DO_SET_ACTUATOR takes -1 to 1 for the outputs assigned to "Offboard Actuator Set" 1 to 6."""
         if not 1 <= output <= 6:

@@ -47,6 +47,9 @@ class Flight:
                 await self._until_ready(autopilot, deadline, report)
             while True:
                 try:
+                    mode = autopilot.arming_mode(self._identity.mode)
+                    if mode is not None:
+                        await self._do.enter(mode)
                     await self._do.command(autopilot.arm(True))
                     break
                 except Refused as e:

@@ -1,0 +1,199 @@
+"""One vehicle to fly, whatever it is: the embedded simulator under either autopilot's rules, or any link of the
+person's choosing (``make conformance LINK=tcp:127.0.0.1:5760``).
+
+Every check brings the vehicle into the state it needs, so that any of them can be run alone and in any order.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import msgspec
+import pytest
+import pytest_asyncio
+import zenoh
+
+import zmav
+from zmav import keys, wire
+from zmav.errors import Refused, ZmavError
+from zmav.mavlink import Packer
+from zmav.onboard import Onboard, OnboardSettings
+from zmav.session import SessionSettings, open_session
+from zmav.sim import VehicleSpec, World
+from zmav.vehicle import Lease, Vehicle
+
+LINK = os.environ.get("ZMAV_LINK", "")
+SIMULATED = ("arducopter", "px4")
+NAME = "dut"
+GCS = (255, 190)
+
+CONNECT_S, READY_S, MOVE_S = 60.0, 180.0, 90.0
+"""s: patience with a vehicle that may be booting, waiting for its EKF, or flying a few tens of metres"""
+HEIGHT = 10.0
+PERIOD = 0.1
+"""s between setpoints"""
+
+
+class Flight:
+    """The vehicle under test, seen as an agent sees it, and what each check needs done first."""
+
+    def __init__(self, client: zmav.Client, onboard: Onboard) -> None:
+        self.client, self.onboard = client, onboard
+        self.vehicle: Vehicle = client.vehicle(NAME)
+        self.events: list[wire.Event] = []
+        client.session.declare_subscriber(keys.EVENT.key("demo", NAME), self._on_event)
+
+    def _on_event(self, sample: zenoh.Sample) -> None:
+        self.events.append(wire.decode(sample.payload.to_bytes(), wire.Event, "event"))
+
+    @property
+    def state(self) -> wire.VehicleState:
+        return self.vehicle.state
+
+    @property
+    def px4(self) -> bool:
+        return self.state.autopilot == "px4"
+
+    @property
+    def copter(self) -> bool:
+        return self.state.kind == "copter"
+
+    async def until(self, true: Callable[[wire.VehicleState], bool], seconds: float, what: str) -> wire.VehicleState:
+        """Wait for a state; the failure says what was waited for and what the vehicle said meanwhile."""
+        try:
+            return await self.vehicle.wait_until(true, seconds)
+        except ZmavError as e:
+            said = "; ".join(event.text for event in self.events[-8:])
+            raise AssertionError(f"{what}: {e}. State: {_brief(self.vehicle.last_state)}. It said: {said}") from e
+
+    async def event(self, words: str, since: int, seconds: float = 10.0) -> wire.Event:
+        """The first event with these words after the first ``since`` ones."""
+        deadline = time.monotonic() + seconds
+        while True:
+            for event in self.events[since:]:
+                if words in event.text:
+                    return event
+            if not await self.client.news(deadline - time.monotonic()) and time.monotonic() > deadline:
+                raise AssertionError(f"no event {words!r} among {[e.text for e in self.events[since:]]}")
+
+    # Where a check begins.
+
+    async def connected(self) -> None:
+        await self.until(lambda s: s.connected and s.uid is not None, CONNECT_S, "an autopilot")
+
+    async def ready(self) -> None:
+        await self.connected()
+        await self.until(lambda s: bool(s.ready) or bool(s.armed), READY_S, "ready to arm")
+
+    async def on_ground(self) -> None:
+        """Disarmed on the ground, whatever the last check left."""
+        await self.ready()
+        if self.state.armed:
+            try:
+                await self.vehicle.disarm()
+            except (Refused, ZmavError):
+                await self.vehicle.land()
+        await self.until(lambda s: s.armed is False, MOVE_S, "disarmed")
+
+    async def airborne(self) -> None:
+        """Hovering a few metres up near where it took off, in nobody's hands."""
+        await self.ready()
+        high = self.state.position and self.state.position.alt_rel > 0.6 * HEIGHT
+        if not (self.state.armed and high):
+            await self.on_ground()
+            await self.vehicle.arm()
+            await self.vehicle.takeoff(HEIGHT)
+        await self.vehicle.hold()
+        await self.until(lambda s: _speed(s) < 0.5, 30.0, "hovering")
+
+    # What a check does.
+
+    @asynccontextmanager
+    async def streaming(self, lease: Lease, **point: Any) -> AsyncIterator[None]:
+        """Stream one setpoint at 10 Hz meanwhile."""
+        task = asyncio.create_task(stream(lease, **point))
+        try:
+            yield
+        finally:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    def offset(self, north: float, east: float, up: float = 0.0) -> wire.Vector:
+        """A point so many metres from where it is, in the fleet's frame."""
+        local = self.state.local
+        assert local is not None
+        return local[0] + north, local[1] + east, local[2] - up
+
+    async def gcs_mode(self, mode: str) -> None:
+        """A pilot's or a ground station's change of mode, past all of zmav's own orders."""
+        autopilot = self.onboard.identity.autopilot
+        assert autopilot is not None
+        command = autopilot.mode(mode).command
+        packer = Packer(self.onboard.adapter.dialect, *GCS)
+        number = packer.dialect.value("MAV_CMD", command.name)
+        params = {f"param{i + 1}": value for i, value in enumerate(command.padded())}
+        frame = packer.pack(
+            "COMMAND_LONG", target_system=self.state.sysid, target_component=1, command=number, **params
+        )
+        key = keys.TX.key("demo", NAME, sys=self.state.sysid, comp=1, msg="COMMAND_LONG")
+        self.client.put(keys.TX, key, frame)
+        await self.until(lambda s: s.mode == mode, 10.0, f"mode {mode}")
+
+
+async def stream(lease: Lease, **point: Any) -> None:
+    """Put a setpoint at 10 Hz until cancelled, or until the lease is lost."""
+    while True:
+        lease.setpoint(**point)
+        await asyncio.sleep(PERIOD)
+
+
+def _speed(state: wire.VehicleState) -> float:
+    return sum(v * v for v in state.velocity) ** 0.5 if state.velocity else 0.0
+
+
+def _brief(state: wire.VehicleState | None) -> str:
+    if state is None:
+        return "none"
+    names = ("mode", "armed", "ready", "not_ready", "local", "velocity", "lease", "setpoints")
+    return json.dumps({name: msgspec.to_builtins(getattr(state, name)) for name in names})
+
+
+@contextlib.contextmanager
+def simulated(rules: str) -> Iterator[str]:
+    """The link URL of a simulated copter under these rules."""
+    endpoint = "tcp:127.0.0.1:0" if rules == "arducopter" else "px4:0"
+    with World([VehicleSpec(autopilot=rules, endpoints=(endpoint,))]) as world:
+        yield world.vehicles[0].url
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module", params=[LINK] if LINK else SIMULATED)
+async def flight(request: pytest.FixtureRequest) -> AsyncIterator[Flight]:
+    """The vehicle under test, connected or about to be."""
+    with contextlib.ExitStack() as stack:
+        url = LINK or stack.enter_context(simulated(request.param))
+        router = stack.enter_context(open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])))
+        (reply,) = router.get(f"@/{router.info.zid()}/router")
+        assert reply.ok is not None
+        endpoint = json.loads(reply.ok.payload.to_bytes())["locators"][0]
+        async with zmav.open(connect=[endpoint]) as client:
+            origin = await find_origin(router, client, url)
+            async with Onboard(router, OnboardSettings(link=url, name=NAME, origin=origin)) as onboard:
+                yield Flight(client, onboard)
+
+
+async def find_origin(router: zenoh.Session, client: zmav.Client, url: str) -> wire.Origin:
+    """Where the vehicle stands: the fleet's origin of these flights."""
+    async with Onboard(router, OnboardSettings(link=url, name=NAME)):
+        vehicle = client.vehicle(NAME)
+        await vehicle.wait_until(lambda s: s.position is not None, READY_S)
+        position = vehicle.state.position
+        assert position is not None
+        return wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=position.alt_amsl)

@@ -1,0 +1,272 @@
+"""What any vehicle must do under zmav, in the order of a day at the field; each check can be run alone.
+
+``make conformance LINK=udpin:127.0.0.1:14540`` flies a real autopilot; without LINK the simulated ones are flown.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from zmav import geo, wire
+from zmav.errors import BadInput, NotHolder
+
+if TYPE_CHECKING:
+    from tests.conformance.conftest import Flight
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(600)]
+
+REACH = 15.0
+"""m that a check flies"""
+HARMLESS = {"ardupilot": "WPNAV_RADIUS", "px4": "NAV_ACC_RAD"}
+NEWER_HARMLESS = {"ardupilot": "WP_RADIUS_M"}
+PILOTS_MODE = {"ardupilot": "LOITER", "px4": "HOLD"}
+LOG_MAGIC = {"ardupilot": b"\xa3\x95", "px4": b"ULog\x01\x12\x35"}
+STALE_HOLD_S = 0.6
+"""s from the last setpoint to the hold, at worst"""
+
+
+async def test_connect(flight: Flight) -> None:
+    """It is heard, known by its uid and firmware, and what a state is made of flows by itself."""
+    await flight.connected()
+    state = flight.state
+    assert state.autopilot in ("ardupilot", "px4", "generic")
+    assert state.sysid and state.kind != "other" and state.uid and state.firmware
+    await flight.until(
+        lambda s: s.ages.get("attitude", 9.0) < 2.0 and s.ages.get("battery", 9.0) < 2.0, 30.0, "attitude and battery"
+    )
+
+
+async def test_ready(flight: Flight) -> None:
+    """It becomes ready to arm; until then it says what is missing, and then nothing is."""
+    await flight.ready()
+    assert flight.state.armed or flight.state.not_ready == []
+    assert flight.state.position is not None
+
+
+async def test_params(flight: Flight) -> None:
+    """The whole set, one of it set and read back and put back, and names that do not exist."""
+    await flight.connected()
+    params = flight.vehicle.params
+    table = await params.list()
+    assert table.complete and table.count == len(table.params) > 100
+    assert (await params.list()).hash == table.hash
+    known = {p.name: p for p in table.params}
+    stack = str(flight.state.autopilot)
+    name = next(n for n in (HARMLESS[stack], NEWER_HARMLESS.get(stack, "")) if n in known)
+    before = known[name].value
+    assert await params.set(name, before + 1) == pytest.approx(before + 1)
+    assert (await params.get(name)).value == pytest.approx(before + 1)
+    assert await params.set(name, before) == pytest.approx(before)
+    with pytest.raises(BadInput):
+        await params.set("NO_SUCH_PARAM", 1)
+
+
+def square(flight: Flight, count: int) -> list[wire.MissionItem]:
+    """A takeoff and points round a circle about where it stands."""
+    position = flight.state.position
+    assert position is not None
+    here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=0.0)
+    items = [wire.MissionItem(command="MAV_CMD_NAV_TAKEOFF", x=here.lat_deg, y=here.lon_deg, z=HEIGHT)]
+    for i in range(count - 1):
+        angle = 2.0 * math.pi * i / (count - 1)
+        lat, lon, _ = geo.to_global(here, (REACH * math.cos(angle), REACH * math.sin(angle), 0.0))
+        items.append(wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=lat, y=lon, z=HEIGHT))
+    return items
+
+
+HEIGHT = 10.0
+
+
+async def test_mission(flight: Flight) -> None:
+    """A mission goes up and comes down as it was, a bad one leaves the old one in force, and it can be cleared."""
+    await flight.ready()
+    missions, items = flight.vehicle.missions, square(flight, 25)
+    await missions.upload(items)
+    there = await missions.download()
+    assert [(i.command, i.z) for i in there.items] == [(i.command, pytest.approx(i.z)) for i in items]
+    assert [(i.x, i.y) for i in there.items[1:]] == [
+        (pytest.approx(i.x, abs=2e-7), pytest.approx(i.y, abs=2e-7)) for i in items[1:]
+    ]
+    with pytest.raises(BadInput):
+        await missions.upload([*items, wire.MissionItem(command="MAV_CMD_NONSENSE")])
+    assert len((await missions.download()).items) == 25
+    await missions.clear()
+    assert (await missions.download()).items == []
+
+
+async def test_arm(flight: Flight) -> None:
+    """It arms and disarms on the ground."""
+    await flight.on_ground()
+    await flight.vehicle.arm()
+    assert flight.onboard.identity.armed
+    await flight.vehicle.disarm()
+    assert not flight.onboard.identity.armed
+
+
+async def test_takeoff(flight: Flight) -> None:
+    """It climbs to the height asked for."""
+    await flight.airborne()
+    position = flight.state.position
+    assert position and position.alt_rel == pytest.approx(HEIGHT, abs=1.5)
+
+
+async def test_position(flight: Flight) -> None:
+    """A stream of position setpoints brings it there, and the mode that follows them is entered by itself."""
+    await flight.airborne()
+    target = flight.offset(REACH, 0.0)
+    async with flight.vehicle.lease("tester") as lease, flight.streaming(lease, pos=target):
+        await flight.until(lambda s: s.local is not None and math.dist(s.local, target) < 1.5, 60.0, "there")
+    counts = flight.state.setpoints
+    assert counts.get("flown", 0) > 10
+
+
+async def test_goto(flight: Flight) -> None:
+    """A goto ends at its place."""
+    await flight.airborne()
+    target = flight.offset(0.0, -REACH)
+    await flight.vehicle.goto(pos=target)
+    assert flight.state.local is not None
+    assert math.dist(flight.state.local, target) < 2.0
+
+
+async def test_velocity(flight: Flight) -> None:
+    """A stream of velocities is flown at that velocity."""
+    await flight.airborne()
+    async with flight.vehicle.lease("tester") as lease, flight.streaming(lease, vel=(0.0, 2.0, 0.0)):
+        await flight.until(
+            lambda s: s.velocity is not None and math.dist(s.velocity, (0.0, 2.0, 0.0)) < 0.4, 20.0, "2 m/s east"
+        )
+
+
+async def test_trajectory_segment(flight: Flight) -> None:
+    """A segment is flown by the vehicle itself: one message, and it ends at rest where the segment ends."""
+    await flight.airborne()
+    start, end, t = flight.offset(0.0, 0.0), flight.offset(8.0, 0.0), time.time() + 0.3
+    half = flight.offset(4.0, 0.0)
+    points = [
+        wire.SegmentPoint(t=t, pos=start, vel=(0.0, 0.0, 0.0)),
+        wire.SegmentPoint(t=t + 4.0, pos=half, vel=(1.5, 0.0, 0.0)),
+        wire.SegmentPoint(t=t + 8.0, pos=end),
+    ]
+    async with flight.vehicle.lease("tester", ttl=20.0) as lease:
+        lease.segment(points)
+        await flight.until(lambda s: s.local is not None and math.dist(s.local, end) < 1.5, 30.0, "the segment's end")
+
+
+async def test_attitude(flight: Flight) -> None:
+    """An attitude with thrust is held: it leans as told."""
+    await flight.airborne()
+    yaw = flight.state.attitude.yaw if flight.state.attitude else 0.0
+    lean = math.radians(8.0)
+    lease_needs = await attitude_needs(flight)
+    async with flight.vehicle.lease("tester") as lease:
+        point = {"attitude": quaternion(0.0, -lean, yaw), "thrust": lease_needs}
+        async with flight.streaming(lease, **point):
+            await flight.until(
+                lambda s: s.attitude is not None and abs(s.attitude.pitch + lean) < math.radians(3.0), 10.0, "leaning"
+            )
+
+
+async def test_hold_on_stale(flight: Flight) -> None:
+    """The stream stops: within STALE_HOLD_S the hold is said, and the vehicle comes to rest."""
+    await flight.airborne()
+    async with flight.vehicle.lease("tester", ttl=10.0) as lease:
+        async with flight.streaming(lease, vel=(2.0, 0.0, 0.0)):
+            await flight.until(lambda s: s.velocity is not None and s.velocity[0] > 1.5, 20.0, "2 m/s north")
+        since, stopped = len(flight.events), time.time()
+        event = await flight.event("hold", since)
+        assert event.t - stopped < STALE_HOLD_S + 0.1  # by the same clock; the tenth is the stream's own period
+        await flight.until(lambda s: s.velocity is not None and math.hypot(*s.velocity) < 0.3, 20.0, "at rest")
+
+
+async def test_lease_conflict(flight: Flight) -> None:
+    """One commander at a time; a higher priority preempts, and the first is told by whom."""
+    await flight.airborne()
+    other = flight.client.vehicle(flight.vehicle.name)
+    async with flight.vehicle.lease("first") as first:
+        with pytest.raises(NotHolder, match="first"):
+            async with other.lease("second"):
+                raise AssertionError("two commanders")
+        with pytest.raises(NotHolder):
+            await other.goto(pos=flight.offset(5.0, 0.0))
+        async with other.lease("third", priority=50):
+            before = flight.state.setpoints.get("lease", 0)
+            await flight.until(lambda s: s.lease is not None and s.lease.holder == "third", 5.0, "the third's lease")
+            with pytest.raises(NotHolder, match="third"):
+                for _ in range(100):
+                    first.setpoint(pos=flight.offset(0.0, 0.0))
+                    await asyncio.sleep(0.1)
+            assert before >= 0
+
+
+async def test_pilot_takes_over(flight: Flight) -> None:
+    """A change of mode by anybody else ends the lease at once; nothing is taken back without a new one."""
+    await flight.airborne()
+    mode = PILOTS_MODE[str(flight.state.autopilot)]
+    async with flight.vehicle.lease("tester") as lease:
+        async with flight.streaming(lease, vel=(1.0, 0.0, 0.0)):
+            await flight.until(lambda s: s.velocity is not None and s.velocity[0] > 0.7, 20.0, "1 m/s north")
+        with pytest.raises(NotHolder):
+            async with flight.streaming(lease, vel=(1.0, 0.0, 0.0)):
+                await flight.gcs_mode(mode)
+                await flight.until(lambda s: s.lease is None, 3.0, "no lease")
+                for _ in range(100):
+                    lease.setpoint(vel=(1.0, 0.0, 0.0))
+                    await asyncio.sleep(0.1)
+    assert flight.state.mode == mode
+
+
+async def test_fly_a_mission(flight: Flight) -> None:
+    """A short mission is flown to its last item."""
+    await flight.airborne()
+    await flight.vehicle.missions.upload(square(flight, 4))
+    seen: list[Any] = []
+    await flight.vehicle.missions.start(first=1, wait_end=True, progress=seen.append)
+    assert seen, "no progress was told"
+    await flight.vehicle.hold()
+
+
+async def test_land(flight: Flight) -> None:
+    """It lands and disarms by itself."""
+    await flight.airborne()
+    await flight.vehicle.land()
+    assert not flight.onboard.identity.armed
+    await flight.until(lambda s: s.armed is False, 10.0, "disarmed")
+
+
+async def test_log_download(flight: Flight, tmp_path: Path) -> None:
+    """The newest log of a flight comes down whole."""
+    await flight.airborne()
+    await flight.vehicle.land()
+    await flight.on_ground()
+    logs = await flight.vehicle.logs.list()
+    if not logs:
+        pytest.skip("this autopilot has no logs (logging is off, or there is no card)")
+    newest = logs[-1]
+    file = await flight.vehicle.logs.get(newest.id, tmp_path / "log")
+    data = file.read_bytes()
+    assert len(data) >= newest.size
+    assert data.startswith(LOG_MAGIC[str(flight.state.autopilot)])
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> wire.Quaternion:
+    """Body to NED, from Euler angles in radians (roll, then pitch, then yaw about the body's own axes, backwards)."""
+    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+async def attitude_needs(flight: Flight) -> float:
+    """The thrust of a hover."""
+    return 0.5
