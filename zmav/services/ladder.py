@@ -22,6 +22,7 @@ from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.mavlink import decode
 from zmav.services.events import Events
+from zmav.services.pace import Pace
 from zmav.services.port import Port
 from zmav.services.trajectory import Segment
 
@@ -78,6 +79,7 @@ class Ladder:
         """the autopilot's mode is one that was ordered here"""
         self.near: Callable[[Autopilot, Target, tuple[int, int]], Target] = lambda autopilot, target, source: target
         self._changed = threading.Condition(threading.RLock())
+        self._pace = Pace()
         self._step = Step.IDLE
         self._flown: Flown | None = None
         self._since = 0.0
@@ -334,6 +336,7 @@ class Ladder:
     # How it is done; all of it with the lock.
 
     def _enter(self, step: Step) -> None:
+        self._pace.reset()
         self._step, self._begun, self._asked, self._repeats = step, time.monotonic(), -math.inf, 0
 
     def _end(self) -> None:
@@ -378,7 +381,8 @@ class Ladder:
         target = flown.what.at(time.time()) if isinstance(flown.what, Segment) else flown.what
         sent = True
         for action in flown.autopilot.setpoint(self.near(flown.autopilot, target, flown.source)):
-            sent = self._give(action) and sent
+            if self._pace.due(action, time.monotonic()):
+                sent = self._give(action) and sent
         return sent
 
     def _let_go(self, before: Flown | None, after: Flown | None) -> None:
