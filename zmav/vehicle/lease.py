@@ -11,10 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder, ZmavError
+from zmav.waiting import within
 
 if TYPE_CHECKING:
     from zmav.client import Client
     from zmav.vehicle.vehicle import Vehicle
+
+RELEASE_TIMEOUT = 2.0
+"""s to give a lease back to a vehicle that may be gone"""
 
 
 class Lease:
@@ -142,7 +146,7 @@ async def held(vehicle: Vehicle, client: Client, holder: str, ttl: float, priori
             yield lease
         finally:
             renewer.cancel()
-            with contextlib.suppress(ZmavError):
-                await vehicle.order("release", wire.DropLease(lease=lease.token))
+            with contextlib.suppress(ZmavError, asyncio.TimeoutError):  # where it does not arrive, the token's end does
+                await within(RELEASE_TIMEOUT, vehicle.order("release", wire.DropLease(lease=lease.token)))
     finally:
         token.undeclare()
