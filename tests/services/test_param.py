@@ -63,7 +63,8 @@ async def test_readers_cost_the_radio_nothing(scene: StartScene) -> None:
 
 async def test_one_parameter_and_wildcards(scene: StartScene) -> None:
     s = await (await scene()).read()
-    assert await s.get("WPNAV_SPEED") == wire.Param(name="WPNAV_SPEED", value=1000.0, type="REAL32")
+    for name in ("WPNAV_SPEED", "wpnav_speed"):
+        assert await s.get(name) == wire.Param(name="WPNAV_SPEED", value=1000.0, type="REAL32")
     found = await s.b.ground.ask("zmav/demo/*/param/WPNAV_$*")
     keys = sorted(str(reply.ok.key_expr) for reply in found if reply.ok)
     assert keys == ["zmav/demo/quad1/param/WPNAV_ACCEL", "zmav/demo/quad1/param/WPNAV_SPEED"]

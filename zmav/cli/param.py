@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.table import Table
 
 import zmav
@@ -76,7 +77,7 @@ def get(vehicles: str, names: tuple[str, ...], fleet: str, as_json: bool, settin
 async def _get(vehicles: str, names: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         targets = [(v, name) for v in await matching(z, vehicles) for name in names]
-        found = await _together([v.params.get(name.upper()) for v, name in targets])
+        found = await _together([v.params.get(name) for v, name in targets])
     show([(v.name, param) for (v, _), param in zip(targets, found, strict=True)], as_json)
 
 
@@ -88,7 +89,7 @@ async def _get(vehicles: str, names: tuple[str, ...], fleet: str, as_json: bool,
 @zenoh_options
 def set_(vehicles: str, assigned: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings) -> None:
     """Set parameters and read them back: 'zmav param set quad1 RTL_ALT=3000 FENCE_ENABLE=1'."""
-    wanted = {name.upper(): value for name, value in assignments(assigned).items()}
+    wanted = assignments(assigned)
     for name, value in wanted.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             raise BadInput(f"{name}: {value!r} is not a number", field=name, value=str(value), expected="a number")
@@ -102,7 +103,7 @@ async def _set(vehicles: str, wanted: dict[str, float], fleet: str, as_json: boo
         lines: list[dict[str, Any]] = []
         for name, value in wanted.items():
             try:
-                lines.append({"vehicle": v.name, "name": name, "value": await v.params.set(name, value)})
+                lines.append({"vehicle": v.name, **msgspec.to_builtins(await v.params.set(name, value))})
             except ZmavError as e:
                 lines.append({"vehicle": v.name, "name": name, "error": e.code, "message": e.message})
         return lines
@@ -323,7 +324,7 @@ async def _together(tasks: list[Any]) -> list[Any]:
 
 
 def _fits(name: str, pattern: str) -> bool:
-    return fnmatch.fnmatchcase(name, pattern.upper())
+    return any(fnmatch.fnmatchcase(name, each) for each in (pattern, pattern.upper()))
 
 
 def show(rows: list[tuple[str, wire.Param]], as_json: bool) -> None:

@@ -39,9 +39,11 @@ async def _read(vehicle: zmav.Vehicle, wanted: tuple[Safety, ...]) -> list[Value
 async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
     for name in names:
         try:
-            return name, float((await vehicle.params.get(name)).value)
+            value = (await vehicle.params.get(name)).value
         except BadInput:
             continue  # another firmware calls it by the next name, or lacks it
+        if value is not None:
+            return name, float(value)
     return None
 
 

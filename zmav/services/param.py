@@ -91,7 +91,8 @@ class Params:
         return self.known.table(self.talk.encoding, autopilot.name if autopilot else "", self._identity.firmware)
 
     def get(self, name: str) -> wire.Param | None:
-        """One parameter from the cache; None: not known, or not yet."""
+        """One parameter from the cache, its name in any case; None: not known, or not yet."""
+        name = self.known.spelt(name)
         return self.known.param(name, self.talk.encoding) if name in self.known.entries else None
 
     async def find(self, name: str) -> wire.Param:
@@ -100,14 +101,15 @@ class Params:
         Raises :class:`BadInput` with names like it where there is none, :class:`TimedOut` where that is not certain
         because not all names are known, :class:`Stale`.
         """
-        raw, kind = await self._entry(name)
-        return wire.Param(name=name, value=self.talk.value(Entry(raw, kind)), type=kind)
+        name, entry = await self._entry(name)
+        return wire.Param(name=name, value=self.talk.value(entry), type=entry.kind)
 
     async def set(self, args: wire.ParamSet, report: Report) -> dict[str, Any]:
         """Set one and read it back; raises what :meth:`ParamTalk.write` and :meth:`find` do."""
-        entry = await self._entry(args.name)
-        value = await self.talk.write(args.name, args.value, entry.kind)
-        return {"name": args.name, "value": value, "before": self.talk.value(entry)}
+        name, entry = await self._entry(args.name)
+        value = await self.talk.write(name, args.value, entry.kind)
+        changed = wire.ParamChanged(name=name, value=value, before=self.talk.value(entry))
+        return dict(msgspec.to_builtins(changed))
 
     async def load(self, args: wire.ParamLoad, report: Report) -> dict[str, Any]:
         """Set many; see :class:`zmav.wire.ParamLoaded`. Raises :class:`Stale` only where nothing was begun."""
@@ -216,17 +218,20 @@ class Params:
 
     # How it is done.
 
-    async def _entry(self, name: str) -> Entry:
-        if not is_name(name):
+    async def _entry(self, asked: str) -> tuple[str, Entry]:
+        """The parameter and its name as the autopilot spells it."""
+        if not is_name(asked):
             expected = "1 to 16 printable characters"
-            raise BadInput(f"{name!r} cannot be a parameter's name", field="name", value=name, expected=expected)
-        entry = self.known.entries.get(name)
+            raise BadInput(f"{asked!r} cannot be a parameter's name", field="name", value=asked, expected=expected)
+        entry = self.known.entries.get(self.known.spelt(asked))
         if entry is None:
             self.talk.check()
-            entry = await self.talk.read(name)  # it may be hidden, or not read yet
+            entry = await self.talk.read(asked)  # it may be hidden, or not read yet
+        name = self.known.spelt(asked)
+        entry = entry or self.known.entries.get(name)
         if entry is not None:
-            return entry
+            return name, entry
         if self.known.complete:
-            raise unknown(name, self.known.entries)
-        text = f"{name} does not come, and not all parameters are read yet: there may be none of that name"
-        raise TimedOut(text, vehicle=self.vehicle, name=name)
+            raise unknown(asked, self.known.entries)
+        text = f"{asked} does not come, and not all parameters are read yet: there may be none of that name"
+        raise TimedOut(text, vehicle=self.vehicle, name=asked)

@@ -146,6 +146,10 @@ class ParamSet:
         if self.whole:
             self._finish()
 
+    def spelt(self, name: str) -> str:
+        """The name of a parameter as its autopilot writes it: people write small letters."""
+        return name.upper() if name not in self.entries and name.upper() in self.entries else name
+
     def param(self, name: str, encoding: ParamEncoding) -> wire.Param:
         """KeyError for a name that is not known."""
         raw, kind = self.entries[name]

@@ -58,11 +58,10 @@ class Params:
         key = keys.PARAM.key(self._vehicle.fleet, self._vehicle.name, param=name)
         return wire.decode(await self._vehicle._ask(key), wire.Param, f"reply to param/{name}")
 
-    async def set(self, name: str, value: float | int) -> Value:
-        """Set one; the value read back. Raises :class:`~zmav.errors.Refused` where it is another than was set."""
+    async def set(self, name: str, value: float | int) -> wire.ParamChanged:
+        """Set one and read it back. Raises :class:`~zmav.errors.Refused` where it is another than was set."""
         result = await self._vehicle.order("param_set", wire.ParamSet(name=name, value=value))
-        value_read: Value = result["value"]
-        return value_read
+        return msgspec.convert(result, wire.ParamChanged)
 
     async def load(self, values: Mapping[str, float | int], progress: Progress | None = None) -> wire.ParamLoaded:
         """Set many; those that could not be are named with the reason, and the others are in force."""

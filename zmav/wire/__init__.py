@@ -54,6 +54,7 @@ from zmav.wire.orders import (
 from zmav.wire.param import (
     PARAM_TYPES,
     Param,
+    ParamChanged,
     ParamLoad,
     ParamLoaded,
     ParamQuery,
@@ -124,6 +125,7 @@ __all__ = [
     "Origin",
     "Outcome",
     "Param",
+    "ParamChanged",
     "ParamLoad",
     "ParamLoaded",
     "ParamQuery",

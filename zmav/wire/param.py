@@ -50,6 +50,15 @@ class ParamSet(Order, kw_only=True):
     value: float | int
 
 
+class ParamChanged(Wire, kw_only=True):
+    """Result of ``do/param_set``."""
+
+    name: str
+    value: float | int | None
+    """as read back"""
+    before: float | int | None
+
+
 class ParamLoad(Order, kw_only=True):
     """``do/param_load``: many at once; those not set are named with the reason, the others are in force."""
 
