@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from zmav.config import load_fleet, origin_of
+from zmav import config
+from zmav.config import Failsafe, Limits, PilotSwitch, load_fleet, origin_of
 from zmav.errors import BadConfig
 
 GOOD = """
@@ -17,10 +18,31 @@ lat_deg = 52.756
 lon_deg = -1.246
 alt_amsl = 60.0
 
+[failsafe]
+hold_after = 0.4
+land_after = 20
+action = "land"
+
+[geofence]
+polygon = [[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]]
+radius = 300.0
+floor = 2.0
+ceiling = 60.0
+
+[limits]
+speed = 12.0
+
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
 sysid = 7
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
+
+[vehicles.quad1.pilot_switch]
+channel = 7
+high = 2100
+
+[vehicles.quad1.failsafe]
+land_after = "never"
 
 [vehicles.quad2]
 link = "udpin:127.0.0.1:14550"
@@ -47,10 +69,33 @@ def test_a_whole_file(path: Path) -> None:
     assert two.connect == ["udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
 
 
+def test_a_vehicle_s_own_table_takes_the_place_of_the_fleet_s(path: Path) -> None:
+    path.write_text(GOOD)
+    fleet = load_fleet(path)
+    one, two = fleet.vehicle("quad1"), fleet.vehicle("quad2")
+    assert one.failsafe == Failsafe(hold_after=0.5, land_after="never", action="rtl")
+    assert two.failsafe == Failsafe(hold_after=0.4, land_after=20.0, action="land")
+    assert one.geofence == two.geofence == fleet.geofence
+    assert fleet.geofence.polygon == [(52.75, -1.25), (52.76, -1.25), (52.76, -1.24)]
+    assert one.limits == Limits(speed=12.0)
+    assert (one.pilot_switch, two.pilot_switch) == (PilotSwitch(channel=7, low=1700, high=2100), None)
+
+
+def test_the_example_in_the_documentation_is_read(path: Path) -> None:
+    path.write_text((config.__doc__ or "").partition("\n\n")[2].rpartition("\n\n")[0])
+    assert load_fleet(path).vehicle("quad1").pilot_switch == PilotSwitch(channel=7, low=1700, high=2200)
+
+
 def test_an_empty_file_is_the_demo_fleet(path: Path) -> None:
     path.write_text("")
     fleet = load_fleet(path)
     assert (fleet.fleet, fleet.origin, fleet.vehicles) == ("demo", None, {})
+
+
+def test_a_radius_needs_an_origin(path: Path) -> None:
+    path.write_text("[geofence]\nradius = 100.0\n")
+    with pytest.raises(BadConfig, match="about the fleet's origin, and none is declared"):
+        load_fleet(path)
 
 
 def test_a_missing_vehicle_is_told_with_those_there_are(path: Path) -> None:
@@ -76,6 +121,27 @@ def test_a_missing_vehicle_is_told_with_those_there_are(path: Path) -> None:
         ("[vehicles.quad2]", '[vehicles."quad 2"]', "name", "lower-case"),
         ('fleet = "alpha"', 'fleet = "alpha', "file", "not TOML"),
         ('fleet = "alpha"', "fleet == 1", "file", "not TOML"),
+        ("hold_after = 0.4", "hold_after = 0.05", "failsafe.hold_after", ">= 0.1"),
+        ("hold_after = 0.4", "hold_after = nan", "failsafe.hold_after", ">= 0.1"),
+        ("land_after = 20", 'land_after = "later"', "failsafe.land_after", "Invalid enum value 'later'"),
+        ("land_after = 20", "land_after = 0.2", "failsafe.land_after", ">= 1.0"),
+        (
+            "hold_after = 0.4\nland_after = 20",
+            "hold_after = 3.0\nland_after = 2.0",
+            "failsafe.land_after",
+            "hold_after",
+        ),
+        ('action = "land"', 'action = "fall"', "failsafe.action", "Invalid enum value 'fall'"),
+        ('action = "land"', "actoin = 1", "failsafe", "unknown field `actoin`"),
+        ("[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]", "[52.75, -1.25]", "geofence.polygon", "three corners"),
+        ("[52.75, -1.25],", "[152.75, -1.25],", "geofence.polygon", "latitude and longitude"),
+        ("radius = 300.0", "radius = -1.0", "geofence.radius", "> 0.0"),
+        ("radius = 300.0", "radius = inf", "geofence.radius", "a number of metres"),
+        ("floor = 2.0", "floor = 60.0", "geofence.floor", "less than the ceiling"),
+        ("speed = 12.0", "speed = 0", "limits.speed", "> 0.0"),
+        ("speed = 12.0", "speed = inf", "limits.speed", "a number"),
+        ("channel = 7", "channel = 19", "vehicles[...].pilot_switch.channel", "<= 18"),
+        ("high = 2100", "high = 1700", "vehicles.quad1.pilot_switch.low", "less than 1700"),
     ],
 )
 def test_what_is_wrong_is_named(path: Path, before: str, after: str, field: str, words: str) -> None:

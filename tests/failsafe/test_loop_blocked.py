@@ -27,14 +27,14 @@ def spin(seconds: float) -> None:
 async def test_it_holds_in_time(bench: StartBench, monkeypatch: pytest.MonkeyPatch, block: Any) -> None:
     b = await bench()
     alice = await agent(b)
-    link, sent = b.vehicle.adapter.link, []
-    write = link._write
+    sent: list[tuple[float, bytes]] = []
+    send = b.vehicle.adapter.send_raw
 
-    def record(data: bytes) -> int:
+    def record(data: bytes) -> bool:
         sent.append((time.monotonic(), data))
-        return write(data)
+        return send(data)
 
-    monkeypatch.setattr(link, "_write", record)
+    monkeypatch.setattr(b.vehicle.adapter, "send_raw", record)
     await alice.fly()
     block(1.5)
     free = time.monotonic()  # nothing has run on the loop between
