@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
+import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -22,7 +22,6 @@ import zenoh
 from zenoh import handlers
 
 from zmav import keys
-from zmav.errors import BadMessage
 from zmav.mavlink import Dialect
 from zmav.services.port import Port, on_loop
 
@@ -31,6 +30,8 @@ PLAIN_HZ = 4.0
 MAX_HZ = 500.0
 FEW = 8
 """messages that a ``$*`` in a subscriber's last chunk may match to count as naming them"""
+MAX_ID = 0xFFFFFF
+UNKNOWN = re.compile(r"UNKNOWN_([0-9]{1,8})\Z")
 MANY = 1024
 """tokens and expressions remembered; beyond it, they are left out"""
 NOT_STREAMED = {
@@ -157,12 +158,14 @@ def _demand(key: str, dialect: Dialect) -> Demand | None:
     *_, name, rate, instance = key.split("/")
     try:
         hz = float(rate)
-        if not name.startswith("UNKNOWN_"):
-            dialect.message(name)
-    except (ValueError, BadMessage):
+    except ValueError:
         return None
-    known = keys.MESSAGE.match(name) and math.isfinite(hz) and 0.0 < hz <= MAX_HZ
-    return Demand(name, hz, instance, True) if known else None
+    by_number = UNKNOWN.match(name)
+    if by_number and int(by_number[1]) <= MAX_ID:
+        name = dialect.name_of(int(by_number[1]))
+    elif name not in dialect.by_name:
+        return None
+    return Demand(name, hz, instance, True) if 0.0 < hz <= MAX_HZ else None
 
 
 def _streamed(name: str, dialect: Dialect) -> bool:

@@ -33,6 +33,8 @@ LONGEST_PAUSE = 60.0
 """s between two tries of what does not come"""
 UNANSWERED_PAUSE = 3.0
 """... while it does not even answer: it may be starting"""
+SETTLING = 0.5
+"""s after asking until what comes is what was asked for"""
 SLOWER_FROM = 20.0
 """Hz; a denied rate above it is tried at half: autopilots deny what is faster than their own loop"""
 
@@ -128,6 +130,7 @@ class Rates:
         if source != self._of:
             self._of = source
             self._standing.clear()
+            self._asker.silent = 0
         back = self._identity.connected and not self._was_connected
         self._was_connected = self._identity.connected
         if source is None or autopilot is None or not self._identity.connected:
@@ -201,7 +204,7 @@ class Rates:
         if standing.forgotten:
             return True
         if abs(rate - standing.asked) > 0.01 * standing.asked:
-            if rate < standing.asked and flow is not None and flow.hz > 1.3 * standing.asked:
+            if rate < standing.asked and self._raised(target.name, standing):
                 standing.asked = rate  # somebody else has raised it: not ours to lower
                 return False
             return time.monotonic() >= standing.not_before or standing.pause <= 1.0
@@ -214,17 +217,18 @@ class Rates:
     async def _ask(self, source: tuple[int, int], target: Target) -> None:
         name, msgid = target.name, _msgid(target.name, self._port)
         standing = self._standing.setdefault(name, Standing())
-        first = standing.asked is None and standing.refused is None
-        if first and (not target.floor or self._port.latest(name, source)) and await self._comes(standing, target):
+        if standing.asked is None and standing.refused is None and await self._comes(standing, target):
             return
         rate = standing.rate(target)
+        had, standing.asked = standing.asked, rate  # from now on it is to be put back, whatever comes in between
         result = await self._asker.set(source, msgid, 1e6 / rate)
         standing.since, standing.forgotten = time.monotonic(), False
         standing.not_before = standing.since + standing.pause + 3.0 / rate
         standing.pause = min(2.0 * standing.pause, UNANSWERED_PAUSE if result is None else LONGEST_PAUSE)
         if result is None or result == ACCEPTED:
-            standing.asked, standing.refused = rate, None  # without an answer: what flows will tell
+            standing.refused = None  # without an answer: what flows will tell
         else:
+            standing.asked = had
             self._refuse(standing, target, result, rate)
 
     async def _comes(self, standing: Standing, target: Target) -> bool:
@@ -257,15 +261,14 @@ class Rates:
 
     async def _put_back(self, source: tuple[int, int], name: str) -> None:
         """Nobody reads it any more."""
-        standing, flow = self._standing[name], self._flows().get(name)
+        standing = self._standing[name]
         if standing.asked is None:
             if not standing.final:  # what was refused for good is remembered
                 del self._standing[name]
             return
         if time.monotonic() < standing.not_before and standing.tries:
             return
-        others = flow is not None and flow.span > 2.0 and flow.hz > 1.3 * standing.asked
-        if not others:
+        if not self._raised(name, standing):
             result = await self._asker.set(source, _msgid(name, self._port), standing.before)
             standing.tries += 1
             standing.not_before = time.monotonic() + 1.0
@@ -275,6 +278,13 @@ class Rates:
             standing.asked, standing.tries = None, 0  # somebody came meanwhile
         else:
             self._standing.pop(name, None)
+
+    def _raised(self, name: str, standing: Standing) -> bool:
+        """It comes faster than we asked for: a ground station on this link has asked, too."""
+        if self._of is None or standing.asked is None:
+            return False
+        hz, span = self.meter.hz_since((name, *self._of), standing.since + SETTLING)
+        return hz > 1.3 * standing.asked and (hz - standing.asked) * span > 3.0  # frames
 
     # Statistics.
 

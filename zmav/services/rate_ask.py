@@ -26,32 +26,41 @@ class IntervalAsker:
 
     def __init__(self, port: Port) -> None:
         self._port = port
+        self.silent = 0
+        """times GET_MESSAGE_INTERVAL was not answered; after two it is not asked any more"""
 
     async def set(self, source: tuple[int, int], msgid: int, interval: float) -> int | None:
         """Have a message sent every ``interval`` µs; the MAV_RESULT, or None where nobody answered."""
         with Inbox(self._port, source, "COMMAND_ACK") as inbox:
-            self._send(source, SET_MESSAGE_INTERVAL, msgid, interval)
+            self.send(source, msgid, interval)
             deadline = time.monotonic() + TIMEOUT
             while (heard := await inbox.get(deadline - time.monotonic())) is not None:
                 if self._answers(heard[1], SET_MESSAGE_INTERVAL):
                     return int(heard[1]["result"])
         return None
 
+    def send(self, source: tuple[int, int], msgid: int, interval: float) -> None:
+        """As :meth:`set`, without waiting for the answer."""
+        self._send(source, SET_MESSAGE_INTERVAL, msgid, interval)
+
     async def get(self, source: tuple[int, int], msgid: int) -> float | None:
         """The interval in µs at which a message is sent now, -1: it is not; None where the autopilot does not say."""
-        if msgid > 0xFFFF:
-            return None  # MESSAGE_INTERVAL has no room for its number
+        if msgid > 0xFFFF or self.silent >= 2:  # MESSAGE_INTERVAL has no room for a greater number
+            return None
         with Inbox(self._port, source, "COMMAND_ACK", "MESSAGE_INTERVAL") as inbox:
             self._send(source, GET_MESSAGE_INTERVAL, msgid, 0.0)
             deadline = time.monotonic() + TIMEOUT
             while (heard := await inbox.get(deadline - time.monotonic())) is not None:
                 name, fields = heard
+                if name == "MESSAGE_INTERVAL":
+                    self.silent = 0
                 if name == "MESSAGE_INTERVAL" and fields["message_id"] == msgid:
                     return float(fields["interval_us"]) or None  # nought: it is not to be had
                 if self._answers(fields, GET_MESSAGE_INTERVAL):
                     if fields["result"] != ACCEPTED:
                         return None
                     deadline = min(deadline, time.monotonic() + AFTER)
+        self.silent += 1
         return None
 
     def _send(self, source: tuple[int, int], command: int, msgid: int, interval: float) -> None:

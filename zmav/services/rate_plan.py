@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from zmav.mavlink import Dialect
@@ -59,8 +59,8 @@ def wanted(floor: Mapping[str, float], own: Mapping[str, float], demands: Mappin
 class Shedder:
     """Slows what is least wanted while the link is full, and lets it come back when there is room again."""
 
-    def __init__(self, dialect: Dialect) -> None:
-        self._dialect = dialect
+    def __init__(self, dialect: Dialect, now: Callable[[], float] = time.monotonic) -> None:
+        self._dialect, self._now = dialect, now
         self._granted: dict[str, float] = {}
         self._wanted: dict[str, float] = {}
         self._since: float | None = None
@@ -114,7 +114,7 @@ class Shedder:
 
     def _lasts(self) -> bool:
         """It has been so for long enough; asked again from then on."""
-        now = time.monotonic()
+        now = self._now()
         if self._since is None:
             self._since = now
         if now - self._since < PATIENCE:

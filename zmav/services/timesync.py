@@ -22,8 +22,9 @@ SETTLED_EVERY = 1.0
 """s between questions; while answers come and the clock has not settled, every tick asks"""
 UNIX_TIME = 1_000_000_000_000_000
 """µs; SYSTEM_TIME and ``time_usec`` hold UTC above it (2001) and the time since boot, or nothing, below"""
-WRONG, RIGHT = 0.5, 0.25
-"""s off GPS time from which the companion's clock is called wrong, and below which it is right again"""
+WRONG, RIGHT = 1.0, 0.7
+"""s off GPS time from which the companion's clock is called wrong, and below which it is right again; ArduPilot's own
+UTC was seen 0.4 s off the time it had from its GPS"""
 
 
 class TimeSync:
