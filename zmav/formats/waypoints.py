@@ -38,9 +38,10 @@ def read(data: bytes, enums: Enums, name: str = "the file") -> Plan:
         raise _bad(name, rows[0][0], f"the first row is home, a waypoint ({WAYPOINT}), not {home.command}")
     for (line, _), item in zip(rows[1:], items, strict=True):
         if item.command == DO_JUMP:
-            target = (item.params[0] or 0.0) - 1.0
+            given = item.params[0]
+            target = (math.nan if given is None else given) - 1.0
             if target not in range(len(items)):
-                raise _bad(name, line, f"param1: jumps to row {item.params[0]:g}, which there is not")
+                raise _bad(name, line, f"param1: jumps to row {target + 1.0:g}, which there is not")
             item.params[0] = target
     plan = Plan(home=(home.x, home.y, home.z) if home.x or home.y else None)
     setattr(plan, kind_of(items), items)

@@ -114,7 +114,7 @@ class Items:
         params = [
             f"param{n}: sent {was:g}, kept {now:g}"
             for n, (was, now) in enumerate(zip(sent.params, kept.params, strict=True), 1)
-            if not (was == now or (math.isnan(was) and math.isnan(now)))
+            if was != now and not math.isnan(was)  # NaN leaves it to the autopilot
         ]
         if not self.located(self.name(sent)):
             other = (("x", sent.x, kept.x), ("y", sent.y, kept.y), ("z", sent.z, kept.z))
@@ -150,13 +150,15 @@ class Items:
 
     def _decode(self, kind: MissionKind, raw: Raw) -> MissionItem:
         command, enums = self.name(raw), self._dialect.enum_names
-        params = [None if math.isnan(value) else value for value in raw.params]
+        params = [None if math.isnan(value) else _shortest(value) for value in raw.params]
         if command == DO_JUMP and params[0] is not None:
             params[0] -= self.offset(kind)
         scale = self._scale(command, raw.frame)
         x, y = (0.0 if abs(value) >= GRID else value / scale for value in (raw.x, raw.y))
         frame = enums.get("MAV_FRAME", {}).get(raw.frame, f"MAV_FRAME_{raw.frame}")
-        z = raw.z if math.isfinite(raw.z) else 0.0
+        if "GLOBAL" in frame and not self.located(command):
+            frame = "MAV_FRAME_MISSION"  # what it says of the frame of no place differs by autopilot
+        z = _shortest(raw.z) if math.isfinite(raw.z) else 0.0
         return MissionItem(
             command=command, frame=frame, params=params, x=x, y=y, z=z, autocontinue=bool(raw.autocontinue)
         )
@@ -213,6 +215,12 @@ def _singles(values: Sequence[float]) -> Any:
     """As single precision holds them."""
     form = f"<{len(values)}f"
     return struct.unpack(form, struct.pack(form, *values))
+
+
+def _shortest(value: float) -> float:
+    """The shortest decimal of a number in single precision: 12.3 and not 12.300000190734863."""
+    found = (float(f"{value:.{digits}g}") for digits in (6, 7, 8, 9))
+    return next((number for number in found if _singles([number])[0] == value), value)
 
 
 def _plain(frame: int) -> int:
