@@ -278,3 +278,17 @@ def test_the_ladder_s_modes_are_modes(stack: int, mav_type: int) -> None:
     autopilot = of(stack, mav_type)
     for name in (autopilot.loiter(), autopilot.rtl(), autopilot.hold()[0], autopilot.guided):
         assert name in autopilot.modes()
+
+
+def test_what_px4_misses() -> None:
+    healthy, sick = ({"SYS_STATUS": {"onboard_control_sensors_health": bit}} for bit in (0x10000000, 0))
+    hold, offboard = ({"HEARTBEAT": {"base_mode": 1, "custom_mode": mode}} for mode in (0x3040000, 0x60000))
+
+    def missing(*heard: dict[str, dict[str, int]]) -> list[str]:
+        latest = {name: fields for each in heard for name, fields in each.items()}
+        return of(PX4, COPTER).missing(lambda name: latest.get(name))
+
+    assert missing(healthy, offboard) == []
+    assert missing(sick, hold) == missing(sick) == ["pre-arm checks fail"]
+    assert "enter another mode" in missing(sick, offboard)[0]
+    assert missing() == ["SYS_STATUS not heard"]

@@ -107,10 +107,19 @@ class Px4(Autopilot):
         return "OFFBOARD"
 
     def missing(self, latest: Latest) -> list[str]:
-        status = latest("SYS_STATUS")
+        """The pre-arm bit sums up PX4's health and arming checks; the reasons themselves come as events.
+
+        Only its ``health`` is ever set. A disarmed vehicle left in OFFBOARD without a stream fails it, too.
+        """
+        status, heartbeat = latest("SYS_STATUS"), latest("HEARTBEAT")
         if status is None:
             return ["SYS_STATUS not heard"]
-        return [] if status["onboard_control_sensors_health"] & PREARM_CHECK else ["pre-arm checks fail"]
+        if status["onboard_control_sensors_health"] & PREARM_CHECK:
+            return []
+        mode = self.mode_name(heartbeat["base_mode"], heartbeat["custom_mode"]) if heartbeat else ""
+        return [
+            "pre-arm checks fail" + (" (in OFFBOARD: enter another mode, such as HOLD)" if mode == "OFFBOARD" else "")
+        ]
 
     def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
         """NAV_TAKEOFF with an altitude above mean sea level, which is what PX4 takes; it changes the mode by itself."""
