@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -10,8 +11,10 @@ import zenoh
 import zenoh.ext
 
 from zmav import keys
+from zmav.errors import Refused
 from zmav.mavlink import Packer
 from zmav.mavlink.checksum import checksum
+from zmav.mavlink.event import CRC_EXTRA
 from zmav.services.events import SEVERITIES
 
 if TYPE_CHECKING:
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench, StartPeer
 
 
+ARM, FAILED = 400, 4
 NAMES = {4: "GUIDED", 9: "LAND", 77: "MODE_77"}
 
 
@@ -136,3 +140,90 @@ def stitched(b: Bench, frame: bytes) -> bytes:
     """The frame with a true checksum."""
     end = 10 + frame[1]
     return frame[:end] + checksum(frame[1:end], b.peer.dialect.message("STATUSTEXT").crc_extra).to_bytes(2, "little")
+
+
+# Texts in pieces, and events without words.
+
+
+def piece(b: Bench, text: str, number: int, seq: int) -> None:
+    b.peer.send("STATUSTEXT", severity=2, text=text, id=number, chunk_seq=seq)
+
+
+async def test_texts_in_pieces_are_one_event_each(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    one, two = "PreArm: " + "a" * 42, "Crash: " + "b" * 43
+    piece(b, one, 7, 0)
+    piece(b, two, 8, 0)
+    piece(b, " and so on", 7, 1)
+    piece(b, " and so on", 7, 1)
+    piece(b, " and on", 8, 1)
+    b.peer.send("STATUSTEXT", severity=6, text="last")
+    await b.event("last")
+    assert texts(b.events, "statustext") == [one + " and so on", two + " and on", "last"]
+    assert [e["severity"] for e in b.events.objects() if e["kind"] == "statustext"] == ["critical", "critical", "info"]
+
+
+async def test_a_text_whose_end_does_not_come_is_said_all_the_same(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    piece(b, "PreArm: " + "a" * 42, 7, 0)
+    said = await b.event("PreArm")
+    assert said["text"] == "PreArm: " + "a" * 42 + "[...]"
+    assert said["detail"] == {"component": 1, "incomplete": True}
+
+
+async def test_a_refusal_gives_the_whole_words_even_where_their_end_is_lost(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    b.peer.results[ARM] = [FAILED]
+    await ready(b)
+    long = "Arm: Compass not calibrated, and the battery is below " + "what it should be to take off with this load"
+    acknowledge = b.peer.acknowledge
+
+    def explain(number: int, result: int, to: tuple[int, int] = (0, 0)) -> None:
+        acknowledge(number, result, to)
+        if number == ARM:
+            for seq, start in enumerate(range(0, len(long) - lost, 50)):
+                piece(b, long[start : start + 50], 9 + lost, seq)
+
+    b.peer.acknowledge = explain  # type: ignore[method-assign]
+    for left, words in ((0, long), (len(long) - 50, long[:50] + "[...]")):
+        lost = left
+        with pytest.raises(Refused) as caught:
+            await b.ground.do("arm", ready_timeout=0.0)
+        assert caught.value.detail["reasons"] == [words]
+
+
+async def ready(b: Bench) -> None:
+    """Fit for arming, so that it is the autopilot that refuses."""
+    b.peer.send("EKF_STATUS_REPORT", flags=0x33F)
+    b.peer.send("SYS_STATUS", onboard_control_sensors_health=0x10000000)
+    await b.state(lambda s: s["ready"], "ready")
+
+
+def event_frame(number: int, sequence: int, levels: int, extra: int = CRC_EXTRA, sysid: int = 1) -> bytes:
+    payload = struct.pack("<IIHBBB40s", number, 1000, sequence, 0, 0, levels, b"\x07\x2a")
+    payload = payload.rstrip(b"\0")
+    body = bytes((len(payload), 0, 0, 0, sysid, 1)) + (410).to_bytes(3, "little") + payload
+    return b"\xfd" + body + checksum(body, extra).to_bytes(2, "little")
+
+
+async def test_px4_s_events_come_by_number(bench: StartBench) -> None:
+    b = await (await bench(autopilot=12)).connected()
+    for frame in (
+        event_frame(0x01000001, 10, 0x63),
+        event_frame(0x01000001, 10, 0x63),  # again, for somebody who missed it
+        event_frame(0x01000002, 11, 0x68),  # for protocols only
+        event_frame(0x01000003, 12, 0x64, extra=CRC_EXTRA ^ 1),  # no event at all
+        event_frame(0x01000004, 13, 0x64, sysid=2),  # another vehicle's
+        event_frame(0x01000005, 15, 0x66),
+        event_frame(0x01000006, 3, 0x60),  # it has restarted
+    ):
+        b.peer.raw(frame)
+    await b.event("0x01000006")
+    said = [e for e in b.events.objects() if e["kind"] == "numbered"]
+    assert [(e["text"], e["severity"], e["detail"].get("missed")) for e in said] == [
+        ("PX4 event 0x01000001 (072a)", "error", None),
+        ("PX4 event 0x01000005 (072a)", "info", 3),
+        ("PX4 event 0x01000006 (072a)", "emergency", None),
+    ]
+    assert said[0]["detail"]["id"] == 0x01000001
+    assert b.vehicle.events.texts_since(0.0)[-1] == "PX4 event 0x01000006 (072a)"

@@ -353,13 +353,16 @@ async def test_a_rate_that_somebody_else_raised_is_not_lowered(bench: StartBench
     b = await on(bench, one)
     held = token(b.ground, "VFR_HUD", 5)
     await flows(one, "VFR_HUD", 5.0)
+    more = token(b.ground, "VFR_HUD", 10, "b")
+    await flows(one, "VFR_HUD", 10.0)
     one.rates["VFR_HUD"] = 25.0
-    while (found := await row(b, "VFR_HUD")) is None or found.hz < 15.0:
-        await rounds(b, 1)
-    held.undeclare()
-    await rounds(b, 3)
-    assert one.asked("VFR_HUD") == [200_000.0]
+    more.undeclare()
+    await rounds(b)
     assert one.rates["VFR_HUD"] == 25.0
+    held.undeclare()
+    await rounds(b)
+    assert one.rates["VFR_HUD"] == 25.0
+    assert one.asked("VFR_HUD") == [200_000.0, 100_000.0]
 
 
 async def test_others_refusals_are_not_ours(bench: StartBench, one: StreamPeer) -> None:

@@ -17,6 +17,8 @@ from zmav.errors import BadInput
 from zmav.mavlink import MavMessage
 from zmav.session import SessionSettings
 
+WAIT_S = 3.0
+
 
 @click.command("rate")
 @click.argument("vehicle")
@@ -43,7 +45,7 @@ def command(
 
 async def _table(name: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        (vehicle,) = await z.wait_for(name)
+        (vehicle,) = await z.wait_for(name, timeout=WAIT_S)
         table = await vehicle.rates.table()
     if as_json:
         click.echo(dump(msgspec.to_builtins(table), pretty=False))
@@ -87,7 +89,7 @@ async def _hold(
 ) -> None:
     """Read it, and say every second how much of it came."""
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        (vehicle,) = await z.wait_for(name)
+        (vehicle,) = await z.wait_for(name, timeout=WAIT_S)
         end = time.monotonic() + (seconds or float("inf"))
         async with vehicle.stream(message, hz=hz) as stream:
             counter = asyncio.create_task(_count(stream, counted := [0]))

@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import zenoh
@@ -24,6 +23,7 @@ from zmav.services.port import Port, on_loop
 from zmav.services.rate_ask import ACCEPTED, DEFAULT, IntervalAsker
 from zmav.services.rate_meter import WINDOW, Measured, Meter
 from zmav.services.rate_plan import ENOUGH, Shedder, Target, wanted
+from zmav.services.rate_standing import Standing, rows
 
 OWN = {"SYSTEM_TIME": 0.2}
 """what the companion itself reads beside the floor: GPS time, for its clock"""
@@ -33,39 +33,8 @@ LONGEST_PAUSE = 60.0
 """s between two tries of what does not come"""
 UNANSWERED_PAUSE = 3.0
 """... while it does not even answer: it may be starting"""
-SETTLING = 0.5
-"""s after asking until what comes is what was asked for"""
 SLOWER_FROM = 20.0
 """Hz; a denied rate above it is tried at half: autopilots deny what is faster than their own loop"""
-
-
-@dataclass
-class Standing:
-    """How it stands with one message between us and the autopilot."""
-
-    asked: float | None = None
-    """Hz"""
-    before: float = DEFAULT
-    """the interval in µs it had, to be put back"""
-    refused: str | None = None
-    final: bool = False
-    """refused for good"""
-    ceiling: float = math.inf
-    """Hz; more was denied"""
-    not_before: float = 0.0
-    """monotonic seconds"""
-    pause: float = 1.0
-    since: float = 0.0
-    """when it was asked for last"""
-    forgotten: bool = False
-    """the autopilot has restarted since it was asked"""
-    tries: int = 0
-    """to put it back"""
-
-    def rate(self, target: Target) -> float:
-        """What to ask for, in Hz: never less than came unasked, unless the link is too full for it."""
-        unasked = 1e6 / self.before if self.before > 0 and not target.shed else 0.0
-        return min(max(target.granted, unasked), self.ceiling)
 
 
 class Rates:
@@ -196,7 +165,7 @@ class Rates:
         if standing is None or standing.asked is None:
             if standing is not None and (standing.final or time.monotonic() < standing.not_before):
                 return False
-            if heard is None:
+            if heard is None or (standing is not None and time.monotonic() - standing.since < WINDOW + 1):
                 return True
             unmeasured = flow is None or flow.span < 2.0
             # What has just begun to flow is measured first, unless it is silent again or somebody said a rate.
@@ -204,10 +173,7 @@ class Rates:
         if standing.forgotten:
             return True
         if abs(rate - standing.asked) > 0.01 * standing.asked:
-            if rate < standing.asked and self._raised(target.name, standing):
-                standing.asked = rate  # somebody else has raised it: not ours to lower
-                return False
-            return time.monotonic() >= standing.not_before or standing.pause <= 1.0
+            return True
         fresh = heard is not None and heard.age < 3.0 / rate
         if fresh and (time.monotonic() - standing.since < WINDOW + 1 or _enough(flow, rate / 2)):
             standing.pause = 1.0
@@ -220,6 +186,10 @@ class Rates:
         if standing.asked is None and standing.refused is None and await self._comes(standing, target):
             return
         rate = standing.rate(target)
+        lower = standing.asked is not None and rate < standing.asked and not standing.forgotten
+        if lower and await self._raised(source, name, standing):
+            standing.asked = rate  # somebody else's by now: not ours to lower
+            return
         had, standing.asked = standing.asked, rate  # from now on it is to be put back, whatever comes in between
         result = await self._asker.set(source, msgid, 1e6 / rate)
         standing.since, standing.forgotten = time.monotonic(), False
@@ -263,63 +233,41 @@ class Rates:
         """Nobody reads it any more."""
         standing = self._standing[name]
         if standing.asked is None:
-            if not standing.final:  # what was refused for good is remembered
+            # What was refused for good is remembered, and so is for a while that the measured rate tells of the past.
+            if not standing.final and time.monotonic() - standing.since > WINDOW + 1:
                 del self._standing[name]
             return
         if time.monotonic() < standing.not_before and standing.tries:
             return
-        if not self._raised(name, standing):
+        if not await self._raised(source, name, standing):
             result = await self._asker.set(source, _msgid(name, self._port), standing.before)
             standing.tries += 1
             standing.not_before = time.monotonic() + 1.0
             if result is None and standing.tries < 5:
                 return
-        if any(target.name == name for target in self._targets):
-            standing.asked, standing.tries = None, 0  # somebody came meanwhile
-        else:
-            self._standing.pop(name, None)
+        self._standing[name] = Standing(since=time.monotonic())
+        self._wake.set()  # somebody may have come meanwhile
 
-    def _raised(self, name: str, standing: Standing) -> bool:
-        """It comes faster than we asked for: a ground station on this link has asked, too."""
-        if self._of is None or standing.asked is None:
-            return False
-        hz, span = self.meter.hz_since((name, *self._of), standing.since + SETTLING)
-        return hz > 1.3 * standing.asked and (hz - standing.asked) * span > 3.0  # frames
+    async def _raised(self, source: tuple[int, int], name: str, standing: Standing) -> bool:
+        """It is sent faster than we asked for: a ground station on this link has asked, too. As the autopilot says: a
+        simulation may send everything faster than by the clock on the wall.
+        """
+        interval = await self._asker.get(source, _msgid(name, self._port))
+        return interval is not None and interval > 0 and 1e6 / interval > 1.3 * (standing.asked or 0.0)
 
     # Statistics.
 
     def table(self) -> wire.RateTable:
         """What comes, what was asked for, what is wanted and by whom."""
-        measured, targets = self.meter.measured(), {target.name: target for target in self._targets}
-        messages, seen = [], set()
-        for (name, sysid, compid), m in sorted(measured.items()):
-            row = wire.MessageRate(
-                name=name, sysid=sysid, compid=compid, hz=m.hz, bytes_rate=m.bytes_rate, count=m.total, age=m.age
-            )
-            if (sysid, compid) == self._of:
-                seen.add(name)
-                self._add_wish(row, targets.get(name))
-            messages.append(row)
-        for name, target in sorted(targets.items()):
-            if name not in seen:
-                row = wire.MessageRate(name=name, hz=0.0, bytes_rate=0.0, count=0)
-                self._add_wish(row, target)
-                messages.append(row)
+        measured = self.meter.measured()
         return wire.RateTable(
             t=time.time(),
             capacity=self._port.link.capacity,
             used=self.meter.used,
             plain_subscribers=self.demands.sees_subscribers,
             junk=self.demands.junk,
-            messages=messages,
+            messages=rows(measured, self._of, self._targets, self._standing),
         )
-
-    def _add_wish(self, row: wire.MessageRate, target: Target | None) -> None:
-        standing = self._standing.get(row.name)
-        if standing is not None:
-            row.asked_hz, row.refused = standing.asked, standing.refused
-        if target is not None:
-            row.wanted_hz, row.readers, row.shed = target.hz, target.readers, target.shed
 
     def _on_query(self, query: zenoh.Query) -> None:
         with query:

@@ -59,12 +59,6 @@ class Meter:
         mean = size / count if count else flow.size / max(flow.total, 1)  # a stream just begun has none yet
         return Measured(hz, rate, flow.total, mean, now - flow.heard, span)
 
-    def hz_since(self, kind: Kind, start: float) -> tuple[float, float]:
-        """The rate in Hz over the samples taken after a monotonic time, and the seconds between them."""
-        found = [(at, flows[kind].total) for at, flows in self._samples if at >= start and kind in flows]
-        span = found[-1][0] - found[0][0] if found else 0.0
-        return ((found[-1][1] - found[0][1]) / span if span > 0 else 0.0), span
-
     @property
     def used(self) -> float:
         """Bytes a second in whole frames, of every source."""
