@@ -175,6 +175,8 @@ async def test_the_end_by_landing(mission_bench: MissionBench, command: int, mod
     peer.mode = mode
     name = {AUTO: "AUTO", RTL: "RTL", LAND: "LAND"}[mode]
     await b.states.object(lambda s: s["mode"] == name, name)
+    peer.say_current(1, state=3)  # ArduPilot goes back to the first item when it disarms
+    await fly.until(current=0)
     peer.armed = False
     await fly.until(status="done")
 

@@ -137,6 +137,8 @@ class _Flight:
         self._current: int | None = None
         self._reached: int | None = None
         self._active = False
+        self._down: int | None = None
+        """the item it lands by, until a later one is flown: on disarming, ArduPilot goes back to the first"""
         self.over = False
 
     def hear(self, name: str, fields: Mapping[str, Any]) -> bool:
@@ -146,7 +148,11 @@ class _Flight:
             self._reached = fields["seq"]
             self.over = self.over or (self._last is not None and self._reached >= self._last)
         elif name == "MISSION_CURRENT":
-            self._current = fields["seq"]
+            self._current = at = int(fields["seq"])
+            if self._command(at) in (RETURN, LAND, VTOL_LAND):
+                self._down = at
+            elif self._down is not None and at > self._down:
+                self._down = None
             self._active = self._active or fields["mission_state"] in (ACTIVE, PAUSED)
             # What it says before the mission was seen active is of the flight before.
             self.over = self.over or (self._active and fields["mission_state"] == COMPLETE)
@@ -159,11 +165,11 @@ class _Flight:
 
     @property
     def returning(self) -> bool:
-        return self._command() == RETURN
+        return self._command(self._down) == RETURN
 
     @property
     def landing(self) -> bool:
-        return self._command() in (RETURN, LAND, VTOL_LAND)
+        return self._down is not None
 
     def told(self) -> dict[str, Any]:
         known = {"current": self._current, "reached": self._reached}
@@ -174,6 +180,5 @@ class _Flight:
         told = self.told()
         return f"item {told['current']} of {told['total']}" if "current" in told else "an unknown item"
 
-    def _command(self) -> int | None:
-        at = self._current
+    def _command(self, at: int | None) -> int | None:
         return self._plan[at].command if at is not None and at < len(self._plan) else None
