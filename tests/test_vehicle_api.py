@@ -327,7 +327,7 @@ async def test_one_commander_at_a_time(airborne: Scene) -> None:
         for refused in (other.takeoff(5.0), other.set_mode("LOITER"), other.goto(pos=(5.0, 0.0, -6.0))):
             with pytest.raises(NotHolder, match="planner commands quad1") as caught:
                 await refused
-            assert caught.value.detail == {"vehicle": "quad1", "holder": "planner"}
+            assert caught.value.detail == {"vehicle": "quad1", "holder": "planner", "priority": 0}
         with pytest.raises(NotHolder):
             async with other.lease("rival"):
                 pytest.fail("two hold the lease")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 import zenoh
 
+import zmav
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
 
@@ -217,3 +218,27 @@ async def test_a_token_that_was_there_before_the_agent_counts(bench: StartBench,
         await asyncio.sleep(0.01)
     token.undeclare()
     await b.event("is gone")
+
+
+async def test_a_program_hears_what_took_its_lease(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    async with zmav.open(connect=[b.endpoint]) as one, zmav.open(connect=[b.endpoint]) as two:
+        (mine,), (other,) = await one.wait_for("quad1"), await two.wait_for("quad1")
+        async with mine.lease("alice", priority=5) as lease:
+            assert lease.lost is None
+            lease.setpoint(vel=(0.0, 0.0, 0.0))
+            async with other.lease("bob", priority=6) as theirs:
+                while lease.lost is None:
+                    await asyncio.sleep(0.01)
+                assert lease.lost.detail == {"vehicle": "quad1", "reason": "preempted", "by": "bob"}
+                with pytest.raises(NotHolder, match=r"bob \(priority 6\) took the lease from alice"):
+                    lease.setpoint(vel=(0.0, 0.0, 0.0))
+                assert await mine.revoke("enough") == "bob"
+                while theirs.lost is None:
+                    await asyncio.sleep(0.01)
+                assert theirs.lost.detail["reason"] == "revoked"
+        async with mine.lease("alice") as again:
+            assert again.number == 3
+            assert (await b.state(lambda s: s["lease"], "lease"))["lease"]["number"] == 3
+            assert again.lost is None
+    await b.state(lambda s: s["lease"] is None, "no lease")

@@ -138,9 +138,9 @@ _PX4 = (
     ),
     Safety(
         ("COM_OBL_RC_ACT",),
-        lambda value, sysid: value in (0.0, 1.0, 2.0, 7.0),
-        "when the OFFBOARD stream is lost, the vehicle is left to the sticks (0 position, 1 altitude, 2 stabilized) or "
-        "disarmed (7), and there may be nobody at the sticks",
+        lambda value, sysid: value in (0.0, 1.0, 2.0, 6.0, 7.0),
+        "when the OFFBOARD stream is lost, the vehicle is left to the sticks (0 position, 1 altitude, 2 stabilized), "
+        "stopped in the air (6) or disarmed (7); there may be nobody at the sticks",
         "5 (hold), 3 (return) or 4 (land)",
     ),
     Safety(

@@ -152,9 +152,7 @@ class Leases:
     def refusal(self, token: str = "") -> NotHolder:
         """Why ``token`` does not command the vehicle."""
         ended = self._ended.get(token)
-        detail = {"vehicle": self._vehicle, "count": "lease"}
-        if ended is not None:
-            detail |= {"reason": ended.reason, "count": "pilot" if ended.reason == "pilot" else "lease"}
+        detail = {"vehicle": self._vehicle, **({"reason": ended.reason} if ended else {})}
         if not self._token:
             why = f"no such lease on {self._vehicle}" + (f" any more: {ended.text}" if ended else "")
             return NotHolder(f"{why}; ask for one with do/lease", **detail)

@@ -69,7 +69,8 @@ class Pilot:
         if not was_armed or before is None:
             return  # nobody flies it
         if not self._armed:
-            if not self._ends_on_ground(before):
+            flown = self._mode if self._expected(self._mode, before) else before
+            if not self._ends_on_ground(flown):
                 self.on_taken("it was disarmed, which was not ordered here")
         elif self._mode != before and not self._expected(self._mode, before):
             self.on_taken(f"the mode is now {self._mode}, which was not ordered here")
@@ -92,7 +93,7 @@ class Pilot:
     def _under_order(self) -> bool:
         return self._commander.moving or time.monotonic() < self._grace
 
-    def _ends_on_ground(self, mode: str) -> bool:
+    def _ends_on_ground(self, mode: str | None) -> bool:
         """It disarms there by itself, or somebody ordered it."""
         if self._verb in ("disarm", "command") and time.monotonic() < self._grace:
             return True

@@ -16,7 +16,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.autopilots import Autopilot, Target
-from zmav.errors import BadInput, LinkDown, Refused, ZmavError
+from zmav.errors import BadInput, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.bounds import Bounds
 from zmav.services.events import Events
 from zmav.services.identity import Identity
@@ -97,7 +97,11 @@ class Setpoints:
         return self._ladder.fly(flown, mode)
 
     def _check_order(self, point: wire.Setpoint) -> None:
-        self._leases.require(point.lease)
+        try:
+            self._leases.require(point.lease)
+        except NotHolder as e:
+            e.detail["count"] = "pilot" if e.detail.get("reason") == "pilot" else "lease"
+            raise
         if point.lease != self._lease:
             self._lease, self._seq = point.lease, -1
         if point.seq <= self._seq:

@@ -1,0 +1,116 @@
+"""The carrot: never farther ahead than the vehicle needs, always on the way, and the target itself at the end."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zmav import geo, keys, wire
+from zmav.autopilots import Target
+from zmav.services.carrot import AHEAD_M, AHEAD_S, within_reach
+
+if TYPE_CHECKING:
+    from tests.services.conftest import StartBench
+
+ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=600.0)
+GLOBAL = "SET_POSITION_TARGET_GLOBAL_INT"
+
+
+def at(north: float = 0.0, east: float = 0.0, up: float = 10.0, v: wire.Vector = (0.0, 0.0, 0.0)) -> dict[str, Any]:
+    lat, lon, alt = geo.to_global(ORIGIN, (north, east, -up))
+    vx, vy, vz = (round(100 * each) for each in v)
+    place = {"lat": round(lat * 1e7), "lon": round(lon * 1e7), "alt": round(alt * 1e3), "relative_alt": round(up * 1e3)}
+    return {**place, "vx": vx, "vy": vy, "vz": vz}
+
+
+def target(north: float, east: float, up: float = 10.0) -> Target:
+    lat, lon, alt = geo.to_global(ORIGIN, (north, east, -up))
+    return Target(lat, lon, alt)
+
+
+def ned(target: Target) -> wire.Vector:
+    assert target.lat_deg is not None and target.lon_deg is not None and target.alt_amsl is not None
+    return geo.to_ned(ORIGIN, target.lat_deg, target.lon_deg, target.alt_amsl)
+
+
+def test_what_is_near_stays_as_it_is() -> None:
+    near = target(10.0, 5.0, 20.0)
+    assert within_reach(near, at()) is near
+    velocity = Target(vel=(1.0, 0.0, 0.0))
+    assert within_reach(velocity, at()) is velocity
+
+
+@pytest.mark.parametrize("speed", [0.0, 5.0, 12.0])
+def test_how_far_ahead(speed: float) -> None:
+    north, east, down = ned(within_reach(target(300.0, 400.0), at(v=(0.6 * speed, 0.8 * speed, 0.0))))
+    ahead = AHEAD_M + AHEAD_S * speed
+    assert (north, east, down) == pytest.approx((0.6 * ahead, 0.8 * ahead, -10.0), abs=0.1)
+
+
+def test_height_is_led_by_itself() -> None:
+    far = within_reach(target(5.0, 0.0, 200.0), at(up=10.0, v=(0.0, 0.0, -2.0)))
+    assert ned(far) == pytest.approx((5.0, 0.0, -(10.0 + AHEAD_M + AHEAD_S * 2.0)), abs=0.1)
+    relative = within_reach(Target(-35.0, 149.0, alt_rel=1.0), at(up=50.0))
+    assert relative.alt_rel == pytest.approx(50.0 - AHEAD_M)
+    assert relative.alt_amsl is None
+
+
+@given(st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-20, 20), st.floats(-20, 20))
+def test_it_is_on_the_way_and_nearer(north: float, east: float, vn: float, ve: float) -> None:
+    given = target(north, east)
+    n, e, _ = ned(within_reach(given, at(v=(vn, ve, 0.0))))
+    away, ahead = math.hypot(north, east), math.hypot(n, e)
+    assert ahead <= min(away, AHEAD_M + AHEAD_S * math.hypot(vn, ve)) + 0.5
+    assert math.hypot(north - n, east - e) == pytest.approx(away - ahead, abs=0.5)  # on the straight line
+
+
+async def test_a_goto_is_led_there_and_its_end_is_said(bench: StartBench) -> None:
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    await b.state(lambda s: s["position"], "position")
+    await b.ground.do("goto", pos=[400.0, 0.0, -10.0], arrive=False)
+    await b.peer.count(GLOBAL, 3)
+    assert [norths(t) for t in b.peer.heard(GLOBAL)] == pytest.approx([AHEAD_M] * len(b.peer.heard(GLOBAL)), abs=0.2)
+    b.peer.send("GLOBAL_POSITION_INT", **at(390.0))
+    await b.peer.until(lambda: norths(b.peer.heard(GLOBAL)[-1]) == pytest.approx(400.0, abs=0.2), "the target itself")
+    carrot = b.vehicle.authority.carrot
+    await b.state(lambda s: not carrot.leading, "the end of it")
+
+
+@pytest.mark.parametrize("ends", ["hold", "pilot"])
+async def test_a_goto_that_is_over_is_led_no_more(bench: StartBench, ends: str) -> None:
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    await b.state(lambda s: s["position"], "position")
+    await b.ground.do("goto", pos=[400.0, 0.0, -10.0], arrive=False)
+    await b.peer.count(GLOBAL, 2)
+    if ends == "hold":
+        await b.ground.do("hold")
+    else:
+        b.peer.mode = 5
+        b.peer.heartbeat()
+        await b.event("released", kind="pilot")
+    told = len(b.peer.heard(GLOBAL))
+    for _ in range(4):
+        await b.state(lambda s: True, "a moment")
+    assert len(b.peer.heard(GLOBAL)) == told
+
+
+async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    lease = (await b.ground.do("lease", holder="alice", ttl=30)).result["lease"]
+    point = wire.Setpoint(lease=lease, seq=1, deadline=time.time() + 2, pos=(400.0, 0.0, -10.0))
+    await b.state(lambda s: s["position"], "position")
+    b.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
+    await b.peer.count(GLOBAL, 1)
+    assert norths(b.peer.heard(GLOBAL)[0]) == pytest.approx(AHEAD_M, abs=0.2)
+
+
+def norths(told: Any) -> float:
+    return round((told.fields["lat_int"] / 1e7 + 35.0) * 110_941.0, 2)
