@@ -53,7 +53,7 @@ def parse_endpoint(text: str, index: int, host: str = "127.0.0.1") -> Address:
     """The address of vehicle ``index`` (0, 1, ...). Raises :class:`BadUrl` naming what is expected."""
     kind, _, rest = text.partition(":")
     if kind in _PX4_LINKS:
-        return _parse_px4(kind, rest or _PX4_LINKS[kind], index, host, text)
+        return _parse_px4(kind, _PX4_LINKS[kind] if text == kind else rest, index, host, text)
     if kind == "tcp" and not rest:
         rest = "5760+10"
     place, plus, step = rest.partition("+")

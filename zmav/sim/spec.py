@@ -11,7 +11,6 @@ from zmav.sim.geo import Position
 
 FARTHEST_M = 1e6
 ARDUCOPTER, PX4 = "arducopter", "px4"
-USUAL = {ARDUCOPTER: "tcp", PX4: "px4"}  # endpoint
 AIRFRAMES = {ARDUCOPTER: "quad", PX4: "sih"}  # what each autopilot's own simulation flies
 
 
@@ -46,6 +45,11 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     endpoints: tuple[str, ...] | None = None
     uid: int | None = None
     params: dict[str, float] = {}
+
+
+def usual(spec: VehicleSpec) -> tuple[str, ...]:
+    """The endpoints of a vehicle for which nobody names any."""
+    return ("px4",) if spec.autopilot == PX4 else ("tcp",)
 
 
 def airframe_of(spec: VehicleSpec) -> str:

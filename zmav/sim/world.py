@@ -22,7 +22,7 @@ from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, as_specs, build
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.endpoints import expand, open_endpoint, parse_endpoint
-from zmav.sim.spec import USUAL, Home, VehicleSpec
+from zmav.sim.spec import Home, VehicleSpec, usual
 from zmav.sim.vehicle import SimVehicle, VehicleStatus
 
 T = TypeVar("T")
@@ -91,7 +91,7 @@ class World:
         self._specs = as_specs(copters, px4)
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
         self._addresses = [
-            [parse_endpoint(text, i) for text in expand(_first_of(spec.endpoints, default, (USUAL[spec.autopilot],)))]
+            [parse_endpoint(text, i) for text in expand(_first_of(spec.endpoints, default, usual(spec)))]
             for i, spec in enumerate(self._specs)
         ]
         built = build(
