@@ -23,7 +23,7 @@ from zmav.services.port import Port
 
 AHEAD_M = 15.0
 AHEAD_S = 3.0
-"""how far ahead: metres, and seconds at the present speed; measured: a copter keeps its 10 m/s, and stops within 45 m"""
+"""how far ahead: metres, and seconds at the present speed; measured: a copter keeps its 10 m/s, and stops in 45 m"""
 RENEW_HZ = 4.0
 FRESH_S = 2.0
 """age up to which a position says where the vehicle is"""
