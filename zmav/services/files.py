@@ -48,7 +48,7 @@ class Files:
     def __init__(self, session: zenoh.Session, port: Port, ftp: Ftp, store: Store) -> None:
         self._session, self._port = session, port
         self.ftp, self.store = ftp, store
-        self._uploads: dict[str, Upload] = {}
+        self.uploads: dict[str, Upload] = {}
         self._under_way: asyncio.Task[Any] | None = None
         self._queryables: list[Any] = []
 
@@ -109,7 +109,7 @@ class Files:
                 why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
                 raise Refused(why, path=args.path)
             verified = found is not None
-        self._uploads.pop(args.file, None)
+        self.uploads.pop(args.file, None)
         return {"path": args.path, "size": len(data), "verified": verified, "rate": round(meter.rate)}
 
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
@@ -144,7 +144,7 @@ class Files:
             expected = None if generated(path) else await self._crc(path, 0, report)
             identity = "" if expected is None else f"{expected:08x}"
             kept = self.store.find(path, identity)
-            if kept is not None and not kept.missing and expected is not None:
+            if kept is not None and not kept.missing and kept.verified:
                 return self.stored(kept, by="store", resumed=kept.size)
             resume = attempt == 0 and not generated(path) and not (kept and not kept.missing)
             part, rate, same = await self._fetch_once(path, identity, expected, resume, report)
@@ -244,19 +244,19 @@ class Files:
             raise BadInput(
                 f"{name!r} cannot be an upload's name", field="file", value=name, expected="[a-z0-9_-]{1,64}"
             )
-        others = sum(len(each.data) for other, each in self._uploads.items() if other != name)
-        for oldest in sorted(self._uploads, key=lambda each: self._uploads[each].touched):
+        others = sum(len(each.data) for other, each in self.uploads.items() if other != name)
+        for oldest in sorted(self.uploads, key=lambda each: self.uploads[each].touched):
             if others + offset + len(data) <= MOST_UPLOADED or offset + len(data) > MOST_UPLOADED:
                 break
             if oldest != name:
-                others -= len(self._uploads.pop(oldest).data)
-        upload = self._uploads.setdefault(name, Upload())
+                others -= len(self.uploads.pop(oldest).data)
+        upload = self.uploads.setdefault(name, Upload())
         upload.touched = time.monotonic()
         upload.put(offset, data)
         return upload
 
     def _uploaded(self, args: wire.FilePut) -> bytes:
-        upload = self._uploads.get(args.file)
+        upload = self.uploads.get(args.file)
         data = bytes(upload.data) if upload is not None else b""
         if len(data) != args.size or crc32(data) != args.crc32:
             there = "nothing" if upload is None else f"{len(data)} bytes, or others"

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import random
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut
@@ -22,12 +23,17 @@ from zmav.services.progress import Meter
 
 CHUNKS = (MOST_DATA, 110, 64)
 """bytes of data a packet; a smaller one where nothing comes by the larger"""
-BUSY_WAIT = 4.0
-"""s to wait for a file server that another client uses: ArduPilot takes a session from who is silent for 3 s"""
+BUSY_WAIT = 8.0
+"""s to wait for a file server that another client uses"""
+ABANDONED = 3.3
+"""s until asking again: ArduPilot takes a session away after 3 s without a word from the server, refusals included"""
+AGAIN = 0.5
+HEARTBEAT_WAIT = 4.0
+"""s to wait for an autopilot that has just fallen silent"""
 CRC_RATE = 100_000.0
 """bytes/s at which a slow autopilot reads its card for a checksum"""
 LONGEST_CRC = 120.0
-BUSY = (Nak.FAIL, Nak.INVALID_SESSION, Nak.NO_SESSIONS_AVAILABLE)
+BUSY = (Nak.INVALID_SESSION, Nak.NO_SESSIONS_AVAILABLE)
 
 
 def generated(path: str) -> bool:
@@ -59,6 +65,7 @@ class Ftp:
         self._port, self._identity = port, identity
         self._turn = asyncio.Lock()
         self._what = ""
+        self._seq = random.randrange(1 << 16)  # not where another run of ours ended
         self._dirty = True
         """a session of ours may still be open there, from before"""
 
@@ -73,7 +80,7 @@ class Ftp:
         async with self._talk(f"listing {path}", report) as talk:
             offset = 0
             while True:
-                answer = await talk.ask(Op.LIST_DIRECTORY, raw, offset=offset)
+                answer = await self._ask(talk, Op.LIST_DIRECTORY, raw, offset=offset)
                 if answer.nak is Nak.EOF:
                     return found
                 _check(answer, f"cannot list {path}", path)
@@ -93,7 +100,8 @@ class Ftp:
         """The server's :func:`zmav.mavlink.ftp.crc32` of a file; ``size``, where known, tells how long to wait."""
         raw = check_path(path)
         async with self._talk(f"checking {path}", report) as talk:
-            answer = await talk.ask(Op.CALC_FILE_CRC32, raw, give_up=GIVE_UP + min(size / CRC_RATE, LONGEST_CRC))
+            give_up = GIVE_UP + min(size / CRC_RATE, LONGEST_CRC)
+            answer = await self._ask(talk, Op.CALC_FILE_CRC32, raw, give_up=give_up)
         _check(answer, f"no checksum of {path}", path)
         return int.from_bytes(answer.data[:4], "little")
 
@@ -116,7 +124,7 @@ class Ftp:
 
     async def _simple(self, op: Op, data: bytes, words: str, path: str, report: Report | None) -> None:
         async with self._talk(f"{op.name.lower().replace('_', ' ')} {path}", report) as talk:
-            _check(await talk.ask(op, data), words, path)
+            _check(await self._ask(talk, op, data), words, path)
 
     # Transfers.
 
@@ -182,37 +190,52 @@ class Ftp:
             self._what = what
             if report is not None:
                 report({"waiting_for": None})
-            source = self._identity.source
-            if source is None or not self._identity.connected:
+            yield await self._heard()
+
+    async def _heard(self) -> tuple[int, int]:
+        """The autopilot's address; a few heartbeats in a row may be lost."""
+        until = time.monotonic() + HEARTBEAT_WAIT
+        while self._identity.source is None or not self._identity.connected:
+            if time.monotonic() > until:
                 raise Stale(f"the autopilot of {self._port.name} is not heard", vehicle=self._port.name)
-            yield source
+            await asyncio.sleep(0.1)
+        return self._identity.source
 
     @contextlib.asynccontextmanager
     async def _talk(self, what: str, report: Report | None) -> AsyncIterator[Talk]:
         """A conversation, when it is our turn."""
         async with self.turn(what, report) as source:
-            with Talk(self._port, source, session=self._port.address[1]) as talk:
-                if self._dirty:
-                    await talk.ask(Op.RESET_SESSIONS)
-                    self._dirty = False
-                yield talk
+            with Talk(self._port, source, session=self._port.address[1], seq=self._seq) as talk:
+                try:
+                    if self._dirty:
+                        await talk.ask(Op.RESET_SESSIONS)
+                        self._dirty = False
+                    yield talk
+                finally:
+                    self._seq = talk.seq
 
-    async def _open(self, talk: Talk, op: Op, raw: bytes, words: str, path: str) -> Packet:
-        """Open a file; who finds the server in another client's hands waits a little."""
-        talk.session = self._port.address[1]
+    async def _ask(
+        self, talk: Talk, op: Op, data: bytes, *, offset: int = 0, give_up: float = GIVE_UP, busy: Sequence[Nak] = BUSY
+    ) -> Packet:
+        """A request; who finds the server in another client's hands waits a little."""
         until = time.monotonic() + BUSY_WAIT
         while True:
-            self._dirty = True  # until the session is closed, and seen to be
-            answer = await talk.ask(op, raw)
-            if answer.nak is None:
-                talk.session = answer.session
+            answer = await talk.ask(op, data, offset=offset, give_up=give_up)
+            if answer.nak not in busy or time.monotonic() > until:
                 return answer
-            if answer.nak not in BUSY or time.monotonic() > until:
-                _check(answer, words, path)
-            await talk.ask(Op.RESET_SESSIONS)
+            await asyncio.sleep(ABANDONED if answer.nak is Nak.INVALID_SESSION else AGAIN)
             if answer.nak is Nak.FAIL:
                 until -= BUSY_WAIT / 2.0  # it may mean anything: two more attempts are enough
-            await asyncio.sleep(0.5)
+            if answer.nak is not Nak.INVALID_SESSION:
+                await talk.ask(Op.RESET_SESSIONS)
+
+    async def _open(self, talk: Talk, op: Op, raw: bytes, words: str, path: str) -> Packet:
+        talk.session = self._port.address[1]
+        self._dirty = True  # until the session is closed, and seen to be
+        answer = await self._ask(talk, op, raw, busy=(Nak.FAIL, *BUSY))
+        _check(answer, words, path)
+        talk.session = answer.session
+        return answer
 
     async def _terminate(self, talk: Talk) -> None:
         """Close the session, briefly: what we cannot close now is reset before the next transfer."""

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from zmav.errors import Refused, TimedOut
 from zmav.mavlink.ftp import Nak, Op, Packet
-from zmav.services.ftp_talk import AFTER_BURST, IN_FLIGHT, Job, Talk
+from zmav.services.ftp_talk import AFTER_BURST, Job, Talk
 from zmav.services.gaps import UNKNOWN, Gaps
 from zmav.services.progress import Meter
 
@@ -16,7 +16,7 @@ QUIET = 0.5
 """s without a packet after which a burst is over; longer where the link's answers take longer"""
 BURST = 500
 """packets of one burst: ArduPilot's"""
-AT_ONCE = 256
+AT_ONCE = 32
 """holes that are filled by single reads before the rest is weighed anew"""
 BULK = 8
 """packets' worth of a last gap above which it is the untouched rest of the file, and no hole"""
@@ -76,6 +76,7 @@ class Reader:
         self._end_near = False
         self._rate = 0.0
         self._barren = 0
+        self._any = False
 
     async def run(self) -> None:
         """Returns when nothing is missing. Raises :class:`TimedOut`, :class:`NothingCame` or :class:`Refused`."""
@@ -85,9 +86,17 @@ class Reader:
                 raise NothingCame("the file server answers, but sends no data", chunk=self._chunk)
             start = self._burst_from() if self._bursts else None
             if start is None:
-                await self._talk.pipeline(Op.READ_FILE, self._holes(), self._on_read)
+                await self._reads()
             else:
                 await self._burst(start)
+
+    async def _reads(self) -> None:
+        try:
+            await self._talk.pipeline(Op.READ_FILE, self._holes(), self._on_read)
+        except TimedOut as e:
+            if self._any:
+                raise
+            raise NothingCame(e.message, chunk=self._chunk) from e
 
     def _burst_from(self) -> int | None:
         """Where a burst had best begin; None: single reads are quicker.
@@ -105,7 +114,7 @@ class Reader:
         span = BURST * self._chunk
         near = [(a, min(b, a + self._chunk) if b >= UNKNOWN else b) for a, b in gaps if a - first < span]
         holes = sum(-(-(b - a) // self._chunk) for a, b in near)
-        reads = holes * max(self._talk.patience / 2.0 / IN_FLIGHT, self._chunk / self._rate)
+        reads = holes * max(self._talk.patience / self._talk.in_flight, self._chunk / self._rate)
         burst = min(gaps[-1][0] - first, span) / self._rate + self._talk.patience
         return first if burst < reads else None
 
@@ -132,7 +141,7 @@ class Reader:
         new = self._sink.put(packet.offset, packet.data)
         self._meter.add(new)
         if new:
-            self._barren = 0
+            self._barren, self._any = 0, True
         end = packet.offset + len(packet.data)
         if 0 < len(packet.data) < self._chunk and any(b >= UNKNOWN for _, b in self._sink.gaps):
             self._sink.cut(end)  # a packet that is not full is the file's last
@@ -150,6 +159,8 @@ class Reader:
                 continue
             ours = 0 < (packet.seq - asked) & 0xFFFF < 1 << 15
             if packet.nak is None:
+                if ours and not came:
+                    self._talk.learn(time.monotonic() - began)
                 self._take(packet)
                 came, at = came + len(packet.data), time.monotonic()
                 ended = ours and packet.burst_complete

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import NamedTuple
 
@@ -18,8 +19,13 @@ GIVE_UP = 15.0
 """s without any answer; with 20 % of the frames lost each way that is one request in ten million"""
 SHORTEST, LONGEST = 0.25, 2.5
 """s to wait for an answer before asking again; between them, what the link has shown"""
-IN_FLIGHT = 4
-"""requests sent ahead of their answers: ArduPilot queues five and drops the rest"""
+IN_FLIGHT, FAR_IN_FLIGHT = 4, 12
+"""requests sent ahead of their answers: ArduPilot queues five that come at once and drops the rest; more where most of
+the time they are on their way"""
+FAR = 0.05
+"""s of a round trip from which on a link is long; a serial one is rather slow than long, and kept free for others"""
+SPACING = 0.004
+"""s between requests on a long link"""
 AFTER_BURST = 1024
 """sequence numbers left out after a burst: servers count on while they burst, and take a request one behind their last
 answer for a repetition of the request before"""
@@ -39,22 +45,25 @@ class Flight:
 
     job: Job
     sent: float = 0.0
-    seqs: tuple[int, ...] = ()
+    seqs: dict[int, float] = field(default_factory=dict)
+    """its sequence numbers, and when each was sent"""
 
 
 class Talk:
     """Speaks with the file server of ``target`` while the ``with`` lasts. Lives on the event loop.
 
     ``session``: the number we ask with until the server names its own. ArduPilot lets the client choose, and closes by
-    ResetSessions only the session of that number, so ours is not a ground station's.
+    ResetSessions only the session of that number, so ours is not a ground station's. ``seq``: the last sequence number
+    of the conversation before: a server takes a request with the number it answered last for a repetition of that.
     """
 
-    def __init__(self, port: Port, target: tuple[int, int], session: int) -> None:
+    def __init__(self, port: Port, target: tuple[int, int], session: int, seq: int = 0) -> None:
         self._port, self._target = port, target
         self.session = session
-        self._seq = 0
+        self.seq = seq
         self._rto = 1.0
-        self._trip: float | None = None
+        self.trip: float | None = None
+        """s that a request and its answer take, smoothed; None: not known yet"""
         self._mail = Mailbox(port, target, MESSAGE)
 
     def __enter__(self) -> Talk:
@@ -63,6 +72,12 @@ class Talk:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._mail.__exit__(kind, error, tb)
+
+    @property
+    def in_flight(self) -> int:
+        """Requests to send ahead of their answers."""
+        far = (self.trip or 0.0) > FAR and self._port.link.capacity is None
+        return FAR_IN_FLIGHT if far else IN_FLIGHT
 
     @property
     def patience(self) -> float:
@@ -86,7 +101,7 @@ class Talk:
     ) -> int:
         """Send a request; gives its sequence number, the next one unless it is a repetition."""
         if seq is None:
-            self._seq = seq = (self._seq + 1) & 0xFFFF
+            self.seq = seq = (self.seq + 1) & 0xFFFF
         packet = Packet(seq, self.session, op, len(data) if size is None else size, offset=offset, data=data)
         system, component = self._target
         self._port.send(MESSAGE, target_system=system, target_component=component, payload=pack(packet))
@@ -94,7 +109,7 @@ class Talk:
 
     def skip(self, last: int, count: int) -> None:
         """Go on with sequence numbers ``count`` behind ``last``."""
-        self._seq = (last + count) & 0xFFFF
+        self.seq = (last + count) & 0xFFFF
 
     async def ask(
         self, op: Op, data: bytes = b"", *, offset: int = 0, size: int | None = None, give_up: float = GIVE_UP
@@ -103,18 +118,17 @@ class Talk:
 
         Raises :class:`TimedOut` after ``give_up`` seconds.
         """
-        began = time.monotonic()
-        seq, tries = self.send(op, data, offset=offset, size=size), 1
-        sent = began
+        began = sent = time.monotonic()
+        seq, wait, again = self.send(op, data, offset=offset, size=size), self._rto, False
         while (now := time.monotonic()) < began + give_up:
-            answer = await self.receive(min(sent + self._rto, began + give_up) - now)
+            answer = await self.receive(min(sent + wait, began + give_up) - now)
             if answer is None:
-                self._rto = min(self._rto * 1.5, LONGEST)
-                tries, sent = tries + 1, time.monotonic()
+                wait, sent, again = min(wait * 1.5, LONGEST), time.monotonic(), True
                 self.send(op, data, offset=offset, size=size, seq=seq)
             elif (answer.seq - 1) & 0xFFFF == seq:
                 if answer.req_opcode == op:
-                    self._learn(sent, tries)
+                    if not again:  # else nobody knows which request was answered
+                        self.learn(time.monotonic() - sent)
                     return answer
                 # The server takes it for a repetition of a request before: say it with another number.
                 seq, sent = self.send(op, data, offset=offset, size=size), time.monotonic()
@@ -129,9 +143,11 @@ class Talk:
         by_seq: dict[int, Flight] = {}
         heard = time.monotonic()
         while True:
-            while len(flying) < IN_FLIGHT and (job := next(jobs, None)) is not None:
+            while len(flying) < self.in_flight and (job := next(jobs, None)) is not None:
                 flying.append(Flight(job))
                 self._launch(op, flying[-1], by_seq)
+                if self.in_flight > IN_FLIGHT:
+                    await asyncio.sleep(SPACING)
             if not flying:
                 return
             oldest = min(flying, key=lambda flight: flight.sent)
@@ -139,14 +155,13 @@ class Talk:
             if answer is None:
                 if time.monotonic() - heard > GIVE_UP:
                     raise TimedOut(f"no answer to {op.name} within {GIVE_UP:.0f} s", vehicle=self._port.name)
-                self._rto = min(self._rto * 1.5, LONGEST)
                 self._launch(op, oldest, by_seq)
                 continue
             flight = by_seq.get((answer.seq - 1) & 0xFFFF)
             if flight is None or answer.req_opcode != op:
                 continue
             heard = time.monotonic()
-            self._learn(flight.sent, len(flight.seqs))
+            self.learn(heard - flight.seqs[answer.seq - 1 & 0xFFFF])
             flying.remove(flight)
             for seq in flight.seqs:
                 by_seq.pop(seq, None)
@@ -156,13 +171,10 @@ class Talk:
         """Send it, again with a number of its own: its place in the file says what it is."""
         offset, size, data = flight.job
         seq = self.send(op, data, offset=offset, size=size)
-        flight.seqs, flight.sent = (*flight.seqs, seq), time.monotonic()
+        flight.sent = flight.seqs[seq] = time.monotonic()
         by_seq[seq] = flight
 
-    def _learn(self, sent: float, tries: int) -> None:
-        """How long an answer takes on this link; one to a repeated request does not tell."""
-        if tries > 1:
-            return
-        took = time.monotonic() - sent
-        self._trip = took if self._trip is None else 0.8 * self._trip + 0.2 * took
-        self._rto = min(max(2.0 * self._trip + 0.1, SHORTEST), LONGEST)
+    def learn(self, took: float) -> None:
+        """How long an answer took on this link."""
+        self.trip = took if self.trip is None else 0.8 * self.trip + 0.2 * took
+        self._rto = min(max(2.0 * self.trip + 0.1, SHORTEST), LONGEST)

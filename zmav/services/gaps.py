@@ -41,6 +41,8 @@ class Gaps:
 
     def fill(self, start: int, end: int) -> int:
         """These bytes came; gives how many of them had been missing."""
+        if start >= end:
+            return 0
         i = bisect.bisect_right(self._ends, start)
         new = 0
         while i < len(self._starts) and self._starts[i] < end:

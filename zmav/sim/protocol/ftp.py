@@ -52,10 +52,13 @@ class Burst:
 
 @dataclass
 class FtpFaults:
-    """What goes wrong on purpose: operations that are never answered, and those that are refused."""
+    """What goes wrong on purpose: operations that are never answered, those that are refused, and ``largest``: answers
+    with more data than that are lost.
+    """
 
     mute: set[Op] = field(default_factory=set)
     refuse: dict[Op, Nak] = field(default_factory=dict)
+    largest: int = MOST_DATA
 
 
 class FtpServer(Part):
@@ -91,6 +94,11 @@ class FtpServer(Part):
             Op.RENAME: self._rename,
             Op.CALC_FILE_CRC32: self._crc,
         }
+
+    @property
+    def open_path(self) -> str | None:
+        """The file that is open."""
+        return None if self._open is None else self._open.path
 
     def answers(self) -> Mapping[str, Answer]:
         return {"FILE_TRANSFER_PROTOCOL": self._receive}
@@ -170,6 +178,8 @@ class FtpServer(Part):
         self._used = self._now
         self.served += 1
         self._last = (request.sender, packet)
+        if len(packet.data) > self.faults.largest:
+            return
         system, component = request.sender
         request.channel.send(
             "FILE_TRANSFER_PROTOCOL", target_system=system, target_component=component, payload=pack(packet)

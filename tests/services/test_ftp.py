@@ -1,0 +1,204 @@
+"""MAVFTP beside the autopilot: every operation, over good links and bad ones, against the simulator's server."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.services.disk import PATIENCE_S, disk, noise
+from zmav.errors import BadInput, Refused, TimedOut
+from zmav.mavlink import ftp
+from zmav.mavlink.ftp import Nak, Op
+from zmav.mavlink.packed_params import PATH, unpack_params
+from zmav.services.ftp_talk import Talk
+
+if TYPE_CHECKING:
+    from tests.conftest import Net, StartOnboard
+
+
+async def test_a_file_there_and_back_and_all_that_can_be_done_with_it(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        files, data = d.v.files, noise(20_011)
+        await files.mkdir("/APM/new")
+        result = await files.put_bytes(data, "/APM/new/a.bin")
+        assert (result["size"], result["verified"]) == (len(data), True)
+        assert d.there("/APM/new/a.bin") == data
+        assert await files.crc32("/APM/new/a.bin") == ftp.crc32(data)
+        target = await files.get("/APM/new/a.bin", tmp_path / "here.bin")
+        assert target == tmp_path / "here.bin"
+        assert target.read_bytes() == data
+        await files.rename("/APM/new/a.bin", "/APM/new/b.bin")
+        (entry,) = await files.list("/APM/new/")
+        assert (entry.name, entry.size, entry.directory) == ("b.bin", len(data), False)
+        with pytest.raises(Refused, match="not empty"):
+            await files.rmdir("/APM/new")
+        await files.remove("/APM/new/b.bin")
+        await files.rmdir("/APM/new")
+        assert [e.name for e in await files.list("/APM")] == ["LOGS", "scripts", "terrain"]
+        assert d.idle
+
+
+async def test_long_listings_come_in_pieces_and_an_empty_one_is_empty(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        assert await d.v.files.list("/APM/terrain") == []
+        names = [f"a-name-of-some-length-{i:03d}.dat" for i in range(60)]
+        for name in names:
+            d.put(f"/APM/terrain/{name}", b"x")
+        assert [e.name for e in await d.v.files.list("/APM/terrain")] == names
+
+
+@pytest.mark.parametrize("size", [0, 1, 239, 240, 478, 239 * 500, 239 * 500 + 1])
+async def test_sizes_at_the_edges(net: Net, onboard: StartOnboard, tmp_path: Path, size: int) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        data = d.put("/APM/f", noise(size))
+        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        await d.v.files.put_bytes(data, "/APM/g")
+        assert d.there("/APM/g") == data
+
+
+async def test_what_the_server_refuses_is_said_in_words(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        with pytest.raises(Refused, match="/nope: there is no such file or directory") as caught:
+            await d.v.files.list("/nope")
+        assert caught.value.detail["nak"] == "FILE_NOT_FOUND"
+        with pytest.raises(Refused, match="exists already"):
+            await d.v.files.mkdir("/APM")
+        d.storage.ftp.faults.refuse[Op.CREATE_FILE] = Nak.FILE_PROTECTED
+        with pytest.raises(Refused, match="write-protected"):
+            await d.v.files.put_bytes(b"x", "/APM/x")
+        for path in ("", "a\0b", "x" * 239):
+            with pytest.raises(BadInput, match="cannot be a path"):
+                await d.v.files.remove(path)
+
+
+async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path, "lossy:{}?loss=0.2&delay=0.02&seed=5") as d:
+        data = d.put("/APM/f", noise(12_000))
+        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+        result = await d.v.files.put_bytes(data[:2_000], "/APM/g")
+        assert result["verified"]
+        assert d.there("/APM/g") == data[:2_000]
+        assert d.idle
+
+
+async def test_a_server_that_cannot_burst_is_read_piece_by_piece(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        data = d.put("/APM/f", noise(20_000))
+        d.storage.ftp.faults.refuse[Op.BURST_READ_FILE] = Nak.UNKNOWN_COMMAND
+        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+
+
+async def test_a_link_that_swallows_large_packets_gets_smaller_ones(
+    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zmav.services.ftp_talk.GIVE_UP", 2.0)
+    async with disk(net, onboard, tmp_path) as d:
+        data = d.put("/APM/f", noise(3_000))
+        d.storage.ftp.faults.largest = 110
+        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+
+
+async def test_without_a_checksum_a_file_comes_all_the_same(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        data = d.put("/APM/f", noise(2_000))
+        d.storage.ftp.faults.refuse[Op.CALC_FILE_CRC32] = Nak.UNKNOWN_COMMAND
+        stored = await d.onboard.files.fetch("/APM/f", lambda news: None)
+        assert (stored.verified, stored.crc32, stored.size) == (False, ftp.crc32(data), 2_000)
+        assert not (await d.v.files.put_bytes(data, "/APM/g"))["verified"]
+
+
+async def test_parameters_as_a_file(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        found = unpack_params((await d.v.files.get(PATH, tmp_path)).read_bytes())
+        params = d.world.vehicles[0].copter.params
+        assert [p.name for p in found] == params.names
+        assert {p.name: p.value for p in found} == {name: params[name] for name in params.names}
+
+
+async def test_a_cancelled_transfer_closes_its_session(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        d.put("/APM/f", noise(2_000_000))
+        under_way = asyncio.Event()
+
+        def progress(news: dict[str, Any]) -> None:
+            if news.get("bytes"):
+                under_way.set()
+
+        task = asyncio.ensure_future(d.v.files.get("/APM/f", tmp_path / "f", progress))
+        await asyncio.wait_for(under_way.wait(), PATIENCE_S)
+        assert not d.idle
+        assert await d.v.files.cancel() == "getting /APM/f"
+        with pytest.raises(Refused, match="superseded"):
+            await task
+        assert await d.v.files.list("/APM/scripts") == []  # our turn comes only when all is closed
+        assert d.idle
+        assert await d.v.files.cancel() is None
+
+
+async def test_half_a_file_is_not_left_behind(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        d.storage.ftp.faults.refuse[Op.WRITE_FILE] = Nak.FAIL
+        with pytest.raises(Refused, match="at byte 0"):
+            await d.v.files.put_bytes(noise(5_000), "/APM/scripts/x.lua")
+        assert await d.v.files.list("/APM/scripts") == []
+
+
+async def test_one_transfer_at_a_time_and_who_waits_is_told_for_what(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        data = d.put("/APM/f", noise(600_000))
+        said: list[dict[str, Any]] = []
+        first = asyncio.ensure_future(d.onboard.files.ftp.get("/APM/f", said.append))
+        while not any("bytes" in news for news in said):
+            await asyncio.sleep(0.01)
+        waited: list[dict[str, Any]] = []
+        await d.onboard.files.ftp.list("/APM", waited.append)
+        assert waited[:2] == [{"waiting_for": "getting /APM/f"}, {"waiting_for": None}]
+        assert await first == data
+
+
+async def test_another_clients_session_is_waited_for_and_respected(
+    net: Net, onboard: StartOnboard, tmp_path: Path
+) -> None:
+    async with disk(net, onboard, tmp_path, speed=4.0) as d:
+        data = d.put("/APM/f", noise(1_000))
+        address = d.onboard.adapter.address
+        source = d.onboard.identity.source
+        assert source is not None
+        with Talk(d.onboard.adapter, source, session=7) as other:
+            assert (await other.ask(Op.OPEN_FILE_RO, b"/APM/f")).nak is None
+            assert (await other.ask(Op.READ_FILE, offset=0, size=10)).data == data[:10]
+            assert address[1] != 7
+        # Three simulated seconds later the server takes it for gone.
+        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
+
+
+async def test_sequence_numbers_go_round(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        source = d.onboard.identity.source
+        assert source is not None
+        with Talk(d.onboard.adapter, source, session=9) as talk:
+            talk.skip(0xFFFD, 0)
+            for _ in range(5):
+                assert (await talk.ask(Op.NONE)).opcode == Op.ACK
+            assert (await talk.ask(Op.LIST_DIRECTORY, b"/", offset=0)).seq == 4
+
+
+async def test_a_server_that_never_answers_is_given_up(
+    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Talk.ask, "__kwdefaults__", {**Talk.ask.__kwdefaults__, "give_up": 0.5})  # type: ignore[dict-item]
+    async with disk(net, onboard, tmp_path) as d:
+        d.storage.ftp.faults.mute.update(Op)
+        with pytest.raises(TimedOut, match="has no MAVFTP"):
+            await d.onboard.files.ftp.list("/")
