@@ -12,7 +12,8 @@ from zmav.errors import ZmavError, from_code
 
 
 def tree(cls: type[ZmavError] = ZmavError) -> list[type[ZmavError]]:
-    return [cls, *(each for sub in cls.__subclasses__() for each in tree(sub))]
+    subs = [sub for sub in cls.__subclasses__() if sub.__module__ == errors.__name__]
+    return [cls, *(each for sub in subs for each in tree(sub))]
 
 
 def test_each_class_has_a_code_of_its_own() -> None:
@@ -78,3 +79,10 @@ def test_a_reply_that_is_no_error_body_is_told_as_it_is(data: bytes) -> None:
     got = wire.error_from(data)
     assert type(got) is ZmavError
     assert got.message == (data[:80].decode("utf-8", "replace") or "an error without a text")
+
+
+def test_a_module_s_own_kind_of_an_error_crosses_as_what_it_is_a_kind_of() -> None:
+    class Unheard(errors.TimedOut):
+        pass
+
+    assert type(errors.from_code(Unheard.code, "nothing came")) is errors.TimedOut

@@ -114,7 +114,7 @@ class Unsupported(VehicleError):
 
 
 def _tree(cls: type[ZmavError]) -> dict[str, type[ZmavError]]:
-    found = {cls.code: cls}
+    found = {cls.code: cls} if "code" in cls.__dict__ else {}  # a module's own kind of an error has its parent's code
     for sub in cls.__subclasses__():
         found.update(_tree(sub))
     return found

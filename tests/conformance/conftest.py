@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import json
 import os
+import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
@@ -21,6 +22,7 @@ import pytest_asyncio
 import zenoh
 
 import zmav
+from agents.demo.processes import free_port
 from zmav import keys, wire
 from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Packer
@@ -169,7 +171,7 @@ def _brief(state: wire.VehicleState | None) -> str:
 @contextlib.contextmanager
 def simulated(rules: str) -> Iterator[str]:
     """The link URL of a simulated copter under these rules."""
-    endpoint = "tcp:127.0.0.1:0" if rules == "arducopter" else "px4:0"
+    endpoint = "tcp:127.0.0.1:0" if rules == "arducopter" else f"onboard:0:{free_port(socket.SOCK_DGRAM)}"
     with World([VehicleSpec(autopilot=rules, endpoints=(endpoint,))]) as world:
         yield world.vehicles[0].url
 

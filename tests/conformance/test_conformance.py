@@ -60,9 +60,9 @@ async def test_params(flight: Flight) -> None:
     stack = str(flight.state.autopilot)
     name = next(n for n in (HARMLESS[stack], NEWER_HARMLESS.get(stack, "")) if n in known)
     before = known[name].value
-    assert await params.set(name, before + 1) == pytest.approx(before + 1)
+    assert (await params.set(name, before + 1)).value == pytest.approx(before + 1)
     assert (await params.get(name)).value == pytest.approx(before + 1)
-    assert await params.set(name, before) == pytest.approx(before)
+    assert (await params.set(name, before)).value == pytest.approx(before)
     with pytest.raises(BadInput):
         await params.set("NO_SUCH_PARAM", 1)
 
