@@ -185,12 +185,14 @@ class Vehicle(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def vehicle() -> Iterator[Vehicle]:
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
     """quad1, awake; shared, so leave it as you found it: disarmed on the ground."""
     spec = VehicleSpec(params={"DISARM_DELAY": 0.0})
     with World([spec], endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
-        up = Process(sys.executable, "-m", "zmav", "up", "--link", world.urls[0], "-l", endpoint, "--origin", *PLACE)
+        cache = ("--cache", str(tmp_path_factory.mktemp("cache")))
+        link = ("--link", world.urls[0], "-l", endpoint)
+        up = Process(sys.executable, "-m", "zmav", "up", *link, *cache, "--origin", *PLACE)
         try:
             up.expect("demo/quad1: ")
             found = Vehicle(world.vehicles[0], world, up, endpoint, Here("-e", endpoint))

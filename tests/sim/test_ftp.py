@@ -1,0 +1,206 @@
+"""The simulator's file server: pymavlink's own client, ArduPilot's rules, and bounds."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from pymavlink import mavftp, mavutil
+
+from zmav.mavlink.ftp import MOST_DATA, Entry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
+from zmav.mavlink.packed_params import PATH, PackedParam, pack_params, unpack_params
+from zmav.sim import World
+from zmav.sim.protocol.filesystem import MOST, FileError, FileSystem
+from zmav.sim.protocol.node import MavNode
+from zmav.sim.protocol.storage import Storage
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.sim.conftest import Desk
+
+
+class Client:
+    """Sends single packets at a desk, and reads what they bring."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self.seq = 0
+
+    def send(self, op: int, data: bytes = b"", *, session: int = 5, seq: int | None = None, **more: Any) -> None:
+        self.seq = self.seq + 2 if seq is None else seq
+        packet = Packet(self.seq, session, op, **{"size": len(data), **more}, data=data)
+        self.desk.clear("FILE_TRANSFER_PROTOCOL")
+        self.desk.send("FILE_TRANSFER_PROTOCOL", payload=pack(packet))
+
+    @property
+    def answers(self) -> list[Packet]:
+        return [unpack(m["payload"]) for m in self.desk.all("FILE_TRANSFER_PROTOCOL")]
+
+    def ask(self, op: int, data: bytes = b"", **more: Any) -> Packet:
+        self.send(op, data, **more)
+        (answer,) = self.answers
+        assert answer.seq == (self.seq + 1) & 0xFFFF
+        assert answer.req_opcode == op
+        return answer
+
+
+@pytest.fixture
+def client(desk: Desk) -> Client:
+    return Client(desk)
+
+
+def storage(desk: Desk) -> Storage:
+    node = desk.vehicle.node
+    assert isinstance(node, MavNode)
+    return node.storage
+
+
+def test_pymavlinks_client_lists_reads_writes_and_checks(tmp_path: Path) -> None:
+    with World(1, endpoint="tcp:0", ready_s=0.5) as world:
+        link = mavutil.mavlink_connection(world.urls[0], source_system=250)
+        link.wait_heartbeat(timeout=30)
+        client = mavftp.MAVFTP(link, target_system=1, target_component=1)
+
+        def run(operation: str, *arguments: str) -> Any:
+            result = getattr(client, f"cmd_{operation}")(list(arguments))
+            if operation in ("get", "put", "getparams"):
+                result = client.process_ftp_reply(operation, timeout=20)
+            assert result.error_code == 0, (operation, result.error_code)
+            return result
+
+        local, back = tmp_path / "local.bin", tmp_path / "back.bin"
+        local.write_bytes(bytes(range(256)) * 40)
+        run("mkdir", "/APM/new")
+        run("put", str(local), "/APM/new/a.bin")
+        assert [(e.name, e.size_b) for e in run("list", "/APM/new").directory_listing] == [("a.bin", 10_240)]
+        run("get", "/APM/new/a.bin", str(back))
+        assert back.read_bytes() == local.read_bytes()
+        run("getparams", str(tmp_path / "p.param"))
+        lines = (tmp_path / "p.param").read_text().splitlines()
+        assert len([line for line in lines if not line.startswith("#")]) == len(world.vehicles[0].copter.params)
+        link.close()
+
+
+def test_a_repeated_request_gets_its_answer_again_and_is_done_once(client: Client) -> None:
+    assert client.ask(Op.CREATE_DIRECTORY, b"/APM/x").opcode == Op.ACK
+    assert client.ask(Op.CREATE_DIRECTORY, b"/APM/x", seq=client.seq).opcode == Op.ACK
+    assert client.ask(Op.CREATE_DIRECTORY, b"/APM/x").nak is Nak.FILE_EXISTS
+
+
+def test_one_session_which_others_get_after_three_idle_seconds(client: Client) -> None:
+    assert client.ask(Op.CREATE_FILE, b"/APM/x", session=5).session == 5
+    assert client.ask(Op.LIST_DIRECTORY, b"/", session=6).nak is Nak.INVALID_SESSION
+    assert client.ask(Op.RESET_SESSIONS, session=6).opcode == Op.ACK
+    assert client.ask(Op.WRITE_FILE, b"abc", session=5).opcode == Op.ACK
+    assert client.ask(Op.CREATE_FILE, b"/APM/y", session=5).nak is Nak.FAIL
+    client.desk.world.step(3.1)
+    assert client.ask(Op.LIST_DIRECTORY, b"/", session=6).opcode == Op.ACK
+    assert client.ask(Op.WRITE_FILE, b"abc", session=5).nak is Nak.FILE_NOT_FOUND
+
+
+def test_a_burst_is_500_packets_and_ends_with_the_file(client: Client) -> None:
+    size = MOST_DATA * 501 + 10
+    storage(client.desk).files.create("/APM/f")
+    storage(client.desk).files.write("/APM/f", 0, bytes(size))
+    assert int.from_bytes(client.ask(Op.OPEN_FILE_RO, b"/APM/f").data, "little") == size
+    client.send(Op.BURST_READ_FILE, size=MOST_DATA)
+    client.desk.world.step(1.0)
+    packets = client.answers
+    assert len(packets) == 500
+    assert [p.offset for p in packets] == list(range(0, 500 * MOST_DATA, MOST_DATA))
+    assert [p.seq for p in packets] == list(range(client.seq + 1, client.seq + 501))
+    assert [p.burst_complete for p in packets] == [False] * 499 + [True]
+    client.send(Op.BURST_READ_FILE, size=MOST_DATA, offset=500 * MOST_DATA, seq=2000)
+    client.desk.world.step(0.1)
+    full, short, end = client.answers
+    assert (len(full.data), full.burst_complete) == (MOST_DATA, False)
+    assert (len(short.data), short.burst_complete) == (10, True)
+    assert (end.nak, end.offset) == (Nak.EOF, size)
+
+
+@pytest.mark.parametrize(
+    ("op", "data", "more", "nak"),
+    [
+        (Op.READ_FILE, b"", {"size": 10}, Nak.FILE_NOT_FOUND),
+        (Op.BURST_READ_FILE, b"", {"size": 10}, Nak.FILE_NOT_FOUND),
+        (Op.WRITE_FILE, b"x", {}, Nak.FILE_NOT_FOUND),
+        (Op.LIST_DIRECTORY, b"", {}, Nak.INVALID_DATA_SIZE),
+        (Op.LIST_DIRECTORY, b"/", {"size": 9}, Nak.INVALID_DATA_SIZE),
+        (Op.LIST_DIRECTORY, b"/../..", {}, Nak.FILE_NOT_FOUND),
+        (Op.LIST_DIRECTORY, b"/APM/terrain", {}, Nak.EOF),
+        (Op.LIST_DIRECTORY, b"/", {"offset": 1 << 31}, Nak.EOF),
+        (Op.OPEN_FILE_RO, b"/APM", {}, Nak.FILE_NOT_FOUND),
+        (Op.OPEN_FILE_RO, b"\xff\xfe", {}, Nak.FILE_NOT_FOUND),
+        (Op.CREATE_FILE, b"/nowhere/x", {}, Nak.FILE_NOT_FOUND),
+        (Op.CREATE_FILE, b"/APM", {}, Nak.FILE_PROTECTED),
+        (Op.CREATE_FILE, b"/APM/LOGS/x", {}, Nak.FILE_PROTECTED),
+        (Op.REMOVE_FILE, b"/APM", {}, Nak.FAIL_ERRNO),
+        (Op.REMOVE_DIRECTORY, b"/APM", {}, Nak.FAIL_ERRNO),
+        (Op.RENAME, b"/APM/x", {}, Nak.INVALID_DATA_SIZE),
+        (Op.TRUNCATE_FILE, b"/APM/x", {}, Nak.FAIL),
+        (Op.CALC_FILE_CRC32, b"@PARAM/param.pck", {}, Nak.FAIL),
+        (77, b"", {}, Nak.FAIL),
+        (Op.NONE, b"", {"size": 255}, Nak.INVALID_DATA_SIZE),
+    ],
+)
+def test_what_cannot_be_done_is_refused(client: Client, op: int, data: bytes, more: dict[str, int], nak: Nak) -> None:
+    assert client.ask(op, data, **more).nak is nak
+    assert client.ask(Op.NONE).opcode == Op.ACK
+
+
+def test_generated_files_are_read_in_steps_of_one_size(client: Client) -> None:
+    client.ask(Op.OPEN_FILE_RO, PATH.encode())
+    assert len(client.ask(Op.READ_FILE, size=100).data) == 100
+    assert client.ask(Op.READ_FILE, size=50, offset=100).errno == 22
+    client.ask(Op.TERMINATE_SESSION)
+    client.ask(Op.OPEN_FILE_RO, f"{PATH}?start=3&count=2".encode())
+    found = unpack_params(client.ask(Op.READ_FILE, size=MOST_DATA).data)
+    assert [p.name for p in found] == client.desk.vehicle.copter.params.names[3:5]
+    client.ask(Op.TERMINATE_SESSION)
+    client.ask(Op.OPEN_FILE_RO, f"{PATH}?start=x".encode())
+    assert client.ask(Op.READ_FILE, size=MOST_DATA).errno == 22
+
+
+def test_no_value_of_a_packed_parameter_lies_across_two_reads() -> None:
+    rows = [PackedParam(f"P{i:03d}_{'x' * (i % 7)}", i * 1.5, 9) for i in range(300)]
+    data = pack_params(rows, read_size=50)
+    assert unpack_params(data) == rows
+    for row in rows:
+        at = data.index(row.name[-1:].encode() + struct.pack("<f", row.value)) + 1
+        assert at // 50 == (at + 3) // 50, row
+
+
+def test_the_card_is_full_one_day() -> None:
+    files = FileSystem("/a")
+    files.create("/a/f")
+    with pytest.raises(FileError) as caught:
+        files.write("/a/f", MOST, b"x")
+    assert caught.value.number == 28
+    with pytest.raises(FileError):
+        for i in range(3_000):
+            files.create(f"/a/{i}")
+    assert files.list("/") == [Entry("a", None)]
+
+
+def test_the_checksum_is_the_protocols() -> None:
+    table = []
+    for n in range(256):  # as published: the reflected polynomial, begun with 0, not inverted
+        c = n
+        for _ in range(8):
+            c = c >> 1 ^ 0xEDB88320 if c & 1 else c >> 1
+        table.append(c)
+    crc = 0
+    for byte in b"123456789":
+        crc = table[(crc ^ byte) & 0xFF] ^ crc >> 8
+    assert crc32(b"123456789") == crc
+    assert crc32(b"6789", crc32(b"12345")) == crc
+
+
+def test_a_packet_there_and_back() -> None:
+    packet = Packet(0xFFFE, 1, Op.ACK, 3, Op.READ_FILE, True, 1 << 31, b"a\0b")
+    assert unpack(pack(packet)) == packet
+    assert unpack(pack(packet).rstrip(b"\0")) == packet
+    assert unpack(b"") == Packet(0, 0, 0)
+    assert unpack_entries(b"Da\0Fb\t12\0S\0Fc\0\0X\0") == [Entry("a", None), Entry("b", 12), None, Entry("c", 0), None]

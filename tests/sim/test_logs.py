@@ -1,0 +1,187 @@
+"""The simulator's flight logs: real ones, by both protocols, within bounds."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from pymavlink import DFReader, mavutil
+
+from zmav.sim import World
+from zmav.sim.dataflash import DataflashWriter
+from zmav.sim.protocol import logs
+from zmav.sim.protocol.flightlog import LAYOUTS
+from zmav.sim.protocol.logs import LogStore
+from zmav.sim.protocol.node import MavNode
+from zmav.sim.protocol.storage import Storage
+from zmav.sim.ulog import MAGIC, Topic, UlogWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.sim.conftest import Desk, MakeDesk
+
+EPOCH_S = 1_790_000_000.0
+
+
+def storage(desk: Desk) -> Storage:
+    node = desk.vehicle.node
+    assert isinstance(node, MavNode)
+    return node.storage
+
+
+def read(data: bytes, path: Path) -> list[Any]:
+    """A log's messages, as pymavlink reads them."""
+    path.write_bytes(data)
+    reader = DFReader.DFReader_binary(str(path))
+    found = []
+    while (message := reader.recv_msg()) is not None:
+        found.append(message)
+    return found
+
+
+def test_a_flight_is_logged_and_read_by_pymavlink(make_desk: MakeDesk, tmp_path: Path) -> None:
+    desk = make_desk(epoch_s=EPOCH_S)
+    assert storage(desk).logs.logs == []
+    desk.take_off(5.0)
+    desk.command(176, 1, 9)
+    desk.until(lambda: not desk.vehicle.copter.armed)
+    (log,) = storage(desk).logs.logs
+    messages = read(bytes(log.data), tmp_path / "log.bin")
+    kinds = Counter(m.get_type() for m in messages)
+    seconds = desk.world.time_s
+    assert kinds["PARM"] == len(desk.vehicle.copter.params)
+    assert kinds["ATT"] == pytest.approx(10 * seconds, rel=0.2)
+    assert kinds["GPS"] == pytest.approx(5 * seconds, rel=0.2)
+    assert [m.ModeNum for m in messages if m.get_type() == "MODE"] == [4, 9]
+    assert [m.ArmState for m in messages if m.get_type() == "ARM"] == [1, 0]
+    texts = [m.Message for m in messages if m.get_type() == "MSG"]
+    assert texts[0].startswith("ArduCopter V")
+    assert "Disarming motors" in texts
+    heights = [m.RelHomeAlt for m in messages if m.get_type() == "POS"]
+    assert max(heights) == pytest.approx(5.0, abs=0.5)
+    gps = [m for m in messages if m.get_type() == "GPS"][-1]
+    assert (gps.Lat, gps.Lng) == pytest.approx((desk.vehicle.copter.position.lat_deg, 149.16523), abs=1e-5)
+    assert gps._timestamp == pytest.approx(EPOCH_S + seconds, abs=1.0)
+    assert log.end_s == pytest.approx(EPOCH_S + seconds, abs=1.0)
+    (volt,) = {m.get_unit("Volt") for m in messages if m.get_type() == "BAT"} if hasattr(gps, "get_unit") else {"V"}
+    assert volt == "V"
+    for kind in ("FMT", "FMTU", "UNIT", "MULT"):
+        assert kinds[kind] > 0
+
+
+def test_every_arming_begins_another_log(desk: Desk) -> None:
+    desk.until(lambda: desk.vehicle.copter.position_ok)
+    for _ in range(2):
+        assert desk.command(400, 1) == 0
+        desk.world.step(0.5)
+        assert desk.command(400, 0) == 0
+        desk.world.step(0.1)
+    assert [log.name for log in storage(desk).logs.logs] == ["00000001.BIN", "00000002.BIN"]
+    assert [e.name for e in storage(desk).files.list("/APM/LOGS")] == ["00000001.BIN", "00000002.BIN"]
+
+
+def test_pymavlink_downloads_a_log_as_mavproxy_does() -> None:
+    with World(1, endpoint="tcp:0", ready_s=0.5) as world:
+        node = world.vehicles[0].node
+        assert isinstance(node, MavNode)
+        data = bytes(range(251)) * 200
+        world.call(lambda: node.storage.logs.begin(bytearray(data), EPOCH_S))
+        link = mavutil.mavlink_connection(world.urls[0], source_system=250)
+        link.wait_heartbeat(timeout=30)
+        link.mav.log_request_list_send(1, 1, 0, 0xFFFF)
+        entry = link.recv_match(type="LOG_ENTRY", blocking=True, timeout=30)
+        assert (entry.id, entry.num_logs, entry.last_log_num, entry.size) == (1, 1, 1, len(data))
+        assert entry.time_utc == EPOCH_S
+        link.mav.log_request_data_send(1, 1, 1, 0, 0xFFFFFFFF)
+        got = bytearray(len(data))
+        missing = len(data)
+        while missing:
+            m = link.recv_match(type="LOG_DATA", blocking=True, timeout=30)
+            assert m is not None
+            got[m.ofs : m.ofs + m.count] = bytes(m.data[: m.count])
+            missing -= m.count
+        assert bytes(got) == data
+        link.mav.log_request_end_send(1, 1)
+        link.close()
+
+
+def test_nothing_is_given_out_while_armed_and_that_is_said_once(desk: Desk) -> None:
+    storage(desk).logs.begin(bytearray(b"x" * 300), EPOCH_S)
+    desk.until(lambda: desk.vehicle.copter.position_ok)
+    desk.command(400, 1)
+    desk.clear()
+    for _ in range(2):
+        desk.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
+        desk.send("LOG_ERASE")
+    desk.world.step(0.2)
+    assert desk.all("LOG_ENTRY") == []
+    assert desk.texts().count("Disarm for log download") == 1
+    assert storage(desk).logs.logs[0].data == b"x" * 300
+    desk.command(400, 0)
+    desk.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
+    desk.world.step(0.2)
+    assert [e["id"] for e in desk.all("LOG_ENTRY")] == [1, 2]
+
+
+def test_one_transfer_at_a_time(desk: Desk, another_desk: Any) -> None:
+    storage(desk).logs.begin(bytearray(b"x" * 100_000), EPOCH_S)
+    other = another_desk(desk.world, desk.vehicle)
+    desk.send("LOG_REQUEST_DATA", id=1, ofs=0, count=100_000)
+    desk.send("LOG_REQUEST_DATA", id=1, ofs=50_000, count=90)
+    other.send("LOG_REQUEST_DATA", id=1, ofs=0, count=90)
+    desk.world.step(0.02)
+    assert "Log download in progress" in other.texts()
+    assert [m["ofs"] for m in desk.all("LOG_DATA")] == list(range(0, 320 * 90, 90))
+    desk.send("LOG_REQUEST_END")
+    desk.clear()
+    other.send("LOG_REQUEST_DATA", id=1, ofs=99_990, count=90)
+    desk.world.step(0.02)
+    assert desk.all("LOG_DATA") == []
+    assert [(m["ofs"], m["count"]) for m in other.all("LOG_DATA")] == [(99_990, 10)]
+    other.clear()
+    other.send("LOG_REQUEST_DATA", id=9, ofs=0, count=90)
+    desk.world.step(0.02)
+    assert other.all("LOG_DATA") == []
+
+
+def test_logs_stay_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(logs, "MOST", 3_000)
+    monkeypatch.setattr(logs, "MOST_ONE", 1_000)
+    store = LogStore()
+    for _ in range(6):
+        store.begin(bytearray(1_000), EPOCH_S)
+    assert [log.number for log in store.logs] == [4, 5, 6]
+    writer = DataflashWriter(LAYOUTS, 0, limit=20_000)
+    for _ in range(1_000):
+        writer.write("MSG", 0, "words")
+    assert writer.full
+    assert 19_900 < len(writer.data) <= 20_000
+
+
+def test_ulog_is_laid_out_as_documented() -> None:
+    topic = Topic("vehicle_attitude", (("float", "roll"), ("uint8_t", "mode"), ("int32_t", "lat")))
+    writer = UlogWriter((topic,), 1_000, 10_000, info={"sys_name": "PX4"}, params={"MAV_SYS_ID": 3, "MPC_XY_P": 0.95})
+    writer.write("vehicle_attitude", 2_000, 0.5, 7, -5)
+    writer.text(6, 3_000, "Takeoff detected")
+    data = bytes(writer.data)
+    assert data[:8] == MAGIC
+    assert struct.unpack_from("<Q", data, 8) == (1_000,)
+    at, found = 16, []
+    while at < len(data):
+        size, kind = struct.unpack_from("<HB", data, at)
+        found.append((chr(kind), data[at + 3 : at + 3 + size]))
+        at += 3 + size
+    assert at == len(data)
+    assert [kind for kind, _ in found] == ["B", "F", "I", "P", "P", "A", "D", "L"]
+    bodies = [body for _, body in found]
+    assert bodies[0] == bytes(40)
+    assert bodies[1] == b"vehicle_attitude:uint64_t timestamp;float roll;uint8_t mode;int32_t lat;"
+    assert bodies[2] == b"\x10char[3] sys_name" + b"PX4"
+    assert bodies[3] == b"\x12int32_t MAV_SYS_ID" + struct.pack("<i", 3)
+    assert bodies[4] == b"\x0efloat MPC_XY_P" + struct.pack("<f", 0.95)
+    assert bodies[5] == struct.pack("<BH", 0, 0) + b"vehicle_attitude"
+    assert bodies[6] == struct.pack("<HQfBi", 0, 2_000, 0.5, 7, -5)
+    assert bodies[7] == b"6" + struct.pack("<Q", 3_000) + b"Takeoff detected"
