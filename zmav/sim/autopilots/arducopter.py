@@ -37,6 +37,8 @@ HIGHEST_M = 80_000.0
 FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
 NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF = 16, 21, 22  # MAV_CMD
 MOST_VOLTS = 60.0
+# To thrust, as measured: from the order to lift off, and from arming (after which the motors stand still for 2 s).
+SPOOL_UP_S, ARMING_S = 2.0, 3.2
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
 GPS_COAST_S = 10.0  # how long the estimate lives on without a GPS
 
@@ -136,9 +138,9 @@ class ArduCopter:
         self.payload.power_on()
         self.consumed_mah = 0.0
         self._home_locked = False
-        self._switch = self.pilot.switch
+        self._switch, self._switch_pwm = self.pilot.switch, self.pilot.pwm[4]
         self._quiet_since: float | None = None
-        self._idle_since = self._landed_at = self.now
+        self._idle_since = self._landed_at = self._armed_at = self.now
         self._reminded = self.now
         self._gps_lost: float | None = None
         self._choose_speeds()
@@ -192,6 +194,11 @@ class ArduCopter:
     def settled(self) -> bool:
         """It has stood on the ground for a moment."""
         return self.landed and self.now - self._landed_at >= LANDED_AFTER_S
+
+    @property
+    def spun_up_at(self) -> float:
+        """When it has thrust, if it is to lift off now."""
+        return max(self.now + SPOOL_UP_S, self._armed_at + ARMING_S)
 
     @property
     def height(self) -> float:
@@ -265,6 +272,7 @@ class ArduCopter:
             self.say(WARNING, f"Mode change to {mode.name} failed: {refusal}")
             return False
         self.mode.leave()
+        self.sp.raw(False)
         self.mode, self.mode_by_fence = mode, by_fence
         self._choose_speeds()
         mode.enter()
@@ -344,7 +352,7 @@ class ArduCopter:
         if faults:
             return False
         self.armed = True
-        self._idle_since = self.now
+        self._idle_since = self._armed_at = self.now
         if not self._home_locked:
             self.move_home(None)
         self.say(INFO, "Arming motors")
@@ -429,8 +437,12 @@ class ArduCopter:
 
     def follow_switch(self, *, force: bool = False) -> None:
         """A turn of the pilot's mode switch changes the mode; ``force``: as if it had just been turned."""
+        pwm = self.rc.pwm[4]
+        if (pwm == self._switch_pwm and not force) or self.rc.lost:
+            return
+        self._switch_pwm = pwm
         switch = self.rc.switch
-        if (switch != self._switch or force) and not self.rc.lost:
+        if switch != self._switch or force:
             self._switch = switch
             self.set_mode(int(self.params[f"FLTMODE{switch}"]))
 

@@ -7,7 +7,20 @@ from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.heading import Look
 from zmav.sim.autopilots.items import Item
-from zmav.sim.autopilots.legs import LEGS, Delay, GuidedEnable, LandAt, Leg, LoiterToAlt, ReturnToLaunch, Takeoff
+from zmav.sim.autopilots.legs import (
+    LEGS,
+    Delay,
+    GuidedEnable,
+    LandAt,
+    Leg,
+    LoiterForever,
+    LoiterTime,
+    LoiterToAlt,
+    LoiterTurns,
+    ReturnToLaunch,
+    Takeoff,
+    Waypoint,
+)
 from zmav.sim.autopilots.mission import State
 from zmav.sim.autopilots.modes import Mode
 from zmav.sim.control.setpoints import Spool, Vector
@@ -19,6 +32,8 @@ CRITICAL, WARNING = 2, 4
 ALLOW_ARMING, ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2  # AUTO_OPTIONS
 SPEEDS = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}  # SPEED_TYPE
 CONDITION_DELAY, CONDITION_DISTANCE, CONDITION_YAW = 112, 114, 115
+# Commands that go on with the way there is; the others set their own targets.
+KEEPS_WAY = (Waypoint, LoiterForever, LoiterTime, LoiterToAlt, LandAt, LoiterTurns, Delay)
 # Commands that the mission library carries out by itself: they are done at once, and no item is reported reached.
 UNREPORTED = {181, 182, 183, 184, 202, 203, 206, 218, 600, 1000, 2000, 2001}
 
@@ -67,6 +82,7 @@ class Auto(Mode):
         if self.copter.mission.state is State.RUNNING:
             self.copter.mission.stop()
         self.leg = None
+        self.copter.travel.release()
 
     def idle(self) -> None:
         """A mission that was chosen before arming runs as far as it gets on the ground."""
@@ -81,6 +97,7 @@ class Auto(Mode):
             copter.auto_armed = True
         if self.leg is None or isinstance(self.leg, Delay):
             copter.sp.spool(Spool.IDLE if copter.landed else Spool.FLY)
+            copter.travel.update()
         else:
             self.leg.run()
 
@@ -136,6 +153,8 @@ class Auto(Mode):
     def start(self, item: Item) -> bool:
         leg = LEGS.get(item.command)
         if leg is not None:
+            if leg not in KEEPS_WAY:
+                self.copter.travel.release()
             self.leg = leg(self, item)
             self.leg.begin()
             self._note_mission()
@@ -188,6 +207,8 @@ class Auto(Mode):
         if item.command == CONDITION_DISTANCE:
             return copter.travel.distance < self._wait_distance
         if item.command == CONDITION_YAW:
+            # A leg that began meanwhile has turned the nose its own way.
+            copter.heading.insist()
             return copter.heading.arrived(copter.sense.yaw)
         return True
 

@@ -15,7 +15,6 @@ import msgspec
 from zmav.sim.autopilots.modes import Mode
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
-SPOOL_UP_S = 2.0  # from the command to thrust, as measured
 TAKEOFF_DONE_M = 0.5
 
 
@@ -86,7 +85,7 @@ class Guided(Mode):
         """Rise to ``down`` metres (world NED) over this place."""
         copter = self.copter
         self.doing, self._takeoff_down, self._until = Doing.TAKEOFF, down, math.inf
-        self._lift_at = copter.now + SPOOL_UP_S
+        self._lift_at = copter.spun_up_at
         self.target = Target(pos=(copter.sense.north, copter.sense.east, down))
         copter.sp.move(pos=(copter.sense.north, copter.sense.east, down))
         copter.heading.hold(copter.sense.yaw)
@@ -170,7 +169,7 @@ class Guided(Mode):
         if not self._wanted.lifts or copter.now > self._until:
             self._lift_at = math.inf
         elif self._lift_at == math.inf:
-            self._lift_at = copter.now + SPOOL_UP_S
+            self._lift_at = copter.spun_up_at
         return copter.now < self._lift_at
 
     def _face(self, wish: YawWish) -> None:

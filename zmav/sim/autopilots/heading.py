@@ -60,6 +60,11 @@ class Heading:
         self.rate = min(rate, highest) if rate > 0 else highest
         self.look, self._yaw = Look.SWEEP, start
 
+    def insist(self) -> None:
+        """Go on with a sweep that something else had taken the nose from."""
+        if self.look is not Look.SWEEP:
+            self.look = Look.SWEEP
+
     def watch(self, north: float, east: float) -> None:
         """Keep the nose on a point of the world's NED."""
         self.look, self._point = Look.POINT, (north, east)
@@ -74,10 +79,8 @@ class Heading:
 
     def arrived(self, yaw: float) -> bool:
         """A sweep is over and the nose is there."""
-        if self.look not in (Look.SWEEP, Look.FIXED):
-            return True
         off = (self._yaw - yaw + math.pi) % (2.0 * math.pi) - math.pi
-        return abs(off) <= ARRIVED and (self.look is Look.FIXED or abs(self._left) <= ARRIVED)
+        return abs(off) <= ARRIVED and abs(self._left) <= ARRIVED
 
     def update(self, sense: Sense, dt: float) -> None:
         """Once a tick, while the motors run."""

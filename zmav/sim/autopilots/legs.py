@@ -9,7 +9,6 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.guided import SPOOL_UP_S
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.modes import CENTI, descend
 from zmav.sim.control.setpoints import Axis, Spool, Vector
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from zmav.sim.autopilots.auto import Auto
 
 INFO = 6
-EDGE_M = 3.0  # a circle is flown to first where it is farther away
+EDGE_M = 3.0  # so near to its centre, circling begins at once
 PASSING = (16, 17, 19, 82)  # commands that a waypoint before them is passed to without a stop
 LEAST_CLIMB_M = 1.0
 SLOWEST_TURN = math.radians(2.0)  # rad/s^2
@@ -91,7 +90,7 @@ class Takeoff(Leg):
             if not copter.auto_armed:
                 self._lift_at = math.inf
             elif self._lift_at == math.inf:
-                self._lift_at = copter.now + SPOOL_UP_S
+                self._lift_at = copter.spun_up_at
             self._place = (copter.sense.north, copter.sense.east, self._down)
             copter.sp.move(pos=self._place)
             copter.heading.hold(copter.sense.yaw)
@@ -190,7 +189,7 @@ class LoiterTurns(Leg):
         self._said = -1
         north, east = s.north - self._centre[0], s.east - self._centre[1]
         off = math.hypot(north, east)
-        if abs(off - self._radius) <= EDGE_M:
+        if math.hypot(off, s.down - self._centre[2]) <= EDGE_M:
             self._circle()
             return
         angle = math.atan2(east, north) if off > 0.01 else s.yaw + math.pi
@@ -203,6 +202,7 @@ class LoiterTurns(Leg):
 
     def _circle(self) -> None:
         s = self.copter.sense
+        self.copter.travel.release()
         self._angle = math.atan2(s.east - self._centre[1], s.north - self._centre[0])
 
     def _on_circle(self, angle: float) -> Vector:
@@ -275,6 +275,7 @@ class LandAt(Leg):
 
     def _descend(self) -> None:
         self.descending = True
+        self.copter.travel.release()
         self.copter.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
         self.copter.heading.hold(self.copter.sense.yaw)
 

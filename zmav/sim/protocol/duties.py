@@ -30,7 +30,7 @@ def _mission_start(node: MavNode, c: Command) -> int:
     if not copter.set_mode(_AUTO):
         return FAILED
     copter.auto_armed = copter.armed
-    if copter.mission.state is not State.RUNNING and not copter.auto.waiting:
+    if copter.mission.state is not State.RUNNING:
         copter.mission.start_or_resume()
     return ACCEPTED
 

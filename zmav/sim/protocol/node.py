@@ -32,6 +32,7 @@ class MavNode(Node):
     def __init__(self, copter: ArduCopter, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
         super().__init__(copter, dialect, REPORTS, uid=uid, epoch_us=epoch_us)
         self.copter = copter
+        self._reached: int | None = None
         self.storage = Storage(copter, lambda: self.unix_us)
         for part in self.storage.parts:
             self.add(part)
@@ -93,8 +94,15 @@ class MavNode(Node):
             self.report(channel, name)
 
     def _item_reached(self, seq: int) -> None:
-        for channel in self.channels:
-            channel.send("MISSION_ITEM_REACHED", seq=seq)
+        """Of several items in one tick only the last is told, as ArduPilot does."""
+        self._reached = seq
+
+    def tick(self) -> None:
+        super().tick()
+        if self._reached is not None:
+            for channel in self.channels:
+                channel.send("MISSION_ITEM_REACHED", seq=self._reached)
+            self._reached = None
 
     def announce(self) -> None:
         """Where the origin and home are now."""
