@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +13,13 @@ from zmav.errors import BadInput
 from zmav.formats import plans
 from zmav.formats.items import Plan
 from zmav.mavlink import load_dialect
+from zmav.sim import World
+from zmav.sim.spec import VehicleSpec
 from zmav.wire import MissionItem
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Here, Vehicle
+    from tests.conftest import Net, StartOnboard
 
 ENUMS = load_dialect().enums
 LAT, LON = -35.363261, 149.165230
@@ -151,3 +155,30 @@ def test_convert_and_show_files(here: type[Here], survey: Path, tmp_path: Path) 
     lines = here()("mission", "show", str(target), "--json").lines
     assert [line["mission"]["kind"] for line in lines] == ["mission"]
     assert isinstance(offline.fails("mission", "convert", str(target), str(survey), "--kind", "rally").error, BadInput)
+
+
+async def test_several_vehicles_side_by_side(
+    here: type[Here], net: Net, onboard: StartOnboard, survey: Path, tmp_path: Path
+) -> None:
+    """Each is told; where one fails, the others are done all the same."""
+    with World([VehicleSpec(sysid=n) for n in (1, 2)], endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
+        session, endpoint = net.router()
+        for n in (0, 1):
+            await onboard(session, world.urls[n], f"quad{n + 1}")
+        agents = onboard.running
+        do = here("-e", endpoint)
+        for agent in agents:
+            while not agent.identity.connected:
+                await asyncio.sleep(0.05)
+        told = await asyncio.to_thread(do, "mission", "upload", "quad*", str(survey), "--kind", "mission", "--json")
+        assert [(line["vehicle"], line["result"]["count"]) for line in told.lines] == [("quad1", 3), ("quad2", 3)]
+        told = await asyncio.to_thread(do.fails, "mission", "download", "quad*", str(tmp_path / "one.plan"))
+        assert isinstance(told.error, BadInput)
+        assert "put {vehicle} into its name" in told.error.message
+        agents[1].leases.allow = _refuse  # type: ignore[method-assign]
+        told = await asyncio.to_thread(do.fails, "mission", "clear", "quad*")
+        assert told.out == "quad1: mission cleared\nquad2: mission not done: not now\n"
+
+
+def _refuse(token: str) -> None:
+    raise BadInput("not now")

@@ -9,13 +9,12 @@ from typing import Any
 
 import click
 import msgspec
-from rich.table import Table
 
 import zmav
 from zmav import wire
 from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
 from zmav.cli.do import matching
-from zmav.cli.mission_view import Lines, kept, table
+from zmav.cli.mission_view import Lines, headline, kept, table
 from zmav.errors import BadInput, Unsupported, ZmavError
 from zmav.formats import plans
 from zmav.formats.items import Plan
@@ -256,5 +255,6 @@ def _print(name: str, mission: wire.Mission, as_json: bool) -> None:
     if as_json:
         click.echo(dump({"name": name, "mission": msgspec.to_builtins(mission)}, pretty=False))
     else:
-        shown: Table = table(name, mission)
-        console().print(shown)
+        click.echo(click.style(headline(name, mission), bold=True))
+        if mission.items:
+            console().print(table(mission))

@@ -47,12 +47,15 @@ class Lines:
         self._progress.update(self._tasks[vehicle], description=words, completed=done or 0, total=of, at=at)
 
 
-def table(name: str, mission: wire.Mission) -> Table:
-    """A plan for a person to read."""
-    title = f"{name}: {mission.kind}, {len(mission.items)} items"
-    if mission.state:
-        title += f", {mission.state.lower().replace('_', ' ')}"
-    shown = Table(title=title, title_justify="left")
+def headline(name: str, mission: wire.Mission) -> str:
+    """Whose plan it is, of what kind, and how long."""
+    state = f", {mission.state.lower().replace('_', ' ')}" if mission.state else ""
+    return f"{name}: {mission.kind}, {len(mission.items)} items{state}"
+
+
+def table(mission: wire.Mission) -> Table:
+    """A plan for a person to read: ``>`` is the item being flown, ``*`` those reached."""
+    shown = Table()
     for column in ("", "item", "command", "frame", "params", "x", "y", "z"):
         shown.add_column(column, justify="right" if column in ("item", "x", "y", "z") else "left")
     for i, item in enumerate(mission.items):
