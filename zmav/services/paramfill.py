@@ -13,7 +13,7 @@ import time
 from zmav.errors import LinkDown, TimedOut
 from zmav.services.identity import HEARTBEAT_TIMEOUT
 from zmav.services.paramset import NO_INDEX, Heard
-from zmav.services.paramtalk import DOES_NOT_EXIST, Failed, Inbox, ParamTalk
+from zmav.services.paramtalk import Inbox, ParamTalk
 
 LISTS = 3
 LIST_TRIES = 6
@@ -97,7 +97,7 @@ class ParamFill:
         return not missing or (heard.index == heard.count - 1 and 2 * missing < heard.count)
 
     async def _gaps(self, inbox: Inbox) -> None:
-        """Ask for each missing index until it comes or PARAM_ERROR says that there is none."""
+        """Ask for each missing index until it comes, or PARAM_ERROR says why it does not."""
         pace, waiting = self._talk.pace, collections.deque(sorted(self._params.missing))
         asked: dict[int, float] = {}
         tries: collections.Counter[int] = collections.Counter()
@@ -123,8 +123,6 @@ class ParamFill:
             last = time.monotonic()
             if isinstance(answer, Heard) and tries[answer.index] == 1:
                 pace.sample(last - at)
-            elif isinstance(answer, Failed) and answer.error == DOES_NOT_EXIST:
-                tries[answer.index] = INDEX_TRIES
 
     def _ask(self, waiting: collections.deque[int], asked: dict[int, float], tries: collections.Counter[int]) -> None:
         """Put questions until the window is full."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 
 from zmav import wire
-from zmav.errors import Stale, ZmavError
+from zmav.errors import ZmavError
 from zmav.mavlink import paramvalue
 from zmav.services.orders import Report
 from zmav.services.paramset import is_name
@@ -46,9 +46,6 @@ class ParamLoader:
                 changed = await self._one(name, values[name])
             except ZmavError as e:
                 done.failed[name] = e.message
-                if isinstance(e, Stale):  # the others would fail alike, one after the other
-                    done.failed.update(dict.fromkeys(waiting, e.message))
-                    waiting.clear()
             else:
                 (done.set if changed else done.unchanged).append(name)
             report({"done": len(done.set) + len(done.unchanged) + len(done.failed), "of": len(values)})
