@@ -118,3 +118,15 @@ async def test_a_lease_that_was_lost_is_followed_by_the_action(bench: StartBench
     await b.ground.do("lease", holder="alice", ttl=0.1, lease=alice.token)
     await b.event("lease of alice ran out")
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
+
+
+async def test_a_setpoint_that_comes_between_the_action_and_the_lease_s_end(bench: StartBench) -> None:
+    """The ladder acts in its own thread; the lease ends a moment later, and that moment is guarded, too."""
+    b = await bench(settings=failsafe())
+    b.vehicle.authority.ladder.acted = lambda lease: None
+    alice = await lost(b)
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
+    flown = len(moves(b))
+    alice.put()
+    await b.state(lambda s: s["setpoints"].get("failsafe") == 1, "refused setpoint")
+    assert (len(moves(b)), b.peer.mode) == (flown, RTL)
