@@ -113,4 +113,4 @@ async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:
 
 
 def norths(told: Any) -> float:
-    return round((told.fields["lat_int"] / 1e7 + 35.0) * 110_941.0, 2)
+    return round((float(told.fields["lat_int"]) / 1e7 + 35.0) * 110_941.0, 2)
