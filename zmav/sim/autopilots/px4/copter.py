@@ -8,6 +8,8 @@ from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.events import Event
 from zmav.sim.autopilots.px4.failsafe import Failsafe
 from zmav.sim.autopilots.px4.ground import Ground, Stage
+from zmav.sim.autopilots.px4.items import FenceItems, RallyItems
+from zmav.sim.autopilots.px4.mission import Mission
 from zmav.sim.autopilots.px4.modes import HOLD, MISSION, OFFBOARD, SWITCH, TERMINATION, Mode
 from zmav.sim.autopilots.px4.navigator import Navigator
 from zmav.sim.autopilots.px4.offboard import Motion, Offboard
@@ -62,6 +64,8 @@ class Px4Copter:
         self.announce: Callable[[], None] = lambda: None
         self.event: Callable[[Event, bytes], None] = lambda event, arguments: None
         self._ready_s = min(ready_s, REAL_READY_S)
+        self.mission = Mission(self)  # what is kept over a reboot, as the parameters are
+        self.fence, self.rally = FenceItems(), RallyItems()
         self.power_on()
 
     def power_on(self) -> None:
@@ -130,6 +134,8 @@ class Px4Copter:
             return False
         if self.params["NAV_DLL_ACT"] and self.failsafe.ground_lost:
             return False
+        if self.wanted is MISSION and not self.mission.able:
+            return False
         return self.position_ok or not self.wanted.position
 
     @property
@@ -158,7 +164,7 @@ class Px4Copter:
     def _can_fly(self, mode: Mode) -> bool:
         if mode is OFFBOARD:
             return self.offboard.alive
-        if mode is MISSION:
+        if mode is MISSION and not self.mission.able:
             return False
         return (self.position_ok or not mode.position) and (self.sticks.alive or not mode.manual)
 
@@ -311,6 +317,7 @@ class Px4Copter:
         self._tell(events.TAKEOFF_DETECTED)
 
     def touched_down(self) -> None:
+        self.mission.touched_down()
         self._tell(events.LANDING_DETECTED)
 
     def takeoff_done(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.px4.modes import LAND, RTL, TAKEOFF, Mode
+from zmav.sim.autopilots.px4.modes import LAND, MISSION, RTL, TAKEOFF, Mode
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ class Navigator:
             self._plan_takeoff()
         elif mode is RTL:
             self._plan_return()
+        elif mode is MISSION:
+            copter.mission.enter()
 
     def reposition(self, target: Vector, yaw: float | None, speed: float | None) -> None:
         """HOLD at that place of the world's NED, when HOLD flies."""
@@ -51,12 +53,17 @@ class Navigator:
     @property
     def lifts(self) -> bool:
         """A standing vehicle is to leave the ground."""
-        return self._copter.mode is TAKEOFF
+        mission = self._copter.mission
+        under_way = not (mission.finished or mission.landing)
+        return self._copter.mode is TAKEOFF or (self._copter.mode is MISSION and under_way)
 
     @property
     def descends(self) -> bool:
         """It goes down until the ground stops it."""
-        return self._copter.mode is LAND or (self._copter.mode is RTL and self._leg == "land")
+        mode = self._copter.mode
+        if mode is MISSION:
+            return self._copter.mission.landing
+        return mode is LAND or (mode is RTL and self._leg == "land")
 
     def fly(self) -> None:
         """One tick of the mode."""
@@ -70,6 +77,8 @@ class Navigator:
             self._return()
         elif mode is LAND:
             self.descend()
+        elif mode is MISSION:
+            copter.mission.fly()
         elif self.target is not None:
             self.go(self.target, self.yaw)
 

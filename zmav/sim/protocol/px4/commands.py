@@ -170,6 +170,21 @@ def _reboot(node: Px4Node, c: Command) -> int:
     return ACCEPTED
 
 
+def _mission_start(node: Px4Node, c: Command) -> int:
+    copter = node.copter
+    if not copter.mission.able:
+        return TEMPORARILY_REJECTED
+    if math.isfinite(c.p1) and c.p1 > 0 and not copter.mission.jump(int(c.p1)):
+        return TEMPORARILY_REJECTED
+    if not copter.armed and not copter.arm():
+        return TEMPORARILY_REJECTED
+    return _verdict(copter.set_mode(MISSION))
+
+
+def _set_current(node: Px4Node, c: Command) -> int:
+    return _verdict(math.isfinite(c.p1) and node.copter.mission.jump(int(c.p1)))
+
+
 def _accept(node: Px4Node, c: Command) -> int:
     return ACCEPTED
 
@@ -224,7 +239,8 @@ HANDLERS: dict[int, Handler] = {
     185: _terminate,
     192: _reposition,
     246: _reboot,
-    300: _enter(MISSION),
+    224: _set_current,  # DO_SET_MISSION_CURRENT
+    300: _mission_start,
     400: _arm_disarm,
     401: _accept,  # RUN_PREARM_CHECKS
     410: _ask_for("HOME_POSITION"),

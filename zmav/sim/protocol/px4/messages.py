@@ -62,11 +62,25 @@ _MISSING = (
 )
 
 
+# Numbers of the lists of items, which newer definitions have behind the others.
+_LONGER = {
+    "MISSION_COUNT": ("opaque_id",),
+    "MISSION_ACK": ("opaque_id",),
+    "MISSION_CURRENT": ("mission_id", "fence_id", "rally_points_id"),
+}
+
+
+def _longer(message: MessageType, names: tuple[str, ...]) -> MessageType:
+    fields = [Field(name=name, type="uint32_t", extension=True) for name in names if name not in message.by_name]
+    order = [field.name for field in (*message.wire_fields, *fields)]
+    return MessageType.build(message.id, message.name, message.crc_extra, [*message.fields, *fields], order)
+
+
 @functools.cache
 def px4_dialect() -> Dialect:
     """ardupilotmega (for what a user's tools know) with PX4's own messages."""
     base = load_dialect("ardupilotmega")
-    extra = []
+    extra = [_longer(base.by_name[name], fields) for name, fields in _LONGER.items()]
     for msgid, name, seed, text in _MISSING:
         fields = _fields(text)
         extra.append(MessageType.build(msgid, name, seed, fields, [f.name for f in fields]))

@@ -14,6 +14,7 @@ from zmav.sim.protocol.px4 import commands, links, setpoint
 from zmav.sim.protocol.px4.clock import boot_ms
 from zmav.sim.protocol.px4.events import EventPart
 from zmav.sim.protocol.px4.messages import px4_dialect
+from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.telemetry import REPORTS
 
@@ -35,6 +36,9 @@ class Px4Node(Node):
         copter.event = self.events.send
         self.add(self.events)
         self.add(Px4ParamProtocol(copter.params, lambda: self.channels, lambda text: self.say(_WARNING, text)))
+        stores = (copter.mission.items, copter.fence, copter.rally)
+        self.add(Px4MissionProtocol(stores, self.say, lambda: copter.now, copter.mission.renew))
+        copter.mission.reached = self._item_reached
         for name, answer in self._own_answers().items():
             self.answer(name, answer)
 
@@ -44,6 +48,7 @@ class Px4Node(Node):
             "HEARTBEAT": self._heartbeat,
             "SET_MODE": self._set_mode,
             "MANUAL_CONTROL": self._manual_control,
+            "MISSION_SET_CURRENT": self._set_current,
             "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who)),
             "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who)),
             "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(copter, m),
@@ -102,6 +107,14 @@ class Px4Node(Node):
         mode = BY_NUMBERS.get((custom >> 16 & 0xFF, custom >> 24 & 0xFF))
         if msg["base_mode"] & 1 and mode is not None:
             self.copter.set_mode(mode)
+
+    def _set_current(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        if self.copter.mission.jump(msg["seq"]):
+            self.report(channel, "MISSION_CURRENT")
+
+    def _item_reached(self, seq: int) -> None:
+        for channel in self.channels:
+            channel.send("MISSION_ITEM_REACHED", seq=seq)
 
     def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """x forward, y right, r clockwise in -1000 to 1000; z is the throttle in 0 to 1000."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD, TAKEOFF
+from zmav.sim.autopilots.px4.modes import LAND, MISSION, OFFBOARD, TAKEOFF
 from zmav.sim.protocol.px4.clock import boot_ms, boot_us
 from zmav.sim.protocol.reports.base import Fields
 
@@ -135,4 +135,15 @@ def protocol_version(node: Px4Node) -> Fields:
 
 
 def mission_current(node: Px4Node) -> Fields:
-    return {"seq": 0, "total": 65535}
+    copter, mission = node.copter, node.copter.mission
+    if not mission.able:
+        return {"seq": 0, "total": 65535}
+    return {
+        "seq": mission.current,
+        "total": len(mission.items),
+        "mission_state": mission.state,
+        "mission_mode": 1 if copter.mode is MISSION else 2,
+        "mission_id": mission.items.opaque_id,
+        "fence_id": copter.fence.opaque_id,
+        "rally_points_id": copter.rally.opaque_id,
+    }

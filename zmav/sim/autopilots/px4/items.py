@@ -1,0 +1,99 @@
+"""PX4's lists of items: missions, fences and rally points, each replaced as a whole.
+
+A list that is being uploaded takes the place of the old one when its last item has come, and not before. There is no
+item for home. https://docs.px4.io/v1.16/en/advanced/mission_parameters.html, https://mavlink.io/en/services/mission.html
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from typing import ClassVar
+
+import msgspec
+
+from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, Item, ItemStore, Result, check_place
+
+ABSOLUTE, RELATIVE, MISSION_FRAME = (0, 5), (3, 6), 2  # MAV_FRAME
+_NAVIGATION = {16, 17, 19, 20, 21, 22, 93}  # MAV_CMD: waypoint, loiters, return, land, takeoff, delay
+# Jump, speed, home, servo, actuator, ROI, camera and gimbal: kept, though some of them do nothing here.
+_ACTIONS = {177, 178, 179, 183, 187, 195, 196, 197, 201, 205, 206, 530, 1000, 2000, 2001, 2500, 2501}
+_FENCES = {5001, 5002, 5003, 5004}
+_NO_PLACE = 2**31 - 1
+
+
+class Px4Items(ItemStore):
+    """One list; ``opaque_id`` is nought for an empty one, and another for every other list."""
+
+    known: ClassVar[set[int]]
+
+    def __init__(self) -> None:
+        self.items: tuple[Item, ...] = ()
+        self.opaque_id = 0
+        self._coming: list[Item] | None = None
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def read(self, seq: int) -> Item | Result:
+        return self.items[seq] if 0 <= seq < len(self.items) else Result.INVALID_SEQUENCE
+
+    def open(self, count: int) -> Result:
+        self._coming = []
+        return Result.ACCEPTED if count <= self.most else Result.NO_SPACE
+
+    def reopen(self) -> Result:
+        return Result.UNSUPPORTED
+
+    def put(self, item: Item, last: int) -> Result:
+        verdict = self._judge(item)
+        if verdict is Result.ACCEPTED and self._coming is not None:
+            self._coming.append(msgspec.structs.replace(item, current=0))
+        return verdict
+
+    def close(self) -> Result:
+        """The new list is in force."""
+        self.items, self._coming = tuple(self._coming or ()), None
+        sums = 0
+        for i in self.items:
+            numbers = struct.pack("<HB4dqqd", i.command, i.frame, i.p1, i.p2, i.p3, i.p4, i.x, i.y, i.z)
+            sums = zlib.crc32(numbers, sums)
+        self.opaque_id = (sums or 1) if self.items else 0
+        return Result.ACCEPTED
+
+    def abandon(self) -> None:
+        self._coming = None
+
+    def clear(self) -> bool:
+        self._coming = None
+        self.close()
+        return True
+
+    def _judge(self, item: Item) -> Result:
+        if item.command not in self.known:
+            return Result.UNSUPPORTED
+        if item.frame not in (*ABSOLUTE, *RELATIVE, MISSION_FRAME):
+            return Result.UNSUPPORTED_FRAME
+        if not math.isfinite(item.z):
+            return Result.INVALID_PARAM7
+        return check_place(item) if item.x != _NO_PLACE else Result.ACCEPTED
+
+
+class MissionItems(Px4Items):
+    kind, title, most = MISSION, "Mission", 500
+    known: ClassVar[set[int]] = _NAVIGATION | _ACTIONS
+
+
+class FenceItems(Px4Items):
+    """Kept and given back; nothing acts on it."""
+
+    kind, title, most = FENCE, "Fence", 64
+    known: ClassVar[set[int]] = _FENCES
+
+
+class RallyItems(Px4Items):
+    """Kept and given back; RTL flies home."""
+
+    kind, title, most = RALLY, "Rally", 50
+    known: ClassVar[set[int]] = {5100}
