@@ -80,7 +80,7 @@ HIGHEST = {
 class Setpoints:
     """Targets of N vehicles: metres, m/s, m/s^2 in world NED; radians; thrust as a fraction of the rotors' sum.
 
-    ``raw``: the targets are followed as they are, without the shaping of :class:`~zmav.sim.control.reference.Reference`.
+    ``raw``: the targets are followed as they are, without the shaping of :mod:`zmav.sim.control.reference`.
     """
 
     def __init__(self, n: int) -> None:
