@@ -337,6 +337,30 @@ async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench
     await b.event("the segment has ended: holding position", kind="setpoint")
 
 
+@pytest.mark.parametrize(("ends", "flown_on"), [("gone", True), ("revoked", False)])
+async def test_a_segment_outlives_a_lost_holder_and_no_operator(bench: StartBench, ends: str, flown_on: bool) -> None:
+    b = await bench(settings={"origin": ORIGIN})
+    await pilot(b)
+    liveliness = b.ground.session.liveliness()
+    token = liveliness.declare_token(keys.HOLDER.key("demo", "quad1", holder="bob", instance="i1"))
+    granted = await b.ground.do("lease", holder="bob", ttl=30, priority=9, instance="i1")
+    bob = Pilot(b, granted.result["lease"])
+    t = time.time()
+    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 2.0, pos=(4.0, 0.0, -5.0))]
+    bob.put(vel=None, segment=points)
+    await b.peer.until(lambda: len(b.peer.heard(GLOBAL)) >= 3, "the segment")
+    if ends == "gone":
+        token.undeclare()
+    else:
+        await b.ground.do("revoke")
+    await b.state(lambda s: s["lease"] is None, "no lease")
+    since = len(b.peer.heard(GLOBAL))
+    await b.state(lambda s: s["setpoints"].get("held"), "hold")
+    north = (b.peer.heard(GLOBAL)[-1].fields["lat_int"] + 350000000) / 1e7 * 110_941
+    assert (north > 3.0) is flown_on
+    assert (len(b.peer.heard(GLOBAL)) > since + 5) is flown_on
+
+
 async def test_a_segment_outlasts_its_lease_s_ttl(bench: StartBench) -> None:
     b = await bench(settings={"origin": ORIGIN})
     alice = await pilot(b)

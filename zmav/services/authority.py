@@ -130,8 +130,10 @@ class Authority:
 
     def _on_lease_end(self, end: wire.LeaseEnd) -> None:
         """Whoever flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
-        if end.reason not in ("pilot", "failsafe"):
-            self.ladder.hold_now(end.text, goes_on=end.reason in ("expired", "gone"))
+        lost = end.reason in ("expired", "gone")
+        if end.reason in ("pilot", "failsafe") or (lost and self.ladder.committed):
+            return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
+        self.ladder.hold_now(end.text, goes_on=lost)
 
     def _on_acted(self, lease: int) -> None:
         if lease == self.leases.number:

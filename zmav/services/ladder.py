@@ -156,6 +156,12 @@ class Ladder:
         """A stream is flown, or was until it went stale."""
         return self._step in (Step.FRESH, Step.ENGAGING, Step.HOLDING)
 
+    @property
+    def committed(self) -> bool:
+        """A segment is being flown: it ends at rest by itself."""
+        flown = self._flown
+        return self._step is Step.FRESH and flown is not None and isinstance(flown.what, Segment)
+
     def hold_now(self, why: str, *, goes_on: bool = True) -> None:
         """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows."""
         with self._changed:
