@@ -29,7 +29,7 @@ RECOVERY_S = 10.0
 RETURN_POINT, STAY_IN, STAY_OUT, CIRCLE_IN, CIRCLE_OUT = 5000, 5001, 5002, 5003, 5004  # MAV_CMD_NAV_FENCE_...
 _FRAMES = (0, 3, 5, 6, 10, 11)
 _NAMES = ((CEILING, "Max Alt"), (CIRCLE, "Circle"), (POLYGON, "Polygon"), (FLOOR, "Min Alt"))
-_WARNING, _NOTICE, _INFO = 4, 5, 6
+_WARNING, _NOTICE, _INFO, _DEBUG = 4, 5, 6, 7
 _RTL, _LAND, _BRAKE = 6, 9, 17
 
 Point = tuple[float, float]
@@ -108,6 +108,7 @@ class FenceItems(ItemStore):
             return Result.ERROR
         self._items = new
         self.areas = self._as_areas()
+        self._copter.say(_DEBUG, "Fence Indexed OK")
         self._copter.sized("FENCE_TOTAL", len(new) + 2 if len(new) >= 3 else 0)
         return Result.ACCEPTED
 
@@ -116,6 +117,7 @@ class FenceItems(ItemStore):
 
     def clear(self) -> bool:
         self._items, self.areas = [], []
+        self._copter.say(_DEBUG, "Fence Indexed OK")
         self._copter.sized("FENCE_TOTAL", 0)
         return True
 
