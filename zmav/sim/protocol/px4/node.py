@@ -16,6 +16,7 @@ from zmav.sim.protocol.px4.events import EventPart
 from zmav.sim.protocol.px4.messages import px4_dialect
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
+from zmav.sim.protocol.px4.storage import Px4Storage
 from zmav.sim.protocol.px4.telemetry import REPORTS
 
 _GCS = 6  # MAV_TYPE_GCS
@@ -34,7 +35,9 @@ class Px4Node(Node):
         self.events = EventPart(lambda: self.channels, lambda: boot_ms(self))
         self._with_ground: list[Channel] = []  # where a ground station was heard
         copter.event = self.events.send
-        self.add(self.events)
+        self.storage = Px4Storage(copter, lambda: self.unix_us)
+        for part in (self.events, *self.storage.parts):
+            self.add(part)
         self.add(Px4ParamProtocol(copter.params, lambda: self.channels, lambda text: self.say(_WARNING, text)))
         stores = (copter.mission.items, copter.fence, copter.rally)
         self.add(Px4MissionProtocol(stores, self.say, lambda: copter.now, copter.mission.renew))
@@ -83,7 +86,8 @@ class Px4Node(Node):
             self.greet(channel)
 
     def say(self, severity: int, text: str) -> None:
-        """A STATUSTEXT where a ground station was heard, and nowhere else."""
+        """A STATUSTEXT where a ground station was heard, and nowhere else; and into the log."""
+        self.storage.flight_log.say(severity, text)
         for channel in self._with_ground:
             channel.send("STATUSTEXT", severity=severity, text=text[:50])
 

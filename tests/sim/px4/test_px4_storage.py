@@ -1,0 +1,69 @@
+"""Logs and files of the simulated PX4."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.px4.storage import LOGS, TOPICS
+from zmav.sim.ulog import MAGIC
+
+if TYPE_CHECKING:
+    from tests.sim.px4.conftest import Companion
+
+
+def fly(companion: Companion) -> Px4Node:
+    companion.take_off()
+    companion.mode(4, 6)
+    companion.until(lambda: not companion.vehicle.px4.armed)
+    companion.world.step(0.1)
+    node = companion.vehicle.node
+    assert isinstance(node, Px4Node)
+    return node
+
+
+def messages(data: bytes) -> list[tuple[str, bytes]]:
+    assert data.startswith(MAGIC)
+    at, found = 16, []
+    while at < len(data):
+        size, kind = struct.unpack_from("<HB", data, at)
+        found.append((chr(kind), data[at + 3 : at + 3 + size]))
+        at += 3 + size
+    return found
+
+
+def test_a_flight_is_a_ulog(companion: Companion) -> None:
+    node = fly(companion)
+    (log,) = node.storage.logs.logs
+    found = messages(bytes(log.data))
+    kinds = Counter(kind for kind, _ in found)
+    assert kinds["P"] == len(companion.vehicle.px4.params)
+    assert kinds["F"] == kinds["A"] == len(TOPICS)
+    assert b"Takeoff detected\t" in [body[9:] for kind, body in found if kind == "L"]
+    data = [body for kind, body in found if kind == "D"]
+    assert Counter(body[0] for body in data)[0] > 5 * Counter(body[0] for body in data)[1] / 3 > 50
+    status = [tuple(body[10:]) for body in data if body[0] == 2]
+    assert [nav for nav, _, _ in status] == [17, 4, 18, 4]
+    assert [arming for _, arming, _ in status] == [2, 2, 2, 1]
+
+
+def test_the_log_protocol_counts_from_nought_and_gives_out_in_the_air(companion: Companion) -> None:
+    fly(companion)
+    companion.take_off()
+    companion.clear()
+    companion.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
+    companion.world.step(0.1)
+    entries = companion.all("LOG_ENTRY")
+    assert [entry["id"] for entry in entries] == [0, 1]
+    companion.send("LOG_REQUEST_DATA", id=0, ofs=0, count=90)
+    companion.world.step(0.1)
+    assert bytes(companion.all("LOG_DATA")[0]["data"][:7]) == MAGIC[:7]
+
+
+def test_the_files_are_the_logs(companion: Companion) -> None:
+    node = fly(companion)
+    assert [entry.name for entry in node.storage.files.list(LOGS)] == ["log100.ulg"]
+    assert node.storage.files.open(f"{LOGS}/log100.ulg", 200) == bytes(node.storage.logs.logs[0].data)
+    assert node.storage.files.list("/") != []
