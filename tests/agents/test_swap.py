@@ -73,7 +73,7 @@ async def test_what_a_pilot_took_over_is_left_to_the_pilot(pair: Pair) -> None:
     flying = pair.swap()
     await pair.until("quad1", lambda s: s.setpoints.get("flown", 0) > 5)
     pair.world.call(lambda: pair.sims[0].pilot_mode("LOITER"))
-    with pytest.raises(Refused, match="quad1 was taken over: .*the mode is now LOITER"):
+    with pytest.raises(Refused, match=r"quad1 was taken over: .*the mode is now LOITER"):
         await flying
     one, two = (sim.status() for sim in pair.sims)
     assert (one.mode, one.armed, one.landed) == ("LOITER", True, False)

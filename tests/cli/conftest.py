@@ -187,7 +187,7 @@ class Vehicle(NamedTuple):
 @pytest.fixture(scope="session")
 def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
     """quad1, awake; shared, so leave it as you found it: disarmed on the ground."""
-    spec = VehicleSpec(params={"DISARM_DELAY": 0.0})
+    spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "FS_GCS_ENABLE": 1.0})
     with World([spec], endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         cache = ("--cache", str(tmp_path_factory.mktemp("cache")))

@@ -46,7 +46,7 @@ def bad(speaker: Speaker) -> dict[str, dict[str, Any]]:
 def state(**changes: Any) -> bytes:
     """The state of a vehicle in order, but for ``changes``."""
     whole = wire.VehicleState(
-        t=time.time(), fleet="demo", name="quad7", instance="x", connected=True, sysid=7, compid=1, autopilot="px4",
+        t=time.time(), fleet="demo", name="quad7", instance="x", connected=True, sysid=7, compid=1, autopilot="generic",
         kind="copter", mode="HOLD", armed=False, ready=True, link="up",
     )  # fmt: skip
     return wire.encode(msgspec.structs.replace(whole, **changes))
@@ -166,12 +166,26 @@ def test_a_clock_that_is_off(speaker: Speaker, off: float, well: bool) -> None:
     assert ("synchronise" in clock["advice"]) is not well
 
 
+def test_parameters_that_leave_a_vehicle_flying_without_its_companion(vehicle: Vehicle) -> None:
+    vehicle.zmav("param", "set", "quad1", "FS_GCS_ENABLE=0")
+    told = vehicle.zmav.fails("doctor", "--for", "0.5", "--json")
+    wrong = [line for line in told.lines if not line["ok"]]
+    assert [line["subject"] for line in wrong] == ["demo/quad1 failsafe"]
+    assert wrong[0]["found"].startswith("FS_GCS_ENABLE is 0: nothing happens")
+    assert "zmav param set quad1 FS_GCS_ENABLE=" in wrong[0]["advice"]
+    vehicle.zmav("param", "set", "quad1", "FS_GCS_ENABLE=1")
+    told = vehicle.zmav("doctor", "--for", "0.5", "--json")
+    said = [line for line in told.lines if line["subject"] == "demo/quad1 failsafe"]
+    assert "what it does without its companion is set" in [line["found"] for line in said]
+    assert any(line["found"].startswith("MAV_GCS_SYSID is 255") for line in said), "a recommendation is no trouble"
+
+
 def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
     old = {"zid": "0123456789", "version": "0.9.0", "locators": [], "links": []}
-    (found,) = check_routers(Seen([], [old], {}, {}))
+    (found,) = check_routers(Seen([], [old], {}, {}, {}))
     assert (found.ok, found.subject) == (False, "router 01234567")
     assert "0.9.0" in found.found
-    (found,) = check_routers(Seen([], [], {}, {}))
+    (found,) = check_routers(Seen([], [], {}, {}, {}))
     assert "adminspace" in found.advice
 
 

@@ -1,1 +1,1 @@
-"""File formats of other ground stations, read and written by pure functions that name the file and the line at fault."""
+"""File formats of other ground stations: pure functions, whose errors name the file and the line at fault."""

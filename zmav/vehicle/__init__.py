@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease
-from zmav.vehicle.params import Difference, Params, differences
 from zmav.vehicle.missions import Missions
+from zmav.vehicle.params import Difference, Params, differences
 from zmav.vehicle.rates import Rates
 from zmav.vehicle.vehicle import Vehicle
 
-__all__ = ["Files", "Difference", "Lease", "Logs", "Missions", "Params", "Rates", "Vehicle", "differences"]
+__all__ = ["Difference", "Files", "Lease", "Logs", "Missions", "Params", "Rates", "Vehicle", "differences"]

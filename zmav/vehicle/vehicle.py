@@ -17,9 +17,9 @@ from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, describe, parse_frame
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease, held
+from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
-from zmav.vehicle.missions import Missions
 
 if TYPE_CHECKING:
     from zmav.client import Client, Subscription

@@ -175,7 +175,8 @@ Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice
 class Event(Wire, kw_only=True):
     t: float
     kind: str
-    """statustext, numbered (an EVENT without words), rate, clock, mode, armed, autopilot, link, lease, setpoint, clash, refused"""
+    """statustext, numbered (an EVENT without words), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
+    rate, clock, mission, clash, refused, fault"""
     severity: Severity
     text: str
     detail: dict[str, Any] = {}
