@@ -71,6 +71,8 @@ async def test_one_parameter_and_wildcards(scene: StartScene) -> None:
     assert len(await s.b.ground.ask("zmav/demo/quad1/param/*")) == 4
     assert len(await s.b.ground.ask("zmav/demo/*/param/RTL_ALT")) == 1
     assert await s.b.ground.ask("zmav/demo/*/param/NOPE") == []
+    found = await s.b.ground.ask("zmav/demo/quad1/param/**")
+    assert [str(reply.ok.key_expr) for reply in found if reply.ok] == ["zmav/demo/quad1/param"]
     (reply,) = await s.b.ground.ask("zmav/*/*/param")
     assert str(reply.ok and reply.ok.key_expr) == "zmav/demo/quad1/param"
 

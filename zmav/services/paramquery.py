@@ -82,8 +82,8 @@ class ParamQueries:
 
     def _on_name(self, query: zenoh.Query) -> None:
         asked = str(query.key_expr)
-        if self._closed:
-            query.drop()
+        if self._closed or asked.endswith("**"):
+            query.drop()  # who looks around for everything gets the table, and not every line of it once more
         elif "*" in asked:
             with query:
                 self._reply_all(query, asked.rpartition("/")[2])
