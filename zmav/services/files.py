@@ -203,8 +203,8 @@ class Files:
     def _on_read(self, query: zenoh.Query) -> None:
         with query:
             *_, name, offset = str(query.key_expr).split("/")
-            if "*" in name:
-                return
+            if "*" in name or ("*" in offset and offset != "*"):
+                return  # somebody looks around
             try:
                 asked = self._asked(query, offset)
                 data = self.store.read(name, asked.offset, min(asked.length, CHUNK * MOST_CHUNKS))
