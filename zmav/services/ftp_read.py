@@ -20,6 +20,8 @@ AT_ONCE = 32
 """holes that are filled by single reads before the rest is weighed anew"""
 BULK = 8
 """packets' worth of a last gap above which it is the untouched rest of the file, and no hole"""
+SHORT = 0.03
+"""s of a round trip up to which a link is short"""
 MOST_BARREN = 6
 """bursts or rounds of reads without a new byte after which there is no hope"""
 
@@ -107,7 +109,7 @@ class Reader:
         gaps = list(self._sink.gaps)
         start, end = gaps[-1]
         if not self._end_near and end - start > BULK * self._chunk:
-            return start
+            return None if self._reads_are_quicker() else start
         if not self._rate:
             return None
         first = gaps[0][0]
@@ -117,6 +119,15 @@ class Reader:
         reads = holes * max(self._talk.patience / self._talk.in_flight, self._chunk / self._rate)
         burst = min(gaps[-1][0] - first, span) / self._rate + self._talk.patience
         return first if burst < reads else None
+
+    def _reads_are_quicker(self) -> bool:
+        """Some servers pace their bursts far below what a short link holds: reads then bring more, and cost it nothing
+        that others need.
+        """
+        trip = self._talk.trip
+        if not self._rate or trip is None or trip > SHORT:
+            return False
+        return self._talk.in_flight * self._chunk / trip > 1.5 * self._rate
 
     def _holes(self) -> Iterator[Job]:
         """What is missing, as reads; a file's unknown end is felt for with one."""

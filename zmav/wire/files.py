@@ -27,16 +27,14 @@ class FileEntry(Wire, kw_only=True):
 
 
 class LogEntry(Wire, kw_only=True):
-    """One log on the autopilot. ``t``: UTC seconds of its end, None where the autopilot had no clock.
-
-    ``path``: the file it is on the autopilot, where that is known; ``name``: what to call it here.
+    """One log on the autopilot. ``t``: UTC seconds of its end, None where the autopilot had no clock; ``name``: what to
+    call it here.
     """
 
     id: int
     size: int
     t: float | None = None
     name: str = ""
-    path: str | None = None
 
 
 class FilePath(Order, kw_only=True):
