@@ -64,6 +64,7 @@ class Node(ABC):
         self._epoch_us = epoch_us
         self._router = Router(dialect)
         self._parts: list[Part] = []
+        self._ticking: list[Part] = []  # those that do something at a tick
         self._ids = {dialect.by_name[name].id: name for name in reports if name in dialect.by_name}
         self._answers: dict[int, Answer] = {}
         self._pending: list[tuple[Channel, str]] = []
@@ -81,6 +82,8 @@ class Node(ABC):
     def add(self, part: Part) -> None:
         """Offer a further microservice."""
         self._parts.append(part)
+        if type(part).tick is not Part.tick:
+            self._ticking.append(part)
         for name, answer in part.answers().items():
             self.answer(name, answer)
 
@@ -147,7 +150,7 @@ class Node(ABC):
         for channel in self.channels:
             for name in channel.streams.due(now):
                 self.report(channel, name)
-        for part in self._parts:
+        for part in self._ticking:
             part.tick(now)
         if now >= self._next_timesync:
             self._next_timesync = now + self.TIMESYNC_PERIOD_S
