@@ -126,6 +126,16 @@ async def test_rounded_parameters_are_told_and_no_failure(mission_bench: Mission
     assert outcome.result["kept_otherwise"] == [f"item {i}: param1: sent 2.5, kept 2" for i in range(3)]
 
 
+async def test_what_is_left_to_the_autopilot_is_no_note(mission_bench: MissionBench) -> None:
+    """NaN asks for nothing; and numbers come back as people write them, not as single precision holds them."""
+    b, peer = await mission_bench("ardupilot")
+    peer.changes = lambda seq, item: {**item, "param4": 0.0}
+    items = [{**each, "params": [0.1, 0, 0, None], "z": 12.3} for each in waypoints(2)]
+    outcome = await b.ground.do("mission_upload", items=items)
+    assert "kept_otherwise" not in outcome.result
+    assert [(i.params, i.z) for i in (await plan(b)).items] == [([0.1, 0.0, 0.0, 0.0], 12.3)] * 2
+
+
 async def test_a_stack_that_is_exact_must_keep_parameters(mission_bench: MissionBench) -> None:
     b, peer = await mission_bench("generic")
     peer.load(MISSION, OLD)
@@ -238,6 +248,9 @@ async def test_a_ground_station_s_upload_on_this_link_is_seen(mission_bench: Mis
     peer.load(MISSION, raw(waypoints(4)))
     peer.ack(RALLY, 0, (255, 190))  # of a kind nobody has read
     peer.ack(MISSION, 1, (255, 190))  # it failed
+    peer.say_current(1)
+    await asyncio.wait_for(_until(lambda: b.vehicle.missions.progress.current == 1), 10.0)
+    assert b.vehicle.missions._held["mission"].sure
     peer.ack(MISSION, 0, (255, 190))
     await b.event("the mission on the autopilot changed")
     assert (await plan(b)).items[0].z == waypoints(1)[0]["z"]

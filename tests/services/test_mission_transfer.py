@@ -101,12 +101,17 @@ async def test_a_hundred_items_over_a_bad_link(mission_bench: MissionBench, styl
     assert len((await plan(b)).items) == 100
 
 
-async def test_the_last_word_is_lost(mission_bench: MissionBench) -> None:
-    """The acknowledgement does not come, nor anything else: what is read back tells."""
+@pytest.mark.parametrize("complains", [True, False])
+async def test_the_last_word_is_lost(mission_bench: MissionBench, complains: bool) -> None:
+    """The acknowledgement does not come, and a repeated item is refused or not even that: what is read back tells."""
     b, peer = await mission_bench("ardupilot")
     peer.silent_at_end = True
+    take = peer.on_mission_item_int
+    if not complains:
+        peer.on_mission_item_int = lambda told: take(told) if peer.upload else None  # type: ignore[method-assign]
     assert (await b.ground.do("mission_upload", items=waypoints(5))).result["known_by"] == "read back"
     assert peer.stored() == raw(waypoints(5))
+    assert len(peer.heard("MISSION_ITEM_INT")) < 6 + 6  # it is not asked for ever
 
 
 async def test_nobody_answers(mission_bench: MissionBench) -> None:
