@@ -139,7 +139,6 @@ async def test_a_cancelled_transfer_closes_its_session(net: Net, onboard: StartO
         assert await d.v.files.cancel() == "getting /APM/f"
         with pytest.raises(Refused, match="superseded"):
             await task
-        assert await d.v.files.list("/APM/scripts") == []  # our turn comes only when all is closed
         assert d.idle
         assert await d.v.files.cancel() is None
 
