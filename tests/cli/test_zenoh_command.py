@@ -53,7 +53,8 @@ def test_what_can_be_asked(zenoh_cli: Zenoh, decoder: str) -> None:
     assert json.loads(found["zmav/demo/quad1/state"])["name"] == "quad1"
     attitude = json.loads(found["zmav/demo/quad1/msg/ATTITUDE"])
     assert attitude["fields"].keys() >= {"roll", "pitch", "yaw"}
-    assert {key.split("/")[3] for key in found} == {"state", "msg", "param", "mission", "rates"}
+    kinds = {key.split("/")[3] for key in found}
+    assert {"state", "msg", "rates"} <= kinds <= {"state", "msg", "rates", "param", "mission"}  # as caches fill
 
 
 def test_an_order_given_with_it(zenoh_cli: Zenoh) -> None:
