@@ -8,7 +8,7 @@ import pytest
 
 from tests.failsafe.conftest import PATIENT, agent, another, moves, nothing_more, stops
 from tests.services.conftest import GUIDED, LAND, LOITER, SET_MODE, Bench, StartBench
-from zmav.config import PilotSwitch
+from zmav.config import Failsafe, PilotSwitch
 from zmav.errors import NotHolder, Refused
 
 RTL, POSCTL, OFFBOARD = 6, 3 << 16, 6 << 16
@@ -125,3 +125,93 @@ async def test_switch_is_asked_for(bench: StartBench) -> None:
     b = await (await bench(settings={"pilot_switch": PilotSwitch(channel=7)})).connected()
     number = float(b.peer.dialect.message("RC_CHANNELS").id)
     await b.peer.until(lambda: any(t.fields["param1"] == number for t in b.peer.commands(511)), "RC_CHANNELS asked for")
+
+
+async def test_switch_unheard_is_not_the_switch_put_back(bench: StartBench) -> None:
+    """A radio that is lost says nothing of the switch: the pilot may still mean to have it."""
+    b = await (await bench(settings={"pilot_switch": PilotSwitch(channel=7)})).connected()
+    switch(b, 1900)
+    await b.state(lambda s: s["pilot"], "the pilot")
+    for silent in (0, 65535):
+        switch(b, silent)
+    await b.state(lambda s: True, "a moment")
+    await b.state(lambda s: s["pilot"], "the pilot still")
+    with pytest.raises(Refused, match="the pilot has it"):
+        await b.ground.do("lease", holder="bob")
+
+
+async def test_mode_change_soon_after_a_command_that_changes_none(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await b.ground.do("command", command="DO_CHANGE_SPEED", params={"param2": 5.0}, lease=alice.token)
+    await alice.fly()
+    b.peer.mode = LOITER
+    b.peer.heartbeat()
+    await b.state(lambda s: s["mode"] == "LOITER", "LOITER")
+    alice.put()
+    await released(b, "the mode is now LOITER")
+    assert b.peer.mode == LOITER
+
+
+async def test_a_mode_that_was_ordered_before_the_pilot_took_over_is_no_order_any_more(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await b.ground.do("set_mode", mode="LOITER", lease=alice.token)
+    b.peer.mode = 0
+    b.peer.heartbeat()
+    await released(b, "the mode is now STABILIZE")
+    await another(b, "bob")
+    b.peer.mode = LOITER
+    b.peer.heartbeat()
+    await released(b, "the mode is now LOITER")
+
+
+async def test_nothing_is_asked_for_between_the_pilot_s_mode_and_the_release(bench: StartBench) -> None:
+    """The ladder's thread may run while the event loop is about to let go."""
+    b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after="never")})
+    alice = await agent(b)
+    await alice.fly()
+    await b.state(lambda s: s["setpoints"].get("held"), "hold")
+    pilot = b.vehicle.authority.pilot
+    take, allowed = pilot.on_taken, []
+
+    def taken(text: str) -> None:
+        allowed.append(pilot.allowed("LOITER"))
+        take(text)
+
+    pilot.on_taken = taken
+    b.peer.mode = LOITER
+    b.peer.heartbeat()
+    await b.state(lambda s: s["lease"] is None, "no lease")
+    assert allowed == [False]
+
+
+async def test_a_command_is_not_repeated_once_the_pilot_has_it(bench: StartBench) -> None:
+    """Its acknowledgement was lost; said again it would take the vehicle back."""
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    b.peer.mute = {SET_MODE}
+    args = {"Mode": 1, "Custom Mode": 5}
+    order = asyncio.create_task(b.ground.do("command", command="DO_SET_MODE", params=args, lease=alice.token))
+    await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "LOITER asked for")
+    b.peer.mode = 0
+    b.peer.heartbeat()
+    with pytest.raises(Refused, match="taken over"):
+        await order
+    assert len(b.peer.commands(SET_MODE)) == 1
+
+
+async def test_an_order_that_replaces_a_mode_change_is_not_taken_for_the_pilot(bench: StartBench) -> None:
+    b = await bench()
+    alice = await agent(b)
+    b.peer.mute = {SET_MODE}
+    first = asyncio.create_task(b.ground.do("set_mode", mode="LOITER", lease=alice.token))
+    await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "LOITER asked for")
+    landing = asyncio.create_task(b.ground.do("land", lease=alice.token))
+    with pytest.raises(Refused, match="superseded"):
+        await first
+    b.peer.mute = set()
+    await b.state(lambda s: s["mode"] == "LAND", "LAND")
+    b.peer.armed = False
+    assert (await landing).status == "done"
+    assert not [e for e in b.events.objects() if e["kind"] == "pilot"]

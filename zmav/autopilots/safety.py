@@ -207,6 +207,17 @@ _BY_VERB: dict[str, dict[str, tuple[str, ...]]] = {
 }  # fmt: skip
 
 
-def by_command(autopilot: Autopilot, verb: str) -> tuple[str, ...]:
-    """Modes that the command behind an order changes to by itself, without a DO_SET_MODE; ``command`` may be any."""
-    return _ANY.get(autopilot.name, ()) if verb == "command" else _BY_VERB.get(autopilot.name, {}).get(verb, ())
+_CHANGING = {
+    f"MAV_CMD_{name}"
+    for name in (
+        "DO_SET_MODE", "NAV_TAKEOFF", "NAV_VTOL_TAKEOFF", "NAV_LAND", "NAV_VTOL_LAND", "NAV_RETURN_TO_LAUNCH",
+        "NAV_LOITER_UNLIM", "NAV_PRECLAND", "MISSION_START", "DO_REPOSITION", "DO_PAUSE_CONTINUE", "DO_GO_AROUND",
+        "DO_LAND_START", "DO_RETURN_PATH_START", "DO_CHANGE_ALTITUDE", "DO_ORBIT", "DO_FOLLOW",
+    )
+}  # fmt: skip
+"""commands that change the mode by themselves: after any other, a new mode is somebody else's wish"""
+
+
+def by_command(autopilot: Autopilot, what: str) -> tuple[str, ...]:
+    """Modes that an order changes to by itself, without a mode ordered by name; ``what``: its verb or its MAV_CMD."""
+    return _ANY.get(autopilot.name, ()) if what in _CHANGING else _BY_VERB.get(autopilot.name, {}).get(what, ())

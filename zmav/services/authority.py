@@ -101,7 +101,7 @@ class Authority:
         self.taken_from = ""
         self.ladder.stop()
         self.carrot.stop()
-        self.pilot.order_begins(verb.name)
+        self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
         if verb.access is Access.OPEN and not self.leases.holds(args.lease):  # his next setpoint would undo it
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
 
@@ -110,7 +110,8 @@ class Authority:
         ours = self.ladder.flying or self.carrot.leading or self._commander.moving or self.leases.holder is not None
         self.ladder.stop()
         self.carrot.stop()
-        if self._commander.moving:
+        self._commander.ordered = None  # if the pilot goes back to that mode, it is his
+        if self._commander.under_way:
             self.taken_from = text
             self._commander.supersede()
         if ours:
@@ -138,3 +139,8 @@ class Authority:
     def _on_acted(self, lease: int) -> None:
         if lease == self.leases.number:
             self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
+
+
+def _named(command: str) -> str:
+    """As the dialect names it, however it was written."""
+    return "MAV_CMD_" + command.upper().removeprefix("MAV_CMD_")

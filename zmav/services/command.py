@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from zmav.autopilots import Autopilot, Command, Message
@@ -43,6 +43,7 @@ class Commander:
         self._port, self._identity, self._events = port, identity, events
         self._locks: dict[str, asyncio.Lock] = {}
         self._mover: asyncio.Task[Any] | None = None
+        self._beside: set[asyncio.Task[Any] | None] = set()
         self.follows: frozenset[str] = frozenset()
         """modes that the order which moves the vehicle leads to by itself: a mission that ends in a return"""
         self.ordered: str | None = None
@@ -55,11 +56,29 @@ class Commander:
         """An order is moving the vehicle, or is about to."""
         return self._mover is not None
 
+    @property
+    def under_way(self) -> bool:
+        """An order moves the vehicle, or one beside it may."""
+        return self.moving or bool(self._beside)
+
     def supersede(self) -> None:
-        """End the order that moves the vehicle, if one is under way."""
-        if self._mover is not None and self._mover is not asyncio.current_task():
-            self._mover.cancel()
+        """End the order that moves the vehicle, if one is under way, and those beside it."""
+        for task in (self._mover, *self._beside):
+            if task is not None and task is not asyncio.current_task():
+                task.cancel()
         self._mover = None
+
+    @contextlib.contextmanager
+    def beside(self) -> Iterator[None]:
+        """An order that leaves the one that moves the vehicle alone, and ends where that would: with the pilot or the
+        next one, which it must not undo by being repeated, nor keep waiting for its acknowledgement.
+        """
+        me = asyncio.current_task()
+        self._beside.add(me)
+        try:
+            yield
+        finally:
+            self._beside.discard(me)
 
     @contextlib.asynccontextmanager
     async def move(self) -> AsyncIterator[None]:
@@ -131,7 +150,7 @@ class Commander:
                 with self.inbox("COMMAND_ACK", "HEARTBEAT") as inbox:
                     await self.command(mode.command)
                     await self._confirm_mode(mode.command, mode.name, since, inbox)
-        except BaseException:
+        except Exception:  # no cancellation: who superseded us, or the pilot, has had his say about it
             self.ordered = before
             raise
 

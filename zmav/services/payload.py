@@ -102,7 +102,8 @@ class Payload:
                     "param5 or param6 is out of range", field="params", value=args.params, expected="a place"
                 )
             command = Command(kind.name, (*params[:4], *place, params[6]), frame)
-        ack = await self._do.command(command, report)
+        with self._do.beside():
+            ack = await self._do.command(command, report)
         return {"command": kind.name, "result_param2": ack.result_param2}
 
 

@@ -21,6 +21,9 @@ from zmav.services.port import Port, on_loop
 
 GRACE = 3.0
 """s after an order in which its command may still change the mode or disarm"""
+DISARMING = ("disarm", "MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE")
+UNHEARD = (0, 65535)
+"""RC_CHANNELS of a channel that the autopilot does not hear"""
 CRITICAL = 5
 """MAV_STATE from which on a mode that the autopilot enters by itself is a failsafe's"""
 
@@ -38,7 +41,7 @@ class Pilot:
         """why no agent may have the vehicle; None: it may"""
         self._mode: str | None = None
         self._armed = False
-        self._verb, self._grace = "", 0.0
+        self._what, self._grace = "", 0.0
         self._stop: Callable[[], None] = lambda: None
 
     @property
@@ -58,22 +61,27 @@ class Pilot:
         if self.has_it:
             raise Refused(f"the pilot has it: {self.has_it}", vehicle=self._port.name, count="pilot")
 
-    def order_begins(self, verb: str) -> None:
-        """What the autopilot does until it ends, and in the next seconds, may be what its command asks for."""
-        self._verb, self._grace = verb, time.monotonic() + GRACE
+    def order_begins(self, what: str) -> None:
+        """What the autopilot does until it ends, and in the next seconds, may be what its command asks for.
+
+        ``what``: its verb, or the MAV_CMD it gives by name.
+        """
+        self._what, self._grace = what, time.monotonic() + GRACE
 
     def changed(self) -> None:
         """The HEARTBEAT shows another mode or arming, or another autopilot."""
-        before, was_armed = self._mode, self._armed
-        self._mode, self._armed = self._identity.mode, bool(self._identity.armed)
-        if not was_armed or before is None:
-            return  # nobody flies it
-        if not self._armed:
-            flown = self._mode if self._expected(self._mode, before) else before
+        mode, armed = self._identity.mode, bool(self._identity.armed)
+        if self._armed and self._mode is not None:  # else nobody flies it
+            self._judge(mode, armed, self._mode)
+        self._mode, self._armed = mode, armed  # only now: the ladder's thread may not take the mode for one let pass
+
+    def _judge(self, mode: str | None, armed: bool, before: str) -> None:
+        if not armed:
+            flown = mode if self._expected(mode, before) else before
             if not self._ends_on_ground(flown):
                 self.on_taken("it was disarmed, which was not ordered here")
-        elif self._mode != before and not self._expected(self._mode, before):
-            self.on_taken(f"the mode is now {self._mode}, which was not ordered here")
+        elif mode != before and not self._expected(mode, before):
+            self.on_taken(f"the mode is now {mode}, which was not ordered here")
 
     def allowed(self, mode: str | None) -> bool:
         """``mode`` is the one that was seen and let pass, or was ordered here since."""
@@ -86,7 +94,7 @@ class Pilot:
             return False
         if self._commander.moving and mode in self._commander.follows:
             return True
-        if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot, self._verb)):
+        if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot, self._what)):
             return True
         return mode in ends_in(autopilot, before) and int(heartbeat["system_status"]) < CRITICAL
 
@@ -95,7 +103,7 @@ class Pilot:
 
     def _ends_on_ground(self, mode: str | None) -> bool:
         """It disarms there by itself, or somebody ordered it."""
-        if self._verb in ("disarm", "command") and time.monotonic() < self._grace:
+        if self._what in DISARMING and time.monotonic() < self._grace:
             return True
         return self._identity.autopilot is not None and mode in _landing_modes(self._identity.autopilot)
 
@@ -104,6 +112,8 @@ class Pilot:
         if switch is None or (frame.sysid, frame.compid) != self._identity.source:
             return
         pwm = int(decode(frame, self._port.dialect)[f"chan{switch.channel}_raw"])
+        if pwm in UNHEARD:
+            return  # a lost radio does not give the vehicle back
         if not switch.low <= pwm <= switch.high:
             self.has_it = None
         elif self.has_it is None:
