@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import threading
 import time
 from typing import Any
@@ -59,7 +60,8 @@ class Events:
             if left_out:
                 detail["left_out"] = left_out
         event = wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail)
-        self._publisher.put(wire.encode(event))
+        with contextlib.suppress(zenoh.ZError):  # a closed session hears nothing: no reason to stop watching over it
+            self._publisher.put(wire.encode(event))
 
     def _admit(self, limit: str) -> int | None:
         now = time.monotonic()
