@@ -28,6 +28,8 @@ from zmav.services.trajectory import Segment
 
 ASK_EVERY = 1.0
 """s between requests for a mode"""
+LATE_MODE = 2.0
+"""s after such a request in which HEARTBEAT may yet show that it was granted, the stream having ended"""
 GIVE_UP = 3.0
 """s after which a mode that does not come is taken for refused"""
 HOLD_EVERY, HOLD_REPEATS = 0.2, 3
@@ -166,8 +168,12 @@ class Ladder:
         """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows."""
         with self._changed:
             flown = self._flown
-            if flown is None or not self._ours() or (self._step is Step.ENGAGING and self._mode()[0] != flown.mode):
+            if flown is None or not self._ours():
                 self._end()  # nothing flies by it
+                return
+            if self._step is Step.ENGAGING and self._mode()[0] != flown.mode:
+                self._flown = flown._replace(until=min(flown.until, time.monotonic()))
+                self._wake(time.monotonic())  # nothing flies by it yet
                 return
             if self._step in (Step.FRESH, Step.ENGAGING):
                 self._hold(why)
@@ -211,6 +217,8 @@ class Ladder:
         if self._step is Step.FRESH:
             return min(flown.until, now + self._period(flown))
         if self._step is Step.ENGAGING:
+            if now >= flown.until:
+                return now + 0.05
             waited = max(self._asked + ASK_EVERY, self._begun + flown.autopilot.engage_after)
             return min(flown.until, max(now, waited), now + (self._period(flown) if self._streams(flown) else 0.05))
         return now + HOLD_EVERY
@@ -241,7 +249,7 @@ class Ladder:
         if now >= flown.until:
             if mode == flown.mode:
                 self._hold(f"the stream ended before {flown.mode} came")
-            else:
+            elif now - self._asked > LATE_MODE:
                 self._end()
         elif mode == flown.mode:
             self._enter(Step.FRESH)
@@ -384,7 +392,9 @@ class Ladder:
         """The setpoint as it is now; False where the link does not take it."""
         flown = self._flown
         assert flown is not None
-        target = flown.what.at(time.time()) if isinstance(flown.what, Segment) else flown.what
+        target = flown.what
+        if isinstance(target, Segment):  # by the clock it was accepted by: UTC may be set meanwhile
+            target = target.at(target.end - (flown.until - time.monotonic()))
         sent = True
         for action in flown.autopilot.setpoint(self.near(flown.autopilot, target, flown.source)):
             if self._pace.due(action, time.monotonic()):

@@ -41,7 +41,7 @@ class Leases:
         self._token = self._holder = self._instance = ""
         self._priority = 0
         self._ttl = 0.0
-        self._expires = 0.0
+        self._expires = self._committed = 0.0
         self._present: set[tuple[str, str]] = set()
         self._ended: collections.OrderedDict[str, wire.LeaseEnd] = collections.OrderedDict()
         self._subscriber: Any = None
@@ -78,6 +78,7 @@ class Leases:
                 self.end("preempted", text, by=args.holder)
             self._token, self._holder = secrets.token_hex(8), args.holder
             self.number += 1
+            self._committed = 0.0
             self._events.emit("lease", "info", f"{args.holder} commands", holder=args.holder, priority=args.priority)
         self._instance, self._priority, self._ttl = args.instance, args.priority, args.ttl
         self.renew()
@@ -120,9 +121,14 @@ class Leases:
         """``token`` is the lease in force, or none is."""
         return token == self._token or not self._token
 
-    def renew(self, until: float = 0.0) -> None:
-        """It is in use; ``until`` (monotonic seconds): what was handed over lasts so long."""
-        self._expires = max(time.monotonic() + self._ttl, until)
+    def renew(self) -> None:
+        """It is in use."""
+        self._expires = max(time.monotonic() + self._ttl, self._committed)
+
+    def commit(self, until: float) -> None:
+        """What was handed over lasts until then (monotonic seconds), and the lease with it, renewed or not."""
+        self._committed = until
+        self.renew()
 
     def tick(self) -> None:
         """A few times a second, and before each decision."""

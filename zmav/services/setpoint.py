@@ -93,8 +93,11 @@ class Setpoints:
         mode = self._identity.mode
         needed = autopilot.guided_for(first) or mode or ""
         self.accept(autopilot, first)
+        autopilot.setpoint(first)  # what cannot be said must not take the place of what is flown, and keep it fresh
         flown = Flown(autopilot, source, self._leases.number, what, needed, until)
-        return self._ladder.fly(flown, mode)
+        engaged = self._ladder.fly(flown, mode)
+        self._leases.commit(until if isinstance(what, Segment) else 0.0)
+        return engaged
 
     def _check_order(self, point: wire.Setpoint) -> None:
         try:
@@ -132,7 +135,6 @@ class Setpoints:
             text = f"the segment ends in {lasts:.1f} s; expected 0 to {MAX_SEGMENT:.0f} s"
             raise BadInput(text, field="segment", value=segment.end, count="late" if lasts <= 0.0 else "early")
         self._bounds.check(segment)
-        self._leases.renew(now + lasts)  # committed: bad news from its holder's network do not end it
         return segment, segment.at(utc), now + lasts
 
     def _leave_switch(self, target: Target) -> None:
