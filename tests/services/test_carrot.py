@@ -114,3 +114,17 @@ async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:
 
 def norths(told: Any) -> float:
     return round((float(told.fields["lat_int"]) / 1e7 + 35.0) * 110_941.0, 2)
+
+
+async def test_a_command_beside_a_goto_leaves_it_led(bench: StartBench) -> None:
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    await b.state(lambda s: s["position"], "position")
+    await b.ground.do("goto", pos=[400.0, 0.0, -10.0], id="g", wait=0)
+    await b.peer.count(GLOBAL, 1)
+    await b.ground.do("command", command="DO_CHANGE_SPEED", params={"param2": 5.0})
+    before = len(b.peer.heard(GLOBAL))
+    while len(b.peer.heard(GLOBAL)) < before + 3:
+        b.peer.send("GLOBAL_POSITION_INT", **at())
+        await b.state(lambda s: True, "a moment")
+    assert max(norths(t) for t in b.peer.heard(GLOBAL)) < 2 * AHEAD_M

@@ -233,7 +233,7 @@ async def test_a_later_order_ends_an_earlier_one(bench: StartBench) -> None:
     assert (await b.ground.do("hold")).result == {"mode": "GUIDED"}
     with pytest.raises(Refused, match="goto was superseded by a later order"):
         await asked
-    (stop,) = b.peer.heard("SET_POSITION_TARGET_LOCAL_NED")
+    stop, *_ = b.peer.heard("SET_POSITION_TARGET_LOCAL_NED")
     assert (stop.fields["vx"], stop.fields["vy"], stop.fields["vz"]) == (0, 0, 0)
     assert stop.fields["type_mask"] == 0b1101_1100_0111
 

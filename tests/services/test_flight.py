@@ -148,3 +148,18 @@ async def test_the_pilot_ends_an_order(flight: Flight) -> None:
 def put(flight: Flight, lease: str, seq: int, vel: wire.Vector) -> None:
     point = wire.Setpoint(lease=lease, seq=seq, deadline=time.time() + 2.0, vel=vel)
     flight.ground.put(keys.SETPOINT, wire.encode(point), agent="alice")
+
+
+async def test_a_stop_is_said_more_than_once(bench: StartBench) -> None:
+    """It has no acknowledgement, and who is in GUIDED already is asked for nothing that has."""
+    b = await (await (await bench()).connected()).flying()
+    await b.ground.do("hold")
+    await b.peer.count("SET_POSITION_TARGET_LOCAL_NED", 3)
+
+
+async def test_a_mode_that_is_still_shown_is_asked_for_where_another_was_ordered_since(bench: StartBench) -> None:
+    """HEARTBEAT is up to a second behind: the autopilot may have left the mode by now."""
+    b = await (await (await bench()).connected()).flying()
+    b.vehicle.commander.ordered = "LOITER"  # as the ladder asks for its mode
+    await b.ground.do("hold")
+    assert [t.fields["param2"] for t in b.peer.commands(176)] == [4.0]

@@ -90,7 +90,8 @@ class Carrot:
         if leading and autopilot is not None and source is not None and self._identity.mode == autopilot.guided:
             mode, message = autopilot.hold()
             if message is not None and mode == autopilot.guided:
-                self._port.send(message.name, **message.addressed(*source))
+                for _ in range(3):  # it has no acknowledgement
+                    self._port.send(message.name, **message.addressed(*source))
 
     async def _lead(self, autopilot: Autopilot, target: Target) -> None:
         mode, arrived = self._identity.mode, 0

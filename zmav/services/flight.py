@@ -21,6 +21,8 @@ from zmav.services.target import resolve
 
 RETRY_EVERY = 1.0
 """s between attempts to arm a vehicle that says no"""
+STOPS, STOP_EVERY = 3, 0.1
+"""a stop has no acknowledgement, and may be lost"""
 LAND_TIMEOUT = 180.0
 RETURN_TIMEOUT = 900.0
 REBOOT_TIMEOUT = 60.0
@@ -43,13 +45,13 @@ class Flight:
         if self._identity.armed:
             return {"armed": True}
         async with self._do.move():  # so that whoever orders otherwise meanwhile is not surprised by it later
+            mode = autopilot.arming_mode(self._identity.mode)
+            if mode is not None:
+                await self._do.enter(mode)  # first: in such a mode it may not even become ready
             if args.ready_timeout > 0:
                 await self._until_ready(autopilot, deadline, report)
             while True:
                 try:
-                    mode = autopilot.arming_mode(self._identity.mode)
-                    if mode is not None:
-                        await self._do.enter(mode)
                     await self._do.command(autopilot.arm(True))
                     break
                 except Refused as e:
@@ -132,7 +134,9 @@ class Flight:
             mode, message = self._do.autopilot().hold()
             await self._do.enter(mode)
             if message:
-                await self._do.give(message)
+                for _ in range(STOPS):
+                    await self._do.give(message)
+                    await asyncio.sleep(STOP_EVERY)
         return {"mode": self._identity.mode}
 
     async def land(self, args: wire.Order, report: Report) -> dict[str, Any]:
@@ -243,7 +247,8 @@ class Flight:
                 self._do.check_mode(mode)
                 if isinstance(action, Message) and not self.leads() and time.monotonic() - given > 1.0:
                     given = time.monotonic()
-                    await self._do.give(action)  # a target has no acknowledgement: say it again in case it was lost
+                    if not self.lead(target):  # another order ended the carrot: a far target is not given as it is
+                        await self._do.give(action)  # it has no acknowledgement: say it again in case it was lost
 
 
 def _distance(target: Target, position: Any, flat: bool) -> float:
