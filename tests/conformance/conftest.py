@@ -11,6 +11,8 @@ import contextlib
 import json
 import os
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
@@ -28,7 +30,6 @@ from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Packer
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
-from zmav.sim import VehicleSpec, World
 from zmav.vehicle import Lease, Vehicle
 
 LINK = os.environ.get("ZMAV_LINK", "")
@@ -92,6 +93,8 @@ class Flight:
 
     async def ready(self) -> None:
         await self.connected()
+        if self.state.mode == "OFFBOARD" and not self.state.armed:
+            await self.vehicle.set_mode("HOLD")  # PX4 is never ready where a lost stream has left it
         await self.until(lambda s: bool(s.ready) or bool(s.armed), READY_S, "ready to arm")
 
     async def on_ground(self) -> None:
@@ -170,10 +173,18 @@ def _brief(state: wire.VehicleState | None) -> str:
 
 @contextlib.contextmanager
 def simulated(rules: str) -> Iterator[str]:
-    """The link URL of a simulated copter under these rules."""
-    endpoint = "tcp:127.0.0.1:0" if rules == "arducopter" else f"onboard:0:{free_port(socket.SOCK_DGRAM)}"
-    with World([VehicleSpec(autopilot=rules, endpoints=(endpoint,))]) as world:
-        yield world.vehicles[0].url
+    """The link URL of a simulated copter under these rules, in a process of its own as any other autopilot."""
+    if rules == "px4":
+        what = ["--px4", "1", "--endpoint", f"onboard:0:{free_port(socket.SOCK_DGRAM)}"]
+    else:
+        what = ["--endpoint", "tcp:127.0.0.1:0"]
+    process = subprocess.Popen([sys.executable, "-m", "zmav", "sim", *what], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[-1]
+    finally:
+        process.terminate()
+        process.wait(10)
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module", params=[LINK] if LINK else SIMULATED)
