@@ -41,7 +41,7 @@ class Desk:
     def send(self, name: str, **fields: Any) -> None:
         """Send to this vehicle unless ``target_system`` says otherwise."""
         message = self.dialect.message(name)
-        if message.target_system is not None:
+        if message.target_system is not None and "target" not in fields:
             fields = {"target_system": self.vehicle.sysid, "target_component": 1, **fields}
             if message.target_component is None:
                 del fields["target_component"]

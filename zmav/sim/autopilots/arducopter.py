@@ -40,7 +40,8 @@ MOST_VOLTS = 60.0
 # To thrust, as measured: from the order to lift off, and from arming (after which the motors stand still for 2 s).
 SPOOL_UP_S, ARMING_S = 2.0, 3.2
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
-GPS_COAST_S = 10.0  # how long the estimate lives on without a GPS
+# Without a GPS, as measured: how long the position is still good, and how long the filter tries to go on.
+GPS_COAST_S, GPS_AIDED_S = 7.0, 14.7
 
 # Parameter -> (limit of the cascade, factor to SI).
 _LIMITS = {
@@ -161,8 +162,9 @@ class ArduCopter:
     @property
     def ekf_flags(self) -> Flag:
         """EKF_STATUS_REPORT.flags; without a position as before there was one."""
-        if self.boot.has("position") and not self.position_ok:
-            return self.boot.flags_without_position
+        if self.boot.has("position") and not self.position_ok and self._gps_lost is not None:
+            flags = self.boot.flags_without_position
+            return flags if self.now - self._gps_lost > GPS_AIDED_S else flags & ~Flag.CONST_POS_MODE
         return self.boot.ekf_flags
 
     @property

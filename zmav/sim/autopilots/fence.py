@@ -12,6 +12,7 @@ import msgspec
 
 from zmav.sim.autopilots import items
 from zmav.sim.autopilots.items import Item, ItemStore, Result, check_place
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned
 
 if TYPE_CHECKING:
@@ -195,6 +196,19 @@ class Fence:
     def active(self) -> int:
         return self.enabled & self.present
 
+    def allows(self, place: Vector) -> bool:
+        """Whether GUIDED may be sent to a point of the world's NED."""
+        copter, params, active = self._copter, self._copter.params, self.active
+        home = copter.home_world
+        height, away = home[2] - place[2], math.hypot(place[0] - home[0], place[1] - home[1])
+        outside = (
+            active & CEILING and height > params["FENCE_ALT_MAX"],
+            active & FLOOR and height < params["FENCE_ALT_MIN"],
+            active & CIRCLE and away > params["FENCE_RADIUS"],
+            active & POLYGON and self._outside_areas(place[0], place[1]) > 0,
+        )
+        return not any(outside)
+
     def enable(self, on: bool, types: int = EVERYTHING) -> bool:
         """Switch fences on or off in flight (DO_FENCE_ENABLE); False where there is none to switch on."""
         wanted = self.configured & types
@@ -234,8 +248,9 @@ class Fence:
         if params["FENCE_ALT_MAX"] < 0:
             return "Invalid FENCE_ALT_MAX value"
         breached = self.breached
-        if int(params["FENCE_AUTOENABLE"]) == WHEN_ARMED and self.configured & POLYGON and self._outside_areas() > 0:
-            breached |= POLYGON
+        if int(params["FENCE_AUTOENABLE"]) == WHEN_ARMED and self.configured & POLYGON:
+            s = self._copter.sense
+            breached |= POLYGON * (self._outside_areas(s.north, s.east) > 0)
         if breached:
             return f"Vehicle breaching {names(breached)}"
         if params["FENCE_MARGIN"] < 0:
@@ -297,13 +312,12 @@ class Fence:
         if active & CIRCLE and copter.position_ok:
             found.append((CIRCLE, copter.from_home - params["FENCE_RADIUS"]))
         if active & POLYGON and copter.position_ok:
-            found.append((POLYGON, self._outside_areas()))
+            found.append((POLYGON, self._outside_areas(copter.sense.north, copter.sense.east)))
         return found
 
-    def _outside_areas(self) -> float:
-        s = self._copter.sense
-        inside = [a.outside_by(s.north, s.east) for a in self.items.areas if a.inside]
-        out = [a.outside_by(s.north, s.east) for a in self.items.areas if not a.inside]
+    def _outside_areas(self, north: float, east: float) -> float:
+        inside = [a.outside_by(north, east) for a in self.items.areas if a.inside]
+        out = [a.outside_by(north, east) for a in self.items.areas if not a.inside]
         union = bool(int(self._copter.params["FENCE_OPTIONS"]) & UNION)
         allowed = [min(inside)] if inside and union else inside
         return max([*allowed, *out], default=-math.inf)

@@ -79,7 +79,8 @@ class Rally(ItemStore):
         """Where to return to from here: the nearest point within RALLY_LIMIT_KM, or home where that is nearer."""
         copter, s = self._copter, self._copter.sense
         home = copter.home_world
-        places = [copter.place_of(item, home) for item in self._items]
+        points = [copter.place_of(item, home) for item in self._items]
+        places = [point for point in points if copter.fence.allows(point)]
         if not places:
             return home
         best = min(places, key=lambda p: math.hypot(p[0] - s.north, p[1] - s.east))

@@ -185,7 +185,7 @@ def _reposition(node: MavNode, c: Command) -> int:
         return DENIED
     if copter.mode is not copter.guided and not int(c.p2) & _CHANGE_MODE:
         return DENIED
-    if not copter.set_mode(copter.guided.number):
+    if not copter.fence.allows(where) or not copter.set_mode(copter.guided.number):
         return FAILED
     # The speed and yaw that the command can carry are not looked at.
     copter.guided.aim(Target(pos=where))

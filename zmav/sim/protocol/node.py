@@ -21,6 +21,7 @@ from zmav.sim.protocol.storage import Storage
 from zmav.sim.protocol.streams import RATE_PARAMS
 from zmav.sim.protocol.telemetry import REPORTS
 
+PIECE = 50  # characters of a STATUSTEXT
 HANDLERS = {**commands.HANDLERS, **DUTIES}
 
 
@@ -33,6 +34,7 @@ class MavNode(Node):
         super().__init__(copter, dialect, REPORTS, uid=uid, epoch_us=epoch_us)
         self.copter = copter
         self._reached: int | None = None
+        self._text_id = 0
         self.storage = Storage(copter, lambda: self.unix_us)
         for part in self.storage.parts:
             self.add(part)
@@ -80,10 +82,15 @@ class MavNode(Node):
                 channel.streams.set_group(group, self.copter.params[param], self.copter.now)
 
     def say(self, severity: int, text: str) -> None:
-        """A STATUSTEXT on every channel (at most 50 characters of it, as ArduPilot's are), and into the log."""
+        """A STATUSTEXT on every channel, in numbered pieces where it is long, and into the log."""
         self.storage.flight_log.message(text)
+        pieces = [text[start : start + PIECE] for start in range(0, max(len(text), 1), PIECE)]
+        number = 0
+        if len(pieces) > 1:
+            self._text_id = number = self._text_id % 65535 + 1
         for channel in self.channels:
-            channel.send("STATUSTEXT", severity=severity, text=text[:50])
+            for index, piece in enumerate(pieces):
+                channel.send("STATUSTEXT", severity=severity, text=piece, id=number, chunk_seq=index)
 
     def say_prearm(self) -> None:
         for fault in prearm_faults(self.copter):

@@ -85,7 +85,7 @@ def guided_item(copter: ArduCopter, item: Item) -> Result:
     if item.current != _GUIDED_ITEM:
         return Result.ACCEPTED
     place = point(copter, item.x, item.y, item.z, item.frame)
-    if not copter.takes_targets or item.command != _WAYPOINT or place is None:
+    if not copter.takes_targets or item.command != _WAYPOINT or place is None or not copter.fence.allows(place):
         return Result.ERROR
     copter.guided.aim(Target(pos=place))
     return Result.ACCEPTED
@@ -168,4 +168,5 @@ def _apply(copter: ArduCopter, target: Target) -> None:
         if vector is not None and not all(abs(c) <= most for c in vector):
             copter.guided.hold()
             return
-    copter.guided.aim(target)
+    if target.pos is None or copter.fence.allows(target.pos):
+        copter.guided.aim(target)

@@ -121,9 +121,10 @@ def extended_sys_state(node: MavNode) -> Fields:
 
 
 def mission_current(node: MavNode) -> Fields:
-    """MISSION_STATE: none there, not started, active or complete."""
+    """MISSION_STATE: none there, not started, active, paused or complete."""
     copter, mission = node.copter, node.copter.mission
-    state = {State.STOPPED: 2, State.RUNNING: 3, State.COMPLETE: 5}[mission.state] if mission.present else 1
+    running = 4 if copter.travel.paused else 3
+    state = {State.STOPPED: 2, State.RUNNING: running, State.COMPLETE: 5}[mission.state] if mission.present else 1
     return {
         "seq": mission.current,
         "total": max(len(mission) - 1, 0),

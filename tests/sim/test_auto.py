@@ -1,0 +1,481 @@
+"""AUTO in the simulated ArduCopter: when it starts, each command, the end, and what happens under way.
+
+Figures that are said to be measured are ArduCopter SITL's on the same plan.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.sim.conftest import Desk
+from tests.sim.plans import at, do, fly, reached, takeoff, upload
+from zmav.sim import VehicleSpec, World
+
+if TYPE_CHECKING:
+    from tests.sim.conftest import MakeDesk
+
+GUIDED, AUTO, LOITER, RTL, LAND = 4, 3, 5, 6, 9
+ACCEPTED, DENIED, FAILED = 0, 2, 4
+ARM, SET_MODE, START, PAUSE = 400, 176, 300, 193
+UP = takeoff(5.0)
+
+
+@pytest.fixture
+def ready(desk: Desk) -> Desk:
+    desk.world.step(1.0)
+    return desk
+
+
+def mode(desk: Desk) -> int:
+    return desk.vehicle.copter.mode.number
+
+
+def done(desk: Desk, seq: int, within: float = 60.0) -> float:
+    """Wait until an item is reached; the simulated seconds that took."""
+    return desk.until(lambda: seq in reached(desk), within)
+
+
+def aloft(desk: Desk, plan: list[dict[str, object]]) -> None:
+    """Fly the plan until its takeoff is over."""
+    fly(desk, [UP, *plan])
+    # A command that is done at once takes the takeoff's place in what is reported.
+    desk.until(lambda: bool(reached(desk)))
+
+
+class TestStart:
+    def test_disarmed_it_is_accepted_without_a_mission_and_arming_is_then_refused(self, ready: Desk) -> None:
+        assert ready.command(SET_MODE, 1, AUTO) == ACCEPTED
+        assert ready.command(START) == ACCEPTED
+        assert ready.command(ARM, 1) == FAILED
+        assert ready.texts()[-1] == "Arm: Mode requires mission"
+        assert upload(ready, [UP]) == ACCEPTED
+        assert ready.command(ARM, 1) == FAILED
+        assert ready.texts()[-1] == "Arm: AUTO mode not armable"
+
+    def test_it_can_be_made_armable(self, make_desk: MakeDesk) -> None:
+        desk = make_desk([VehicleSpec(params={"AUTO_OPTIONS": 3})])
+        desk.world.step(1.0)
+        assert upload(desk, [UP, do(20)]) == ACCEPTED
+        assert desk.command(SET_MODE, 1, AUTO) == ACCEPTED
+        assert desk.command(ARM, 1) == ACCEPTED
+        done(desk, 1)  # with the throttle stick down: AUTO_OPTIONS says so too
+
+    @pytest.mark.parametrize(
+        ("plan", "words"),
+        [
+            ([], ["Mode change to AUTO failed: init failed"]),
+            ([at(16, 5, 0, 5)], ["Auto: Missing Takeoff Cmd", "Mode change to AUTO failed: init failed"]),
+        ],
+    )
+    def test_armed_on_the_ground_it_needs_a_mission_that_takes_off(
+        self, ready: Desk, plan: list[dict[str, object]], words: list[str]
+    ) -> None:
+        assert upload(ready, plan) == ACCEPTED
+        assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+        assert ready.command(ARM, 1) == ACCEPTED
+        ready.clear("STATUSTEXT")
+        assert ready.command(START) == FAILED
+        assert ready.texts() == words
+        assert mode(ready) == GUIDED
+
+    def test_a_delay_may_come_before_the_takeoff(self, ready: Desk) -> None:
+        fly(ready, [do(93, 3.0, -1, -1, -1), UP])
+        ready.world.step(4.0)
+        assert ready.ned[2] == 0.0
+        done(ready, 2)
+
+    def test_chosen_with_the_stick_down_it_waits_for_throttle(self, ready: Desk) -> None:
+        assert upload(ready, [UP]) == ACCEPTED
+        assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+        assert ready.command(ARM, 1) == ACCEPTED
+        assert ready.command(SET_MODE, 1, AUTO) == ACCEPTED
+        ready.world.step(6.0)
+        assert ready.ned[2] == 0.0
+        ready.vehicle.copter.pilot.sticks(throttle=0.5)
+        done(ready, 1)
+
+    def test_left_waiting_it_disarms(self, ready: Desk) -> None:
+        assert upload(ready, [UP]) == ACCEPTED
+        assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+        assert ready.command(ARM, 1) == ACCEPTED
+        assert ready.command(SET_MODE, 1, AUTO) == ACCEPTED
+        took = ready.until(lambda: not ready.vehicle.copter.armed)
+        assert took == pytest.approx(10.0, abs=0.5)  # DISARM_DELAY
+
+    @pytest.mark.parametrize("p", [(1, 0), (0, 2)])
+    def test_parts_of_a_mission_cannot_be_started(self, ready: Desk, p: tuple[int, int]) -> None:
+        assert ready.command(START, *p) == DENIED
+
+
+class Record:
+    """One flight: where it was every tenth of a second since MISSION_START, and when it reached and said what."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self.track: list[tuple[float, float, float]] = []
+        self.speeds: list[tuple[float, float]] = []
+        self.yaws: list[float] = []
+        self.servo: list[int] = []
+        self.reached: dict[int, float] = {}
+        self.order: list[int] = []
+        self.said: dict[str, float] = {}
+        self.disarmed: float | None = None
+
+    def note(self, t: float) -> None:
+        copter, sense = self.desk.vehicle.copter, self.desk.vehicle.copter.sense
+        self.track.append(copter.local)
+        self.speeds.append((sense.vn, sense.ve))
+        self.yaws.append(sense.yaw)
+        self.servo.append(copter.payload.servos[8])
+        for seq in reached(self.desk):
+            self.reached[seq] = t
+            self.order.append(seq)
+        for text in self.desk.texts():
+            self.said.setdefault(text, t)
+        if not copter.armed and self.disarmed is None:
+            self.disarmed = t
+        self.desk.frames.clear()
+
+    def at(self, t: float) -> tuple[float, float, float]:
+        """Where it was then: north, east, up."""
+        north, east, down = self.track[min(round(t * 10), len(self.track) - 1)]
+        return north, east, -down
+
+    def speed(self, t: float) -> float:
+        return math.hypot(*self.speeds[round(t * 10)])
+
+
+PLANS: dict[str, list[dict[str, object]]] = {
+    "measured": [
+        takeoff(10.0),
+        at(16, 30, 0, 10),
+        at(16, 30, 30, 15, 3.0),
+        do(178, 1, 3.0, -1),
+        at(16, 60, 30, 15),
+        at(16, 60, 60, 12),
+        do(20),
+    ],
+    "delay": [UP, at(16, 8, 0, 5, 2.0), at(16, 16, 0, 5)],
+    "through": [UP, at(16, 15, 0, 5), at(16, 30, 0, 5)],
+    "heights": [
+        UP,
+        at(16, 5, 0, 8, 1.0),
+        at(16, 10, 0, 584.09 + 6.0, 1.0, frame=0),
+        at(16, 15, 0, 0.0, 1.0),
+        at(16, 20, 0, 7, 1.0, frame=10),
+    ],
+    "here": [UP, {"command": 16, "frame": 6, "z": 9.0}, at(16, 5, 0, 9)],
+    "line": [UP, at(16, 30, 0, 15)],
+    "unlimited": [UP, at(17, 6, 0, 5), do(20)],
+    "time": [UP, at(19, 6, 0, 5, 4.0), do(20)],
+    "right": [UP, at(18, 12, 0, 5, 1.0, 0.0, 6.0), do(20)],
+    "left": [UP, at(18, 12, 0, 5, 1.0, 0.0, -6.0), do(20)],
+    "to alt": [UP, at(31, 5, 0, 10), at(16, 10, 0, 10)],
+    "spline": [UP, at(82, 10, 5, 5), at(16, 20, 0, 5)],
+    "return": [UP, at(16, 5, 0, 5), do(20)],
+    "land there": [UP, at(21, 8, 3), at(16, 50, 0, 5)],
+    "land": [UP, do(21)],
+    "land and go on": [UP, at(21, 4, 0), takeoff(4.0), at(16, 8, 0, 4)],
+    "conditions": [
+        UP,
+        at(16, 40, 0, 5),
+        do(112, 2.0),
+        do(183, 9, 1600),
+        do(114, 10.0),
+        do(183, 9, 1700),
+        at(16, 80, 0, 5),
+    ],
+    "nav delay": [UP, do(93, 3.0, -1, -1, -1), at(16, 5, 0, 5)],
+    "clock": [UP, do(93, 0.0, 0, 0, 40), at(16, 5, 0, 5)],
+    "nose": [UP, at(16, 40, 0, 5), do(115, 90.0, 20.0, -1.0, 0.0), at(16, 300, 0, 5)],
+    "interest": [UP, do(178, 1, 4.0), at(201, 0, 20), at(16, 30, 0, 5, 9.0), do(197), at(16, 60, 0, 5, 1.0)],
+    "jumps": [UP, at(16, 3, 0, 5), at(16, 6, 0, 5), do(177, 2, 2), at(16, 9, 0, 5)],
+    "tag": [UP, at(16, 3, 0, 5), do(601, 7, 1), at(16, 6, 0, 5), do(600, 7), at(16, 9, 0, 5)],
+    "no end": [UP, do(177, 3, -1), do(177, 2, -1)],
+    "home": [UP, at(179, 3, 4, 584.09, 0.0, frame=0), at(16, 5, 0, 5)],
+    "unknown": [UP, do(83, 100.0), do(210, 1), at(16, 5, 0, 5)],
+}
+FLOWN_S = 75.0
+
+
+@pytest.fixture(scope="module")
+def flown() -> Iterator[dict[str, Record]]:
+    """All plans at once, each on a copter of its own that starts where the worlds' home is."""
+    options = {"land and go on": {"MIS_OPTIONS": 4.0}}
+    specs = [VehicleSpec(start_ned_m=(0.0, 0.0, 0.0), params=options.get(name, {})) for name in PLANS]
+    world = World(specs, ready_s=0.5, epoch_s=86400.0 * 20000)  # midnight
+    records = {name: Record(Desk(world, vehicle)) for name, vehicle in zip(PLANS, world.vehicles, strict=True)}
+    world.step(1.0)
+    for name, record in records.items():
+        fly(record.desk, PLANS[name])
+    start = world.time_s
+    while world.time_s - start < FLOWN_S:
+        for record in records.values():
+            record.note(world.time_s - start)
+        world.step(0.1)
+    yield records
+    world.close()
+
+
+def test_a_whole_mission_takes_as_long_as_the_real_one(flown: dict[str, Record]) -> None:
+    """Measured, from MISSION_START to each item: 10.5, 19.2, 30.4, 42.5 and 54.4 s; corners passed as near."""
+    record = flown["measured"]
+    assert [record.reached[seq] for seq in (1, 2, 4, 5, 6)] == pytest.approx([10.5, 19.2, 30.4, 42.5, 54.4], rel=0.06)
+    # In the middle of the first corner, measured (28.9, 1.3).
+    assert record.at(record.reached[2])[:2] == pytest.approx((28.9, 1.3), abs=0.4)
+    assert 3 not in record.reached  # items 3 and 4 are done at once: the last one is told
+    fields = record.desk.last("MISSION_CURRENT")
+    assert (fields["seq"], fields["total"], fields["mission_state"], fields["mission_mode"]) == (7, 7, 3, 1)
+
+
+class TestCommands:
+    def test_a_waypoint_with_a_delay_waits_there(self, flown: dict[str, Record]) -> None:
+        record = flown["delay"]
+        left = record.reached[2]
+        assert record.at(left - 1.9) == pytest.approx((8, 0, 5), abs=0.5)
+        assert record.speed(left - 1.0) < 0.1
+        assert "Reached command #2" in record.said
+
+    def test_a_waypoint_without_one_is_flown_through(self, flown: dict[str, Record]) -> None:
+        record = flown["through"]
+        assert record.speed(record.reached[2]) > 1.0
+        assert record.speed(record.reached[3] + 1.0) < 0.3
+
+    def test_heights_above_home_above_the_sea_and_left_open(self, flown: dict[str, Record]) -> None:
+        record = flown["heights"]
+        assert [record.at(record.reached[seq])[2] for seq in (2, 3, 4, 5)] == pytest.approx([8, 6, 6, 7], abs=0.2)
+
+    def test_a_place_left_open_is_here(self, flown: dict[str, Record]) -> None:
+        record = flown["here"]
+        assert record.at(record.reached[2]) == pytest.approx((0, 0, 9), abs=0.7)
+
+    def test_a_straight_line_is_kept_in_height_too(self, flown: dict[str, Record]) -> None:
+        record = flown["line"]
+        half = next(point for point in record.track if point[0] > 15.0)
+        assert half[2] == pytest.approx(-10.0, abs=0.4)
+
+    def test_loiter_unlimited_stays(self, flown: dict[str, Record]) -> None:
+        record = flown["unlimited"]
+        assert record.at(FLOWN_S) == pytest.approx((6, 0, 5), abs=0.3)
+        assert record.order == [1]
+
+    def test_loiter_time(self, flown: dict[str, Record]) -> None:
+        record = flown["time"]
+        assert record.at(record.reached[2] - 3.8) == pytest.approx((6, 0, 5), abs=0.6)
+        assert record.at(record.reached[2] - 6.5)[0] < 5.5
+
+    @pytest.mark.parametrize(("name", "way"), [("right", 1.0), ("left", -1.0)])
+    def test_loiter_turns_circles(self, flown: dict[str, Record], name: str, way: float) -> None:
+        record = flown[name]
+        first, last = (round(t * 10) for t in (record.said["Mission: starting circle 1/1"], record.reached[2]))
+        points = [(north - 12.0, east) for north, east, _ in record.track[first:last]]
+        assert [math.hypot(*point) for point in points] == pytest.approx([6.0] * len(points), abs=1.2)
+        angles = [math.atan2(east, north) for north, east in points]
+        turned = sum((b - a + math.pi) % (2 * math.pi) - math.pi for a, b in itertools.pairwise(angles))
+        assert math.degrees(turned) == pytest.approx(360.0 * way, abs=20.0)
+        # CIRCLE_RATE is 20 deg/s, and it takes a moment to get going.
+        assert record.reached[2] - first / 10 == pytest.approx(18.6, abs=0.5)
+
+    def test_loiter_to_alt_is_not_reported(self, flown: dict[str, Record]) -> None:
+        record = flown["to alt"]
+        assert record.order == [1, 3]
+        assert record.at(record.reached[3]) == pytest.approx((10, 0, 10), abs=1.0)
+
+    def test_a_spline_is_flown_straight(self, flown: dict[str, Record]) -> None:
+        assert flown["spline"].order == [1, 2, 3]
+
+    def test_return_lands_and_disarms(self, flown: dict[str, Record]) -> None:
+        record = flown["return"]
+        assert record.disarmed is not None
+        assert record.at(FLOWN_S) == pytest.approx((0, 0, 0), abs=0.3)
+        assert record.order[-1] == 3
+        assert mode(record.desk) == AUTO
+
+    @pytest.mark.parametrize(("name", "place"), [("land there", (8, 3, 0)), ("land", (0, 0, 0))])
+    def test_a_landing_ends_it_all(self, flown: dict[str, Record], name: str, place: tuple[int, ...]) -> None:
+        record = flown[name]
+        assert record.disarmed is not None
+        assert record.at(FLOWN_S) == pytest.approx(place, abs=0.3)
+        assert record.order == [1]  # the landing is not reported: the mission stops in it
+
+    def test_it_can_go_on_after_a_landing(self, flown: dict[str, Record]) -> None:
+        assert flown["land and go on"].order == [1, 2, 3, 4]
+
+    def test_delays_and_distances_hold_commands_back(self, flown: dict[str, Record]) -> None:
+        record = flown["conditions"]
+        first, second = record.servo.index(1600), record.servo.index(1700)
+        assert first / 10 - record.reached[2] == pytest.approx(2.0, abs=0.3)
+        assert record.track[second][0] == pytest.approx(70.0, abs=1.5)
+        assert [seq for seq in record.order if seq in (3, 5)] == [3, 5]
+
+    def test_a_nav_delay_waits(self, flown: dict[str, Record]) -> None:
+        record = flown["nav delay"]
+        assert record.reached[2] - record.reached[1] == pytest.approx(3.0, abs=0.2)
+        assert "Delaying 3 sec" in record.said
+
+    def test_a_nav_delay_until_a_time_of_day(self, flown: dict[str, Record]) -> None:
+        # Midnight was two seconds and a bit before the start.
+        assert flown["clock"].reached[2] == pytest.approx(40.0 - 1.0, abs=0.5)
+
+    def test_the_nose_turns_as_told_and_only_then_is_the_item_reached(self, flown: dict[str, Record]) -> None:
+        record = flown["nose"]
+        took = record.reached[3] - record.reached[2]
+        assert took == pytest.approx(270.0 / 20.0, abs=2.0)  # the long way, to the left
+        assert record.yaws[round(record.reached[3] * 10)] == pytest.approx(math.pi / 2, abs=0.1)
+
+    def test_a_region_of_interest_keeps_the_nose(self, flown: dict[str, Record]) -> None:
+        record = flown["interest"]
+        there = next(i for i, point in enumerate(record.track) if point[0] > 20.0)
+        assert record.yaws[there] == pytest.approx(math.atan2(20.0, -20.0), abs=0.15)
+        assert record.yaws[round(record.reached[6] * 10)] == pytest.approx(0.0, abs=0.1)
+
+    def test_jumps_are_counted(self, flown: dict[str, Record]) -> None:
+        record = flown["jumps"]
+        assert [seq for seq in record.order if seq in (2, 3, 5)] == [2, 3, 2, 3, 2, 3, 5]
+        assert [t for t in record.said if "Jump" in t] == ["Mission: 4 Jump 1/2", "Mission: 4 Jump 2/2"]
+
+    def test_a_jump_to_a_tag(self, flown: dict[str, Record]) -> None:
+        assert [seq for seq in flown["tag"].order if seq != 5] == [1, 2, 6]
+
+    def test_jumps_without_end_do_not_hang_it(self, flown: dict[str, Record]) -> None:
+        record = flown["no end"]
+        assert record.at(FLOWN_S)[2] == pytest.approx(5.0, abs=0.3)
+        assert record.desk.last("MISSION_CURRENT")["mission_state"] == 5
+
+    def test_home_can_be_moved(self, flown: dict[str, Record]) -> None:
+        assert flown["home"].desk.vehicle.copter.home_world == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
+        assert 3 in flown["home"].reached
+
+    def test_what_a_copter_cannot_do_is_passed_over(self, flown: dict[str, Record]) -> None:
+        assert 4 in flown["unknown"].reached
+
+
+def test_wind_does_not_blow_it_off(make_desk: MakeDesk) -> None:
+    desk = make_desk(wind=(3.0, 5.0, 0.0))
+    aloft(desk, [at(16, 20, 0, 5)])
+    while 2 not in reached(desk):
+        desk.world.step(0.2)
+        assert abs(desk.ned[1]) < 1.5
+    assert desk.near(20, 0, -5, 2.0)
+
+
+def test_speeds_are_changed_for_this_mission_only(ready: Desk) -> None:
+    aloft(ready, [do(178, 1, 2.0), at(16, 60, 0, 5)])
+    ready.until(lambda: ready.ned[0] > 8.0)
+    assert ready.vehicle.copter.sense.vn == pytest.approx(2.0, abs=0.1)
+    assert ready.command(178, 1, 4.0) == ACCEPTED  # from the ground, under way
+    ready.world.step(3.0)
+    assert ready.vehicle.copter.sense.vn == pytest.approx(4.0, abs=0.2)
+    assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+    assert ready.vehicle.copter.sp.limit_of("speed") == pytest.approx(10.0)
+
+
+def test_targets_from_outside_while_the_mission_lets_them(ready: Desk) -> None:
+    aloft(ready, [do(92, 1), at(16, 10, 0, 5)])
+    ready.world.step(0.5)
+    ready.goto(0.0, 6.0, -5.0)
+    ready.until(lambda: ready.near(0, 6, -5))
+    assert ready.command(224, 3) == ACCEPTED
+    done(ready, 3)
+
+
+class TestUnderWay:
+    def test_at_the_end_it_stays_where_it_is(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 10, 0, 5)])
+        done(ready, 2)
+        ready.world.step(6.0)
+        assert ready.near(10, 0, -5, 0.4)
+        assert mode(ready) == AUTO
+        assert ready.last("MISSION_CURRENT")["mission_state"] == 5
+
+    @pytest.mark.parametrize(("restart", "first"), [(0, 3), (1, 1)])
+    def test_coming_back_it_goes_on_or_starts_again(self, make_desk: MakeDesk, restart: int, first: int) -> None:
+        desk = make_desk([VehicleSpec(params={"MIS_RESTART": restart})])
+        aloft(desk, [at(16, 10, 0, 5), at(16, 30, 0, 5)])
+        done(desk, 2)
+        assert desk.command(SET_MODE, 1, LOITER) == ACCEPTED
+        assert desk.last("MISSION_CURRENT")["mission_state"] == 2
+        desk.vehicle.copter.pilot.sticks(throttle=0.5)
+        desk.world.step(3.0)
+        desk.clear("MISSION_ITEM_REACHED")
+        assert desk.command(SET_MODE, 1, AUTO) == ACCEPTED
+        desk.until(lambda: bool(reached(desk)))
+        assert reached(desk)[0] == first
+
+    def test_after_its_end_it_starts_again(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 5, 0, 5)])
+        done(ready, 2)
+        ready.world.step(1.0)
+        assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+        ready.clear("MISSION_ITEM_REACHED")
+        assert ready.command(SET_MODE, 1, AUTO) == ACCEPTED
+        done(ready, 2)
+        assert reached(ready)[0] == 1
+
+    def test_another_item_can_be_made_current(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 60, 0, 5), at(16, 0, 60, 5), at(16, 5, 5, 5)])
+        ready.world.step(2.0)
+        ready.send("MISSION_SET_CURRENT", seq=4)
+        ready.until(lambda: ready.near(5, 5, -5, 1.0))
+        assert reached(ready) == [1]
+
+    def test_a_change_of_what_it_flies_to_is_followed_at_once(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 40, 0, 5)])
+        ready.world.step(2.0)
+        assert upload(ready, [UP, at(16, 0, 10, 5)]) == ACCEPTED
+        ready.world.step(0.1)
+        assert "Auto mission changed, restarted command" in ready.texts()
+        ready.until(lambda: ready.near(0, 10, -5, 1.0))
+
+    def test_a_change_far_ahead_disturbs_nothing(self, ready: Desk) -> None:
+        plan = [at(16, 8, 0, 5), at(16, 16, 0, 5), at(16, 24, 0, 5), at(16, 32, 0, 5), at(16, 40, 0, 5)]
+        aloft(ready, plan)
+        ready.world.step(1.0)
+        ready.send("MISSION_WRITE_PARTIAL_LIST", start_index=6, end_index=6)
+        ready.send("MISSION_ITEM_INT", seq=6, **at(16, 41, 0, 5))
+        ready.world.step(0.5)
+        assert "Auto mission changed, restarted command" not in ready.texts()
+
+    def test_a_running_mission_cannot_be_cleared(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 40, 0, 5)])
+        ready.send("MISSION_CLEAR_ALL")
+        assert ready.all("MISSION_ACK")[-1]["type"] == 1
+        assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+        ready.send("MISSION_CLEAR_ALL")
+        assert ready.all("MISSION_ACK")[-1]["type"] == 0
+
+    def test_it_can_be_held_up(self, ready: Desk) -> None:
+        assert ready.command(PAUSE, 0) == FAILED
+        aloft(ready, [at(16, 40, 0, 5)])
+        ready.world.step(3.0)
+        assert ready.command(PAUSE, 0) == ACCEPTED
+        ready.world.step(5.0)
+        there = ready.ned
+        ready.world.step(2.0)
+        assert ready.near(*there, within=0.3)
+        assert 0.0 < there[0] < 38.0
+        assert ready.last("MISSION_CURRENT")["mission_state"] == 4
+        assert ready.command(PAUSE, 1) == ACCEPTED
+        done(ready, 2)
+
+    def test_the_pilot_takes_over(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 60, 0, 5)])
+        ready.vehicle.pilot_mode("LOITER")
+        ready.world.step(4.0)
+        assert mode(ready) == LOITER
+        there = ready.ned
+        ready.world.step(2.0)
+        assert ready.near(*there, within=0.3)
+
+    def test_where_it_goes_is_reported(self, ready: Desk) -> None:
+        aloft(ready, [at(16, 40, 0, 5)])
+        ready.world.step(1.0)
+        target = ready.last("POSITION_TARGET_GLOBAL_INT")
+        assert target["lat_int"] == at(16, 40, 0)["x"]
+        assert ready.last("NAV_CONTROLLER_OUTPUT")["wp_dist"] > 30
+        assert ready.last("EXTENDED_SYS_STATE")["landed_state"] == 2
