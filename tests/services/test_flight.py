@@ -16,6 +16,7 @@ from zmav.sim import SimVehicle, VehicleStatus, World
 
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net, Samples, StartOnboard
+    from tests.services.conftest import StartBench
 
 SPEED = 8.0
 HOME = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)

@@ -145,7 +145,7 @@ class Commander:
         mode = self.autopilot().mode(name)
         before, self.ordered = self.ordered, mode.name
         try:
-            # What HEARTBEAT shows is up to a second old: the mode may have been left since for another that was ordered.
+            # What HEARTBEAT shows is up to a second old: the mode may have been left for another that was ordered.
             if self._identity.mode != mode.name or before not in (None, mode.name):
                 since = time.monotonic()
                 with self.inbox("COMMAND_ACK", "HEARTBEAT") as inbox:
