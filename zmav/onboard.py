@@ -163,12 +163,13 @@ class Onboard:
         """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one."""
 
         async def guarded(args: wire.Order, report: Report) -> dict[str, Any]:
-            self.authority.admit(verb, args)
+            flown = self.authority.admit(verb, args)
             try:
                 return await handler(args, report)
-            except Refused as e:
-                if "mode" in e.detail:  # the order saw the pilot's mode before anybody else judged it
+            except Exception as e:
+                if isinstance(e, Refused) and "mode" in e.detail:  # it saw the pilot's mode before anybody judged it
                     self.authority.taken(e.message)
+                self.authority.failed(flown, verb)
                 raise
             except asyncio.CancelledError:
                 if why := self.authority.taken_from:

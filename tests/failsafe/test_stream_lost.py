@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from tests.failsafe.conftest import Px4Peer, agent, held, moves, stops
+import contextlib
+
+import pytest
+
+from tests.failsafe.conftest import PATIENT, Px4Peer, agent, held, moves, stops
 from tests.services.conftest import GUIDED, SET_MODE, StartBench
+from zmav.errors import ZmavError
 
 HOLD_MODE, OFFBOARD = 4 << 16 | 3 << 24, 6 << 16
 
@@ -52,3 +57,27 @@ async def test_it_goes_on_when_the_stream_does(bench: StartBench) -> None:
     await held(b)
     await alice.fly()
     assert moves(b)[-1].at > stops(b)[0].at
+
+
+@pytest.mark.parametrize(
+    ("verb", "args"),
+    [
+        ("disarm", {}),  # refused in the air
+        ("arm", {"ready_timeout": 0}),
+        ("goto", {}),
+        ("takeoff", {"alt_rel": 5000}),
+        ("set_mode", {"mode": "WARP"}),
+        ("command", {"command": "DO_CHANGE_SPEED", "params": {"param2": 5.0}}),
+    ],
+)
+async def test_an_order_that_moves_nothing_leaves_nothing_flying(
+    bench: StartBench, verb: str, args: dict[str, object]
+) -> None:
+    """It ends the stream: what was flown must not be flown on."""
+    b = await bench(settings={"failsafe": PATIENT})
+    b.peer.results[400] = [4]
+    alice = await agent(b)
+    await alice.fly()
+    with contextlib.suppress(ZmavError):
+        await b.ground.do(verb, lease=alice.token, **args)
+    await held(b)

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 
 import msgspec
 import zenoh
 
 from zmav import wire
+from zmav.autopilots import Target
 from zmav.config import Failsafe, Geofence, Limits, PilotSwitch, check_failsafe
 from zmav.services.bounds import Bounds
 from zmav.services.carrot import Carrot
 from zmav.services.command import Commander
 from zmav.services.events import Events
 from zmav.services.identity import Identity
-from zmav.services.ladder import Ladder
+from zmav.services.ladder import Flown, Ladder
 from zmav.services.lease import Leases
 from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
 from zmav.services.setpoint import Setpoints
 from zmav.verbs import Access, Verb
+
+MOVING_NOTHING = ("arm", "disarm", "mission_current")
+"""orders that end a stream and put nothing in its place: the vehicle holds"""
+HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
+"""... and those that may put something there, sooner or later"""
 
 
 class Rules(msgspec.Struct, kw_only=True, frozen=True):
@@ -62,6 +69,8 @@ class Authority:
 
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
+        self._ordered_under = 0
+        """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
 
     def start(self) -> None:
         ladder, pilot, setpoints = self.ladder, self.pilot, self.setpoints
@@ -88,22 +97,36 @@ class Authority:
         self.pilot.close()
         self.leases.close()
 
-    def admit(self, verb: Verb, args: wire.Order) -> None:
-        """Let an order begin: raises where its verb needs what it has not, and ends what it takes the place of."""
+    def admit(self, verb: Verb, args: wire.Order) -> Flown | None:
+        """Let an order begin: raises where its verb needs what it has not, and ends what it takes the place of.
+
+        Returns the stream that it ended, for :meth:`failed`.
+        """
         if verb.access is not Access.READ or verb.name == "lease":
             self._guard()
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease)
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
-            return
+            return None
         if verb.name != "disarm":
             self.pilot.check()
         self.taken_from = ""
-        self.ladder.stop()
+        if verb.name in HOLDING_FIRST:
+            self.ladder.hold_now(f"{verb.name} was ordered")
+        flown = None if verb.name in MOVING_NOTHING else self.ladder.stop()
         self.carrot.stop()
+        if verb.name not in (*MOVING_NOTHING, "command"):
+            self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
         self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
         if verb.access is Access.OPEN and not self.leases.holds(args.lease):  # his next setpoint would undo it
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
+        return flown
+
+    def failed(self, flown: Flown | None, verb: Verb) -> None:
+        """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
+        idle = not (self._commander.moving or self.carrot.leading)
+        if flown is not None and idle and self._identity.mode == flown.mode:
+            self.ladder.hold(flown, f"{verb.name} came to nothing")
 
     def taken(self, text: str) -> None:
         """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back."""
@@ -135,6 +158,22 @@ class Authority:
         if end.reason in ("pilot", "failsafe") or (lost and self.ladder.committed):
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
         self.ladder.hold_now(end.text, goes_on=lost)
+        if not lost and self._ordered_under == end.number:
+            self._end_order(end)
+
+    def _end_order(self, end: wire.LeaseEnd) -> None:
+        """What was ordered under a lease ends with it where somebody meant the end: the vehicle holds for the next."""
+        if not (self._commander.moving or (self.carrot.leading and end.reason != "released")):
+            return
+        self._ordered_under = 0
+        self._commander.supersede()
+        self.carrot.stop()
+        who, now = self._identity, time.monotonic()
+        if who.autopilot is not None and who.source is not None:
+            still = Target(vel=(0.0, 0.0, 0.0))
+            self.ladder.hold(
+                Flown(who.autopilot, who.source, end.number, still, who.mode or "", now), end.text, goes_on=False
+            )
 
     def _on_acted(self, lease: int) -> None:
         if lease == self.leases.number:

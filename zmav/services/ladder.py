@@ -180,12 +180,27 @@ class Ladder:
             self._goes_on = goes_on
             self._wake(self._next(time.monotonic()))
 
-    def stop(self) -> None:
+    def stop(self) -> Flown | None:
         """The stream is over on purpose: an order or the pilot moves the vehicle now, or it has landed. Once this
-        returns nothing more is sent, and what was overridden is given back.
+        returns nothing more is sent, and what was overridden is given back. Returns what was flown or held.
         """
         with self._changed:
+            flown = self._flown if self._step in (Step.FRESH, Step.HOLDING) else None
             self._end()
+            return flown
+
+    def hold(self, flown: Flown, why: str, *, goes_on: bool = True) -> None:
+        """Hold what nothing moves any more, while nothing else is flown; ``goes_on`` as in :meth:`hold_now`."""
+        with self._changed:
+            if self._step is not Step.IDLE:
+                return
+            self._flown = flown
+            if not self._ours():
+                self._end()
+                return
+            self._hold(why)
+            self._goes_on = goes_on
+            self._wake(self._next(time.monotonic()))
 
     # The thread.
 
