@@ -208,7 +208,9 @@ async def test_pilot_takes_over(flight: Flight) -> None:
     mode = PILOTS_MODE[str(flight.state.autopilot)]
     async with flight.vehicle.lease("tester") as lease:
         async with flight.streaming(lease, vel=(1.0, 0.0, 0.0)):
-            await flight.until(lambda s: s.velocity is not None and s.velocity[0] > 0.7, 20.0, "1 m/s north")
+            await flight.until(
+                lambda s: s.mode != mode and s.velocity is not None and s.velocity[0] > 0.7, 20.0, "1 m/s north"
+            )
         with pytest.raises(NotHolder):
             async with flight.streaming(lease, vel=(1.0, 0.0, 0.0)):
                 await flight.gcs_mode(mode)
