@@ -10,6 +10,7 @@ import pytest
 
 from zmav.errors import BadInput, Refused, Stale
 from zmav.onboard import Onboard, OnboardSettings
+from zmav.services import orders
 
 if TYPE_CHECKING:
     from tests.conftest import Net
@@ -186,3 +187,31 @@ async def test_an_order_that_comes_as_the_vehicle_closes_is_not_begun(net: Net, 
     done = await asyncio.gather(*asked)
     assert [reply for replies in done for reply in replies if reply.ok is not None] == []
     assert vehicle.orders.under_way == 0
+
+
+async def test_an_order_whose_outcome_is_forgotten_is_not_done_again(
+    bench: StartBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its caller asks again after a long hole in the network: the vehicle must not take off once more."""
+    b = await (await (await bench()).connected()).flying()
+    monkeypatch.setattr(orders, "MEMORY", 0.0)
+    await b.ground.do("set_mode", mode="LOITER", id="once", wait=5)
+    told = len(b.peer.commands(SET_MODE))
+    with pytest.raises(Refused, match=r"ended .* s ago"):
+        await b.ground.do("set_mode", mode="LOITER", id="once", wait=5)
+    assert len(b.peer.commands(SET_MODE)) == told
+
+
+async def test_orders_without_end_take_no_memory_without_end(
+    bench: StartBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    b = await (await bench()).connected()
+    monkeypatch.setattr(orders, "MOST_KEPT", 5)
+    monkeypatch.setattr(orders, "MOST_IDS", 10)
+    for number in range(30):
+        await b.ground.do("ping", id=f"{number}", wait=5)
+        await b.ground.do("ping")
+    assert len(b.vehicle.orders._operations) <= 6
+    assert len(b.vehicle.orders._ended) <= 11
+    with pytest.raises(BadInput, match="id"):
+        await b.ground.do("ping", id="x" * 65)

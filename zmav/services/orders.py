@@ -7,6 +7,8 @@ same id, so that a lost answer costs one retry and no second takeoff.
 from __future__ import annotations
 
 import asyncio
+import collections
+import hashlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
@@ -21,6 +23,10 @@ from zmav.verbs import VERBS
 
 MEMORY = 60.0
 """seconds a finished order's outcome is kept for a caller who asks again"""
+MOST_KEPT, MOST_IDS = 1000, 10_000
+"""finished orders whose outcome is kept, and ids of older ones: those are not done again either"""
+MOST_ID = 64
+"""characters of an id"""
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
@@ -30,6 +36,7 @@ Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
 class Operation:
     verb: str
     payload: bytes
+    """its digest: what was put may be large"""
     task: asyncio.Task[dict[str, Any]]
     started: float = field(default_factory=time.monotonic)
     ended: float | None = None
@@ -48,6 +55,8 @@ class Orders:
         self._session, self._fleet, self._name = session, fleet, name
         self._verbs: dict[str, tuple[type[wire.Order], Handler]] = {}
         self._operations: dict[str, Operation] = {}
+        self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
+        """when the orders ended whose outcome is kept no more"""
         self._answers: set[asyncio.Task[None]] = set()
         self._queryable: Any = None
         self._closed = False
@@ -111,9 +120,17 @@ class Orders:
 
     def _operation(self, verb: str, args: wire.Order, payload: bytes, handler: Handler) -> Operation:
         self._forget()
-        known = self._operations.get(args.id) if args.id else None
+        if len(args.id) > MOST_ID:
+            text = f"an id has at most {MOST_ID} characters"
+            raise BadInput(text, field="id", value=args.id[:MOST_ID], expected=text)
+        if args.id in self._ended:
+            ago = time.monotonic() - self._ended[args.id]
+            raise Refused(
+                f"{verb} ended {ago:.0f} s ago, and is not done again: give it anew, with another id", verb=verb
+            )
+        known, digest = self._operations.get(args.id) if args.id else None, hashlib.sha256(payload).digest()
         if known is not None:
-            if (known.verb, known.payload) != (verb, payload):
+            if (known.verb, known.payload) != (verb, digest):
                 raise BadInput(f"id {args.id!r} was used for another order ({known.verb})", field="id", value=args.id)
             return known
         progress: dict[str, Any] = {}
@@ -122,14 +139,22 @@ class Orders:
             progress.update(news)
 
         task = asyncio.get_running_loop().create_task(_run(handler, args, report))
-        operation = Operation(verb, payload, task, progress=progress)
+        operation = Operation(verb, digest, task, progress=progress)
         task.add_done_callback(operation.end)
         self._operations[args.id or f"#{id(task)}"] = operation
         return operation
 
     def _forget(self) -> None:
         old = time.monotonic() - MEMORY
-        self._operations = {k: op for k, op in self._operations.items() if op.ended is None or op.ended > old}
+        ended = [(name, op.ended) for name, op in self._operations.items() if op.ended is not None]
+        beyond = len(ended) - MOST_KEPT
+        for number, (name, at) in enumerate(ended):
+            if at <= old or number < beyond:
+                del self._operations[name]
+                if not name.startswith("#"):
+                    self._ended[name] = at
+        while len(self._ended) > MOST_IDS:
+            self._ended.popitem(last=False)
 
 
 async def _run(handler: Handler, args: wire.Order, report: Report) -> dict[str, Any]:
