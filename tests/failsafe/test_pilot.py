@@ -215,3 +215,35 @@ async def test_an_order_that_replaces_a_mode_change_is_not_taken_for_the_pilot(b
     b.peer.armed = False
     assert (await landing).status == "done"
     assert not [e for e in b.events.objects() if e["kind"] == "pilot"]
+
+
+@pytest.mark.parametrize("after", ["arrival", "takeover"])
+async def test_reposition_from_another_mode(bench: StartBench, after: str) -> None:
+    """It changes the mode by itself, which HEARTBEAT shows up to a second later; from then on a mode is the pilot's."""
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b, mode=LOITER)
+    b.peer.beating = False
+    here = {"lat": -350000000, "lon": 1490000000, "alt": 600000, "relative_alt": 10000}
+    place = {"frame": "global", "lat_deg": -35.001, "lon_deg": 149.0, "alt_rel": 10.0}
+    b.peer.send("GLOBAL_POSITION_INT", **here)
+    order = asyncio.create_task(b.ground.do("reposition", lease=alice.token, **place))
+    await b.peer.until(lambda: bool(b.peer.heard("COMMAND_INT", command=192)), "DO_REPOSITION")
+    b.peer.mode = GUIDED
+    for _ in range(3):
+        b.peer.send("GLOBAL_POSITION_INT", **here)
+        await b.state(lambda s: True, "a moment")
+    b.peer.beating = True
+    await b.state(lambda s: s["mode"] == "GUIDED", "GUIDED")
+    b.peer.send("GLOBAL_POSITION_INT", **here)
+    await b.state(lambda s: True, "a moment")
+    if after == "arrival":
+        b.peer.send("GLOBAL_POSITION_INT", **{**here, "lat": -350010000})
+        await b.state(lambda s: True, "a moment")
+        b.peer.send("GLOBAL_POSITION_INT", **{**here, "lat": -350010000})
+        assert (await order).status == "done"
+    else:
+        b.peer.mode = LOITER
+        b.peer.heartbeat()
+        with pytest.raises(Refused, match="taken over"):
+            await order
+        await released(b, "the mode is now LOITER")

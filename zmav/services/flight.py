@@ -11,6 +11,7 @@ from typing import Any
 from zmav import geo, wire
 from zmav.autopilots import Autopilot, Command, Message, Target
 from zmav.autopilots.base import reposition
+from zmav.autopilots.safety import by_command
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.services.command import Commander
 from zmav.services.identity import Identity
@@ -103,7 +104,9 @@ class Flight:
             action = autopilot.goto(target)
             if autopilot.engage_after == 0.0:  # who wants a stream first is given a command that changes the mode
                 await self._do.enter(autopilot.guided)
-            if not self.lead(target):
+            if isinstance(action, Command):
+                await self._reposition(action, "goto")
+            elif not self.lead(target):
                 await self._do.give(action)
             if not args.arrive:
                 return {}
@@ -122,8 +125,7 @@ class Flight:
             self._check_flying()
             target = autopilot.placed(target, self._state.latest)
             action = reposition(target, speed=args.speed, radius=args.radius)
-            await self._do.give(action)
-            self._do.ordered = self._identity.mode
+            await self._reposition(action, "reposition")
             if not args.arrive:
                 return {}
             return {"away": await self._arrive(action, target, args, report)}
@@ -185,6 +187,15 @@ class Flight:
         target = resolve(args, self._state.origin)
         self.check(target)
         return target
+
+    async def _reposition(self, action: Command, verb: str) -> None:
+        """Give it, and see the mode that it changes to by itself: from then on another one is the pilot's."""
+        await self._do.give(action)
+        modes = by_command(self._do.autopilot(), verb)
+        if modes:
+            late = f"{action.name} was acknowledged, but none of its modes comes ({', '.join(modes)})"
+            await self._do.until_heartbeat(lambda: self._identity.mode in modes, late)
+        self._do.ordered = self._identity.mode
 
     def _check_flying(self) -> None:
         if not self._identity.armed:
