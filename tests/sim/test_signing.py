@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from pymavlink import mavutil
 
 from zmav import keys
-from zmav.cli import zmav
+from zmav.cli import signing, zmav
 from zmav.config import Signing as SigningTable
 from zmav.errors import BadConfig, Refused
 from zmav.mavlink import Packer, load_dialect
@@ -55,8 +55,9 @@ async def test_only_who_has_the_key_is_heard_and_obeyed(net: Net, onboard: Start
         ground.put(keys.TX, frame, sys=1, comp=0, msg="SET_MODE")
         await events.object(lambda e: "it is not signed, and this link signs" in e["text"], "refusal of the unsigned")
         secret = Packer(dialect, 255, 190).pack("SETUP_SIGNING", target_system=1, secret_key=[1] * 32)
-        ground.put(keys.TX, secret, sys=1, comp=0, msg="SETUP_SIGNING")
-        await events.object(lambda e: "holds a key" in e["text"], "refusal of a key")
+        while not any("holds a key" in e["text"] for e in events.objects()):  # one refusal a second is said
+            ground.put(keys.TX, secret, sys=1, comp=0, msg="SETUP_SIGNING")
+            await states.object(lambda s: s["connected"], "a moment", after=len(states.items))
         assert (await links.object(lambda link: link["rx_frames"] > 0, "a link"))["bad_signature"] == 0
         await onboard.close(vehicle)
 
@@ -109,7 +110,9 @@ def test_pymavlink_talks_to_it_with_the_key_and_not_without(key_file: Path) -> N
             each.close()
 
 
-def test_setup_ends_signing_too_and_an_armed_vehicle_takes_no_key(key_file: Path) -> None:
+def test_setup_ends_signing_too_and_an_armed_vehicle_takes_no_key(
+    key_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with World() as world:
         (url,) = world.urls
         assert "has the key" in setup(url, "--key", str(key_file))
@@ -117,6 +120,7 @@ def test_setup_ends_signing_too_and_an_armed_vehicle_takes_no_key(key_file: Path
         copter = world.vehicles[0].copter
         world.wait_for(lambda: copter.position_ok)
         assert world.call(lambda: copter.arm(forced=True))
+        monkeypatch.setattr(signing, "PATIENCE", 2.0)
         with pytest.raises(Refused, match="only while disarmed"):
             setup(url, "--key", str(key_file))
 
