@@ -50,7 +50,7 @@ class Autopilot:
         self.first: dict[int, float] = {}
         """monotonic seconds of the first frame of each number"""
         self.last = 0.0
-        """of the last frame that moves"""
+        """of the first frame of the newest number: it is said again while it is fresh"""
         self.held = threading.Event()
         self.held_at = 0.0
         self._peer: Any = None
@@ -76,10 +76,9 @@ class Autopilot:
                     self._acknowledge(decode(frame, self._dialect), peer)
 
     def _note(self, number: int, now: float) -> None:
-        if number:
-            self.first.setdefault(number, now)
-            self.last = now
-        elif self.first and not self.held.is_set():
+        if number and number not in self.first:
+            self.first[number] = self.last = now
+        elif not number and self.first and not self.held.is_set():
             self.held_at = now
             self.held.set()
 
