@@ -208,8 +208,8 @@ class Onboard:
     async def __aexit__(self, *_: object) -> None:
         if self._housekeeper:
             self._housekeeper.cancel()
+        self.authority.close()  # first of all: a vehicle that follows a stream holds
         self.rates.close()
-        self.authority.close()
         self.needs.close()
         await self.orders.close()
         self.params.close()
