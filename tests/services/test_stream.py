@@ -1,4 +1,4 @@
-"""A stream of setpoints when something around it changes: the clock, the lease, the session, the mode that comes late."""
+"""A stream of setpoints when something around it changes: the clock, the lease, the session, a mode that comes late."""
 
 from __future__ import annotations
 
