@@ -68,6 +68,10 @@ class Adapter:
         self.on_link: Callable[[LinkState, str], None] = lambda state, text: None
         self.guard: Callable[[], None] = lambda: None
         """raises a ZmavError while nothing may be sent to the vehicle on others' behalf (a clash of names or ids)"""
+        self.admit: Callable[[Frame], None] = lambda frame: None
+        """raises a ZmavError for a frame of others that may not be sent now (somebody commands the vehicle)"""
+        self.on_sent: Callable[[Frame], None] = lambda frame: None
+        """told of each frame of others that was sent"""
         self.heard = 0.0
         self._component = component
         self.signing, self._sign_forwarded = signing, sign_forwarded
@@ -92,6 +96,8 @@ class Adapter:
             self._subscriber.undeclare()
             self._subscriber = None
         self.link.close()
+        if self.signing is not None:
+            self.signing.close()
         for publisher in self._publishers:
             publisher.undeclare()
         self._publishers.clear()
@@ -161,12 +167,14 @@ class Adapter:
         try:
             frame = self._checked(key, sample.payload.to_bytes())
             self.guard()
+            self.admit(frame)
             data = self._signed(frame)
         except ZmavError as e:
             self.tx.refused += 1
             self.on_refused(f"frame on {key} refused: {e}")
             return
         self.send_raw(data)
+        self.on_sent(frame)
 
     def _signed(self, frame: Frame) -> bytes:
         """A stranger's frame as it may go out: whoever signs it vouches for it, so we do so only where told to."""

@@ -183,7 +183,8 @@ class Onboard:
         changed = on_loop(loop, self._changed)
         self.identity.on_change = self.presence.on_change = changed
         self.state.extras.append(self._add_to_state)
-        adapter.guard = self.presence.check
+        adapter.guard, adapter.admit = self.presence.check, self.authority.stations.admit
+        adapter.on_sent = lambda frame: self.authority.stations.sent(frame)
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))

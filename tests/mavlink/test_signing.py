@@ -114,6 +114,7 @@ def test_timestamps_grow_through_restarts_and_broken_clocks(tmp_path: Path) -> N
         for _ in range(50):
             now[0] += 1.0
             used.append(clock.next())
+        clock.close()
     assert used == sorted(set(used))
     state.write_text("torn")
     assert Clock(state, now=lambda: NOW).next() == int((NOW - 1_420_070_400) * TICKS)
@@ -125,6 +126,7 @@ def test_what_is_kept_covers_what_may_have_been_used(tmp_path: Path) -> None:
     first = clock.next()
     last = [clock.next() for _ in range(100)][-1]
     assert last - first < KEEP_EVERY
+    clock.close()
     assert Clock(state, now=lambda: 0.0).next() > last  # killed before it could write again
 
 

@@ -120,7 +120,7 @@ class Need:
         """Why not, and what to set; None: it is met, or the parameter is not known. ``param`` gives values by name."""
         for name in self.params:
             value = param(name)
-            if value is not None:
+            if value is not None and math.isfinite(value):
                 wanted = self.wanted(int(value), sysid)
                 return None if int(value) == wanted else f"{self.why}: set {name} to {wanted} (it is {int(value)})"
         return None

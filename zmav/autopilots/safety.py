@@ -218,6 +218,11 @@ _CHANGING = {
 """commands that change the mode by themselves: after any other, a new mode is somebody else's wish"""
 
 
+def changes_mode(command: str) -> bool:
+    """A MAV_CMD that changes the mode by itself."""
+    return command in _CHANGING
+
+
 def by_command(autopilot: Autopilot, what: str) -> tuple[str, ...]:
     """Modes that an order changes to by itself, without a mode ordered by name; ``what``: its verb or its MAV_CMD."""
     return _ANY.get(autopilot.name, ()) if what in _CHANGING else _BY_VERB.get(autopilot.name, {}).get(what, ())

@@ -114,6 +114,7 @@ class Clock:
         self._state, self._now = state, now
         self._lock = threading.Lock()
         self._last = self._read()
+        self._writer: threading.Thread | None = None
         self._kept = -KEEP_EVERY  # so that the first one is kept at once: a start may be short
 
     def next(self) -> int:
@@ -149,10 +150,24 @@ class Clock:
         if self._state is None or self._last - self._kept < KEEP_EVERY:
             return
         self._kept = self._last
+        # In a thread of its own: a card that stalls must not delay the frame that is to be signed.
+        before, args = self._writer, (self._state, self._last)
+        self._writer = threading.Thread(target=lambda: self._write(before, *args), daemon=True)
+        self._writer.start()
+
+    def close(self) -> None:
+        """Wait until what is to be kept is kept."""
+        if self._writer is not None:
+            self._writer.join(1.0)
+
+    @staticmethod
+    def _write(before: threading.Thread | None, state: Path, last: int) -> None:
+        if before is not None:
+            before.join()
         with contextlib.suppress(OSError):  # a full disk must not stop the flight; the clock goes on
-            part = self._state.with_suffix(".part")
-            part.write_text(str(self._last))
-            part.replace(self._state)
+            part = state.with_suffix(".part")
+            part.write_text(str(last))
+            part.replace(state)
 
 
 class Signing:
@@ -169,6 +184,10 @@ class Signing:
         self._accept_unsigned = unsigned == "accept"
         self._streams: dict[tuple[int, int, int], int] = {}
         self.counters = SigningCounters()
+
+    def close(self) -> None:
+        """The link is closed."""
+        self._clock.close()
 
     def sign(self, data: bytes) -> bytes:
         """An unsigned MAVLink 2 frame, signed; raises :class:`BadMessage` for what cannot be."""

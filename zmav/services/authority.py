@@ -22,6 +22,7 @@ from zmav.services.lease import Leases
 from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
 from zmav.services.setpoint import Setpoints
+from zmav.services.stations import Stations
 from zmav.verbs import Access, Verb
 
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
@@ -63,6 +64,7 @@ class Authority:
         self.carrot = Carrot(port, identity)
         self.ladder = Ladder(port, events, rules.failsafe)
         self.bounds = Bounds(port, identity, rules.origin, rules.geofence, rules.limits)
+        self.stations = Stations(port, identity, self.leases, self.taken)
         self.setpoints = Setpoints(
             session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
         )
@@ -86,6 +88,7 @@ class Authority:
         self.leases.on_end = self._on_lease_end
         self.leases.start()
         pilot.start()
+        self.stations.start()
         ladder.start()
         setpoints.start()
 

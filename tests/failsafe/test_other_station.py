@@ -1,0 +1,68 @@
+"""Another station on ``mav/tx``: its change of mode takes the vehicle before any HEARTBEAT shows it, and its setpoints
+wait for the agent that commands.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.failsafe.conftest import PATIENT, agent, moves, nothing_more
+from tests.services.conftest import LOITER, SET_MODE, Bench, StartBench
+from zmav import keys
+from zmav.mavlink import Packer, load_dialect
+
+LOCAL = "SET_POSITION_TARGET_LOCAL_NED"
+
+
+def put(b: Bench, name: str, **fields: Any) -> None:
+    """What a ground station with system id 255 sends to the autopilot."""
+    frame = Packer(load_dialect(), 255, 190).pack(name, target_system=1, target_component=1, **fields)
+    b.ground.put(keys.TX, frame, sys=1, comp=1, msg=name)
+
+
+@pytest.mark.parametrize("command", [SET_MODE, 20, 21, 300], ids=["mode", "RTL", "land", "mission"])
+async def test_its_mode_takes_the_vehicle_at_once(bench: StartBench, command: int) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    b.peer.beating = False
+    put(b, "COMMAND_LONG", command=command, param1=1.0, param2=float(LOITER))
+    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
+    assert end["reason"] == "pilot"
+    assert "station 255 ordered" in end["text"]
+    assert b.vehicle.identity.mode == "GUIDED", "the HEARTBEAT has not shown it yet"
+    await nothing_more(b)
+
+
+async def test_set_mode_the_old_way(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    frame = Packer(load_dialect(), 255, 190).pack("SET_MODE", target_system=1, base_mode=1, custom_mode=LOITER)
+    b.ground.put(keys.TX, frame, sys=1, comp=0, msg="SET_MODE")
+    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
+    assert "station 255 ordered SET_MODE" in end["text"]
+
+
+async def test_other_commands_take_nothing(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    put(b, "COMMAND_LONG", command=178, param2=5.0)
+    await b.peer.until(lambda: bool(b.peer.commands(178)), "the command")
+    await alice.fly()
+    state = await b.state(lambda s: True, "a state")
+    assert state["lease"]["holder"] == "alice"
+
+
+async def test_its_setpoints_wait_for_the_lease(bench: StartBench) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    put(b, LOCAL, coordinate_frame=1, type_mask=0x0DC7, vx=9.0)
+    await b.event("alice commands quad1", kind="refused")
+    assert moves(b) == []
+    await b.ground.do("release", lease=alice.token)
+    put(b, LOCAL, coordinate_frame=1, type_mask=0x0DC7, vx=9.0)
+    await b.peer.until(lambda: [t.fields["vx"] for t in b.peer.heard(LOCAL)][-1:] == [9.0], "the station's setpoint")
