@@ -200,7 +200,7 @@ PLANS: dict[str, list[dict[str, object]]] = {
     "home": [UP, at(179, 3, 4, 584.09, 0.0, frame=0), at(16, 5, 0, 5)],
     "unknown": [UP, do(83, 100.0), do(210, 1), at(16, 5, 0, 5)],
 }
-FLOWN_S = 75.0
+FLOWN_S = 65.0
 
 
 @pytest.fixture(scope="module")

@@ -339,6 +339,29 @@ class TestFence:
         assert desk.command(176, 1, LOITER) == FAILED
         assert desk.texts()[-1] == "Mode change to LOITER failed: in fence recovery"
 
+    def test_whoever_takes_it_back_has_ten_seconds(self, make_desk: MakeDesk) -> None:
+        """The fence has a second line 20 m farther out; within that time it does not act on that either."""
+        desk = aloft(make_desk, FENCE_ENABLE=1, FENCE_RADIUS=8)
+        self.out(desk, 15.0)
+        assert desk.command(176, 1, GUIDED) == ACCEPTED
+        for _ in range(8):
+            desk.fly(6.0, 0.0)
+            desk.world.step(1.0)
+        assert desk.ned[0] > 32.0
+        assert mode(desk) == GUIDED
+
+    def test_beyond_the_second_line_it_acts_again(self, make_desk: MakeDesk) -> None:
+        desk = aloft(make_desk, FENCE_ENABLE=1, FENCE_RADIUS=8)
+        self.out(desk, 15.0)
+        assert desk.command(176, 1, GUIDED) == ACCEPTED
+        desk.world.step(10.5)
+        for _ in range(8):
+            if mode(desk) == GUIDED:
+                desk.fly(6.0, 0.0)
+            desk.world.step(1.0)
+        assert mode(desk) == RTL
+        assert desk.last("FENCE_STATUS")["breach_count"] == 2
+
     def test_a_breach_keeps_it_from_arming(self, desk: Desk) -> None:
         desk.world.step(1.0)
         assert upload(desk, [at(5003, 100, 0, 0, 10.0)], FENCE) == ACCEPTED
