@@ -28,6 +28,14 @@ settings.register_profile("zmav", deadline=None, suppress_health_check=[HealthCh
 settings.load_profile("zmav")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What is fetched from autopilots goes neither to the user's own cache nor to another worker's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The root of the project's tree."""

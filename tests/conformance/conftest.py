@@ -39,7 +39,7 @@ GCS = (255, 190)
 
 CONNECT_S, READY_S, MOVE_S = 60.0, 180.0, 90.0
 """s: patience with a vehicle that may be booting, waiting for its EKF, or flying a few tens of metres"""
-HEIGHT = 10.0
+HEIGHT = 6.0
 PERIOD = 0.1
 """s between setpoints"""
 
@@ -204,8 +204,8 @@ async def flight(request: pytest.FixtureRequest) -> AsyncIterator[Flight]:
 
 async def find_origin(router: zenoh.Session, client: zmav.Client, url: str) -> wire.Origin:
     """Where the vehicle stands: the fleet's origin of these flights."""
-    async with Onboard(router, OnboardSettings(link=url, name=NAME)):
-        vehicle = client.vehicle(NAME)
+    async with Onboard(router, OnboardSettings(link=url, name="scout")):  # whose last words are nobody else's
+        vehicle = client.vehicle("scout")
         await vehicle.wait_until(lambda s: s.position is not None, READY_S)
         position = vehicle.state.position
         assert position is not None

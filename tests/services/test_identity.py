@@ -130,6 +130,7 @@ async def test_ground_stations_and_gimbals_are_no_autopilots(bench: StartBench, 
     one.beating = True
     state = await b.state(lambda s: s["sysid"], "an autopilot")
     assert (state["sysid"], state["compid"]) == (3, 1)
+    await b.event("ardupilot copter with system id 3")
     assert [e["detail"]["sysid"] for e in b.events.objects() if e["kind"] == "autopilot"] == [3]
 
 

@@ -32,9 +32,7 @@ class Channel:
     tells its links apart.
     """
 
-    def __init__(
-        self, dialect: Dialect, outlet: Outlet, sysid: int, compid: int, now: float, link: str = ""
-    ) -> None:
+    def __init__(self, dialect: Dialect, outlet: Outlet, sysid: int, compid: int, now: float, link: str = "") -> None:
         self.link = link
         self.streams = Streams(now)
         self.splitter = Splitter(dialect)
