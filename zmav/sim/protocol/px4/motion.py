@@ -12,37 +12,18 @@ from zmav.sim.autopilots.px4.ground import Stage
 from zmav.sim.autopilots.px4.modes import OFFBOARD
 from zmav.sim.autopilots.px4.offboard import Motion
 from zmav.sim.protocol.px4.clock import boot_ms, boot_us
-from zmav.sim.protocol.reports.base import Fields, centidegrees, e7
+from zmav.sim.protocol.reports.base import Fields, centidegrees, e7, euler, quaternion
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node
 
 
 def attitude(node: Px4Node) -> Fields:
-    s = node.copter.sense
-    return {
-        "time_boot_ms": boot_ms(node),
-        "roll": s.roll,
-        "pitch": s.pitch,
-        "yaw": s.yaw,
-        "rollspeed": s.p,
-        "pitchspeed": s.q,
-        "yawspeed": s.r,
-    }
+    return euler(node.copter.sense, boot_ms(node))
 
 
 def attitude_quaternion(node: Px4Node) -> Fields:
-    s = node.copter.sense
-    return {
-        "time_boot_ms": boot_ms(node),
-        "q1": s.qw,
-        "q2": s.qx,
-        "q3": s.qy,
-        "q4": s.qz,
-        "rollspeed": s.p,
-        "pitchspeed": s.q,
-        "yawspeed": s.r,
-    }
+    return quaternion(node.copter.sense, boot_ms(node))
 
 
 def local_position_ned(node: Px4Node) -> Fields | None:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from zmav.sim.fleet import Sense
+
 if TYPE_CHECKING:
     from zmav.sim.protocol.node import MavNode
 
@@ -34,3 +36,15 @@ def centidegrees(yaw: float) -> int:
 def int16(value: float) -> int:
     """Rounded, and held at the ends of its field."""
     return min(max(round(value), -32768), 32767)
+
+
+def euler(s: Sense, time_boot_ms: int) -> Fields:
+    """ATTITUDE."""
+    rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
+    return {"time_boot_ms": time_boot_ms, "roll": s.roll, "pitch": s.pitch, "yaw": s.yaw, **rates}
+
+
+def quaternion(s: Sense, time_boot_ms: int) -> Fields:
+    """ATTITUDE_QUATERNION."""
+    rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
+    return {"time_boot_ms": time_boot_ms, "q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}

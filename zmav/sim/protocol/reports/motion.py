@@ -8,37 +8,18 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.guided import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7, euler, quaternion
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.node import MavNode
 
 
 def attitude(node: MavNode) -> Fields:
-    s = node.copter.sense
-    return {
-        "time_boot_ms": boot_ms(node),
-        "roll": s.roll,
-        "pitch": s.pitch,
-        "yaw": s.yaw,
-        "rollspeed": s.p,
-        "pitchspeed": s.q,
-        "yawspeed": s.r,
-    }
+    return euler(node.copter.sense, boot_ms(node))
 
 
 def attitude_quaternion(node: MavNode) -> Fields:
-    s = node.copter.sense
-    return {
-        "time_boot_ms": boot_ms(node),
-        "q1": s.qw,
-        "q2": s.qx,
-        "q3": s.qy,
-        "q4": s.qz,
-        "rollspeed": s.p,
-        "pitchspeed": s.q,
-        "yawspeed": s.r,
-    }
+    return quaternion(node.copter.sense, boot_ms(node))
 
 
 def local_position_ned(node: MavNode) -> Fields | None:
