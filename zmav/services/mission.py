@@ -161,7 +161,7 @@ class Missions:
             assert self._owed.pop(kind) is owed
             self._hold(kind, done.now)
             if kind == "mission":
-                self.progress.reached = None
+                self.progress.reached, self.progress.state = None, 0  # what was said of the old one
         words = f"{WORDS[kind]}: {len(new)} items" if new else f"{WORDS[kind]} cleared"
         self._events.emit("mission", "info", f"{words} on the {autopilot.name}", plan=kind, count=len(new))
         kept = {"kept_otherwise": done.notes} if done.notes else {}
