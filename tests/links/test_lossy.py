@@ -120,6 +120,20 @@ def test_what_is_sent_is_lost_and_late_too() -> None:
     assert came == [frame for frame in sent if frame in set(came)]
 
 
+def test_what_is_late_is_sent_before_it_closes() -> None:
+    """The hold that a companion gives as its last word must not stay in the queue."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        peer.settimeout(PATIENCE_S)
+        heard = Heard()
+        with open_link(f"lossy:udpout:127.0.0.1:{peer.getsockname()[1]}?delay=30") as link:
+            link.start(heard.on_data, heard.on_state)
+            assert link.wait(LinkState.UP, PATIENCE_S)
+            assert link.send(b"stop")
+        assert peer.recv(100) == b"stop"
+        assert heard.states[-1] is LinkState.CLOSED
+
+
 def test_states_pass_and_a_down_link_takes_nothing() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

@@ -131,12 +131,16 @@ class LossyLink(Link):
         return True
 
     def close(self) -> None:
-        self._closing = True
-        self.inner.close()
+        """What is late is handed over at once, and then the inner link's last words."""
         with self._news:
+            self._closing = True
             self._news.notify()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(1.0)
+        self.inner.close()
+        with self._news:
+            ready = self._take()
+        self._hand_over(ready)
 
     def wait(self, state: LinkState, timeout: float | None) -> bool:
         return self.inner.wait(state, timeout)
@@ -168,11 +172,14 @@ class LossyLink(Link):
                         return
                     self._news.wait(self._until_next())
                     continue
-            for arrive in ready:
-                try:
-                    arrive()
-                except Exception:
-                    logger.exception("%s: a listener failed; the link goes on", self.url)
+            self._hand_over(ready)
+
+    def _hand_over(self, ready: list[Callable[[], object]]) -> None:
+        for arrive in ready:
+            try:
+                arrive()
+            except Exception:
+                logger.exception("%s: a listener failed; the link goes on", self.url)
 
     def _take(self) -> list[Callable[[], object]]:
         now, ready = time.monotonic(), []
