@@ -60,6 +60,10 @@ class Channel:
         self.sent += 1
         return True
 
+    def acknowledge(self, command: int, result: int, to: tuple[int, int]) -> None:
+        """COMMAND_ACK to the (system, component) that gave the command."""
+        self.send("COMMAND_ACK", command=command, result=result, target_system=to[0], target_component=to[1])
+
     def forward(self, data: bytes) -> None:
         """Pass on somebody else's frame, untouched."""
         if self.has_room():

@@ -72,13 +72,7 @@ def run(node: MavNode, command: Command, handlers: Handlers) -> None:
         result = DENIED
     else:
         result = handler(node, command)
-    command.channel.send(
-        "COMMAND_ACK",
-        command=command.number,
-        result=result,
-        target_system=command.sender[0],
-        target_component=command.sender[1],
-    )
+    command.channel.acknowledge(command.number, result, command.sender)
 
 
 def verdict(done: bool) -> int:

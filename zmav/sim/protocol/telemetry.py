@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from zmav.sim.protocol.reports import motion, sensors, status
+from zmav.sim.protocol.reports import base, motion, sensors, status
 from zmav.sim.protocol.reports.base import Report
 
 REPORTS: dict[str, Report] = {
@@ -12,9 +12,9 @@ REPORTS: dict[str, Report] = {
     "GPS_RAW_INT": sensors.gps_raw_int,
     "RAW_IMU": sensors.raw_imu,
     "SCALED_PRESSURE": sensors.scaled_pressure,
-    "ATTITUDE": motion.attitude,
-    "ATTITUDE_QUATERNION": motion.attitude_quaternion,
-    "LOCAL_POSITION_NED": motion.local_position_ned,
+    "ATTITUDE": base.attitude,
+    "ATTITUDE_QUATERNION": base.attitude_quaternion,
+    "LOCAL_POSITION_NED": base.local_position_ned,
     "GLOBAL_POSITION_INT": motion.global_position_int,
     "SERVO_OUTPUT_RAW": sensors.servo_output_raw,
     "MISSION_CURRENT": status.mission_current,

@@ -65,20 +65,11 @@ def from_int(msg: dict[str, Any], channel: Channel, sender: Sender) -> Command:
 
 def run(node: Px4Node, command: Command) -> None:
     """Carry out, and acknowledge to who asked on the link it came by."""
+    channel, handler = command.channel, HANDLERS.get(command.number)
     if command.number == _SET_MODE:
-        _acknowledge(command, ACCEPTED)  # the receiver's, that passes it on
-    handler = HANDLERS.get(command.number)
-    _acknowledge(command, UNSUPPORTED if handler is None else handler(node, command))
-
-
-def _acknowledge(command: Command, result: int) -> None:
-    command.channel.send(
-        "COMMAND_ACK",
-        command=command.number,
-        result=result,
-        target_system=command.sender[0],
-        target_component=command.sender[1],
-    )
+        channel.acknowledge(command.number, ACCEPTED, command.sender)  # the receiver's, that passes it on
+    result = UNSUPPORTED if handler is None else handler(node, command)
+    channel.acknowledge(command.number, result, command.sender)
 
 
 def _verdict(done: bool) -> int:

@@ -11,27 +11,10 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.px4.ground import Stage
 from zmav.sim.autopilots.px4.modes import OFFBOARD
 from zmav.sim.autopilots.px4.offboard import Motion
-from zmav.sim.protocol.px4.clock import boot_ms, boot_us
-from zmav.sim.protocol.reports.base import Fields, centidegrees, e7, euler, quaternion
+from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node
-
-
-def attitude(node: Px4Node) -> Fields:
-    return euler(node.copter.sense, boot_ms(node))
-
-
-def attitude_quaternion(node: Px4Node) -> Fields:
-    return quaternion(node.copter.sense, boot_ms(node))
-
-
-def local_position_ned(node: Px4Node) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    if not copter.position_ok:
-        return None
-    x, y, z = copter.local
-    return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}
 
 
 def odometry(node: Px4Node) -> Fields | None:

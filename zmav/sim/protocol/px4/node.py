@@ -11,13 +11,13 @@ from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.px4 import commands, links, setpoint
-from zmav.sim.protocol.px4.clock import boot_ms
 from zmav.sim.protocol.px4.events import EventPart
 from zmav.sim.protocol.px4.messages import px4_dialect
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
 from zmav.sim.protocol.px4.telemetry import REPORTS
+from zmav.sim.protocol.reports.base import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4

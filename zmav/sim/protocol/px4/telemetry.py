@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from zmav.sim.protocol.px4 import motion, sensors, status
+from zmav.sim.protocol.reports import base
 from zmav.sim.protocol.reports.base import Fields
 
 if TYPE_CHECKING:
@@ -19,9 +20,9 @@ REPORTS: dict[str, Callable[[Px4Node], Fields | None]] = {
     "LINK_NODE_STATUS": status.link_node_status,
     "GPS_RAW_INT": sensors.gps_raw_int,
     "SCALED_PRESSURE": sensors.scaled_pressure,
-    "ATTITUDE": motion.attitude,
-    "ATTITUDE_QUATERNION": motion.attitude_quaternion,
-    "LOCAL_POSITION_NED": motion.local_position_ned,
+    "ATTITUDE": base.attitude,
+    "ATTITUDE_QUATERNION": base.attitude_quaternion,
+    "LOCAL_POSITION_NED": base.local_position_ned,
     "GLOBAL_POSITION_INT": motion.global_position_int,
     "SERVO_OUTPUT_RAW": sensors.servo_output_raw,
     "MISSION_CURRENT": status.mission_current,

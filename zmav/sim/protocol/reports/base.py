@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
-from zmav.sim.fleet import Sense
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.px4.node import Px4Node
+
+    AnyNode: TypeAlias = "MavNode | Px4Node"
 
 Fields = dict[str, Any]
 Report = Callable[["MavNode"], "Fields | None"]
@@ -20,11 +21,11 @@ def e7(degrees: float) -> int:
     return round(degrees * 1e7)
 
 
-def boot_ms(node: MavNode) -> int:
+def boot_ms(node: AnyNode) -> int:
     return int(node.copter.uptime * 1000.0)
 
 
-def boot_us(node: MavNode) -> int:
+def boot_us(node: AnyNode) -> int:
     return int(node.copter.uptime * 1e6)
 
 
@@ -38,13 +39,24 @@ def int16(value: float) -> int:
     return min(max(round(value), -32768), 32767)
 
 
-def euler(s: Sense, time_boot_ms: int) -> Fields:
-    """ATTITUDE."""
-    rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
-    return {"time_boot_ms": time_boot_ms, "roll": s.roll, "pitch": s.pitch, "yaw": s.yaw, **rates}
+# ---- what every simulated autopilot says in the same way
 
 
-def quaternion(s: Sense, time_boot_ms: int) -> Fields:
-    """ATTITUDE_QUATERNION."""
+def attitude(node: AnyNode) -> Fields:
+    s = node.copter.sense
     rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
-    return {"time_boot_ms": time_boot_ms, "q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}
+    return {"time_boot_ms": boot_ms(node), "roll": s.roll, "pitch": s.pitch, "yaw": s.yaw, **rates}
+
+
+def attitude_quaternion(node: AnyNode) -> Fields:
+    s = node.copter.sense
+    rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
+    return {"time_boot_ms": boot_ms(node), "q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}
+
+
+def local_position_ned(node: AnyNode) -> Fields | None:
+    copter, s = node.copter, node.copter.sense
+    if not copter.position_ok:
+        return None
+    x, y, z = copter.local
+    return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}

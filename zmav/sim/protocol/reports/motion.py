@@ -8,26 +8,10 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.guided import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7, euler, quaternion
+from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.node import MavNode
-
-
-def attitude(node: MavNode) -> Fields:
-    return euler(node.copter.sense, boot_ms(node))
-
-
-def attitude_quaternion(node: MavNode) -> Fields:
-    return quaternion(node.copter.sense, boot_ms(node))
-
-
-def local_position_ned(node: MavNode) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    if not copter.position_ok:
-        return None
-    x, y, z = copter.local
-    return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}
 
 
 def global_position_int(node: MavNode) -> Fields:
