@@ -20,6 +20,7 @@ import msgspec
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
 from zmav.mavlink.ftp import crc32, crc32_of_file
+from zmav.waiting import together
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 if TYPE_CHECKING:
@@ -181,13 +182,7 @@ class Files:
                 done = min(done + CHUNK, len(data))
                 meter.at(done)
 
-        workers = [asyncio.ensure_future(worker()) for _ in range(min(AT_ONCE, len(offsets)))]
-        try:
-            await asyncio.gather(*workers)
-        finally:
-            for each in workers:
-                each.cancel()
-            await asyncio.gather(*workers, return_exceptions=True)
+        await together(*(worker() for _ in range(min(AT_ONCE, len(offsets)))))
 
     async def _put_chunk(self, name: str, offset: int, data: bytes) -> None:
         key = keys.UPLOAD.key(self._vehicle.fleet, self._vehicle.name, file=name, offset=offset)
