@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from fastcrc import crc16
 
@@ -118,6 +119,16 @@ def measure(port: int, sink: Sink, pids: list[int], rate: float, seconds: float)
     got = sink.take()
     cpu = [(b - a) / 1e3 / max(len(got), 1) for a, b in zip(before, after, strict=True)]
     return Run(int(sent), len(got), sent / took, got, cpu)
+
+
+def end(process: subprocess.Popen[Any]) -> None:
+    """End a process that one side of a comparison needed."""
+    process.terminate()
+    try:
+        process.wait(5)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _cpu_ns(pid: int) -> int:

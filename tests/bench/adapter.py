@@ -23,7 +23,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from agents.demo.processes import free_port
-from tests.bench._load import Run, Sink, measure
+from tests.bench._load import Run, Sink, end, measure
 
 PEERS = [sys.executable, str(Path(__file__).resolve().parent / "_peers.py")]
 ZMAV = [sys.executable, "-m", "zmav"]
@@ -60,22 +60,13 @@ def sides(sink: Sink) -> Iterator[list[Side]]:
             processes = []
             for command in commands:
                 process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                stack.callback(_end, process)
+                stack.callback(end, process)
                 processes.append(process)
                 time.sleep(2.0)
             started.append(Side(name, port, processes))
         for side in started:
             _until_it_carries(side, sink)
         yield started
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(5)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 def _until_it_carries(side: Side, sink: Sink) -> None:

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from agents.demo.processes import free_port
 from tests.bench._ground import STEP
+from tests.bench._load import end
 from zmav.mavlink import Packer, Splitter, decode, load_dialect
 
 GROUND = [sys.executable, str(Path(__file__).resolve().parent / "_ground.py")]
@@ -111,17 +112,8 @@ def start(stack: contextlib.ExitStack, command: list[str]) -> subprocess.Popen[s
     """A process that ends with the stack."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
-    def end() -> None:
-        with contextlib.suppress(ProcessLookupError):
-            process.send_signal(signal.SIGCONT)
-        process.terminate()
-        try:
-            process.wait(5)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-    stack.callback(end)
+    stack.callback(end, process)
+    stack.callback(process.send_signal, signal.SIGCONT)  # first: a frozen one hears nothing else
     return process
 
 
