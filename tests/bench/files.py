@@ -27,7 +27,7 @@ from zmav.mavlink.ftp import MOST_DATA
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import World
-from zmav.sim.protocol.node import MavNode
+from zmav.sim.protocol.ardupilot.node import MavNode
 
 SIZE = 1_000_000
 FILE, UPLOAD = "/APM/bench.bin", "/APM/scripts/bench.bin"

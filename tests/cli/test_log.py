@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zmav.errors import BadInput, Refused
-from zmav.sim.protocol.node import MavNode
-from zmav.sim.protocol.storage import Storage
+from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.storage import Storage
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Vehicle

@@ -12,8 +12,8 @@ import zmav
 from zmav.client import Client
 from zmav.onboard import Onboard
 from zmav.sim import World
-from zmav.sim.protocol.node import MavNode
-from zmav.sim.protocol.storage import Storage
+from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.storage import Storage
 
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net, StartOnboard

@@ -11,9 +11,9 @@ from pymavlink import mavftp, mavutil
 from zmav.mavlink.ftp import MOST_DATA, Entry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params, unpack_params
 from zmav.sim import World
+from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.storage import Storage
 from zmav.sim.protocol.filesystem import MOST, FileError, FileSystem
-from zmav.sim.protocol.node import MavNode
-from zmav.sim.protocol.storage import Storage
 
 if TYPE_CHECKING:
     from pathlib import Path

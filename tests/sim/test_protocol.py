@@ -14,9 +14,9 @@ from zmav.errors import BadConfig
 from zmav.mavlink.codec import Packer
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim import VehicleSpec
-from zmav.sim.protocol.node import HANDLERS
+from zmav.sim.protocol.ardupilot.node import HANDLERS
+from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.params import defaults
-from zmav.sim.protocol.telemetry import REPORTS
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Desk, MakeDesk

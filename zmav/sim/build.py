@@ -10,14 +10,14 @@ import numpy as np
 
 from zmav.errors import BadConfig
 from zmav.mavlink.dialect import Dialect
-from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.control.setpoints import SetpointHandle, Vector
 from zmav.sim.dynamics.airframe import Airframe, airframe
 from zmav.sim.fleet import CopterFleet, Sense
 from zmav.sim.geo import Position
+from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.base import Node
-from zmav.sim.protocol.node import MavNode
 from zmav.sim.protocol.params import ParamStore, defaults
 from zmav.sim.protocol.px4.node import Px4Node
 from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of, check

@@ -7,7 +7,7 @@ import math
 import msgspec
 
 from zmav.errors import BadInput
-from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import SWITCH
 from zmav.sim.control.setpoints import Vector

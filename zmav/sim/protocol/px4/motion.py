@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.px4.ground import Stage
 from zmav.sim.autopilots.px4.modes import OFFBOARD
 from zmav.sim.autopilots.px4.offboard import Motion
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node

@@ -17,7 +17,7 @@ from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
 from zmav.sim.protocol.px4.telemetry import REPORTS
-from zmav.sim.protocol.reports.base import boot_ms
+from zmav.sim.protocol.reports import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node

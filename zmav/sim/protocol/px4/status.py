@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4.modes import LAND, MISSION, OFFBOARD, TAKEOFF
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us
+from zmav.sim.protocol.reports import Fields, boot_ms, boot_us
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.px4 import motion, sensors, status
-from zmav.sim.protocol.reports import base
-from zmav.sim.protocol.reports.base import Fields
+from zmav.sim.protocol.reports import Fields
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.profile import Profile
+from zmav.sim.autopilots.arducopter.profile import Profile
 from zmav.sim.control.setpoints import Axis, Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 AT_REST = 0.5  # m/s: from faster than that, the copter is led to the place by its position controller alone
 SHORTEST_LEG_M = 0.1

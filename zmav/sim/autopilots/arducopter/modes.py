@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from zmav.sim.control.setpoints import Axis, Spool
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 CENTI = 0.01
 TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.guided import Doing
+from zmav.sim.autopilots.arducopter.guided import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
 
 if TYPE_CHECKING:
-    from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.ardupilot.node import MavNode
 
 
 def global_position_int(node: MavNode) -> Fields:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from zmav.sim.autopilots.arducopter import ArduCopter
-from zmav.sim.autopilots.guided import AttitudeTarget, Quaternion, Target, YawWish
+from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.autopilots.arducopter.guided import AttitudeTarget, Quaternion, Target, YawWish
 from zmav.sim.autopilots.items import Item, Result
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned

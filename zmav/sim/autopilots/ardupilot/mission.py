@@ -14,8 +14,8 @@ from typing import ClassVar, Protocol
 import msgspec
 
 from zmav.sim.autopilots import items
+from zmav.sim.autopilots.ardupilot.plan import NAMES, is_navigation, stored
 from zmav.sim.autopilots.items import Item, ItemStore, Result
-from zmav.sim.autopilots.plan import NAMES, is_navigation, stored
 
 JUMP, TAG, JUMP_TO_TAG = 177, 600, 601
 TAKEOFFS = (22, 84)

@@ -16,7 +16,7 @@ from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 CEILING, CIRCLE, POLYGON, FLOOR = 1, 2, 4, 8  # FENCE_TYPE
 EVERYTHING = CEILING | CIRCLE | POLYGON | FLOOR

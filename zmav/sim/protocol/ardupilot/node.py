@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from zmav.mavlink.dialect import Dialect
-from zmav.sim.autopilots.arducopter import CRITICAL, INFO, ArduCopter
-from zmav.sim.autopilots.arming import prearm_faults
-from zmav.sim.protocol import commands, setpoint
+from zmav.sim.autopilots.arducopter.copter import CRITICAL, INFO, ArduCopter
+from zmav.sim.autopilots.ardupilot.arming import prearm_faults
+from zmav.sim.protocol.ardupilot import commands, setpoint
+from zmav.sim.protocol.ardupilot.duties import DUTIES
+from zmav.sim.protocol.ardupilot.mission import MissionProtocol
+from zmav.sim.protocol.ardupilot.reports.status import GIT_HASH
+from zmav.sim.protocol.ardupilot.setpoint import guided_item
+from zmav.sim.protocol.ardupilot.signing import SigningPart
+from zmav.sim.protocol.ardupilot.storage import Storage
+from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.duties import DUTIES
-from zmav.sim.protocol.mission import MissionProtocol
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.part import Answer, Sender
-from zmav.sim.protocol.reports.status import GIT_HASH
-from zmav.sim.protocol.setpoint import guided_item
-from zmav.sim.protocol.signing import SigningPart
-from zmav.sim.protocol.storage import Storage
 from zmav.sim.protocol.streams import RATE_PARAMS
-from zmav.sim.protocol.telemetry import REPORTS
 
 PIECE = 50  # characters of a STATUSTEXT
 HANDLERS = {**commands.HANDLERS, **DUTIES}

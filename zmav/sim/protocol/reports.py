@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
-    from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.ardupilot.node import MavNode
     from zmav.sim.protocol.px4.node import Px4Node
 
     AnyNode: TypeAlias = "MavNode | Px4Node"

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from zmav.sim.autopilots.arducopter import WARNING
-from zmav.sim.autopilots.guided import Target
+from zmav.sim.autopilots.arducopter.copter import WARNING
+from zmav.sim.autopilots.arducopter.guided import Target
+from zmav.sim.protocol.ardupilot.setpoint import point
+from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.setpoint import point
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
-from zmav.sim.protocol.telemetry import REPORTS
 
 if TYPE_CHECKING:
-    from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.ardupilot.node import MavNode
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
 COMMAND_INT_ONLY = 8

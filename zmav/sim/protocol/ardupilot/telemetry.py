@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from zmav.sim.protocol.reports import base, motion, sensors, status
-from zmav.sim.protocol.reports.base import Report
+from zmav.sim.protocol import reports as base
+from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
+from zmav.sim.protocol.reports import Report
 
 REPORTS: dict[str, Report] = {
     "HEARTBEAT": status.heartbeat,

@@ -9,12 +9,12 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.arducopter.modes import CENTI, descend
 from zmav.sim.autopilots.items import Item
-from zmav.sim.autopilots.modes import CENTI, descend
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.auto import Auto
+    from zmav.sim.autopilots.arducopter.auto import Auto
 
 INFO = 6
 EDGE_M = 3.0  # so near to its centre, circling begins at once

@@ -8,14 +8,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.arducopter import INFO
-from zmav.sim.autopilots.fence import EVERYTHING, FLOOR
-from zmav.sim.autopilots.mission import State
+from zmav.sim.autopilots.arducopter.copter import INFO
+from zmav.sim.autopilots.ardupilot.fence import EVERYTHING, FLOOR
+from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.commands import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Command, Handlers, place, verdict
+from zmav.sim.protocol.ardupilot.commands import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    UNSUPPORTED,
+    Command,
+    Handlers,
+    place,
+    verdict,
+)
 
 if TYPE_CHECKING:
-    from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.ardupilot.node import MavNode
 
 _AUTO = 3
 _E7 = 1e7

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.boot import Flag
-from zmav.sim.autopilots.fence import CEILING, CIRCLE, FLOOR, POLYGON
-from zmav.sim.autopilots.mission import State
-from zmav.sim.protocol.reports.base import Fields, boot_ms
+from zmav.sim.autopilots.ardupilot.boot import Flag
+from zmav.sim.autopilots.ardupilot.fence import CEILING, CIRCLE, FLOOR, POLYGON
+from zmav.sim.autopilots.ardupilot.mission import State
+from zmav.sim.protocol.reports import Fields, boot_ms
 
 if TYPE_CHECKING:
-    from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.ardupilot.node import MavNode
 
 # AUTOPILOT_VERSION.capabilities: float and int missions, float parameters, COMMAND_INT, FTP, attitude and
 # position targets, flight termination, MAVLink 2, values cast to float, fences and rally points as missions.

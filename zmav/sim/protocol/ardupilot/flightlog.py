@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.dataflash import DataflashWriter, Layout
 from zmav.sim.protocol.logs import MOST_ONE, Log, LogStore
 from zmav.sim.protocol.part import Part

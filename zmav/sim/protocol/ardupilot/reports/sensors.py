@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.dynamics.airframe import GRAVITY
-from zmav.sim.protocol.reports.base import Fields, boot_ms, boot_us, centidegrees, e7, int16
+from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7, int16
 
 if TYPE_CHECKING:
-    from zmav.sim.protocol.node import MavNode
+    from zmav.sim.protocol.ardupilot.node import MavNode
 
 MOST_RPM = 10_000.0
 RECEIVED = 8  # channels of the receiver

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from zmav.sim.autopilots.pilot import Pilot, Sticks
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 CHANNELS = 16
 RELEASED = 0

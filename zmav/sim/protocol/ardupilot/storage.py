@@ -7,9 +7,9 @@ from urllib.parse import parse_qsl
 
 from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
-from zmav.sim.autopilots.arducopter import ArduCopter
+from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.protocol.ardupilot.flightlog import FlightLog
 from zmav.sim.protocol.filesystem import FileError, FileSystem
-from zmav.sim.protocol.flightlog import FlightLog
 from zmav.sim.protocol.ftp import FtpServer
 from zmav.sim.protocol.logs import LogProtocol, LogStore
 from zmav.sim.protocol.params import ParamStore

@@ -12,7 +12,7 @@ import math
 
 import msgspec
 
-from zmav.sim.autopilots.modes import Mode
+from zmav.sim.autopilots.arducopter.modes import Mode
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 TAKEOFF_DONE_M = 0.5

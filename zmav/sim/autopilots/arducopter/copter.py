@@ -5,22 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from zmav.sim.autopilots.arming import arming_faults, prearm_faults
-from zmav.sim.autopilots.auto import Auto
-from zmav.sim.autopilots.boot import Boot, Flag, Stage
-from zmav.sim.autopilots.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe, RadioFailsafe
-from zmav.sim.autopilots.fence import Fence
-from zmav.sim.autopilots.guided import Guided
-from zmav.sim.autopilots.heading import Heading
+from zmav.sim.autopilots.arducopter.auto import Auto
+from zmav.sim.autopilots.arducopter.guided import Guided
+from zmav.sim.autopilots.arducopter.heading import Heading
+from zmav.sim.autopilots.arducopter.modes import AltHold, Brake, Land, Loiter, Mode, Rtl, Stabilize
+from zmav.sim.autopilots.arducopter.travel import Travel
+from zmav.sim.autopilots.ardupilot.arming import arming_faults, prearm_faults
+from zmav.sim.autopilots.ardupilot.boot import Boot, Flag, Stage
+from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe, RadioFailsafe
+from zmav.sim.autopilots.ardupilot.fence import Fence
+from zmav.sim.autopilots.ardupilot.mission import Mission
+from zmav.sim.autopilots.ardupilot.payload import Payload
+from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
+from zmav.sim.autopilots.ardupilot.radio import Radio
+from zmav.sim.autopilots.ardupilot.rally import Rally
 from zmav.sim.autopilots.items import Item
-from zmav.sim.autopilots.mission import Mission
-from zmav.sim.autopilots.modes import AltHold, Brake, Land, Loiter, Mode, Rtl, Stabilize
-from zmav.sim.autopilots.payload import Payload
 from zmav.sim.autopilots.pilot import Pilot
-from zmav.sim.autopilots.plan import ABSOLUTE
-from zmav.sim.autopilots.radio import Radio
-from zmav.sim.autopilots.rally import Rally
-from zmav.sim.autopilots.travel import Travel
 from zmav.sim.control.setpoints import SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.fleet import Sense

@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots import items
+from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE, RELATIVE, TERRAIN
 from zmav.sim.autopilots.items import Item, ItemStore, Result, check_place
-from zmav.sim.autopilots.plan import ABSOLUTE, RELATIVE, TERRAIN
 from zmav.sim.control.setpoints import Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
 HIGHEST_M = 32767.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 
 def mandatory_faults(copter: ArduCopter) -> list[str]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.heading import Look
-from zmav.sim.autopilots.items import Item
-from zmav.sim.autopilots.legs import (
+from zmav.sim.autopilots.arducopter.heading import Look
+from zmav.sim.autopilots.arducopter.legs import (
     LEGS,
     Delay,
     GuidedEnable,
@@ -21,12 +20,13 @@ from zmav.sim.autopilots.legs import (
     Takeoff,
     Waypoint,
 )
-from zmav.sim.autopilots.mission import State
-from zmav.sim.autopilots.modes import Mode
+from zmav.sim.autopilots.arducopter.modes import Mode
+from zmav.sim.autopilots.ardupilot.mission import State
+from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Spool, Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 CRITICAL, WARNING = 2, 4
 ALLOW_ARMING, ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2  # AUTO_OPTIONS

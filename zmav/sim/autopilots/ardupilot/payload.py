@@ -13,7 +13,7 @@ from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter import ArduCopter
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 OUTPUTS = 16
 RELAYS = 6

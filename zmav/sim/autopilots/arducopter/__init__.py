@@ -1,0 +1,1 @@
+"""ArduCopter: its modes and what they fly by."""

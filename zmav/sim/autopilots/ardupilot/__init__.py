@@ -1,0 +1,1 @@
+"""What every ArduPilot has, whatever it steers."""

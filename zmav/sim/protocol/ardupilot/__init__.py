@@ -1,0 +1,1 @@
+"""The MAVLink face of an ArduPilot."""
