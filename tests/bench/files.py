@@ -63,7 +63,7 @@ class Stopwatch:
 def serve(pipe: Connection) -> None:
     """A simulated vehicle, until the other end of ``pipe`` says so."""
     data = bytes(range(250)) * (SIZE // 250)
-    with World(1, endpoint="tcp:0", ready_s=0.5, speed=SPEED) as world:
+    with World(copters=1, endpoint="tcp:0", ready_s=0.5, speed=SPEED) as world:
         node = world.vehicles[0].node
         assert isinstance(node, MavNode)
         storage = node.storage

@@ -65,7 +65,7 @@ async def disk(
     net: Net, onboard: StartOnboard, cache: Path, link: str = "{}", speed: float = 1.0
 ) -> AsyncIterator[Disk]:
     """``link``: what to make of the simulator's own URL."""
-    with World(1, endpoint="tcp:0", ready_s=0.5, speed=speed) as world:
+    with World(copters=1, endpoint="tcp:0", ready_s=0.5, speed=speed) as world:
         session, endpoint = net.router()
         vehicle = await onboard(session, link.format(world.urls[0]), cache=str(cache))
         async with zmav.open(connect=[endpoint]) as z:

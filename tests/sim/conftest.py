@@ -126,9 +126,10 @@ def make_desk() -> Iterator[MakeDesk]:
     """A world without endpoints and a desk at its first vehicle; options are :class:`World`'s."""
     worlds = []
 
-    def make(copters: int | list[VehicleSpec] = 1, **options: Any) -> Desk:
+    def make(vehicles: int | list[VehicleSpec] = 1, **options: Any) -> Desk:
         options = {"ready_s": 0.5, "epoch_s": 0.0, **options}
-        world = World(copters, **options)
+        specs = [VehicleSpec() for _ in range(vehicles)] if isinstance(vehicles, int) else vehicles
+        world = World(specs, **options)
         worlds.append(world)
         return Desk(world, world.vehicles[0])
 

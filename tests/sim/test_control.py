@@ -14,7 +14,9 @@ from zmav.sim.control.reference import root_speed
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
 from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.dynamics.copter import CopterDynamics
-from zmav.sim.fleet import CopterFleet, Sense
+from zmav.sim.environment import Environment
+from zmav.sim.fleets.base import Sense
+from zmav.sim.fleets.copter import CopterFleet
 from zmav.sim.sensors.estimate import Estimator
 
 DT, STEPS = 1 / 200, 2
@@ -26,7 +28,7 @@ class Hover:
     def __init__(self, kind: str) -> None:
         start = np.array([[0.0], [0.0], [-100.0]])
         rng = np.random.default_rng(1)
-        self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, rng, 0.0)
+        self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, rng, Environment(), 0.0)
         self.fleet.dynamics.rotor[:] = math.sqrt(self.fleet.airframe.hover_thrust_n / self.fleet.airframe.thrust_max_n)
         self.sp: SetpointHandle = self.fleet.handle(0)
         self.sp.spool(Spool.FLY)

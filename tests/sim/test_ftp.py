@@ -58,7 +58,7 @@ def storage(desk: Desk) -> Storage:
 
 
 def test_pymavlinks_client_lists_reads_writes_and_checks(tmp_path: Path) -> None:
-    with World(1, endpoint="tcp:0", ready_s=0.5) as world:
+    with World(copters=1, endpoint="tcp:0", ready_s=0.5) as world:
         link = mavutil.mavlink_connection(world.urls[0], source_system=250)
         link.wait_heartbeat(timeout=30)
         client = mavftp.MAVFTP(link, target_system=1, target_component=1)

@@ -84,7 +84,7 @@ def test_every_arming_begins_another_log(desk: Desk) -> None:
 
 
 def test_pymavlink_downloads_a_log_as_mavproxy_does() -> None:
-    with World(1, endpoint="tcp:0", ready_s=0.5) as world:
+    with World(copters=1, endpoint="tcp:0", ready_s=0.5) as world:
         node = world.vehicles[0].node
         assert isinstance(node, MavNode)
         data = bytes(range(251)) * 200

@@ -65,7 +65,7 @@ class Script:
 @pytest.fixture
 def script() -> Iterator[Script]:
     # Long enough to be refused first, however late this process gets its turn.
-    with World(1, endpoint="tcp:0", speed=SPEED, ready_s=40.0) as world:
+    with World(copters=1, endpoint="tcp:0", speed=SPEED, ready_s=40.0) as world:
         script = Script(world.urls[0])
         yield script
         script.link.close()

@@ -124,20 +124,20 @@ def test_two_airframes_fly_side_by_side(make_desk: MakeDesk, another_desk: type[
 @pytest.mark.parametrize(
     ("options", "field"),
     [
-        ({"copters": 0}, "copters"),
-        ({"copters": 256}, "copters"),
+        ({"copters": -1}, "copters"),
+        ({"copters": 256}, "vehicles"),
         ({"speed": 0.0}, "speed"),
         ({"speed": float("nan")}, "speed"),
-        ({"copters": [VehicleSpec(sysid=0)]}, "sysid"),
-        ({"copters": [VehicleSpec(sysid=256)]}, "sysid"),
+        ({"vehicles": [VehicleSpec(sysid=0)]}, "sysid"),
+        ({"vehicles": [VehicleSpec(sysid=256)]}, "sysid"),
         ({"spacing_m": float("nan")}, "spacing_m"),
         ({"ready_s": -1.0}, "ready_s"),
         ({"wind": (float("inf"), 0.0, 0.0)}, "wind"),
-        ({"copters": [VehicleSpec(uid=0)]}, "uid"),
-        ({"copters": [VehicleSpec(uid=1 << 64)]}, "uid"),
-        ({"copters": [VehicleSpec(start_ned_m=(0.0, float("inf"), 0.0))]}, "start_ned_m"),
-        ({"copters": [VehicleSpec(yaw_deg=float("nan"))]}, "yaw_deg"),
-        ({"copters": [VehicleSpec(airframe="zeppelin")]}, "airframe"),
+        ({"vehicles": [VehicleSpec(uid=0)]}, "uid"),
+        ({"vehicles": [VehicleSpec(uid=1 << 64)]}, "uid"),
+        ({"vehicles": [VehicleSpec(start_ned_m=(0.0, float("inf"), 0.0))]}, "start_ned_m"),
+        ({"vehicles": [VehicleSpec(yaw_deg=float("nan"))]}, "yaw_deg"),
+        ({"vehicles": [VehicleSpec(airframe="zeppelin")]}, "airframe"),
         ({"endpoint": "serial:/dev/null"}, "endpoint"),
     ],
 )
@@ -189,7 +189,7 @@ def test_a_vehicle_without_an_endpoint_says_so(make_desk: MakeDesk) -> None:
 @pytest.fixture
 def vehicle() -> Iterator[SimVehicle]:
     """One vehicle of a running world, on a free TCP port and ten times as fast as life."""
-    with World(1, endpoint="tcp:0", speed=10.0, ready_s=0.5) as world:
+    with World(copters=1, endpoint="tcp:0", speed=10.0, ready_s=0.5) as world:
         yield world.vehicles[0]
 
 
@@ -259,7 +259,7 @@ def test_udp_goes_out_from_one_kept_port_and_answers_come_in() -> None:
         ground.bind(("127.0.0.1", 0))
         ground.settimeout(PATIENCE_S)
         port = ground.getsockname()[1]
-        with World(2, endpoint=f"udp:127.0.0.1:{port}", speed=10.0, ready_s=0.5) as world:
+        with World(copters=2, endpoint=f"udp:127.0.0.1:{port}", speed=10.0, ready_s=0.5) as world:
             assert world.urls == [f"udpin:127.0.0.1:{port}"] * 2
             senders: dict[int, tuple[str, int]] = {}
             packer = Packer(dialect, 255, 190)
@@ -288,7 +288,7 @@ def test_udp_to_nobody_is_endured() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with World(1, endpoint=f"udp:127.0.0.1:{port}", speed=20.0, ready_s=0.5) as world:
+    with World(copters=1, endpoint=f"udp:127.0.0.1:{port}", speed=20.0, ready_s=0.5) as world:
         world.wait_for(lambda: world.time_s > 5.0)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
             ground.bind(("127.0.0.1", port))
@@ -298,7 +298,7 @@ def test_udp_to_nobody_is_endured() -> None:
 
 class TestClock:
     def test_as_fast_as_it_goes_until_closed(self) -> None:
-        with World(1, endpoint="tcp:0", speed=float("inf")) as world:
+        with World(copters=1, endpoint="tcp:0", speed=float("inf")) as world:
             world.wait_for(lambda: world.time_s > 30.0)
         ended = world.time_s
         assert ended > 30.0
@@ -306,25 +306,25 @@ class TestClock:
         assert world.time_s == pytest.approx(ended + 1.0)
 
     def test_calls_run_between_ticks_in_the_worlds_thread(self) -> None:
-        with World(1, endpoint="tcp:0") as world:
+        with World(copters=1, endpoint="tcp:0") as world:
             assert world.call(lambda: threading.current_thread().name) == "zmav-sim"
             with pytest.raises(ZeroDivisionError):
                 world.call(lambda: 1 // 0)
             assert world.call(lambda: 2) == 2  # it has taken no harm
 
     def test_waiting_has_an_end(self) -> None:
-        with World(1, endpoint="tcp:0", speed=50.0) as world, pytest.raises(TimedOut, match="simulated time"):
+        with World(copters=1, endpoint="tcp:0", speed=50.0) as world, pytest.raises(TimedOut, match="simulated time"):
             world.wait_for(lambda: False, sim_s=1.0)
 
     def test_run_serves_in_the_callers_thread_until_stopped(self) -> None:
-        world = World(1, endpoint="tcp:0", speed=10.0)
+        world = World(copters=1, endpoint="tcp:0", speed=10.0)
         threading.Timer(0.3, world.stop).start()
         world.run()
         assert world.ticks > 0
         world.close()
 
     def test_an_error_in_the_world_comes_out_at_the_end(self) -> None:
-        world = World(1, endpoint="tcp:0", speed=10.0)
+        world = World(copters=1, endpoint="tcp:0", speed=10.0)
 
         def fail(*_: object) -> None:
             raise RuntimeError("a defect")
@@ -337,7 +337,7 @@ class TestClock:
             world.close()
 
     def test_closing_leaves_no_thread_and_no_socket(self) -> None:
-        world = World(2, endpoint="tcp:0")
+        world = World(copters=2, endpoint="tcp:0")
         world.start()
         url = world.urls[0]
         world.close()

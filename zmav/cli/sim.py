@@ -40,7 +40,7 @@ def command(
     if copters is None:
         copters = 0 if px4 else 1
     world = World(
-        copters, px4=px4, home=Home(*home) if home else None, spacing_m=spacing, endpoint=endpoints or None,
+        copters=copters, px4=px4, home=Home(*home) if home else None, spacing_m=spacing, endpoint=endpoints or None,
         speed=speed or math.inf, seed=seed, wind=(wind[0], wind[1], 0.0),
         ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,9 +12,11 @@ from zmav.errors import BadConfig
 from zmav.mavlink.dialect import Dialect
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.px4.copter import Px4Copter
-from zmav.sim.control.setpoints import SetpointHandle, Vector
+from zmav.sim.control.setpoints import SetpointHandle
 from zmav.sim.dynamics.airframe import Airframe, airframe
-from zmav.sim.fleet import CopterFleet, Sense
+from zmav.sim.environment import Environment
+from zmav.sim.fleets.base import Seat, Sense
+from zmav.sim.fleets.copter import CopterFleet
 from zmav.sim.geo import Position
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.base import Node
@@ -32,15 +34,19 @@ class Squad:
         self.vehicles: list[SimVehicle] = []
 
 
-def as_specs(copters: int | Sequence[VehicleSpec], px4: int = 0) -> list[VehicleSpec]:
-    """So many plain ArduCopters, or the list itself, and so many PX4s; :class:`BadConfig` for fewer than one or more
-    than there are system ids.
+def as_specs(vehicles: Sequence[VehicleSpec], counts: Mapping[str, int]) -> list[VehicleSpec]:
+    """The vehicles named, and so many plain ones of each autopilot; one ArduCopter where nothing is asked for.
+    :class:`BadConfig` for more than there are system ids.
     """
-    specs = [VehicleSpec() for _ in range(copters)] if isinstance(copters, int) else list(copters)
-    specs += [VehicleSpec(autopilot=PX4) for _ in range(px4)]
+    specs = list(vehicles)
+    for autopilot, count in counts.items():
+        if count < 0:
+            raise BadConfig(f"{count} vehicles; expected 0 or more", field="copters", value=count, expected="0 or more")
+        specs += [VehicleSpec(autopilot=autopilot) for _ in range(count)]
+    specs = specs or [VehicleSpec()]
     if not 1 <= len(specs) <= 255:
         raise BadConfig(
-            f"{len(specs)} vehicles; expected 1 to 255", field="copters", value=len(specs), expected="1 to 255"
+            f"{len(specs)} vehicles; expected 1 to 255", field="vehicles", value=len(specs), expected="1 to 255"
         )
     return specs
 
@@ -51,7 +57,7 @@ def build(
     home: Home,
     spacing_m: float,
     seed: int,
-    wind: Vector,
+    environment: Environment,
     ready_s: float,
     gps_noise_m: float,
     dt: float,
@@ -70,8 +76,7 @@ def build(
         yaw = np.array([yaws[i] for i in members])
         # One generator per fleet, from the seed and the kind: adding another kind changes nothing for this one.
         rng = np.random.default_rng([seed, *kind.encode("ascii", "replace")])
-        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, rng, gps_noise_m))
-        squad.fleet.dynamics.wind[:] = np.array(wind)[:, None]
+        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, rng, environment, gps_noise_m))
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
             uid = specs[i].uid
@@ -83,10 +88,7 @@ def build(
                 uid=_uid(seed, i) if uid is None else uid,
                 epoch_us=epoch_us,
             )
-            node = vehicle.node
-            node.wind = wind
-            node.throttles = _column(squad.fleet, "throttle", place)
-            node.rotor_speeds = _column(squad.fleet, "rotor", place)
+            vehicle.node.seat = Seat(squad.fleet, place)
             squad.vehicles.append(vehicle)
             built[i] = (squad, vehicle)
     return [built[i] for i in range(len(specs))]
@@ -121,11 +123,6 @@ def _wire(
         brain = ArduCopter(frame, params, setpoint, sense, world, ready_s)
         node = MavNode(brain, dialect, uid=uid, epoch_us=epoch_us)
     return SimVehicle(_name(spec, index), brain, node)
-
-
-def _column(fleet: CopterFleet, name: str, place: int) -> Callable[[], list[float]]:
-    """Reads one vehicle's rotors out of an array of the physics."""
-    return lambda: [float(value) for value in getattr(fleet.dynamics, name)[:, place]]
 
 
 def _uid(seed: int, index: int) -> int:

@@ -20,9 +20,9 @@ import msgspec
 from zmav.errors import BadConfig, TimedOut
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, as_specs, build
-from zmav.sim.control.setpoints import Vector
 from zmav.sim.endpoints import expand, open_endpoint, parse_endpoint
-from zmav.sim.spec import Home, VehicleSpec, usual
+from zmav.sim.environment import Environment, Vector
+from zmav.sim.spec import ARDUCOPTER, PX4, Home, VehicleSpec, usual
 from zmav.sim.vehicle import SimVehicle, VehicleStatus
 
 T = TypeVar("T")
@@ -52,7 +52,8 @@ class WorldStatus(msgspec.Struct, frozen=True):
 class World:
     """Vehicles, their autopilots and their links on one clock.
 
-    ``copters``: how many (ArduCopters), or one :class:`VehicleSpec` each; ``px4``: so many PX4s after them.
+    ``vehicles``: one :class:`VehicleSpec` each; ``copters``, ``px4``: so many plain ArduCopters and PX4s after them.
+    Nothing at all is one ArduCopter.
     ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None: "tcp" for
     an ArduCopter, "px4" for a PX4). ``speed``: times real time, ``math.inf`` as fast as it goes.
     ``wind``: steady, m/s NED (where it blows to). ``ready_s``: simulated seconds from boot to a position
@@ -66,8 +67,9 @@ class World:
 
     def __init__(
         self,
-        copters: int | Sequence[VehicleSpec] = 1,
+        vehicles: Sequence[VehicleSpec] = (),
         *,
+        copters: int = 0,
         home: Home | None = None,
         spacing_m: float = 10.0,
         px4: int = 0,
@@ -88,7 +90,7 @@ class World:
         self.home = home or Home()
         self.speed = speed
         self.ticks = 0
-        self._specs = as_specs(copters, px4)
+        self._specs = as_specs(vehicles, {ARDUCOPTER: copters, PX4: px4})
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
         self._addresses = [
             [parse_endpoint(text, i) for text in expand(_first_of(spec.endpoints, default, usual(spec)))]
@@ -99,7 +101,7 @@ class World:
             home=self.home,
             spacing_m=spacing_m,
             seed=seed,
-            wind=wind,
+            environment=Environment(wind),
             ready_s=ready_s,
             gps_noise_m=gps_noise_m,
             dt=1.0 / PHYSICS_HZ,

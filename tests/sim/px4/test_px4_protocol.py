@@ -168,7 +168,7 @@ class TestSpecs:
     def test_px4s_come_after_the_copters(self) -> None:
         with pytest.raises(BadConfig, match="autopilot"):
             World([VehicleSpec(autopilot="ardu", endpoints=())])
-        world = World(2, px4=2, endpoint=())
+        world = World(copters=2, px4=2, endpoint=())
         try:
             assert [v.sysid for v in world.vehicles] == [1, 2, 3, 4]
             assert [v.status().mode for v in world.vehicles] == ["STABILIZE", "STABILIZE", "HOLD", "HOLD"]

@@ -21,6 +21,7 @@ import numpy as np
 
 from zmav.sim.arrays import Array, Flags, body_z, dot, quat_rate, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY, Airframe
+from zmav.sim.environment import Terrain
 
 SINK_M = 0.005  # how far the feet press into the ground under the vehicle's own weight
 GROUND_DAMPING = 0.7  # damping ratio of a vertical bounce
@@ -38,7 +39,7 @@ class CopterDynamics:
     The inputs are ``throttle`` (M, N) in 0..1 and ``wind`` (3, N) m/s NED; :meth:`step` advances by ``dt``.
     """
 
-    def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float) -> None:
+    def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float, terrain: Terrain | None = None) -> None:
         n, m = start.shape[1], len(airframe.rotors)
         self.airframe = airframe
         self.dt = dt
@@ -50,7 +51,8 @@ class CopterDynamics:
         self.rotor: Array = np.zeros((m, n))
         self.throttle: Array = np.zeros((m, n))
         self.wind: Array = np.zeros((3, n))
-        self.ground_down = 0.0  # the ground plane, metres below the world's origin
+        self.terrain = terrain or Terrain()
+        self.ground_down = self.terrain.down_m
         self.accel: Array = np.zeros((3, n))  # of the last step, m/s^2 NED, gravity included
         self.thrust: Array = np.zeros((m, n))  # of the last step, N
         self.contact: Flags = self.pos[2] >= self.ground_down - 1e-6

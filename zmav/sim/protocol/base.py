@@ -12,7 +12,7 @@ from zmav.errors import BadMessage
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
-from zmav.sim.control.setpoints import Vector
+from zmav.sim.fleets.base import Seat
 from zmav.sim.geo import Position
 from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.protocol.params import ParamStore
@@ -55,10 +55,8 @@ class Node(ABC):
         self.brain = brain
         self.dialect = dialect
         self.uid = uid
-        self.wind: Vector = (0.0, 0.0, 0.0)
         self.field = earth_field(brain.world.lat_deg, brain.world.lon_deg)
-        self.throttles: Callable[[], list[float]] = list  # of each rotor, 0..1
-        self.rotor_speeds: Callable[[], list[float]] = list  # shares of the highest
+        self.seat: Seat  # where its body is simulated; set by who puts both together
         self.channels: list[Channel] = []
         self.bad_messages = 0
         self._epoch_us = epoch_us

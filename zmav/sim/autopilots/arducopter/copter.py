@@ -23,7 +23,7 @@ from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.control.setpoints import SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
-from zmav.sim.fleet import Sense
+from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position, from_ned, to_ned
 from zmav.sim.protocol.params import ParamStore
 

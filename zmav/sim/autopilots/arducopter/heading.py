@@ -8,7 +8,7 @@ import enum
 import math
 
 from zmav.sim.control.setpoints import SetpointHandle
-from zmav.sim.fleet import Sense
+from zmav.sim.fleets.base import Sense
 
 LOOK_SHARE = 0.05  # of the allowed speed: slower motion does not turn the nose
 ARRIVED = math.radians(2.0)

@@ -16,7 +16,7 @@ from zmav.sim.autopilots.px4.offboard import Motion, Offboard
 from zmav.sim.autopilots.px4.sticks import Sticks
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
-from zmav.sim.fleet import Sense
+from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
 

@@ -82,7 +82,7 @@ def distance_sensor(node: Px4Node) -> Fields:
 
 def servo_output_raw(node: Px4Node) -> Fields:
     armed = node.copter.armed
-    pwm = [round(_LEAST_PWM + 1000 * u) if armed else _DISARMED_PWM for u in node.throttles()]
+    pwm = [round(_LEAST_PWM + 1000 * u) if armed else _DISARMED_PWM for u in node.seat.outputs()]
     pwm += [_DISARMED_PWM] * (16 - len(pwm))
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": value for i, value in enumerate(pwm, start=1)}}
 

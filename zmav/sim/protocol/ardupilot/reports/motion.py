@@ -35,7 +35,7 @@ def global_position_int(node: MavNode) -> Fields:
 def vfr_hud(node: MavNode) -> Fields:
     copter, s = node.copter, node.copter.sense
     speed = math.hypot(s.vn, s.ve)
-    wind_n, wind_e, wind_d = node.wind
+    wind_n, wind_e, wind_d = node.seat.wind
     return {
         "airspeed": math.sqrt((s.vn - wind_n) ** 2 + (s.ve - wind_e) ** 2 + (s.vd - wind_d) ** 2),
         "groundspeed": speed,

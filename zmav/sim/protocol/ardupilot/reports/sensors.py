@@ -99,7 +99,7 @@ def terrain_report(node: MavNode) -> Fields | None:
 
 
 def esc_telemetry(node: MavNode) -> Fields:
-    turning = [round(MOST_RPM * speed) for speed in node.rotor_speeds()[:4]]
+    turning = [round(MOST_RPM * speed) for speed in node.seat.rotor_speeds()[:4]]
     volts = round(node.copter.voltage * 100)
     amps = round(node.copter.sense.current_a * 100 / len(node.copter.airframe.rotors))
     return {
@@ -125,7 +125,7 @@ def rc_channels(node: MavNode) -> Fields:
 
 def servo_output_raw(node: MavNode) -> Fields:
     """The motors on the first outputs, what DO_SET_SERVO set on the others; 0 where there is no signal."""
-    outputs = [round(1000 + 1000 * u) for u in node.throttles()]
+    outputs = [round(1000 + 1000 * u) for u in node.seat.outputs()]
     outputs += node.copter.payload.servos[len(outputs) :]
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
@@ -191,7 +191,7 @@ def wind(node: MavNode) -> Fields | None:
     copter = node.copter
     if not copter.position_ok:
         return None
-    north, east, down = node.wind
+    north, east, down = node.seat.wind
     # Where it comes from.
     return {
         "direction": math.degrees(math.atan2(-east, -north)),

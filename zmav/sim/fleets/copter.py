@@ -1,69 +1,41 @@
-"""All vehicles of one airframe: physics, estimate and controllers stepped together, and a row of plain numbers for
+"""Multirotors of one airframe: physics, estimate and controllers stepped together, and a row of plain numbers for
 each autopilot.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from zmav.sim.arrays import Array
+from zmav.sim.arrays import Array, dot
 from zmav.sim.control.cascade import Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
+from zmav.sim.environment import Environment
+from zmav.sim.fleets.base import Fleet, Sense
 from zmav.sim.sensors.estimate import Estimator
 
 OUTER_EVERY = 2  # ticks
 
 
-class Sense(NamedTuple):
-    """What one autopilot knows at a tick: metres, m/s NED of the world; radians; m/s^2 body; fractions."""
-
-    north: float
-    east: float
-    down: float
-    vn: float
-    ve: float
-    vd: float
-    roll: float
-    pitch: float
-    yaw: float
-    p: float
-    q: float
-    r: float
-    fx: float
-    fy: float
-    fz: float
-    qw: float
-    qx: float
-    qy: float
-    qz: float
-    ref_vn: float  # velocity the reference asks for
-    ref_ve: float
-    want_qw: float  # attitude asked for
-    want_qx: float
-    want_qy: float
-    want_qz: float
-    want_yaw: float
-    throttle: float  # mean of the rotors, 0..1
-    current_a: float
-    contact: float  # 1 on the ground
-    impact: float  # down speed of a touch since the last tick, m/s
-    true_north: float
-    true_east: float
-    true_down: float
-
-
-class CopterFleet:
+class CopterFleet(Fleet):
     """N copters of one airframe. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians."""
 
+    dynamics: CopterDynamics
+
     def __init__(
-        self, airframe: Airframe, start: Array, yaw: Array, dt: float, rng: np.random.Generator, gps_noise_m: float
+        self,
+        airframe: Airframe,
+        start: Array,
+        yaw: Array,
+        dt: float,
+        rng: np.random.Generator,
+        environment: Environment,
+        gps_noise_m: float,
     ) -> None:
         self.airframe = airframe
-        self.dynamics = CopterDynamics(airframe, start, yaw, dt)
+        self.dynamics = CopterDynamics(airframe, start, yaw, dt, environment.terrain)
+        self.dynamics.wind[:] = np.array(environment.wind)[:, None]
         self.setpoints = Setpoints(start.shape[1])
         self.estimate = Estimator(self.dynamics, rng, gps_noise_m)
         self.cascade = Cascade(airframe, self.setpoints, start, yaw)
@@ -89,6 +61,14 @@ class CopterFleet:
             est.refresh()
         est.observe(steps * self._dt)
 
+    def outputs(self, index: int) -> list[float]:
+        throttles: list[float] = self.dynamics.throttle[:, index].tolist()
+        return throttles
+
+    def rotor_speeds(self, index: int) -> list[float]:
+        speeds: list[float] = self.dynamics.rotor[:, index].tolist()
+        return speeds
+
     def senses(self) -> list[Sense]:
         """One row of plain floats per vehicle; a touch of the ground is reported once."""
         est, dyn, cascade = self.estimate, self.dynamics, self.cascade
@@ -107,7 +87,10 @@ class CopterFleet:
         table[27] = self._current()
         table[28] = dyn.contact
         table[29] = dyn.impact
-        table[30:33] = dyn.pos
+        air = dyn.vel - dyn.wind
+        table[30] = np.sqrt(dot(air, air))
+        table[31] = self.airframe.battery_v
+        table[32:35] = dyn.pos
         dyn.impact[:] = 0.0
         return [Sense._make(row) for row in table.T.tolist()]
 

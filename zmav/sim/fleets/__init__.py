@@ -1,0 +1,1 @@
+"""Fleets: what is stepped together."""

@@ -1,0 +1,94 @@
+"""What the world steps: all vehicles of one airframe, with their physics, sensors, estimates and controllers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+from zmav.sim.dynamics.body import Body
+from zmav.sim.environment import Vector
+
+
+class Sense(NamedTuple):
+    """What one autopilot knows at a tick: metres, m/s NED of the world; radians; m/s^2 body; fractions."""
+
+    north: float
+    east: float
+    down: float
+    vn: float
+    ve: float
+    vd: float
+    roll: float
+    pitch: float
+    yaw: float
+    p: float
+    q: float
+    r: float
+    fx: float
+    fy: float
+    fz: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+    ref_vn: float  # velocity the reference asks for
+    ref_ve: float
+    want_qw: float  # attitude asked for
+    want_qx: float
+    want_qy: float
+    want_qz: float
+    want_yaw: float
+    throttle: float  # mean of the rotors, 0..1
+    current_a: float
+    contact: float  # 1 on the ground
+    impact: float  # down speed of a touch since the last tick, m/s
+    airspeed: float  # m/s, true
+    volts: float  # of the battery
+    true_north: float
+    true_east: float
+    true_down: float
+
+
+class Fleet(ABC):
+    """N vehicles of one airframe; the order of vehicles is that of the columns of every array."""
+
+    dynamics: Body
+
+    @abstractmethod
+    def advance(self, steps: int) -> None:
+        """One tick: ``steps`` steps of controllers and physics, then the sensors."""
+
+    @abstractmethod
+    def senses(self) -> list[Sense]:
+        """One row of plain floats per vehicle; a touch of the ground is reported once."""
+
+    @abstractmethod
+    def outputs(self, index: int) -> list[float]:
+        """What one vehicle's actuators are told: rotors and throttles 0 to 1, surfaces and steering -1 to 1."""
+
+    def rotor_speeds(self, index: int) -> list[float]:
+        """Of one vehicle's rotors, as shares of the highest; none where there are none."""
+        return []
+
+    def wind(self, index: int) -> Vector:
+        """Of the air about one vehicle, m/s NED."""
+        north, east, down = self.dynamics.wind[:, index].tolist()
+        return north, east, down
+
+
+class Seat:
+    """One vehicle's place in its fleet."""
+
+    def __init__(self, fleet: Fleet, index: int) -> None:
+        self.fleet = fleet
+        self.index = index
+
+    def outputs(self) -> list[float]:
+        return self.fleet.outputs(self.index)
+
+    def rotor_speeds(self) -> list[float]:
+        return self.fleet.rotor_speeds(self.index)
+
+    @property
+    def wind(self) -> Vector:
+        return self.fleet.wind(self.index)
