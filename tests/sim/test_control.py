@@ -15,7 +15,7 @@ from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
 from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.environment import Environment
-from zmav.sim.fleets.base import Sense
+from zmav.sim.fleets.base import Sense, Surroundings
 from zmav.sim.fleets.copter import CopterFleet
 from zmav.sim.sensors.estimate import Estimator
 
@@ -27,8 +27,7 @@ class Hover:
 
     def __init__(self, kind: str) -> None:
         start = np.array([[0.0], [0.0], [-100.0]])
-        rng = np.random.default_rng(1)
-        self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, rng, Environment(), 0.0)
+        self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, Surroundings(environment=Environment()))
         self.fleet.dynamics.rotor[:] = math.sqrt(self.fleet.airframe.hover_thrust_n / self.fleet.airframe.thrust_max_n)
         self.sp: SetpointHandle = self.fleet.handle(0)
         self.sp.spool(Spool.FLY)

@@ -15,7 +15,7 @@ from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.control.setpoints import SetpointHandle
 from zmav.sim.dynamics.airframe import Airframe, airframe
 from zmav.sim.environment import Environment
-from zmav.sim.fleets.base import Seat, Sense
+from zmav.sim.fleets.base import Seat, Sense, Surroundings
 from zmav.sim.fleets.copter import CopterFleet
 from zmav.sim.geo import Position
 from zmav.sim.protocol.ardupilot.node import MavNode
@@ -74,9 +74,10 @@ def build(
         members = [i for i, spec in enumerate(specs) if airframe_of(spec) == kind]
         start = np.array([starts[i] for i in members]).T
         yaw = np.array([yaws[i] for i in members])
-        # One generator per fleet, from the seed and the kind: adding another kind changes nothing for this one.
-        rng = np.random.default_rng([seed, *kind.encode("ascii", "replace")])
-        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, rng, environment, gps_noise_m))
+        # Random numbers from the seed and the kind: adding another kind changes nothing for this one.
+        kind_seed = (seed, *kind.encode("ascii", "replace"))
+        around = Surroundings(environment=environment, place=home.position, seed=kind_seed, gps_noise_m=gps_noise_m)
+        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, around))
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
             uid = specs[i].uid

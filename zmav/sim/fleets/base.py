@@ -5,8 +5,32 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
+import msgspec
+import numpy as np
+
 from zmav.sim.dynamics.body import Body
-from zmav.sim.environment import Vector
+from zmav.sim.environment import Environment, Vector
+from zmav.sim.geo import Position
+from zmav.sim.sensors.estimate import Estimator
+
+DEFAULT_PLACE = Position(-35.363261, 149.165230, 584.09)
+
+
+class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
+    """What a fleet finds itself in.
+
+    ``environment``: ground and air; ``place``: where the origin of the world's NED lies; ``seed``: of this fleet;
+    ``gps_noise_m``: standard deviation of the wandering GPS error per axis.
+    """
+
+    environment: Environment
+    place: Position = DEFAULT_PLACE
+    seed: tuple[int, ...] = (0,)
+    gps_noise_m: float = 0.0
+
+    def generator(self, name: str) -> np.random.Generator:
+        """Random numbers for one purpose of this fleet: drawing more of them changes nothing for the others."""
+        return np.random.default_rng([*self.seed, *name.encode("ascii")])
 
 
 class Sense(NamedTuple):
@@ -50,9 +74,19 @@ class Sense(NamedTuple):
 
 
 class Fleet(ABC):
-    """N vehicles of one airframe; the order of vehicles is that of the columns of every array."""
+    """N vehicles of one airframe; the order of vehicles is that of the columns of every array.
+
+    ``advance`` of a subclass calls ``estimate.refresh()`` after each step of the physics and ``estimate.observe(dt)``
+    at the end of the tick; its controllers see ``estimate`` and never the truth.
+    """
 
     dynamics: Body
+
+    def __init__(self, dynamics: Body, around: Surroundings) -> None:
+        self.dynamics = dynamics
+        self.around = around
+        self.dynamics.wind[:] = np.array(around.environment.wind)[:, None]
+        self.estimate = Estimator(dynamics, around.generator(""), around.gps_noise_m)
 
     @abstractmethod
     def advance(self, steps: int) -> None:

@@ -11,9 +11,7 @@ from zmav.sim.control.cascade import Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
-from zmav.sim.environment import Environment
-from zmav.sim.fleets.base import Fleet, Sense
-from zmav.sim.sensors.estimate import Estimator
+from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 
 OUTER_EVERY = 2  # ticks
 
@@ -29,15 +27,11 @@ class CopterFleet(Fleet):
         start: Array,
         yaw: Array,
         dt: float,
-        rng: np.random.Generator,
-        environment: Environment,
-        gps_noise_m: float,
+        around: Surroundings,
     ) -> None:
         self.airframe = airframe
-        self.dynamics = CopterDynamics(airframe, start, yaw, dt, environment.terrain)
-        self.dynamics.wind[:] = np.array(environment.wind)[:, None]
+        super().__init__(CopterDynamics(airframe, start, yaw, dt, around.environment.terrain), around)
         self.setpoints = Setpoints(start.shape[1])
-        self.estimate = Estimator(self.dynamics, rng, gps_noise_m)
         self.cascade = Cascade(airframe, self.setpoints, start, yaw)
         self._dt = dt
         self._ticks = 0

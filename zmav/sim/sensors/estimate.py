@@ -10,7 +10,7 @@ import numpy as np
 
 from zmav.sim.arrays import Array, euler_from_quat
 from zmav.sim.dynamics.airframe import GRAVITY
-from zmav.sim.dynamics.copter import CopterDynamics
+from zmav.sim.dynamics.body import Body
 
 GPS_PERIOD_S = 0.2
 CORRELATION_S = 60.0
@@ -22,7 +22,7 @@ class Estimator:
     and ``force``.
     """
 
-    def __init__(self, dynamics: CopterDynamics, rng: np.random.Generator, gps_noise_m: float) -> None:
+    def __init__(self, dynamics: Body, rng: np.random.Generator, gps_noise_m: float) -> None:
         self._dyn = dynamics
         self._rng = rng
         self._sigma = gps_noise_m
