@@ -42,7 +42,6 @@ class CopterDynamics:
     def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float, terrain: Terrain | None = None) -> None:
         n, m = start.shape[1], len(airframe.rotors)
         self.airframe = airframe
-        self.dt = dt
         self.pos: Array = start.astype(float).copy()
         self.vel: Array = np.zeros((3, n))
         self.q: Array = np.zeros((4, n))
@@ -63,13 +62,23 @@ class CopterDynamics:
         jx, jy, jz = airframe.inertia_kgm2
         self._gyro: Array = np.zeros((3, n))
         self._gyro_inertia = np.array([[jz - jy], [jx - jz], [jy - jx]])
-        self._lag = 1.0 - np.exp(-dt / airframe.rotor_tau_s)
+        self.dt = dt
         leg = airframe.leg_m
         self._feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
 
     @property
     def n(self) -> int:
         return int(self.pos.shape[1])
+
+    @property
+    def dt(self) -> float:
+        """Seconds of one step; an external flight stack may change them from step to step."""
+        return self._dt
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        self._dt = dt
+        self._lag = 1.0 - np.exp(-dt / self.airframe.rotor_tau_s)
 
     def step(self) -> None:
         """Advance every vehicle by ``dt`` seconds."""
