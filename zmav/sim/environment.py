@@ -5,9 +5,12 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from zmav.errors import BadConfig
+from zmav.sim.air import GUSTS, Air
 from zmav.sim.arrays import Array
 
 Vector = tuple[float, float, float]
+STEEPEST = 1.0  # 45 degrees: nothing stands on more
 
 
 class Terrain(msgspec.Struct, frozen=True):
@@ -24,6 +27,10 @@ class Terrain(msgspec.Struct, frozen=True):
         return self.down_m - self.slope_north * north - self.slope_east * east
 
     @property
+    def level(self) -> bool:
+        return self.slope_north == 0.0 and self.slope_east == 0.0
+
+    @property
     def normal(self) -> Vector:
         """Unit vector out of the ground, NED: (0, 0, -1) where it is level."""
         length = float(np.sqrt(1.0 + self.slope_north**2 + self.slope_east**2))
@@ -31,8 +38,31 @@ class Terrain(msgspec.Struct, frozen=True):
 
 
 class Environment:
-    """``wind``: the mean, m/s NED, where it blows to."""
+    """``wind``: the mean, m/s NED, where it blows to. ``gusts``: the turbulence on top of it, one of
+    :data:`zmav.sim.air.GUSTS`. ``alt_amsl_m``: of the world's origin, for the density of the air.
 
-    def __init__(self, wind: Vector = (0.0, 0.0, 0.0), terrain: Terrain | None = None) -> None:
+    Raises :class:`BadConfig` for gusts that it does not know, and for ground steeper than 45 degrees.
+    """
+
+    def __init__(
+        self,
+        wind: Vector = (0.0, 0.0, 0.0),
+        terrain: Terrain | None = None,
+        gusts: str = "none",
+        alt_amsl_m: float = 0.0,
+    ) -> None:
+        if gusts not in GUSTS:
+            expected = ", ".join(GUSTS)
+            raise BadConfig(f"no gusts {gusts!r}; known: {expected}", field="gusts", value=gusts, expected=expected)
         self.wind = wind
         self.terrain = terrain or Terrain()
+        for field in ("slope_north", "slope_east"):
+            slope = getattr(self.terrain, field)
+            if not abs(slope) <= STEEPEST:
+                raise BadConfig(f"{field} {slope}; expected -1 to 1", field=field, value=slope, expected="-1 to 1")
+        self.gusts = gusts
+        self.alt_amsl_m = alt_amsl_m
+
+    def air(self, n: int, rng: np.random.Generator, dt: float) -> Air:
+        """The air about ``n`` vehicles, stepped every ``dt`` seconds. ``rng`` is not drawn from, only its children."""
+        return Air(self.wind, GUSTS[self.gusts], self.terrain.down, n, rng, dt)
