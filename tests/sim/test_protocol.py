@@ -14,7 +14,7 @@ from zmav.errors import BadConfig
 from zmav.mavlink.codec import Packer
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim import VehicleSpec
-from zmav.sim.protocol.ardupilot.node import HANDLERS
+from zmav.sim.protocol.ardupilot.copter import CopterNode
 from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.params import defaults
 
@@ -221,7 +221,7 @@ class TestCommands:
     def test_parameters_that_are_no_numbers_are_denied(self, desk: Desk, number: int) -> None:
         assert desk.command(number, math.nan, math.nan) == DENIED
 
-    @pytest.mark.parametrize("number", sorted(HANDLERS))
+    @pytest.mark.parametrize("number", sorted(CopterNode.HANDLERS))
     def test_no_parameters_upset_it(self, desk: Desk, number: int) -> None:
         """Whatever the numbers are there is one answer, and the vehicle goes on."""
         odd = [0.0, -1.0, 1e38, -1e38, math.nan, math.inf, 2.5]

@@ -18,7 +18,7 @@ from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Seat, Sense, Surroundings
 from zmav.sim.fleets.copter import CopterFleet
 from zmav.sim.geo import Position
-from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.copter import CopterNode
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.params import ParamStore, defaults
 from zmav.sim.protocol.px4.node import Px4Node
@@ -122,7 +122,7 @@ def _wire(
         node = Px4Node(brain, uid=uid, epoch_us=epoch_us)
     else:
         brain = ArduCopter(frame, params, setpoint, sense, world, ready_s)
-        node = MavNode(brain, dialect, uid=uid, epoch_us=epoch_us)
+        node = CopterNode(brain, dialect, uid=uid, epoch_us=epoch_us)
     return SimVehicle(_name(spec, index), brain, node)
 
 

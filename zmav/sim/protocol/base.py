@@ -12,7 +12,8 @@ from zmav.errors import BadMessage
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
-from zmav.sim.fleets.base import Seat
+from zmav.sim.environment import Vector
+from zmav.sim.fleets.base import Seat, Sense
 from zmav.sim.geo import Position
 from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.protocol.params import ParamStore
@@ -35,8 +36,16 @@ class Brain(Protocol):
     beat: Callable[[], None]
     announce: Callable[[], None]
 
+    sense: Sense
+
     @property
     def uptime(self) -> float: ...
+
+    @property
+    def position_ok(self) -> bool: ...
+
+    @property
+    def local(self) -> Vector: ...
 
     def power_on(self) -> None: ...
 

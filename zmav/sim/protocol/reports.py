@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
-    from zmav.sim.protocol.px4.node import Px4Node
-
-    AnyNode: TypeAlias = "MavNode | Px4Node"
+    from zmav.sim.protocol.base import Node
 
 Fields = dict[str, Any]
 Report = Callable[["MavNode"], "Fields | None"]
@@ -21,12 +19,12 @@ def e7(degrees: float) -> int:
     return round(degrees * 1e7)
 
 
-def boot_ms(node: AnyNode) -> int:
-    return int(node.copter.uptime * 1000.0)
+def boot_ms(node: Node) -> int:
+    return int(node.brain.uptime * 1000.0)
 
 
-def boot_us(node: AnyNode) -> int:
-    return int(node.copter.uptime * 1e6)
+def boot_us(node: Node) -> int:
+    return int(node.brain.uptime * 1e6)
 
 
 def centidegrees(yaw: float) -> int:
@@ -42,21 +40,21 @@ def int16(value: float) -> int:
 # ---- what every simulated autopilot says in the same way
 
 
-def attitude(node: AnyNode) -> Fields:
-    s = node.copter.sense
+def attitude(node: Node) -> Fields:
+    s = node.brain.sense
     rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
     return {"time_boot_ms": boot_ms(node), "roll": s.roll, "pitch": s.pitch, "yaw": s.yaw, **rates}
 
 
-def attitude_quaternion(node: AnyNode) -> Fields:
-    s = node.copter.sense
+def attitude_quaternion(node: Node) -> Fields:
+    s = node.brain.sense
     rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
     return {"time_boot_ms": boot_ms(node), "q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}
 
 
-def local_position_ned(node: AnyNode) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    if not copter.position_ok:
+def local_position_ned(node: Node) -> Fields | None:
+    brain, s = node.brain, node.brain.sense
+    if not brain.position_ok:
         return None
-    x, y, z = copter.local
+    x, y, z = brain.local
     return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}

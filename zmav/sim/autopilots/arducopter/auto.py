@@ -20,8 +20,8 @@ from zmav.sim.autopilots.arducopter.legs import (
     Takeoff,
     Waypoint,
 )
-from zmav.sim.autopilots.arducopter.modes import Mode
 from zmav.sim.autopilots.ardupilot.mission import State
+from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Spool, Vector
 
@@ -38,13 +38,14 @@ KEEPS_WAY = (Waypoint, LoiterForever, LoiterTime, LoiterToAlt, LandAt, LoiterTur
 UNREPORTED = {181, 182, 183, 184, 202, 203, 206, 218, 600, 1000, 2000, 2001}
 
 
-class Auto(Mode):
+class Auto(AutoMode):
     """Also the mission's performer: starts its commands and says when they are done."""
 
     number, name, changes_speed = 3, "AUTO", True
 
     def __init__(self, copter: ArduCopter) -> None:
         super().__init__(copter)
+        self.copter = copter
         self.leg: Leg | None = None
         self.travelled = False  # a place was flown to in this run
         self.waiting = False
@@ -136,6 +137,20 @@ class Auto(Mode):
     def target(self) -> Vector | None:
         """The place that it flies to, in the world's NED."""
         return self.copter.travel.destination if self.travelled else None
+
+    @property
+    def paused(self) -> bool:
+        return self.copter.travel.paused
+
+    def pause(self) -> bool:
+        copter = self.copter
+        if copter.mode is not self or copter.landed or copter.travel.reached or not self.travelled:
+            return False
+        copter.travel.pause()
+        return True
+
+    def resume(self) -> None:
+        self.copter.travel.resume()
 
     @property
     def takes_targets(self) -> bool:

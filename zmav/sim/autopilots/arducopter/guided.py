@@ -7,71 +7,31 @@ a stop. On the ground only a takeoff lifts it, or an attitude with a climb.
 
 from __future__ import annotations
 
-import enum
 import math
+from typing import TYPE_CHECKING
 
-import msgspec
+from zmav.sim.autopilots.arducopter.modes import stop_here
+from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Quaternion, Target, YawWish
+from zmav.sim.autopilots.ardupilot.vehicle import GuidedMode
+from zmav.sim.control.setpoints import Axis, Spool
 
-from zmav.sim.autopilots.arducopter.modes import Mode
-from zmav.sim.control.setpoints import Axis, Spool, Vector
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 TAKEOFF_DONE_M = 0.5
 
 
-class Doing(enum.Enum):
-    HOLD = "hold"
-    TAKEOFF = "takeoff"
-    POSITION = "position"
-    POSITION_VELOCITY = "position and velocity"
-    VELOCITY = "velocity"
-    ACCELERATION = "acceleration"
-    ATTITUDE = "attitude"
-
-
-class YawWish(msgspec.Struct, frozen=True):
-    """The yaw part of a target: an angle (radians, absolute), a rate (rad/s), or neither."""
-
-    angle: float | None = None
-    rate: float | None = None
-
-
-class Target(msgspec.Struct, frozen=True):
-    """A target in the world's NED (metres, m/s, m/s^2); what is None is left to the copter."""
-
-    pos: Vector | None = None
-    vel: Vector | None = None
-    acc: Vector | None = None
-    yaw: YawWish = YawWish()
-
-
-Quaternion = tuple[float, float, float, float]
-
-
-class AttitudeTarget(msgspec.Struct, frozen=True):
-    """An attitude (w, x, y, z; body to world) that turns at body ``rates`` (rad/s), or without one the rates alone;
-    and a vertical speed in m/s (positive up) or a thrust, -1 to 1.
-    """
-
-    attitude: Quaternion | None
-    rates: Vector
-    climb: float | None
-    thrust: float | None
-
-    @property
-    def lifts(self) -> bool:
-        """It takes a landed copter off the ground."""
-        return (self.climb or 0.0) > 0.0 or (self.thrust or 0.0) > 0.0
-
-
-class Guided(Mode):
+class Guided(GuidedMode):
     number, name, armable, changes_speed = 4, "GUIDED", True, True
-    doing = Doing.HOLD
-    target = Target()
     _until = math.inf
     _lift_at = 0.0
     _takeoff_down = 0.0
     _wanted = AttitudeTarget(None, (0.0, 0.0, 0.0), 0.0, None)
     _turned: Quaternion | None = None
+
+    def __init__(self, copter: ArduCopter) -> None:
+        super().__init__(copter)
+        self.copter = copter
 
     def enter(self) -> None:
         self.hold()
@@ -79,7 +39,7 @@ class Guided(Mode):
     def hold(self) -> None:
         """Stop here: what a target that makes no sense leads to as well."""
         self.doing, self.target, self._until = Doing.HOLD, Target(), math.inf
-        self.stop_here()
+        stop_here(self.copter)
 
     def take_off(self, down: float) -> None:
         """Rise to ``down`` metres (world NED) over this place."""

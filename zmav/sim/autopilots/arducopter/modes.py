@@ -7,9 +7,9 @@ Modes: https://ardupilot.org/copter/docs/flight-modes.html
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.ardupilot.mode import Mode
 from zmav.sim.control.setpoints import Axis, Spool
 
 if TYPE_CHECKING:
@@ -21,57 +21,25 @@ LEAN_MAX = math.radians(30.0)
 LAND_PAUSE_S = 4.0
 
 
-class Mode(ABC):
-    """One flight mode. ``update`` runs while armed, 50 times a second."""
-
-    number: ClassVar[int]
-    name: ClassVar[str]
-    needs_position: ClassVar[bool] = True
-    armable: ClassVar[bool] = False
-    by_pilot: ClassVar[bool] = False
-    manual_throttle: ClassVar[bool] = False
-    throttle_to_arm: ClassVar[float] = 0.5  # the highest throttle stick that it may be armed with
-    changes_speed: ClassVar[bool] = False  # takes DO_CHANGE_SPEED
+class CopterMode(Mode):
+    """A mode of an ArduCopter."""
 
     def __init__(self, copter: ArduCopter) -> None:
+        super().__init__(copter)
         self.copter = copter
-
-    def allows_arming(self) -> bool:
-        return self.armable
-
-    @property
-    def is_landing(self) -> bool:
-        """On its way down to the ground."""
-        return False
-
-    def refusal(self) -> str:
-        """Why an armed vehicle cannot enter; empty where it can."""
-        return ""
-
-    def enter(self) -> None:  # noqa: B027 - most modes have nothing to do then
-        """Called when the mode is taken up, armed or not."""
-
-    def on_arming(self) -> None:
-        """The motors were just armed in it."""
-        self.enter()
-
-    def leave(self) -> None:  # noqa: B027 - as above
-        """Another mode is about to be taken up."""
-
-    def idle(self) -> None:  # noqa: B027 - as above
-        """Called instead of :meth:`update` while disarmed."""
-
-    @abstractmethod
-    def update(self) -> None:
-        """Set this moment's targets."""
 
     def stop_here(self) -> None:
         """Brake to a stop and stay there, nose as it is."""
-        self.copter.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-        self.copter.heading.hold(self.copter.sense.yaw)
+        stop_here(self.copter)
 
 
-class Stabilize(Mode):
+def stop_here(copter: ArduCopter) -> None:
+    """Brake to a stop and stay there, nose as it is."""
+    copter.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
+    copter.heading.hold(copter.sense.yaw)
+
+
+class Stabilize(CopterMode):
     number, name = 0, "STABILIZE"
     needs_position, armable, by_pilot, manual_throttle = False, True, True, True
     throttle_to_arm = 0.02
@@ -89,7 +57,7 @@ class Stabilize(Mode):
         copter.sp.direct_thrust(stick * 2 * hover if stick < 0.5 else hover + (stick - 0.5) * 2 * (1.0 - hover))
 
 
-class AltHold(Mode):
+class AltHold(CopterMode):
     number, name = 2, "ALT_HOLD"
     needs_position, armable, by_pilot = False, True, True
 
@@ -141,7 +109,7 @@ class Loiter(AltHold):
         self.by_throttle()
 
 
-class Brake(Mode):
+class Brake(CopterMode):
     number, name = 17, "BRAKE"
 
     def enter(self) -> None:
@@ -151,7 +119,7 @@ class Brake(Mode):
         self.copter.sp.spool(Spool.IDLE if self.copter.landed else Spool.FLY)
 
 
-class Land(Mode):
+class Land(CopterMode):
     number, name = 9, "LAND"
     needs_position = False
     is_landing = True
@@ -177,7 +145,7 @@ class Land(Mode):
             descend(copter)
 
 
-class Rtl(Mode):
+class Rtl(CopterMode):
     number, name = 6, "RTL"
     changes_speed = True
 

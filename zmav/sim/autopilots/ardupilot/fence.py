@@ -1,4 +1,4 @@
-"""ArduCopter's fence: a ceiling, a floor, a circle about home, and polygons and circles to stay in or out of.
+"""ArduPilot's fence: a ceiling, a floor, a circle about home, and polygons and circles to stay in or out of.
 
 After ArduPilot's AC_Fence library; https://ardupilot.org/copter/docs/common-geofencing-landing-page.html
 """
@@ -16,7 +16,7 @@ from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
+    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 CEILING, CIRCLE, POLYGON, FLOOR = 1, 2, 4, 8  # FENCE_TYPE
 EVERYTHING = CEILING | CIRCLE | POLYGON | FLOOR
@@ -31,7 +31,6 @@ RETURN_POINT, STAY_IN, STAY_OUT, CIRCLE_IN, CIRCLE_OUT = 5000, 5001, 5002, 5003,
 _FRAMES = (0, 3, 5, 6, 10, 11)
 _NAMES = ((CEILING, "Max Alt"), (CIRCLE, "Circle"), (POLYGON, "Polygon"), (FLOOR, "Min Alt"))
 _WARNING, _NOTICE, _INFO, _DEBUG = 4, 5, 6, 7
-_RTL, _LAND, _BRAKE = 6, 9, 17
 
 Point = tuple[float, float]
 
@@ -63,8 +62,8 @@ class FenceItems(ItemStore):
     title: ClassVar[str] = "Fence"
     most: ClassVar[int] = 70
 
-    def __init__(self, copter: ArduCopter) -> None:
-        self._copter = copter
+    def __init__(self, vehicle: ArduVehicle) -> None:
+        self._vehicle = vehicle
         self._items: list[Item] = []
         self._new: list[Item | None] = []
         self.areas: list[Area] = []
@@ -104,13 +103,13 @@ class FenceItems(ItemStore):
         self._new = []
         fault = self._fault(new)
         if fault:
-            self._copter.say(_WARNING, fault)
-            self._copter.say(_WARNING, "Fence validation failed")
+            self._vehicle.say(_WARNING, fault)
+            self._vehicle.say(_WARNING, "Fence validation failed")
             return Result.ERROR
         self._items = new
         self.areas = self._as_areas()
-        self._copter.say(_DEBUG, "Fence Indexed OK")
-        self._copter.sized("FENCE_TOTAL", len(new) + 2 if len(new) >= 3 else 0)
+        self._vehicle.say(_DEBUG, "Fence Indexed OK")
+        self._vehicle.sized("FENCE_TOTAL", len(new) + 2 if len(new) >= 3 else 0)
         return Result.ACCEPTED
 
     def abandon(self) -> None:
@@ -118,8 +117,8 @@ class FenceItems(ItemStore):
 
     def clear(self) -> bool:
         self._items, self.areas = [], []
-        self._copter.say(_DEBUG, "Fence Indexed OK")
-        self._copter.sized("FENCE_TOTAL", 0)
+        self._vehicle.say(_DEBUG, "Fence Indexed OK")
+        self._vehicle.sized("FENCE_TOTAL", 0)
         return True
 
     @staticmethod
@@ -153,7 +152,7 @@ class FenceItems(ItemStore):
         areas = []
         corners: list[Point] = []
         for item in self._items:
-            north, east, _ = to_ned(Position(item.x * 1e-7, item.y * 1e-7, 0.0), self._copter.world)
+            north, east, _ = to_ned(Position(item.x * 1e-7, item.y * 1e-7, 0.0), self._vehicle.world)
             if item.command in (CIRCLE_IN, CIRCLE_OUT):
                 areas.append(Area(((north, east),), item.p1, item.command == CIRCLE_IN))
             elif item.command in (STAY_IN, STAY_OUT):
@@ -165,11 +164,11 @@ class FenceItems(ItemStore):
 
 
 class Fence:
-    """Watches where the copter is, 25 times a second, and acts on a breach."""
+    """Watches where the vehicle is, 25 times a second, and acts on a breach."""
 
-    def __init__(self, copter: ArduCopter) -> None:
-        self._copter = copter
-        self.items = FenceItems(copter)
+    def __init__(self, vehicle: ArduVehicle) -> None:
+        self._vehicle = vehicle
+        self.items = FenceItems(vehicle)
         self.power_on()
 
     def power_on(self) -> None:
@@ -186,7 +185,7 @@ class Fence:
 
     @property
     def configured(self) -> int:
-        return int(self._copter.params["FENCE_TYPE"])
+        return int(self._vehicle.params["FENCE_TYPE"])
 
     @property
     def present(self) -> int:
@@ -198,8 +197,8 @@ class Fence:
 
     def allows(self, place: Vector) -> bool:
         """Whether GUIDED may be sent to a point of the world's NED."""
-        copter, params, active = self._copter, self._copter.params, self.active
-        home = copter.home_world
+        vehicle, params, active = self._vehicle, self._vehicle.params, self.active
+        home = vehicle.home_world
         height, away = home[2] - place[2], math.hypot(place[0] - home[0], place[1] - home[1])
         outside = (
             active & CEILING and height > params["FENCE_ALT_MAX"],
@@ -222,24 +221,24 @@ class Fence:
     @property
     def ceiling(self) -> float | None:
         """The height above home that flying back keeps below, m; None without a ceiling."""
-        params = self._copter.params
+        params = self._vehicle.params
         return params["FENCE_ALT_MAX"] - params["FENCE_MARGIN"] if self.active & CEILING else None
 
     @property
     def blocks_mode_change(self) -> bool:
-        copter = self._copter
-        if not (self.breached and copter.armed and not copter.landed and copter.mode_by_fence):
+        vehicle = self._vehicle
+        if not (self.breached and vehicle.armed and not vehicle.landed and vehicle.mode_by_fence):
             return False
-        return bool(int(copter.params["FENCE_OPTIONS"]) & NO_MODE_CHANGE)
+        return bool(int(vehicle.params["FENCE_OPTIONS"]) & NO_MODE_CHANGE)
 
     def fault(self) -> str:
         """Why arming is refused for the fence's sake; empty: it is not."""
-        params = self._copter.params
+        params = self._vehicle.params
         if params["FENCE_ENABLE"] and not self.present:
             return "Fences enabled, but none selected"
         if not (self.enabled or params["FENCE_AUTOENABLE"]) or not self.configured:
             return ""
-        if self.configured & (CIRCLE | POLYGON) and not self._copter.position_ok:
+        if self.configured & (CIRCLE | POLYGON) and not self._vehicle.position_ok:
             return "Fence requires position"
         if self.configured & CIRCLE and params["FENCE_RADIUS"] < 0:
             return "Invalid Circle FENCE_RADIUS value"
@@ -249,7 +248,7 @@ class Fence:
             return "Invalid FENCE_ALT_MAX value"
         breached = self.breached
         if int(params["FENCE_AUTOENABLE"]) == WHEN_ARMED and self.configured & POLYGON:
-            s = self._copter.sense
+            s = self._vehicle.sense
             breached |= POLYGON * (self._outside_areas(s.north, s.east) > 0)
         if breached:
             return f"Vehicle breaching {names(breached)}"
@@ -260,16 +259,16 @@ class Fence:
         return ""
 
     def on_arming(self) -> None:
-        if int(self._copter.params["FENCE_AUTOENABLE"]) == WHEN_ARMED:
+        if int(self._vehicle.params["FENCE_AUTOENABLE"]) == WHEN_ARMED:
             self.enable(True, EVERYTHING & ~FLOOR)
             if self.active:
-                self._copter.say(_NOTICE, f"{names(self.active)} auto-enabled")
+                self._vehicle.say(_NOTICE, f"{names(self.active)} auto-enabled")
 
     # ---- watching
 
     def update(self) -> None:
-        copter = self._copter
-        parameter = copter.params["FENCE_ENABLE"]
+        vehicle = self._vehicle
+        parameter = vehicle.params["FENCE_ENABLE"]
         if parameter != self._parameter:
             self._parameter = parameter
             self.enabled = self.configured & ~FLOOR if parameter else 0
@@ -277,7 +276,7 @@ class Fence:
             return
         before = self.breached
         self.breached &= self.configured
-        if copter.landed or not copter.armed:
+        if vehicle.landed or not vehicle.armed:
             self.enabled &= ~FLOOR
             self.breached &= ~FLOOR
         elif self.configured & FLOOR and not self.enabled & FLOOR and self.enabled:
@@ -286,39 +285,39 @@ class Fence:
         for kind, beyond in self._measure():
             new |= self._judge(kind, beyond)
         if self._recovering is not None:
-            if copter.now - self._recovering < RECOVERY_S:
+            if vehicle.now - self._recovering < RECOVERY_S:
                 new = 0
             else:
                 self._recovering = None
-        if before and not self.breached and not copter.landed:
-            copter.say(_NOTICE, "Fence breach cleared")
-        if new and copter.armed:
+        if before and not self.breached and not vehicle.landed:
+            vehicle.say(_NOTICE, "Fence breach cleared")
+        if new and vehicle.armed:
             self._act(new)
 
     def _raise_floor(self) -> None:
-        params = self._copter.params
-        if self._copter.height >= params["FENCE_ALT_MIN"] + params["FENCE_MARGIN"]:
+        params = self._vehicle.params
+        if self._vehicle.height >= params["FENCE_ALT_MIN"] + params["FENCE_MARGIN"]:
             self.enabled |= FLOOR
-            self._copter.say(_NOTICE, "Min Alt fence enabled (auto enable)")
+            self._vehicle.say(_NOTICE, "Min Alt fence enabled (auto enable)")
 
     def _measure(self) -> list[tuple[int, float]]:
         """How far beyond each active fence it is, metres."""
-        copter, params, active = self._copter, self._copter.params, self.active
+        vehicle, params, active = self._vehicle, self._vehicle.params, self.active
         found = []
         if active & CEILING:
-            found.append((CEILING, copter.height - params["FENCE_ALT_MAX"]))
+            found.append((CEILING, vehicle.height - params["FENCE_ALT_MAX"]))
         if active & FLOOR:
-            found.append((FLOOR, params["FENCE_ALT_MIN"] - copter.height))
-        if active & CIRCLE and copter.position_ok:
-            found.append((CIRCLE, copter.from_home - params["FENCE_RADIUS"]))
-        if active & POLYGON and copter.position_ok:
-            found.append((POLYGON, self._outside_areas(copter.sense.north, copter.sense.east)))
+            found.append((FLOOR, params["FENCE_ALT_MIN"] - vehicle.height))
+        if active & CIRCLE and vehicle.position_ok:
+            found.append((CIRCLE, vehicle.from_home - params["FENCE_RADIUS"]))
+        if active & POLYGON and vehicle.position_ok:
+            found.append((POLYGON, self._outside_areas(vehicle.sense.north, vehicle.sense.east)))
         return found
 
     def _outside_areas(self, north: float, east: float) -> float:
         inside = [a.outside_by(north, east) for a in self.items.areas if a.inside]
         out = [a.outside_by(north, east) for a in self.items.areas if not a.inside]
-        union = bool(int(self._copter.params["FENCE_OPTIONS"]) & UNION)
+        union = bool(int(self._vehicle.params["FENCE_OPTIONS"]) & UNION)
         allowed = [min(inside)] if inside and union else inside
         return max([*allowed, *out], default=-math.inf)
 
@@ -333,40 +332,26 @@ class Fence:
         if self.breached & kind and (kind == POLYGON or beyond < self._backup.get(kind, math.inf)):
             return 0
         if not self.breached:
-            self.breach_time = self._copter.uptime
-            self._copter.report("FENCE_STATUS")
+            self.breach_time = self._vehicle.uptime
+            self._vehicle.report("FENCE_STATUS")
         self.breaches += 1
         self.breached |= kind
         self._backup[kind] = beyond + BACKUP_M
         return kind
 
     def _act(self, new: int) -> None:
-        copter = self._copter
-        if not copter.landed:
-            copter.say(_NOTICE, f"{names(new)} breached")
-        action = int(copter.params["FENCE_ACTION"])
-        if action == REPORT_ONLY:
-            return
-        if copter.landed or (copter.mode.manual_throttle and copter.rc.throttle < 0.02 and not self.breached & CEILING):
-            copter.disarm(forced=True)
-            return
-        if max(self._beyond.get(kind, 0.0) for kind, _ in _NAMES if new & kind) > GIVE_UP_M or action == ALWAYS_LAND:
-            tries: tuple[int, ...] = (_LAND,)
-        elif action == BRAKE_OR_LAND:
-            tries = (_BRAKE, _LAND)
-        elif action == SMART_RTL_OR_LAND:
-            tries = (_LAND,)  # there is no SMART_RTL here
-        else:
-            tries = (_RTL, _LAND)
-        for number in tries:
-            if copter.set_mode(number, by_fence=True):
-                return
+        vehicle = self._vehicle
+        if not vehicle.landed:
+            vehicle.say(_NOTICE, f"{names(new)} breached")
+        if int(vehicle.params["FENCE_ACTION"]) != REPORT_ONLY:
+            beyond = max(self._beyond.get(kind, 0.0) for kind, _ in _NAMES if new & kind)
+            vehicle.reactions.fence_breached(new, beyond)
 
     def mode_changed(self) -> None:
         """Any change of mode in a breach is taken for the pilot's recovery: ten seconds of grace."""
-        if self.breached and int(self._copter.params["FENCE_ACTION"]) != REPORT_ONLY:
-            self._recovering = self._copter.now
-            self._copter.say(_INFO, "Manual recovery started")
+        if self.breached and int(self._vehicle.params["FENCE_ACTION"]) != REPORT_ONLY:
+            self._recovering = self._vehicle.now
+            self._vehicle.say(_INFO, "Manual recovery started")
 
 
 def names(kinds: int) -> str:

@@ -13,7 +13,7 @@ from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
+    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 OUTPUTS = 16
 RELAYS = 6
@@ -27,8 +27,8 @@ PITCH_RANGE, YAW_RANGE = (-90.0, 20.0), 180.0  # degrees
 class Camera:
     """A camera that is told to shoot; :attr:`pictures` counts."""
 
-    def __init__(self, copter: ArduCopter) -> None:
-        self._copter = copter
+    def __init__(self, vehicle: ArduVehicle) -> None:
+        self._vehicle = vehicle
         self.present = False
         self.pictures = 0
         self.shot_at = 0.0
@@ -42,11 +42,11 @@ class Camera:
         """Take one picture; False without a camera."""
         if not self.present:
             return False
-        s = self._copter.sense
+        s = self._vehicle.sense
         self.pictures += 1
-        self.shot_at, self.shot_place = self._copter.now, (s.north, s.east, s.down)
+        self.shot_at, self.shot_place = self._vehicle.now, (s.north, s.east, s.down)
         self._last = (s.north, s.east)
-        self._copter.report("CAMERA_FEEDBACK")
+        self._vehicle.report("CAMERA_FEEDBACK")
         return True
 
     def series(self, period: float, count: int) -> bool:
@@ -61,13 +61,13 @@ class Camera:
 
     def update(self) -> None:
         if self._left:
-            if self._copter.now - self.shot_at > self._period and self.shoot():
+            if self._vehicle.now - self.shot_at > self._period and self.shoot():
                 self._left -= self._left > 0
             return
         if self.spacing_m <= 0.0:
             self._last = None
             return
-        s = self._copter.sense
+        s = self._vehicle.sense
         if self._last is None:
             self._last = (s.north, s.east)
         elif math.hypot(s.north - self._last[0], s.east - self._last[1]) >= self.spacing_m:
@@ -77,8 +77,8 @@ class Camera:
 class Gimbal:
     """A mount with pitch and yaw, degrees; ``yaw`` about the nose, or about north where ``locked``."""
 
-    def __init__(self, copter: ArduCopter) -> None:
-        self._copter = copter
+    def __init__(self, vehicle: ArduVehicle) -> None:
+        self._vehicle = vehicle
         self.present = False
         self.mode = RC_TARGETING
         self.roll = self.pitch = self.yaw = 0.0
@@ -114,7 +114,7 @@ class Gimbal:
 
     def update(self, dt: float) -> None:
         if self.target is not None:
-            s, t = self._copter.sense, self.target
+            s, t = self._vehicle.sense, self.target
             north, east, down = t[0] - s.north, t[1] - s.east, t[2] - s.down
             self.pitch = _within(-math.degrees(math.atan2(down, math.hypot(north, east))))
             self.yaw, self.locked = math.degrees(math.atan2(east, north)), True
@@ -125,26 +125,26 @@ class Gimbal:
     @property
     def yaw_ahead(self) -> float:
         """Degrees right of the nose."""
-        return _wrap(self.yaw - math.degrees(self._copter.sense.yaw)) if self.locked else self.yaw
+        return _wrap(self.yaw - math.degrees(self._vehicle.sense.yaw)) if self.locked else self.yaw
 
 
 class Payload:
     """All of these of one vehicle."""
 
-    def __init__(self, copter: ArduCopter) -> None:
-        self._copter = copter
+    def __init__(self, vehicle: ArduVehicle) -> None:
+        self._vehicle = vehicle
         self.servos: list[int] = [0] * OUTPUTS
         self.relays: list[bool] = [False] * RELAYS
-        self.camera = Camera(copter)
-        self.gimbal = Gimbal(copter)
+        self.camera = Camera(vehicle)
+        self.gimbal = Gimbal(vehicle)
 
     def power_on(self) -> None:
-        params = self._copter.params
+        params = self._vehicle.params
         self.servos = [0] * OUTPUTS
         # Only a relay that is set up has the parameter that says how it starts.
         starts = [f"RELAY{i}_DEFAULT" for i in range(1, RELAYS + 1)]
         self.relays = [name in params and params[name] == 1 for name in starts]
-        self.camera, self.gimbal = Camera(self._copter), Gimbal(self._copter)
+        self.camera, self.gimbal = Camera(self._vehicle), Gimbal(self._vehicle)
         self.camera.present = params["CAM1_TYPE"] > 0
         self.gimbal.present = params["MNT1_TYPE"] > 0
 
@@ -161,14 +161,14 @@ class Payload:
         """Set an output that nothing else drives; False, and the reason said, for any other."""
         if not 1 <= channel <= OUTPUTS:
             return False
-        if int(self._copter.params[f"SERVO{channel}_FUNCTION"]) not in FREE_FUNCTIONS:
-            self._copter.say(INFO, f"ServoRelayEvent: Channel {channel} is already in use")
+        if int(self._vehicle.params[f"SERVO{channel}_FUNCTION"]) not in FREE_FUNCTIONS:
+            self._vehicle.say(INFO, f"ServoRelayEvent: Channel {channel} is already in use")
             return False
         self.servos[channel - 1] = pwm
         return True
 
     def has_relay(self, index: int) -> bool:
-        return 0 <= index < RELAYS and self._copter.params[f"RELAY{index + 1}_FUNCTION"] == 1
+        return 0 <= index < RELAYS and self._vehicle.params[f"RELAY{index + 1}_FUNCTION"] == 1
 
     def set_relay(self, index: int, state: int) -> bool:
         """0: off, 1: on, anything else: the other way; False for a relay that is not set up."""
@@ -213,9 +213,9 @@ class Payload:
             self.camera.spacing_m = p1
             return p3 != 1 or self.camera.shoot()
         if item.command == 207:
-            return self._copter.fence.enable(p1 == 1)
+            return self._vehicle.fence.enable(p1 == 1)
         if item.command == 218:
-            return self._copter.rc.run_function(int(p1), int(p2))
+            return self._vehicle.rc.run_function(int(p1), int(p2))
         if item.command == 1000:
             return self.gimbal_manager((p1, p2, p3, p4), item.x, int(item.z))
         if item.command == 2000:

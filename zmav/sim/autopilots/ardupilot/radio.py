@@ -1,4 +1,4 @@
-"""What ArduCopter takes for its pilot's input: the receiver's channels, with those that a ground station overrides.
+"""What ArduPilot takes for its pilot's input: the receiver's channels, with those that a ground station overrides.
 
 Overrides: https://ardupilot.org/dev/docs/mavlink-rcinput.html; the loss of the radio:
 https://ardupilot.org/copter/docs/radio-failsafe.html
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from zmav.sim.autopilots.pilot import Pilot, Sticks
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
+    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 CHANNELS = 16
 RELEASED = 0
@@ -32,7 +32,6 @@ _NAMES = {7: "SaveWaypoint", 9: "CameraTrigger", 11: "Fence", 24: "MissionReset"
 _NAMES |= {option: f"Relay{index + 1}" for option, index in RELAYS.items()}
 _FUNCTIONS = {*_NAMES, OVERRIDE_ENABLE, ARM_DISARM}
 _POSITIONS = ("LOW", "MIDDLE", "HIGH")
-_MODES = {4: 6, 16: 3, 18: 9, 33: 17, 55: 4, 56: 5, 68: 0, 70: 2}  # RCn_OPTION -> mode
 _UNTOUCHED_AT_FIRST = {ARM_DISARM}
 _INFO = 6
 
@@ -40,16 +39,16 @@ _INFO = 6
 class Radio(Sticks):
     """The autopilot's view of all channels; ``lost``: the failsafe is on."""
 
-    def __init__(self, copter: ArduCopter, pilot: Pilot) -> None:
+    def __init__(self, vehicle: ArduVehicle, pilot: Pilot) -> None:
         super().__init__()
         self.pilot = pilot
         self.lost = False
         self.overridable = True
         self.overridden = False  # ever
-        self._copter = copter
+        self._vehicle = vehicle
         self._overrides: dict[int, tuple[int, float]] = {}
         self._fresh = False
-        self._next = self._heard = copter.now
+        self._next = self._heard = vehicle.now
         self._low = 0
         self._had_receiver = False
         self._switches: dict[int, tuple[int, int, float]] = {}
@@ -77,13 +76,13 @@ class Radio(Sticks):
             if value == NO_AXIS:
                 self.set_override(index, RELEASED)
                 continue
-            low, high = (int(self._copter.params[f"RC{index + 1}_{end}"]) for end in ("MIN", "MAX"))
+            low, high = (int(self._vehicle.params[f"RC{index + 1}_{end}"]) for end in ("MIN", "MAX"))
             self.set_override(index, max(int(low + (high - low) * (value + offset) / scale), 0))
 
     def set_override(self, index: int, pwm: int) -> None:
         if not self.overridable:
             return
-        self._overrides[index] = (pwm, self._copter.now)
+        self._overrides[index] = (pwm, self._vehicle.now)
         self._fresh = self.overridden = True
 
     def clear_overrides(self) -> None:
@@ -92,19 +91,19 @@ class Radio(Sticks):
     def _override_of(self, index: int) -> int:
         """The pulse width that a channel is held at; 0 for none."""
         pwm, since = self._overrides.get(index, (RELEASED, 0.0))
-        lasts = self._copter.params["RC_OVERRIDE_TIME"]
-        held = pwm != RELEASED and (lasts < 0 or self._copter.now - since < lasts)
+        lasts = self._vehicle.params["RC_OVERRIDE_TIME"]
+        held = pwm != RELEASED and (lasts < 0 or self._vehicle.now - since < lasts)
         return pwm if held else RELEASED
 
     # ---- every tick
 
     def update(self) -> None:
         """Read a frame where there is one, and watch for the loss of the radio."""
-        now = self._copter.now
+        now = self._vehicle.now
         if now < self._next:
             return
         self._next = now + FRAME_S
-        fail = int(self._copter.params["SIM_RC_FAIL"])
+        fail = int(self._vehicle.params["SIM_RC_FAIL"])
         receiving = self.pilot.sending and fail != NO_PULSES
         self._had_receiver |= receiving
         if receiving or self._fresh:
@@ -112,14 +111,14 @@ class Radio(Sticks):
             self._heard = now
             self._read(fail)
             self._watch_throttle()
-        elif not self.lost and self._copter.params["FS_THR_ENABLE"]:
-            self._set_lost(now - self._heard >= max(self._copter.params["RC_FS_TIMEOUT"], 0.1))
+        elif not self.lost and self._vehicle.params["FS_THR_ENABLE"]:
+            self._set_lost(now - self._heard >= max(self._vehicle.params["RC_FS_TIMEOUT"], 0.1))
 
     def _read(self, fail: int) -> None:
         if not self._overrides and fail == 0:
             self.pwm = self.pilot.pwm
             return
-        options = int(self._copter.params["RC_OPTIONS"])
+        options = int(self._vehicle.params["RC_OPTIONS"])
         source = self.pilot.pwm if self.pilot.sending else self.pwm
         if fail == LOW_THROTTLE:
             source = [950 if i == 2 else 1500 for i in range(8)]
@@ -134,7 +133,7 @@ class Radio(Sticks):
         self.pwm = merged
 
     def _watch_throttle(self) -> None:
-        params = self._copter.params
+        params = self._vehicle.params
         if not params["FS_THR_ENABLE"]:
             self._set_lost(False)
         elif self.pwm[2] < params["FS_THR_VALUE"]:
@@ -150,7 +149,7 @@ class Radio(Sticks):
     def _set_lost(self, lost: bool) -> None:
         if lost != self.lost:
             self.lost = lost
-            self._copter.radio_failsafe.changed(lost)
+            self._vehicle.reactions.radio_changed(lost)
 
     @property
     def valid(self) -> bool:
@@ -163,9 +162,9 @@ class Radio(Sticks):
         """Ten times a second: what RCn_OPTION says, for each switch that was moved."""
         if not self.valid:
             return
-        now = self._copter.now
+        now = self._vehicle.now
         for channel in range(5, len(self.pwm) + 1):
-            option = int(self._copter.params[f"RC{channel}_OPTION"])
+            option = int(self._vehicle.params[f"RC{channel}_OPTION"])
             pwm = self.pwm[channel - 1]
             if option == 0 or not SHORTEST < pwm < LONGEST:
                 continue
@@ -179,56 +178,57 @@ class Radio(Sticks):
             elif now - since >= DEBOUNCE_S:
                 stands = position
                 if option in _NAMES:
-                    self._copter.say(_INFO, f"RC{channel}: {_NAMES[option]} {_POSITIONS[position]}")
+                    self._vehicle.say(_INFO, f"RC{channel}: {_NAMES[option]} {_POSITIONS[position]}")
                 self.run_function(option, position)
             self._switches[channel] = stands, moving, since
 
     def run_function(self, option: int, position: int) -> bool:
         """Do what an auxiliary switch in that position does; False for a function that is not simulated."""
-        if option in _MODES:
-            self._change_mode(_MODES[option], position)
+        modes = self._vehicle.SWITCH_MODES
+        if option in modes:
+            self._change_mode(modes[option], position)
             return True
-        _act(self._copter, option, position)
+        _act(self._vehicle, option, position)
         return option in _FUNCTIONS
 
     def _change_mode(self, number: int, position: int) -> None:
         if position == HIGH:
-            self._copter.set_mode(number)
-        elif self._copter.mode.number == number:
-            self._copter.follow_switch(force=True)
+            self._vehicle.set_mode(number)
+        elif self._vehicle.mode.number == number:
+            self._vehicle.follow_switch(force=True)
 
 
-def _override_enable(copter: ArduCopter, position: int) -> None:
+def _override_enable(vehicle: ArduVehicle, position: int) -> None:
     if position == HIGH:
-        copter.rc.overridable = True
+        vehicle.rc.overridable = True
     elif position == LOW:
-        copter.rc.overridable = False
-        copter.rc.clear_overrides()
+        vehicle.rc.overridable = False
+        vehicle.rc.clear_overrides()
 
 
-def _arm(copter: ArduCopter, position: int) -> None:
+def _arm(vehicle: ArduVehicle, position: int) -> None:
     if position == HIGH:
-        copter.arm()
+        vehicle.arm()
     elif position == LOW:
-        copter.disarm(forced=True)
+        vehicle.disarm(forced=True)
 
 
-def _act(copter: ArduCopter, option: int, position: int) -> None:
+def _act(vehicle: ArduVehicle, option: int, position: int) -> None:
     """The functions that are no modes."""
     high = position == HIGH
     if option == FENCE:
-        copter.fence.enable(high)
+        vehicle.fence.enable(high)
     elif option in RELAYS:
-        copter.payload.set_relay(RELAYS[option], int(high))
+        vehicle.payload.set_relay(RELAYS[option], int(high))
     elif option == SAVE_WAYPOINT and high:
-        copter.save_waypoint()
+        vehicle.save_waypoint()
     elif option == CAMERA_TRIGGER and high:
-        copter.payload.camera.shoot()
+        vehicle.payload.camera.shoot()
     elif option == MISSION_RESET and high:
-        copter.mission.reset()
+        vehicle.mission.reset()
     elif option == CLEAR_WAYPOINTS and high:
-        copter.mission.clear()
+        vehicle.mission.clear()
     elif option == OVERRIDE_ENABLE:
-        _override_enable(copter, position)
+        _override_enable(vehicle, position)
     elif option == ARM_DISARM:
-        _arm(copter, position)
+        _arm(vehicle, position)

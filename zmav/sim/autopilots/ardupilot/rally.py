@@ -1,4 +1,4 @@
-"""Rally points: where ArduCopter may return to instead of home. https://ardupilot.org/copter/docs/common-rally-points.html"""
+"""Rally points: where ArduPilot may return to instead of home. https://ardupilot.org/copter/docs/common-rally-points.html"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from zmav.sim.autopilots.items import Item, ItemStore, Result, check_place
 from zmav.sim.control.setpoints import Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
+    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
 HIGHEST_M = 32767.0
@@ -24,8 +24,8 @@ class Rally(ItemStore):
     title: ClassVar[str] = "Rally"
     most: ClassVar[int] = 46
 
-    def __init__(self, copter: ArduCopter) -> None:
-        self._copter = copter
+    def __init__(self, vehicle: ArduVehicle) -> None:
+        self._vehicle = vehicle
         self._items: list[Item] = []
 
     def __len__(self) -> int:
@@ -36,7 +36,7 @@ class Rally(ItemStore):
 
     def open(self, count: int) -> Result:
         del self._items[count:]
-        self._copter.sized("RALLY_TOTAL", len(self._items))
+        self._vehicle.sized("RALLY_TOTAL", len(self._items))
         return Result.ACCEPTED
 
     def reopen(self) -> Result:
@@ -61,7 +61,7 @@ class Rally(ItemStore):
             self._items[item.seq] = kept
         else:
             self._items.append(kept)
-            self._copter.sized("RALLY_TOTAL", len(self._items))
+            self._vehicle.sized("RALLY_TOTAL", len(self._items))
         return Result.ACCEPTED
 
     def close(self) -> Result:
@@ -72,20 +72,20 @@ class Rally(ItemStore):
 
     def clear(self) -> bool:
         self._items = []
-        self._copter.sized("RALLY_TOTAL", 0)
+        self._vehicle.sized("RALLY_TOTAL", 0)
         return True
 
     def nearest(self) -> Vector:
         """Where to return to from here: the nearest point within RALLY_LIMIT_KM, or home where that is nearer."""
-        copter, s = self._copter, self._copter.sense
-        home = copter.home_world
-        points = [copter.place_of(item, home) for item in self._items]
-        places = [point for point in points if copter.fence.allows(point)]
+        vehicle, s = self._vehicle, self._vehicle.sense
+        home = vehicle.home_world
+        points = [vehicle.place_of(item, home) for item in self._items]
+        places = [point for point in points if vehicle.fence.allows(point)]
         if not places:
             return home
         best = min(places, key=lambda p: math.hypot(p[0] - s.north, p[1] - s.east))
         away = math.hypot(best[0] - s.north, best[1] - s.east)
-        limit = copter.params["RALLY_LIMIT_KM"] * 1000.0
+        limit = vehicle.params["RALLY_LIMIT_KM"] * 1000.0
         if limit > 0 and away > limit:
             return home
-        return best if not copter.params["RALLY_INCL_HOME"] or away < copter.from_home else home
+        return best if not vehicle.params["RALLY_INCL_HOME"] or away < vehicle.from_home else home

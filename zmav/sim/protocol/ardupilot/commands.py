@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT, with ArduCopter's verdicts; those about missions and outputs are in :mod:`.duties`.
+"""COMMAND_LONG and COMMAND_INT, with ArduPilot's verdicts; those about missions and outputs are in :mod:`.duties`.
 
 Protocol: https://mavlink.io/en/services/command.html; which commands, and in which form:
 https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is answered MAV_RESULT_UNSUPPORTED.
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from zmav.sim.autopilots.arducopter.copter import WARNING
-from zmav.sim.autopilots.arducopter.guided import Target
+from zmav.sim.autopilots.ardupilot.targets import Target
+from zmav.sim.autopilots.ardupilot.vehicle import WARNING
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.channel import Channel
@@ -28,7 +28,7 @@ COMMAND_INT_ONLY = 8
 _FORCE = 21196  # param2 of arming that skips the checks, and of disarming in flight
 _CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-_RELATIVE_ALT = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
+RELATIVE_ALT = 3  # MAV_FRAME_GLOBALRELATIVE_ALT
 _E7 = 1e7
 
 
@@ -55,7 +55,7 @@ Handlers = dict[int, Handler]
 
 def from_long(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
     p1, p2, p3, p4, x, y, z = (msg[f"param{i}"] for i in range(1, 8))
-    return Command(msg["command"], p1, p2, p3, p4, x, y, z, _RELATIVE_ALT, False, channel, sender)
+    return Command(msg["command"], p1, p2, p3, p4, x, y, z, RELATIVE_ALT, False, channel, sender)
 
 
 def from_int(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
@@ -82,27 +82,23 @@ def verdict(done: bool) -> int:
 def _arm_disarm(node: MavNode, c: Command) -> int:
     forced = round(c.p2) == _FORCE
     if c.p1 == 1:
-        return verdict(node.copter.arm(forced=forced))
+        return verdict(node.vehicle.arm(forced=forced))
     if c.p1 == 0:
-        return verdict(node.copter.disarm(forced=forced))
+        return verdict(node.vehicle.disarm(forced=forced))
     return UNSUPPORTED
 
 
 def _set_mode(node: MavNode, c: Command) -> int:
     if not int(c.p1) & _CUSTOM_MODE:
         return DENIED
-    return verdict(node.copter.set_mode(int(c.p2)))
+    return verdict(node.vehicle.set_mode(int(c.p2)))
 
 
-def _takeoff(node: MavNode, c: Command) -> int:
-    if c.frame != _RELATIVE_ALT:
-        return DENIED
-    return verdict(math.isfinite(c.z) and node.copter.take_off(c.z))
+def enter(number: int) -> Handler:
+    """Answers a command that is a change of mode."""
 
-
-def _enter(number: int) -> Handler:
     def handler(node: MavNode, c: Command) -> int:
-        return verdict(node.copter.set_mode(number))
+        return verdict(node.vehicle.set_mode(number))
 
     return handler
 
@@ -116,7 +112,7 @@ def _set_interval(node: MavNode, c: Command) -> int:
     else:
         # ArduPilot keeps whole milliseconds, up to a minute.
         period = min(max(int(c.p2 / 1000.0), 1), 60000) / 1000.0 if c.p2 > 0 else 0.0
-    c.channel.streams.set_period(name, period, node.copter.now)
+    c.channel.streams.set_period(name, period, node.vehicle.now)
     return ACCEPTED
 
 
@@ -147,7 +143,7 @@ def _request_version(node: MavNode, c: Command) -> int:
 
 
 def _get_home(node: MavNode, c: Command) -> int:
-    if not node.copter.boot.has("origin"):
+    if not node.vehicle.boot.has("origin"):
         return FAILED
     node.after_ack(c.channel, "HOME_POSITION")
     return ACCEPTED
@@ -156,33 +152,33 @@ def _get_home(node: MavNode, c: Command) -> int:
 def _set_home(node: MavNode, c: Command) -> int:
     x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
     if c.p1 == 1 or (x == 0 and y == 0):
-        return verdict(node.copter.move_home(None, lock=True))
+        return verdict(node.vehicle.move_home(None, lock=True))
     if c.p1 != 0:
         return FAILED
     where = place(node, x, y, c.z, c.frame if c.as_int else 0)
-    return DENIED if where is None else verdict(node.copter.move_home(where, lock=True))
+    return DENIED if where is None else verdict(node.vehicle.move_home(where, lock=True))
 
 
 def place(node: MavNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
     """A place that a command names, in the world's NED; None for one that there is not."""
     if not (math.isfinite(x) and math.isfinite(y)):
         return None
-    return point(node.copter, round(x), round(y), z, frame)
+    return point(node.vehicle, round(x), round(y), z, frame)
 
 
 def _reposition(node: MavNode, c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
-    copter = node.copter
+    vehicle = node.vehicle
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
         return DENIED
-    if copter.mode is not copter.guided and not int(c.p2) & _CHANGE_MODE:
+    if vehicle.mode is not vehicle.guided and not int(c.p2) & _CHANGE_MODE:
         return DENIED
-    if not copter.fence.allows(where) or not copter.set_mode(copter.guided.number):
+    if not vehicle.fence.allows(where) or not vehicle.set_mode(vehicle.guided.number):
         return FAILED
     # The speed and yaw that the command can carry are not looked at.
-    copter.guided.aim(Target(pos=where))
+    vehicle.guided.aim(Target(pos=where))
     return ACCEPTED
 
 
@@ -190,31 +186,21 @@ def _change_speed(node: MavNode, c: Command) -> int:
     limit = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}.get(int(c.p1))
     if c.p2 <= 0:
         return DENIED
-    if limit is None or not node.copter.mode.changes_speed:
+    if limit is None or not node.vehicle.mode.changes_speed:
         return FAILED
-    node.copter.change_speed(limit, c.p2)
-    return ACCEPTED
-
-
-def _condition_yaw(node: MavNode, c: Command) -> int:
-    copter = node.copter
-    if not 0 <= c.p1 <= 360 or c.p4 not in (0, 1):
-        return FAILED
-    if not copter.mode.by_pilot:
-        start, angle, rate = copter.sense.yaw, math.radians(c.p1), math.radians(c.p2)
-        copter.heading.sweep(start, angle, rate, c.p3, relative=c.p4 == 1)
+    node.vehicle.change_speed(limit, c.p2)
     return ACCEPTED
 
 
 def _run_prearm(node: MavNode, c: Command) -> int:
-    if node.copter.armed:
+    if node.vehicle.armed:
         return TEMPORARILY_REJECTED
     node.say_prearm()
     return ACCEPTED
 
 
 def _terminate(node: MavNode, c: Command) -> int:
-    return verdict(c.p1 > 0.5 and node.copter.disarm(forced=True))
+    return verdict(c.p1 > 0.5 and node.vehicle.disarm(forced=True))
 
 
 def _storage(node: MavNode, c: Command) -> int:
@@ -228,7 +214,7 @@ def _storage(node: MavNode, c: Command) -> int:
 def _reboot(node: MavNode, c: Command) -> int:
     if c.p1 not in (1, 3):
         return UNSUPPORTED
-    if node.copter.armed and round(c.y) != _FORCE:
+    if node.vehicle.armed and round(c.y) != _FORCE:
         return FAILED
     node.reboot_after_ack()
     return ACCEPTED
@@ -240,13 +226,6 @@ def _banner(node: MavNode, c: Command) -> int:
 
 
 HANDLERS: Handlers = {
-    17: _enter(5),  # NAV_LOITER_UNLIM
-    20: _enter(6),  # NAV_RETURN_TO_LAUNCH
-    21: _enter(9),  # NAV_LAND
-    22: _takeoff,
-    84: _takeoff,  # NAV_VTOL_TAKEOFF
-    85: _enter(9),  # NAV_VTOL_LAND
-    115: _condition_yaw,
     176: _set_mode,
     178: _change_speed,
     179: _set_home,

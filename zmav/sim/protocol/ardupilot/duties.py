@@ -1,4 +1,4 @@
-"""Commands about the mission, the fence, and what the vehicle carries, with ArduCopter's verdicts.
+"""Commands about the mission, the fence, and what the vehicle carries, with ArduPilot's verdicts.
 
 https://ardupilot.org/dev/docs/mavlink-commands.html
 """
@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.arducopter.copter import INFO
 from zmav.sim.autopilots.ardupilot.fence import EVERYTHING, FLOOR
 from zmav.sim.autopilots.ardupilot.mission import State
+from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.ardupilot.commands import (
     ACCEPTED,
@@ -35,18 +35,18 @@ def _mission_start(node: MavNode, c: Command) -> int:
     """AUTO, and off the ground with the throttle stick down too."""
     if c.p1 or c.p2:
         return DENIED
-    copter = node.copter
-    if not copter.set_mode(_AUTO):
+    vehicle = node.vehicle
+    if not vehicle.set_mode(_AUTO):
         return FAILED
-    copter.auto_armed = copter.armed
-    if copter.mission.state is not State.RUNNING:
-        copter.mission.start_or_resume()
+    vehicle.auto_armed = vehicle.armed
+    if vehicle.mission.state is not State.RUNNING:
+        vehicle.mission.start_or_resume()
     return ACCEPTED
 
 
 def _set_current(node: MavNode, c: Command) -> int:
     """DO_SET_MISSION_CURRENT; ``p2`` 1: with the jumps' counters back at zero, and running again."""
-    mission, seq = node.copter.mission, int(c.p1)
+    mission, seq = node.vehicle.mission, int(c.p1)
     if not 0 <= seq < len(mission):
         return DENIED
     again = c.p2 == 1
@@ -63,25 +63,24 @@ def _set_current(node: MavNode, c: Command) -> int:
 def _jump_to_tag(node: MavNode, c: Command) -> int:
     if not 0 <= c.p1 <= 65535:
         return DENIED
-    return verdict(node.copter.mission.jump_to_tag(int(c.p1)))
+    return verdict(node.vehicle.mission.jump_to_tag(int(c.p1)))
 
 
 def _pause_continue(node: MavNode, c: Command) -> int:
-    copter = node.copter
+    vehicle = node.vehicle
     if int(c.p1) == 1:
-        copter.travel.resume()
+        vehicle.auto.resume()
         return ACCEPTED
     if int(c.p1) != 0:
         return DENIED
-    if copter.mode is not copter.auto or copter.landed or copter.travel.reached or not copter.auto.travelled:
+    if not vehicle.auto.pause():
         node.say(INFO, "Failed to pause")
         return FAILED
-    copter.travel.pause()
     return ACCEPTED
 
 
 def _fence_enable(node: MavNode, c: Command) -> int:
-    fence, types = node.copter.fence, int(c.p2) & 0xFF or EVERYTHING
+    fence, types = node.vehicle.fence, int(c.p2) & 0xFF or EVERYTHING
     if c.p1 == 1:
         return verdict(fence.enable(True, types))
     if c.p1 in (0, 2):
@@ -93,15 +92,15 @@ def _fence_enable(node: MavNode, c: Command) -> int:
 def _aux_function(node: MavNode, c: Command) -> int:
     if not 0 <= c.p2 <= _HIGHEST_POSITION:
         return DENIED
-    return verdict(node.copter.rc.run_function(int(c.p1), int(c.p2)))
+    return verdict(node.vehicle.rc.run_function(int(c.p1), int(c.p2)))
 
 
 def _set_servo(node: MavNode, c: Command) -> int:
-    return verdict(node.copter.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)))
+    return verdict(node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)))
 
 
 def _set_relay(node: MavNode, c: Command) -> int:
-    return verdict(node.copter.payload.set_relay(int(c.p1), int(c.p2)))
+    return verdict(node.vehicle.payload.set_relay(int(c.p1), int(c.p2)))
 
 
 def _region_of_interest(node: MavNode, c: Command) -> int:
@@ -111,18 +110,18 @@ def _region_of_interest(node: MavNode, c: Command) -> int:
         where = place(node, x, y, c.z, c.frame)
         if where is None:
             return DENIED
-    node.copter.region_of_interest(where)
+    node.vehicle.region_of_interest(where)
     return ACCEPTED
 
 
 def _no_region_of_interest(node: MavNode, c: Command) -> int:
-    node.copter.region_of_interest(None)
+    node.vehicle.region_of_interest(None)
     return ACCEPTED
 
 
 def _mount_control(node: MavNode, c: Command) -> int:
     """Pitch, roll and yaw about the nose, degrees; the last parameter is the mount's mode."""
-    gimbal = node.copter.payload.gimbal
+    gimbal = node.vehicle.payload.gimbal
     if c.z in (0, 1):
         return verdict(gimbal.rest(int(c.z)))
     angles = (c.p1, c.p2, c.p3)
@@ -132,24 +131,24 @@ def _mount_control(node: MavNode, c: Command) -> int:
 
 
 def _mount_configure(node: MavNode, c: Command) -> int:
-    return verdict(node.copter.payload.gimbal.present)
+    return verdict(node.vehicle.payload.gimbal.present)
 
 
 def _gimbal_pitch_yaw(node: MavNode, c: Command) -> int:
     flags = int(c.x) if math.isfinite(c.x) else 0
     gimbal = int(c.z) if math.isfinite(c.z) else 0
-    return verdict(node.copter.payload.gimbal_manager((c.p1, c.p2, c.p3, c.p4), flags, gimbal))
+    return verdict(node.vehicle.payload.gimbal_manager((c.p1, c.p2, c.p3, c.p4), flags, gimbal))
 
 
 def _shoot(node: MavNode, c: Command) -> int:
     """DO_DIGICAM_CONTROL: accepted whatever comes of it."""
     if c.x == 1:
-        node.copter.payload.camera.shoot()
+        node.vehicle.payload.camera.shoot()
     return ACCEPTED
 
 
 def _trigger_distance(node: MavNode, c: Command) -> int:
-    camera = node.copter.payload.camera
+    camera = node.vehicle.payload.camera
     camera.spacing_m = c.p1
     if c.p3 == 1:
         camera.shoot()
@@ -161,13 +160,13 @@ def _start_capture(node: MavNode, c: Command) -> int:
         return UNSUPPORTED
     if not math.isfinite(c.p3) or c.p1 > 1:
         return FAILED
-    return verdict(node.copter.payload.capture(c.p2, c.p3))
+    return verdict(node.vehicle.payload.capture(c.p2, c.p3))
 
 
 def _stop_capture(node: MavNode, c: Command) -> int:
-    if c.p1 < 0 or (c.p1 > 0 and not node.copter.payload.camera.present):
+    if c.p1 < 0 or (c.p1 > 0 and not node.vehicle.payload.camera.present):
         return UNSUPPORTED
-    node.copter.payload.camera.stop()
+    node.vehicle.payload.camera.stop()
     return ACCEPTED
 
 

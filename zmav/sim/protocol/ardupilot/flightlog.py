@@ -1,11 +1,11 @@
-"""What a simulated ArduCopter writes into its log while it is armed."""
+"""What a simulated ArduPilot writes into its log while it is armed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
-from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.dataflash import DataflashWriter, Layout
 from zmav.sim.protocol.logs import MOST_ONE, Log, LogStore
 from zmav.sim.protocol.part import Part
@@ -36,8 +36,8 @@ EKF3 = 3
 class FlightLog(Part):
     """Begins a log when the vehicle is armed and ends it when it is disarmed. ``unix_us``: UTC as the GPS tells it."""
 
-    def __init__(self, copter: ArduCopter, store: LogStore, unix_us: Callable[[], int]) -> None:
-        self._copter, self._store, self._unix_us = copter, store, unix_us
+    def __init__(self, vehicle: ArduVehicle, store: LogStore, unix_us: Callable[[], int]) -> None:
+        self._vehicle, self._store, self._unix_us = vehicle, store, unix_us
         self._writer: DataflashWriter | None = None
         self._log: Log | None = None
         self._mode = -1
@@ -45,20 +45,20 @@ class FlightLog(Part):
 
     @property
     def _time_us(self) -> int:
-        return int(self._copter.uptime * 1e6)
+        return int(self._vehicle.uptime * 1e6)
 
     def tick(self, now: float) -> None:
-        if not self._copter.armed:
+        if not self._vehicle.armed:
             if self._writer is not None:
                 self._end()
             return
         writer = self._writer or self._begin(now)
-        if self._copter.mode.number != self._mode:
-            self._mode = self._copter.mode.number
+        if self._vehicle.mode.number != self._mode:
+            self._mode = self._vehicle.mode.number
             writer.write("MODE", self._time_us, self._mode, self._mode, 0)
         if now >= self._next_attitude:
             self._next_attitude += ATTITUDE_S
-            s = self._copter.sense
+            s = self._vehicle.sense
             wanted = _tilt(s.want_qw, s.want_qx, s.want_qy, s.want_qz)
             roll, pitch, yaw, want_yaw = (math.degrees(a) for a in (s.roll, s.pitch, s.yaw, s.want_yaw))
             writer.write(
@@ -78,8 +78,8 @@ class FlightLog(Part):
         writer = DataflashWriter(LAYOUTS, self._time_us, MOST_ONE)
         self._writer, self._log = writer, self._store.begin(writer.data, self._unix_us() / 1e6)
         self._mode, self._next_attitude, self._next_position = -1, now, now
-        writer.write("MSG", self._time_us, "ArduCopter V4.7.0-dev")
-        params = self._copter.params
+        writer.write("MSG", self._time_us, f"{self._vehicle.FIRMWARE} V4.7.0-dev")
+        params = self._vehicle.params
         for name in params.names:
             writer.write("PARM", self._time_us, name, params[name], math.nan)
         writer.write("ARM", self._time_us, 1, 0, 0, 0)
@@ -96,8 +96,8 @@ class FlightLog(Part):
             self._log.end_s = self._unix_us() / 1e6
 
     def _write_position(self, writer: DataflashWriter) -> None:
-        copter, s = self._copter, self._copter.sense
-        here, home = copter.position, copter.place(copter.home_world)
+        vehicle, s = self._vehicle, self._vehicle.sense
+        here, home = vehicle.position, vehicle.place(vehicle.home_world)
         gps_s = max(self._unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S, 0.0)  # a simulated clock may start before GPS did
         course = math.degrees(math.atan2(s.ve, s.vn)) % 360.0
         writer.write(
@@ -106,7 +106,7 @@ class FlightLog(Part):
         )  # fmt: skip
         above = here.alt_amsl_m - home.alt_amsl_m
         writer.write("POS", self._time_us, here.lat_deg, here.lon_deg, here.alt_amsl_m, above, above)
-        writer.write("BAT", self._time_us, 0, copter.voltage, s.current_a, copter.consumed_mah)
+        writer.write("BAT", self._time_us, 0, vehicle.voltage, s.current_a, vehicle.consumed_mah)
 
 
 def _tilt(w: float, x: float, y: float, z: float) -> tuple[float, float]:

@@ -1,12 +1,12 @@
-"""One ArduCopter's MAVLink face: what it sends by itself, and who answers what comes in."""
+"""One ArduPilot's MAVLink face: what it sends by itself, and who answers what comes in."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
 from zmav.mavlink.dialect import Dialect
-from zmav.sim.autopilots.arducopter.copter import CRITICAL, INFO, ArduCopter
 from zmav.sim.autopilots.ardupilot.arming import prearm_faults
+from zmav.sim.autopilots.ardupilot.vehicle import CRITICAL, INFO, ArduVehicle
 from zmav.sim.protocol.ardupilot import commands, setpoint
 from zmav.sim.protocol.ardupilot.duties import DUTIES
 from zmav.sim.protocol.ardupilot.mission import MissionProtocol
@@ -22,45 +22,45 @@ from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.streams import RATE_PARAMS
 
 PIECE = 50  # characters of a STATUSTEXT
-HANDLERS = {**commands.HANDLERS, **DUTIES}
 
 
 class MavNode(Node):
-    """Speaks for one :class:`ArduCopter`."""
+    """Speaks for one :class:`ArduVehicle`; a kind of vehicle adds the commands that only it knows."""
 
     SYSID_PARAM: ClassVar[str] = "MAV_SYSID"
+    HANDLERS: ClassVar[commands.Handlers] = {**commands.HANDLERS, **DUTIES}
 
-    def __init__(self, copter: ArduCopter, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
-        super().__init__(copter, dialect, REPORTS, uid=uid, epoch_us=epoch_us)
-        self.copter = copter
+    def __init__(self, vehicle: ArduVehicle, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
+        super().__init__(vehicle, dialect, REPORTS, uid=uid, epoch_us=epoch_us)
+        self.vehicle = vehicle
         self._reached: int | None = None
         self._text_id = 0
-        self.storage = Storage(copter, lambda: self.unix_us)
+        self.storage = Storage(vehicle, lambda: self.unix_us)
         for part in self.storage.parts:
             self.add(part)
-        params = ParamProtocol(copter.params, lambda: self.channels, self.banner)
+        params = ParamProtocol(vehicle.params, lambda: self.channels, self.banner)
         self.add(params)
-        stores = (copter.mission, copter.fence.items, copter.rally)
-        self.add(MissionProtocol(stores, self.say, lambda: copter.now, lambda item: guided_item(copter, item)))
-        copter.report, copter.reached, copter.learned = self.report_to_all, self._item_reached, params.tell
-        copter.unix_s = lambda: self.unix_us * 1e-6
+        stores = (vehicle.mission, vehicle.fence.items, vehicle.rally)
+        self.add(MissionProtocol(stores, self.say, lambda: vehicle.now, lambda item: guided_item(vehicle, item)))
+        vehicle.report, vehicle.reached, vehicle.learned = self.report_to_all, self._item_reached, params.tell
+        vehicle.unix_s = lambda: self.unix_us * 1e-6
         self.add(
-            SigningPart(dialect, lambda: self.channels, lambda: copter.armed, self.say, lambda: self.unix_us / 1e6)
+            SigningPart(dialect, lambda: self.channels, lambda: vehicle.armed, self.say, lambda: self.unix_us / 1e6)
         )
         for name, answer in self._own_answers().items():
             self.answer(name, answer)
 
     def _own_answers(self) -> dict[str, Answer]:
-        copter = self.copter
+        vehicle = self.vehicle
         return {
             "HEARTBEAT": self._heartbeat,
             "SET_MODE": self._set_mode,
             "REQUEST_DATA_STREAM": self._data_stream,
-            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who), HANDLERS),
-            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who), HANDLERS),
-            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(copter, m),
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(copter, m),
-            "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(copter, m),
+            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who), self.HANDLERS),
+            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who), self.HANDLERS),
+            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(vehicle, m),
+            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(vehicle, m),
+            "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(vehicle, m),
             "MISSION_SET_CURRENT": self._set_current,
             "RC_CHANNELS_OVERRIDE": self._rc_override,
             "MANUAL_CONTROL": self._manual_control,
@@ -68,7 +68,7 @@ class MavNode(Node):
 
     @property
     def prearm_ok(self) -> bool:
-        return not prearm_faults(self.copter)
+        return not prearm_faults(self.vehicle)
 
     # ---- out
 
@@ -78,8 +78,8 @@ class MavNode(Node):
     def greet(self, channel: Channel) -> None:
         """Start the streams of the MAV1_ parameters."""
         for param, group in RATE_PARAMS.items():
-            if self.copter.params[param] > 0:
-                channel.streams.set_group(group, self.copter.params[param], self.copter.now)
+            if self.vehicle.params[param] > 0:
+                channel.streams.set_group(group, self.vehicle.params[param], self.vehicle.now)
 
     def say(self, severity: int, text: str) -> None:
         """A STATUSTEXT on every channel, in numbered pieces where it is long, and into the log."""
@@ -93,7 +93,7 @@ class MavNode(Node):
                 channel.send("STATUSTEXT", severity=severity, text=piece, id=number, chunk_seq=index)
 
     def say_prearm(self) -> None:
-        for fault in prearm_faults(self.copter):
+        for fault in prearm_faults(self.vehicle):
             self.say(CRITICAL, f"PreArm: {fault}")
 
     def report_to_all(self, name: str) -> None:
@@ -118,38 +118,41 @@ class MavNode(Node):
             self.report(channel, "HOME_POSITION")
 
     def banner(self, channel: Channel) -> None:
-        frame = "HEXA/X" if len(self.copter.airframe.rotors) == 6 else "QUAD/PLUS"
-        for text in (f"ArduCopter V4.7.0-dev ({GIT_HASH})", f"{self.uid:032x}", f"Frame: {frame}"):
+        vehicle = self.vehicle
+        texts = [f"{vehicle.FIRMWARE} V4.7.0-dev ({GIT_HASH})", f"{self.uid:032x}"]
+        if vehicle.FRAME:
+            texts.append(f"Frame: {vehicle.FRAME}")
+        for text in texts:
             channel.send("STATUSTEXT", severity=INFO, text=text)
 
     # ---- in
 
     def _heartbeat(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        self.copter.gcs.heard(sender[0])
+        self.vehicle.gcs.heard(sender[0])
 
     def _from_gcs(self, sender: Sender) -> bool:
         """Whether the pilot's sticks may come from there; such words count as the ground station's heartbeat."""
-        self.copter.gcs.heard(sender[0])
-        return sender[0] == int(self.copter.params["MAV_GCS_SYSID"])
+        self.vehicle.gcs.heard(sender[0])
+        return sender[0] == int(self.vehicle.params["MAV_GCS_SYSID"])
 
     def _rc_override(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if self._from_gcs(sender):
-            self.copter.rc.override(msg)
+            self.vehicle.rc.override(msg)
 
     def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["target"] == self.sysid and self._from_gcs(sender):
-            self.copter.rc.manual(msg)
+            self.vehicle.rc.manual(msg)
 
     def _set_current(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """The number asked for comes back, even where the mission holds another: clients take that for an answer."""
-        if self.copter.mission.set_current(msg["seq"]):
+        if self.vehicle.mission.set_current(msg["seq"]):
             fields = self.fields("MISSION_CURRENT") or {}
             channel.send("MISSION_CURRENT", **{**fields, "seq": msg["seq"]})
 
     def _set_mode(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["base_mode"] & 1:
-            self.copter.set_mode(msg["custom_mode"])
+            self.vehicle.set_mode(msg["custom_mode"])
 
     def _data_stream(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         rate = float(msg["req_message_rate"]) if msg["start_stop"] == 1 else 0.0
-        channel.streams.set_group(msg["req_stream_id"], rate, self.copter.now)
+        channel.streams.set_group(msg["req_stream_id"], rate, self.vehicle.now)

@@ -1,4 +1,4 @@
-"""SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET, as ArduCopter takes them in
+"""SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET, as ArduPilot takes them in
 GUIDED.
 
 Masks and frames: https://ardupilot.org/dev/docs/copter-commands-in-guided-mode.html. Outside GUIDED they are
@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from zmav.sim.autopilots.arducopter.copter import ArduCopter
-from zmav.sim.autopilots.arducopter.guided import AttitudeTarget, Quaternion, Target, YawWish
+from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Quaternion, Target, YawWish
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.items import Item, Result
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned
@@ -30,73 +30,73 @@ _FARTHEST = 1e7  # m
 _HIGHEST = 80_000.0  # m, up or down: what ArduPilot keeps as an altitude
 
 
-def local_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
+def local_target(vehicle: ArduVehicle, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_LOCAL_NED."""
-    if not copter.takes_targets:
+    if not vehicle.takes_targets:
         return
     frame, mask = msg["coordinate_frame"], msg["type_mask"]
     if frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET) or _asks_force(mask):
-        copter.guided.hold()
+        vehicle.guided.hold()
         return
-    s = copter.sense
+    s = vehicle.sense
     turned = frame in (_BODY, _BODY_OFFSET)
     pos, vel, acc = _vectors(msg, mask, ("x", "y", "z"))
     if turned:
         pos, vel, acc = _turn(pos, s.yaw), _turn(vel, s.yaw), _turn(acc, s.yaw)
     if pos is not None:
-        about = copter.origin_world if frame == _LOCAL else (s.north, s.east, s.down)
+        about = vehicle.origin_world if frame == _LOCAL else (s.north, s.east, s.down)
         pos = (about[0] + pos[0], about[1] + pos[1], about[2] + pos[2])
-    _apply(copter, Target(pos, vel, acc, _yaw(msg, mask, s.yaw if turned else 0.0)))
+    _apply(vehicle, Target(pos, vel, acc, _yaw(msg, mask, s.yaw if turned else 0.0)))
 
 
-def global_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
+def global_target(vehicle: ArduVehicle, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_GLOBAL_INT."""
-    if not copter.takes_targets:
+    if not vehicle.takes_targets:
         return
     mask = msg["type_mask"]
     pos, vel, acc = _vectors(msg, mask, ("lat_int", "lon_int", "alt"))
     if pos is not None:
-        pos = point(copter, msg["lat_int"], msg["lon_int"], msg["alt"], msg["coordinate_frame"])
+        pos = point(vehicle, msg["lat_int"], msg["lon_int"], msg["alt"], msg["coordinate_frame"])
         if pos is None:
-            copter.guided.hold()
+            vehicle.guided.hold()
             return
         if vel is not None:
             acc = None  # not taken beside a position and a velocity
     if _asks_force(mask):
-        copter.guided.hold()
+        vehicle.guided.hold()
         return
-    _apply(copter, Target(pos, vel, acc, _yaw(msg, mask, 0.0)))
+    _apply(vehicle, Target(pos, vel, acc, _yaw(msg, mask, 0.0)))
 
 
-def point(copter: ArduCopter, lat_e7: int, lon_e7: int, alt: float, frame: int) -> Vector | None:
+def point(vehicle: ArduVehicle, lat_e7: int, lon_e7: int, alt: float, frame: int) -> Vector | None:
     """A place in degrees times 1e7 and metres, in the world's NED; None where there is no such place or frame."""
     if abs(lat_e7) > 900_000_000 or abs(lon_e7) > 1_800_000_000 or not abs(alt) < _HIGHEST:
         return None
-    north, east, down = to_ned(Position(lat_e7 * 1e-7, lon_e7 * 1e-7, alt), copter.world)
+    north, east, down = to_ned(Position(lat_e7 * 1e-7, lon_e7 * 1e-7, alt), vehicle.world)
     if frame in _RELATIVE:
-        down = copter.home_world[2] - alt
+        down = vehicle.home_world[2] - alt
     elif frame not in _ABSOLUTE:
         return None
     return north, east, down
 
 
-def guided_item(copter: ArduCopter, item: Item) -> Result:
+def guided_item(vehicle: ArduVehicle, item: Item) -> Result:
     """A mission item that is to be flown at once: a waypoint, in GUIDED only; others of that kind are merely taken."""
     if item.current != _GUIDED_ITEM:
         return Result.ACCEPTED
-    place = point(copter, item.x, item.y, item.z, item.frame)
-    if not copter.takes_targets or item.command != _WAYPOINT or place is None or not copter.fence.allows(place):
+    place = point(vehicle, item.x, item.y, item.z, item.frame)
+    if not vehicle.takes_targets or item.command != _WAYPOINT or place is None or not vehicle.fence.allows(place):
         return Result.ERROR
-    copter.guided.aim(Target(pos=place))
+    vehicle.guided.aim(Target(pos=place))
     return Result.ACCEPTED
 
 
-def attitude_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
+def attitude_target(vehicle: ArduVehicle, msg: dict[str, Any]) -> None:
     """Apply a SET_ATTITUDE_TARGET; the thrust field is a climb rate (0.5: none) unless GUID_OPTIONS says otherwise.
 
     The attitude, the body rates or both are flown; of the rates all three or none are to be given.
     """
-    if not copter.takes_targets:
+    if not vehicle.takes_targets:
         return
     mask, thrust = msg["type_mask"], msg["thrust"]
     rates = (msg["body_roll_rate"], msg["body_pitch_rate"], msg["body_yaw_rate"])
@@ -104,19 +104,19 @@ def attitude_target(copter: ArduCopter, msg: dict[str, Any]) -> None:
     attitude = None if mask & _NO_ATTITUDE else _unit(msg["q"])
     senseless = attitude is None and not mask & _NO_ATTITUDE
     if mask & _NO_THRUST or senseless or not math.isfinite(thrust) or ignored not in (0, _NO_RATES):
-        copter.guided.hold()
+        vehicle.guided.hold()
         return
     if ignored:
         rates = (0.0, 0.0, 0.0)
     if not all(abs(rate) <= _FASTEST_TURN for rate in rates):
-        copter.guided.hold()
+        vehicle.guided.hold()
         return
-    if int(copter.params["GUID_OPTIONS"]) & _THRUST_IS_THRUST:
-        copter.guided.lean(AttitudeTarget(attitude, rates, None, min(max(thrust, -1.0), 1.0)))
+    if int(vehicle.params["GUID_OPTIONS"]) & _THRUST_IS_THRUST:
+        vehicle.guided.lean(AttitudeTarget(attitude, rates, None, min(max(thrust, -1.0), 1.0)))
         return
     thrust = min(max(thrust, 0.0), 1.0)
-    span = copter.params["WPNAV_SPEED_UP" if thrust > 0.5 else "WPNAV_SPEED_DN"] * 0.01
-    copter.guided.lean(AttitudeTarget(attitude, rates, (thrust - 0.5) * 2.0 * span, None))
+    span = vehicle.params["WPNAV_SPEED_UP" if thrust > 0.5 else "WPNAV_SPEED_DN"] * 0.01
+    vehicle.guided.lean(AttitudeTarget(attitude, rates, (thrust - 0.5) * 2.0 * span, None))
 
 
 def _unit(q: list[float]) -> Quaternion | None:
@@ -128,14 +128,14 @@ def _unit(q: list[float]) -> Quaternion | None:
 
 
 def _asks_force(mask: int) -> bool:
-    """A force instead of an acceleration, which ArduCopter does not take."""
+    """A force instead of an acceleration, which ArduVehicle does not take."""
     return bool(mask & _FORCE) and not mask & _ACC
 
 
 def _vectors(
     msg: dict[str, Any], mask: int, names: tuple[str, str, str]
 ) -> tuple[Vector | None, Vector | None, Vector | None]:
-    """Position, velocity and acceleration; one whose mask has any bit set is left out, as in ArduCopter."""
+    """Position, velocity and acceleration; one whose mask has any bit set is left out, as in ArduVehicle."""
     pos = _three(msg, names) if not mask & _POS else None
     vel = _three(msg, ("vx", "vy", "vz")) if not mask & _VEL else None
     acc = _three(msg, ("afx", "afy", "afz")) if not mask & _ACC else None
@@ -162,11 +162,11 @@ def _yaw(msg: dict[str, Any], mask: int, about: float) -> YawWish:
     return YawWish()
 
 
-def _apply(copter: ArduCopter, target: Target) -> None:
+def _apply(vehicle: ArduVehicle, target: Target) -> None:
     """Hand it to GUIDED; vectors that are no numbers, or beyond reason, mean stop."""
     for vector, most in ((target.pos, _FARTHEST), (target.vel, _MOST), (target.acc, _MOST)):
         if vector is not None and not all(abs(c) <= most for c in vector):
-            copter.guided.hold()
+            vehicle.guided.hold()
             return
-    if target.pos is None or copter.fence.allows(target.pos):
-        copter.guided.aim(target)
+    if target.pos is None or vehicle.fence.allows(target.pos):
+        vehicle.guided.aim(target)

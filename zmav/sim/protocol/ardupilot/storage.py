@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl
 
 from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
-from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.protocol.ardupilot.flightlog import FlightLog
 from zmav.sim.protocol.filesystem import FileError, FileSystem
 from zmav.sim.protocol.ftp import FtpServer
@@ -23,15 +23,15 @@ GUESS = 12
 class Storage:
     """What one vehicle keeps. ``parts`` are what its node offers of it."""
 
-    def __init__(self, copter: ArduCopter, unix_us: Callable[[], int]) -> None:
+    def __init__(self, vehicle: ArduVehicle, unix_us: Callable[[], int]) -> None:
         self.logs = LogStore()
-        self.flight_log = FlightLog(copter, self.logs, unix_us)
+        self.flight_log = FlightLog(vehicle, self.logs, unix_us)
         self.files = FileSystem(LOGS, "/APM/scripts", "/APM/terrain")
         self.files.attach(LOGS, self.logs.files, self.logs.remove)
-        params = copter.params
+        params = vehicle.params
         self.files.generate(PATH, lambda query, size: _packed(params, query, size), lambda: len(params) * GUESS)
         self.ftp = FtpServer(self.files)
-        self.protocol = LogProtocol(self.logs, lambda: copter.armed)
+        self.protocol = LogProtocol(self.logs, lambda: vehicle.armed)
 
     @property
     def parts(self) -> tuple[Part, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.arducopter.guided import Doing
+from zmav.sim.autopilots.ardupilot.targets import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
 from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 def global_position_int(node: MavNode) -> Fields:
-    copter, s = node.copter, node.copter.sense
-    if not copter.boot.has("origin"):
+    vehicle, s = node.vehicle, node.vehicle.sense
+    if not vehicle.boot.has("origin"):
         return {"time_boot_ms": boot_ms(node), "hdg": centidegrees(s.yaw)}
-    here = copter.position
+    here = vehicle.position
     return {
         "time_boot_ms": boot_ms(node),
         "lat": e7(here.lat_deg),
         "lon": e7(here.lon_deg),
         "alt": round(here.alt_amsl_m * 1000),
-        "relative_alt": round((copter.home_world[2] - s.down) * 1000),
+        "relative_alt": round((vehicle.home_world[2] - s.down) * 1000),
         "vx": round(s.vn * 100),
         "vy": round(s.ve * 100),
         "vz": round(s.vd * 100),
@@ -33,25 +33,25 @@ def global_position_int(node: MavNode) -> Fields:
 
 
 def vfr_hud(node: MavNode) -> Fields:
-    copter, s = node.copter, node.copter.sense
+    vehicle, s = node.vehicle, node.vehicle.sense
     speed = math.hypot(s.vn, s.ve)
     wind_n, wind_e, wind_d = node.seat.wind
     return {
         "airspeed": math.sqrt((s.vn - wind_n) ** 2 + (s.ve - wind_e) ** 2 + (s.vd - wind_d) ** 2),
         "groundspeed": speed,
         "heading": int(math.degrees(s.yaw)) % 360,
-        "throttle": round(s.throttle * 100) if copter.armed else 0,
-        "alt": copter.position.alt_amsl_m if copter.boot.has("origin") else 0.0,
+        "throttle": round(s.throttle * 100) if vehicle.armed else 0,
+        "alt": vehicle.position.alt_amsl_m if vehicle.boot.has("origin") else 0.0,
         "climb": -s.vd,
     }
 
 
 def home_position(node: MavNode) -> Fields | None:
-    copter = node.copter
-    if not copter.boot.has("origin"):
+    vehicle = node.vehicle
+    if not vehicle.boot.has("origin"):
         return None
-    home, origin = copter.home_world, copter.origin_world
-    place = copter.place(home)
+    home, origin = vehicle.home_world, vehicle.origin_world
+    place = vehicle.place(home)
     return {
         "latitude": e7(place.lat_deg),
         "longitude": e7(place.lon_deg),
@@ -65,10 +65,10 @@ def home_position(node: MavNode) -> Fields | None:
 
 
 def gps_global_origin(node: MavNode) -> Fields | None:
-    copter = node.copter
-    if not copter.boot.has("origin"):
+    vehicle = node.vehicle
+    if not vehicle.boot.has("origin"):
         return None
-    place = copter.place(copter.origin_world)
+    place = vehicle.place(vehicle.origin_world)
     return {
         "latitude": e7(place.lat_deg),
         "longitude": e7(place.lon_deg),
@@ -78,7 +78,7 @@ def gps_global_origin(node: MavNode) -> Fields | None:
 
 
 def nav_controller_output(node: MavNode) -> Fields:
-    s = node.copter.sense
+    s = node.vehicle.sense
     w, x, y, z = s.want_qw, s.want_qx, s.want_qy, s.want_qz
     fields: Fields = {
         "nav_roll": math.degrees(math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))),
@@ -98,21 +98,21 @@ def nav_controller_output(node: MavNode) -> Fields:
 
 def _held_position(node: MavNode) -> Vector | None:
     """The position that GUIDED or a mission flies to or holds, in the world's NED."""
-    copter, guided = node.copter, node.copter.guided
-    if copter.mode is copter.auto and copter.armed:
-        return copter.auto.target
-    if copter.mode is guided and guided.doing in (Doing.POSITION, Doing.POSITION_VELOCITY):
+    vehicle, guided = node.vehicle, node.vehicle.guided
+    if vehicle.mode is vehicle.auto and vehicle.armed:
+        return vehicle.auto.target
+    if vehicle.mode is guided and guided.doing in (Doing.POSITION, Doing.POSITION_VELOCITY):
         return guided.target.pos
     return None
 
 
 def position_target_local_ned(node: MavNode) -> Fields | None:
-    copter, guided = node.copter, node.copter.guided
-    if copter.mode is not guided or guided.doing in (Doing.HOLD, Doing.ATTITUDE):
+    vehicle, guided = node.vehicle, node.vehicle.guided
+    if vehicle.mode is not guided or guided.doing in (Doing.HOLD, Doing.ATTITUDE):
         return None
     mask = 0xC00  # yaw and yaw rate
     fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1}
-    north, east, down = copter.origin_world
+    north, east, down = vehicle.origin_world
     pos = guided.target.pos
     about = (pos[0] - north, pos[1] - east, pos[2] - down) if pos is not None else None
     for bits, vector, names in (
@@ -132,7 +132,7 @@ def position_target_global_int(node: MavNode) -> Fields | None:
     pos = _held_position(node)
     if pos is None:
         return None
-    place = node.copter.place(pos)
+    place = node.vehicle.place(pos)
     return {
         "time_boot_ms": boot_ms(node),
         "type_mask": 0xFDF8,
@@ -143,8 +143,8 @@ def position_target_global_int(node: MavNode) -> Fields | None:
 
 
 def simstate(node: MavNode) -> Fields:
-    copter, s = node.copter, node.copter.sense
-    true: Position = copter.place((s.true_north, s.true_east, s.true_down))
+    vehicle, s = node.vehicle, node.vehicle.sense
+    true: Position = vehicle.place((s.true_north, s.true_east, s.true_down))
     return {
         "roll": s.roll,
         "pitch": s.pitch,
@@ -165,10 +165,10 @@ def ahrs(node: MavNode) -> Fields:
 
 
 def ahrs2(node: MavNode) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    if not copter.boot.has("ekf_started"):
+    vehicle, s = node.vehicle, node.vehicle.sense
+    if not vehicle.boot.has("ekf_started"):
         return None
-    here = copter.position if copter.boot.has("origin") else Position(0.0, 0.0, 0.0)
+    here = vehicle.position if vehicle.boot.has("origin") else Position(0.0, 0.0, 0.0)
     return {
         "roll": s.roll,
         "pitch": s.pitch,

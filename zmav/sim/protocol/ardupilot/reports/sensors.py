@@ -17,10 +17,10 @@ _LEVEL_LOCKS, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 4 | 8, 16, 32, 64  # G
 
 
 def gps_raw_int(node: MavNode) -> Fields:
-    copter, s = node.copter, node.copter.sense
-    if not copter.gps_ok:
+    vehicle, s = node.vehicle, node.vehicle.sense
+    if not vehicle.gps_ok:
         return {"eph": 65535, "epv": 65535}
-    here = copter.position
+    here = vehicle.position
     speed = math.hypot(s.vn, s.ve)
     return {
         "time_usec": boot_us(node),
@@ -53,7 +53,7 @@ def scaled_imu3(node: MavNode) -> Fields:
 
 
 def _imu(node: MavNode) -> Fields:
-    s = node.copter.sense
+    s = node.vehicle.sense
     to_mg = 1000.0 / GRAVITY
     return {
         "xacc": int16(s.fx * to_mg),
@@ -69,7 +69,7 @@ def _imu(node: MavNode) -> Fields:
 
 def _compass(node: MavNode) -> Fields:
     """The Earth's field in body axes, milligauss."""
-    s = node.copter.sense
+    s = node.vehicle.sense
     n, e, d = (1000.0 * part for part in node.field)
     w, x, y, z = s.qw, s.qx, s.qy, s.qz
     return {
@@ -81,7 +81,7 @@ def _compass(node: MavNode) -> Fields:
 
 def scaled_pressure(node: MavNode) -> Fields:
     # The International Standard Atmosphere up to 11 km.
-    height = node.copter.position.alt_amsl_m
+    height = node.vehicle.position.alt_amsl_m
     return {
         "time_boot_ms": boot_ms(node),
         "press_abs": 1013.25 * (1.0 - 2.25577e-5 * min(height, 40000.0)) ** 5.25588,
@@ -91,34 +91,34 @@ def scaled_pressure(node: MavNode) -> Fields:
 
 def terrain_report(node: MavNode) -> Fields | None:
     """The flat ground, as one who has no terrain data says it."""
-    copter = node.copter
-    if not copter.boot.has("origin"):
+    vehicle = node.vehicle
+    if not vehicle.boot.has("origin"):
         return {"spacing": 100, "pending": 56}
-    here = copter.position
+    here = vehicle.position
     return {"lat": e7(here.lat_deg), "lon": e7(here.lon_deg), "current_height": here.alt_amsl_m, "pending": 504}
 
 
 def esc_telemetry(node: MavNode) -> Fields:
     turning = [round(MOST_RPM * speed) for speed in node.seat.rotor_speeds()[:4]]
-    volts = round(node.copter.voltage * 100)
-    amps = round(node.copter.sense.current_a * 100 / len(node.copter.airframe.rotors))
+    volts = round(node.vehicle.voltage * 100)
+    amps = round(node.vehicle.sense.current_a * 100 / node.vehicle.MOTORS)
     return {
         "temperature": [32] * 4,
         "voltage": [volts] * 4,
         "current": [amps] * 4,
-        "totalcurrent": [round(node.copter.consumed_mah / 4)] * 4,
+        "totalcurrent": [round(node.vehicle.consumed_mah / 4)] * 4,
         "rpm": turning,
-        "count": [int(node.copter.uptime * 400) % 65536] * 4,
+        "count": [int(node.vehicle.uptime * 400) % 65536] * 4,
     }
 
 
 def vibration(node: MavNode) -> Fields:
-    level = 0.02 if not node.copter.landed else 0.003
+    level = 0.02 if not node.vehicle.landed else 0.003
     return {"time_usec": boot_us(node), "vibration_x": level, "vibration_y": level, "vibration_z": level}
 
 
 def rc_channels(node: MavNode) -> Fields:
-    pwm = node.copter.rc.pwm
+    pwm = node.vehicle.rc.pwm
     fields: Fields = {f"chan{i}_raw": value % 65536 for i, value in enumerate(pwm, start=1)}
     return {"time_boot_ms": boot_ms(node), "chancount": RECEIVED, "rssi": 255, **fields}
 
@@ -126,12 +126,12 @@ def rc_channels(node: MavNode) -> Fields:
 def servo_output_raw(node: MavNode) -> Fields:
     """The motors on the first outputs, what DO_SET_SERVO set on the others; 0 where there is no signal."""
     outputs = [round(1000 + 1000 * u) for u in node.seat.outputs()]
-    outputs += node.copter.payload.servos[len(outputs) :]
+    outputs += node.vehicle.payload.servos[len(outputs) :]
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
 def relay_status(node: MavNode) -> Fields:
-    payload = node.copter.payload
+    payload = node.vehicle.payload
     present = [i for i in range(len(payload.relays)) if payload.has_relay(i)]
     return {
         "time_boot_ms": boot_ms(node),
@@ -142,17 +142,17 @@ def relay_status(node: MavNode) -> Fields:
 
 def camera_feedback(node: MavNode) -> Fields | None:
     """The last picture."""
-    copter, camera = node.copter, node.copter.payload.camera
+    vehicle, camera = node.vehicle, node.vehicle.payload.camera
     if not camera.pictures:
         return None
-    place, s = copter.place(camera.shot_place), copter.sense
+    place, s = vehicle.place(camera.shot_place), vehicle.sense
     return {
-        "time_usec": int((camera.shot_at - copter.booted_at) * 1e6),
+        "time_usec": int((camera.shot_at - vehicle.booted_at) * 1e6),
         "img_idx": camera.pictures % 65536,
         "lat": e7(place.lat_deg),
         "lng": e7(place.lon_deg),
         "alt_msl": place.alt_amsl_m,
-        "alt_rel": copter.home_world[2] - camera.shot_place[2],
+        "alt_rel": vehicle.home_world[2] - camera.shot_place[2],
         "roll": math.degrees(s.roll),
         "pitch": math.degrees(s.pitch),
         "yaw": math.degrees(s.yaw),
@@ -162,7 +162,7 @@ def camera_feedback(node: MavNode) -> Fields | None:
 
 def gimbal_device_attitude_status(node: MavNode) -> Fields | None:
     """Where the gimbal points: about the nose, or about north where it is locked to that."""
-    gimbal = node.copter.payload.gimbal
+    gimbal = node.vehicle.payload.gimbal
     if not gimbal.present:
         return None
     yaw = gimbal.yaw if gimbal.locked else gimbal.yaw_ahead
@@ -188,8 +188,8 @@ def gimbal_device_attitude_status(node: MavNode) -> Fields | None:
 
 
 def wind(node: MavNode) -> Fields | None:
-    copter = node.copter
-    if not copter.position_ok:
+    vehicle = node.vehicle
+    if not vehicle.position_ok:
         return None
     north, east, down = node.seat.wind
     # Where it comes from.

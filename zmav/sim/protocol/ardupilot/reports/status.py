@@ -29,31 +29,31 @@ _SENSORS_BOOTING = 0x5331FC0F, 0x52019C0F, 0x45119C0B
 
 
 def heartbeat(node: MavNode) -> Fields:
-    copter = node.copter
+    vehicle = node.vehicle
     mode = _MANUAL | _STABILIZE | _CUSTOM
-    if copter.mode.needs_position or copter.mode.number == 9 or copter.system_status == 1:
+    if vehicle.mode.needs_position or vehicle.mode.number == 9 or vehicle.system_status == 1:
         mode |= _GUIDED
-    if copter.armed:
+    if vehicle.armed:
         mode |= _ARMED
     return {
-        "type": 13 if len(copter.airframe.rotors) == 6 else 2,
+        "type": vehicle.MAV_TYPE,
         "autopilot": 3,
         "base_mode": mode,
-        "custom_mode": copter.mode.number,
-        "system_status": copter.system_status,
+        "custom_mode": vehicle.mode.number,
+        "system_status": vehicle.system_status,
         "mavlink_version": 3,
     }
 
 
 def sys_status(node: MavNode) -> Fields:
-    copter = node.copter
-    if not copter.boot.has("gps"):
+    vehicle = node.vehicle
+    if not vehicle.boot.has("gps"):
         present, enabled, health = _SENSORS_BOOTING
     else:
         present, enabled, health = _SENSORS_PRESENT, _SENSORS_ENABLED, _SENSORS_HEALTHY
-        if not copter.boot.has("prearm"):
+        if not vehicle.boot.has("prearm"):
             enabled, health = enabled & ~_AHRS_BIT, health & ~_AHRS_BIT
-        if copter.armed:
+        if vehicle.armed:
             enabled |= _SENSORS_WHEN_ARMED
         if node.prearm_ok:
             health |= _PREARM_BIT
@@ -61,29 +61,29 @@ def sys_status(node: MavNode) -> Fields:
         "onboard_control_sensors_present": present,
         "onboard_control_sensors_enabled": enabled,
         "onboard_control_sensors_health": health,
-        "voltage_battery": round(copter.voltage * 1000),
-        "current_battery": round(copter.sense.current_a * 100),
+        "voltage_battery": round(vehicle.voltage * 1000),
+        "current_battery": round(vehicle.sense.current_a * 100),
         "battery_remaining": _battery_left(node),
     }
 
 
 def battery_status(node: MavNode) -> Fields:
-    copter = node.copter
-    volts = copter.voltage
+    vehicle = node.vehicle
+    volts = vehicle.voltage
     return {
         "temperature": 32767,
         "voltages": [round(volts * 1000)] + [65535] * 9,
-        "current_battery": round(copter.sense.current_a * 100),
-        "current_consumed": round(copter.consumed_mah),
-        "energy_consumed": round(copter.consumed_mah * volts * 0.036),  # hectojoules
+        "current_battery": round(vehicle.sense.current_a * 100),
+        "current_consumed": round(vehicle.consumed_mah),
+        "energy_consumed": round(vehicle.consumed_mah * volts * 0.036),  # hectojoules
         "battery_remaining": _battery_left(node),
         "charge_state": 1,
     }
 
 
 def _battery_left(node: MavNode) -> int:
-    capacity = max(node.copter.params["BATT_CAPACITY"], 1.0)
-    return max(round(100.0 * (1.0 - node.copter.consumed_mah / capacity)), 0)
+    capacity = max(node.vehicle.params["BATT_CAPACITY"], 1.0)
+    return max(round(100.0 * (1.0 - node.vehicle.consumed_mah / capacity)), 0)
 
 
 def power_status(node: MavNode) -> Fields:
@@ -95,12 +95,12 @@ def meminfo(node: MavNode) -> Fields:
 
 
 def system_time(node: MavNode) -> Fields:
-    unix = node.unix_us if node.copter.boot.has("gps") else 0
+    unix = node.unix_us if node.vehicle.boot.has("gps") else 0
     return {"time_unix_usec": unix, "time_boot_ms": boot_ms(node)}
 
 
 def ekf_status_report(node: MavNode) -> Fields:
-    flags = node.copter.ekf_flags
+    flags = node.vehicle.ekf_flags
     known = 0.0 if flags in (Flag(0), Flag.UNINITIALIZED) else 1.0
     return {
         "flags": int(flags),
@@ -112,29 +112,29 @@ def ekf_status_report(node: MavNode) -> Fields:
 
 
 def extended_sys_state(node: MavNode) -> Fields:
-    copter = node.copter
-    if copter.armed and copter.taking_off:
+    vehicle = node.vehicle
+    if vehicle.armed and vehicle.taking_off:
         return {"landed_state": 3}
-    if copter.landed:
+    if vehicle.landed:
         return {"landed_state": 1}
-    return {"landed_state": 4 if copter.mode.is_landing else 2}
+    return {"landed_state": 4 if vehicle.mode.is_landing else 2}
 
 
 def mission_current(node: MavNode) -> Fields:
     """MISSION_STATE: none there, not started, active, paused or complete."""
-    copter, mission = node.copter, node.copter.mission
-    running = 4 if copter.travel.paused else 3
+    vehicle, mission = node.vehicle, node.vehicle.mission
+    running = 4 if vehicle.auto.paused else 3
     state = {State.STOPPED: 2, State.RUNNING: running, State.COMPLETE: 5}[mission.state] if mission.present else 1
     return {
         "seq": mission.current,
         "total": max(len(mission) - 1, 0),
         "mission_state": state,
-        "mission_mode": int(copter.mode is copter.auto),
+        "mission_mode": int(vehicle.mode is vehicle.auto),
     }
 
 
 def fence_status(node: MavNode) -> Fields | None:
-    fence = node.copter.fence
+    fence = node.vehicle.fence
     if not fence.enabled:
         return None
     kinds = ((CIRCLE | POLYGON, 3), (CEILING, 2), (FLOOR, 1))

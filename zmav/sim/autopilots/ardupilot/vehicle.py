@@ -1,0 +1,433 @@
+"""An ArduPilot's state machine, from boot to disarm: what copters, rovers and planes have in common.
+
+A kind of vehicle adds its modes, its reactions to failsafes, and what it means to stand, to arm and to leave the
+ground. What it says and hears is in :mod:`zmav.sim.protocol.ardupilot`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar
+
+from zmav.sim.autopilots.ardupilot.arming import arming_faults, prearm_faults
+from zmav.sim.autopilots.ardupilot.boot import Boot, Flag, Stage
+from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
+from zmav.sim.autopilots.ardupilot.fence import Fence
+from zmav.sim.autopilots.ardupilot.mission import Mission, Performer
+from zmav.sim.autopilots.ardupilot.mode import Mode
+from zmav.sim.autopilots.ardupilot.payload import Payload
+from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
+from zmav.sim.autopilots.ardupilot.radio import Radio
+from zmav.sim.autopilots.ardupilot.rally import Rally
+from zmav.sim.autopilots.ardupilot.reactions import Reactions
+from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
+from zmav.sim.autopilots.items import Item
+from zmav.sim.autopilots.pilot import Pilot
+from zmav.sim.control.setpoints import Vector
+from zmav.sim.fleets.base import Sense
+from zmav.sim.geo import Position, from_ned, to_ned
+from zmav.sim.protocol.params import ParamStore
+
+EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)  # MAV_SEVERITY
+
+PREARM_REMINDER_S = 30.0
+FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
+NAV_WAYPOINT = 16  # MAV_CMD
+MOST_VOLTS = 60.0
+# Without a GPS, as measured: how long the position is still good, and how long the filter tries to go on.
+GPS_COAST_S, GPS_AIDED_S = 7.0, 14.7
+
+
+class GuidedMode(Mode):
+    """GUIDED, as the protocol sees it."""
+
+    doing = Doing.HOLD
+    target = Target()
+
+    @abstractmethod
+    def hold(self) -> None:
+        """Stop, or stay about here: what a target that makes no sense leads to as well."""
+
+    @abstractmethod
+    def aim(self, target: Target) -> None:
+        """Take a target."""
+
+    @abstractmethod
+    def lean(self, target: AttitudeTarget) -> None:
+        """Take an attitude target."""
+
+
+class AutoMode(Mode, Performer):
+    """AUTO, as the protocol sees it: the mission's performer."""
+
+    @property
+    @abstractmethod
+    def target(self) -> Vector | None:
+        """The place that it goes to, in the world's NED."""
+
+    @property
+    def paused(self) -> bool:
+        """It stands still on its way."""
+        return False
+
+    def pause(self) -> bool:
+        """Stand still on the way; False where there is none."""
+        return False
+
+    def resume(self) -> None:
+        """Go on after :meth:`pause`."""
+
+
+class ArduVehicle(ABC):
+    """Modes, arming and failsafes of one vehicle.
+
+    The world calls :meth:`update` at every autopilot tick with the time and what the vehicle senses.
+    ``say(severity, text)`` and ``beat()`` (a heartbeat out of turn) are the protocol's, and so are ``announce()``,
+    which sends home and origin, ``report(name)``, ``reached(seq)`` and ``learned(param)``.
+    """
+
+    FIRMWARE: ClassVar[str]
+    """as the banner has it: "ArduCopter" """
+    FRAME: str
+    """the banner's last line, such as "QUAD/PLUS"; empty for none"""
+    MAV_TYPE: int
+    MOTORS: int = 1
+    """that share the battery's current"""
+    SWITCH_MODES: ClassVar[dict[int, int]]
+    """RCn_OPTION -> the mode that the switch turns on"""
+    MODE_PARAM: ClassVar[str] = "FLTMODE"
+    """of the mode switch: this and 1 to 6"""
+
+    auto: AutoMode
+    guided: GuidedMode
+
+    def __init__(self, params: ParamStore, sense: Sense, world: Position, ready_s: float) -> None:
+        self.params = params
+        self.sense = sense
+        self.world = world  # the origin of the world's NED
+        self.origin_world: Vector = (sense.true_north, sense.true_east, sense.true_down)  # of the EKF, world's NED
+        self.home_world: Vector = self.origin_world
+        self.now = 0.0
+        self.dt = 0.01
+        self.say: Callable[[int, str], None] = lambda severity, text: None
+        self.beat: Callable[[], None] = lambda: None
+        self.announce: Callable[[], None] = lambda: None
+        self.report: Callable[[str], None] = lambda name: None  # a message of the reports, on every link
+        self.reached: Callable[[int], None] = lambda seq: None  # a mission item
+        self.learned: Callable[[str], None] = lambda name: None  # a parameter that it set by itself
+        self.unix_s: Callable[[], float] = lambda: self.now
+        self._ready_s = ready_s
+        self._ticks = 0
+        self.pilot = Pilot()
+        self.rc = Radio(self, self.pilot)
+        self.rally, self.fence, self.payload = Rally(self), Fence(self), Payload(self)
+        self.mission = Mission(self._home_item, params.__getitem__, lambda severity, text: self.say(severity, text))
+        self.mission.armed = lambda: self.armed
+        self.mission.sized = lambda count: self.sized("MIS_TOTAL", count)
+        self.modes: dict[int, Mode] = {mode.number: mode for mode in self.make_modes()}
+        self.mission.performer = self.auto
+        self.reactions = self.make_reactions()
+        self.armed = False
+        self.landed = True
+        self.power_on()
+        params.changed = self.param_changed
+
+    # ---- what a kind of vehicle says
+
+    @abstractmethod
+    def make_modes(self) -> list[Mode]:
+        """All modes, the one without a switch first; sets ``self.auto`` and ``self.guided``."""
+
+    @abstractmethod
+    def make_reactions(self) -> Reactions:
+        """What it does in a failsafe."""
+
+    @abstractmethod
+    def on_power(self) -> None:
+        """Start from nothing what only this kind has; the outputs are off."""
+
+    @abstractmethod
+    def on_disarm(self) -> None:
+        """The motors are to stop."""
+
+    @abstractmethod
+    def watch_ground(self) -> None:
+        """Once a tick while armed: keep ``landed`` true to what is, and disarm where its rules say so."""
+
+    @abstractmethod
+    def param_changed(self, name: str, value: float) -> None:
+        """A parameter has another value."""
+
+    @abstractmethod
+    def change_speed(self, limit: str, value: float) -> None:
+        """Go with another speed, m/s: "speed", "speed_up" or "speed_down"."""
+
+    def mode_refusal(self, mode: Mode) -> str:
+        """Why this kind does not enter a mode now; empty: it does."""
+        return ""
+
+    def mode_changed(self) -> None:  # noqa: B027 - not every kind has anything to do then
+        """Another mode was chosen and is about to be entered."""
+
+    def region_of_interest(self, place: Vector | None) -> None:
+        """Look at a point of the world's NED with what can be turned; None: no longer."""
+        if self.payload.gimbal.present:
+            self.payload.gimbal.point(place)
+
+    def save_waypoint(self) -> None:  # noqa: B027 - what is saved depends on the kind
+        """The pilot's switch adds where it is to the mission."""
+
+    # ---- power
+
+    def power_on(self) -> None:
+        """Start from nothing, as after a reset: not armed, no estimate yet. Missions, fences and points are kept."""
+        self.booted_at = self.now
+        self.boot = Boot(self._ready_s)
+        self.armed = self.auto_armed = False
+        self.landed = True
+        self.mode_by_fence = False
+        self.rc = Radio(self, self.pilot)
+        switched = self.modes.get(int(self.params[f"{self.MODE_PARAM}{self.pilot.switch}"]))
+        self.mode: Mode = switched or next(iter(self.modes.values()))
+        self.gcs, self.battery, self.ekf = GcsFailsafe(self), BatteryFailsafe(self), EkfFailsafe(self)
+        self.mission.power_on()
+        self.fence.power_on()
+        self.payload.power_on()
+        self.consumed_mah = 0.0
+        self._home_locked = False
+        self._switch, self._switch_pwm = self.pilot.switch, self.pilot.pwm[4]
+        self._reminded = self._armed_at = self.now
+        self._gps_lost: float | None = None
+        self.on_power()
+
+    # ---- what it knows
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since its own boot."""
+        return self.now - self.booted_at
+
+    @property
+    def position_ok(self) -> bool:
+        """The EKF holds a position good enough to go by."""
+        return self.boot.has("position") and (self._gps_lost is None or self.now - self._gps_lost < GPS_COAST_S)
+
+    @property
+    def ekf_flags(self) -> Flag:
+        """EKF_STATUS_REPORT.flags; without a position as before there was one."""
+        if self.boot.has("position") and not self.position_ok and self._gps_lost is not None:
+            flags = self.boot.flags_without_position
+            return flags if self.now - self._gps_lost > GPS_AIDED_S else flags & ~Flag.CONST_POS_MODE
+        return self.boot.ekf_flags
+
+    @property
+    def gps_ok(self) -> bool:
+        return self.boot.has("gps") and self._gps_lost is None
+
+    @property
+    def failsafe(self) -> bool:
+        """Any of them is on."""
+        return self.rc.lost or self.gcs.active or self.battery.failed or self.ekf.active
+
+    @property
+    def voltage(self) -> float:
+        return min(max(self.params["SIM_BATT_VOLTAGE"], 0.0), MOST_VOLTS)
+
+    @property
+    def takes_targets(self) -> bool:
+        """Somebody outside may steer."""
+        return self.mode is self.guided
+
+    @property
+    def taking_off(self) -> bool:
+        """On its way up by itself."""
+        return False
+
+    @property
+    def height(self) -> float:
+        """Above home, m."""
+        return self.home_world[2] - self.sense.down
+
+    @property
+    def from_home(self) -> float:
+        """Over the ground, m."""
+        return math.hypot(self.sense.north - self.home_world[0], self.sense.east - self.home_world[1])
+
+    @property
+    def local(self) -> Vector:
+        """Position about the EKF origin, metres NED."""
+        o, s = self.origin_world, self.sense
+        return s.north - o[0], s.east - o[1], s.down - o[2]
+
+    @property
+    def position(self) -> Position:
+        return from_ned(self.sense.north, self.sense.east, self.sense.down, self.world)
+
+    def place(self, world: Vector) -> Position:
+        """A point of the world's NED, in degrees."""
+        return from_ned(*world, self.world)
+
+    def place_of(self, item: Item, default: Vector | None) -> Vector:
+        """Where a mission item is, in the world's NED; what it leaves open (zeros) is as in ``default``."""
+        north, east, down = to_ned(Position(item.x * 1e-7, item.y * 1e-7, item.z), self.world)
+        if item.frame not in ABSOLUTE:
+            down = self.home_world[2] - item.z
+        if default is None:
+            return north, east, down
+        if item.here:
+            north, east = default[0], default[1]
+        return north, east, default[2] if item.z == 0 else down
+
+    def _home_item(self) -> Item:
+        if not self.boot.has("origin"):
+            return Item(command=NAV_WAYPOINT, frame=0)
+        home = self.place(self.home_world)
+        x, y = round(home.lat_deg * 1e7), round(home.lon_deg * 1e7)
+        return Item(command=NAV_WAYPOINT, frame=0, x=x, y=y, z=round(home.alt_amsl_m, 2))
+
+    @property
+    def system_status(self) -> int:
+        """MAV_STATE: boot, critical (failsafe), standby (landed) or active."""
+        if not self.boot.has("initialised"):
+            return 1
+        if self.failsafe:
+            return 5
+        return 3 if self.landed else 4
+
+    # ---- what it can be told
+
+    def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
+        """Change mode; says why where it does not."""
+        mode = self.modes.get(number)
+        if mode is None:
+            self.say(WARNING, f"No such mode {number}")
+            return False
+        if mode is self.mode:
+            self.mode_by_fence = by_fence
+            return True
+        refusal = self._refusal(mode)
+        if refusal:
+            self.say(WARNING, f"Mode change to {mode.name} failed: {refusal}")
+            return False
+        self.mode.leave()
+        self.mode, self.mode_by_fence = mode, by_fence
+        self.mode_changed()
+        mode.enter()
+        self.beat()
+        self.fence.mode_changed()
+        return True
+
+    def _refusal(self, mode: Mode) -> str:
+        if self.armed and mode.needs_position and not self.position_ok:
+            return "requires position"
+        if self.armed and self.fence.blocks_mode_change:
+            return "in fence recovery"
+        return self.mode_refusal(mode) or (mode.refusal() if self.armed else "")
+
+    def move_home(self, place: Vector | None, *, lock: bool = False) -> bool:
+        """Home is there (the world's NED) or, with None, here; False before there is an origin."""
+        if not self.boot.has("origin"):
+            return False
+        self.home_world = place or (self.sense.north, self.sense.east, self.sense.down)
+        self._home_locked |= lock
+        self.mission.keep_home()
+        self.announce()
+        return True
+
+    def sized(self, param: str, count: int) -> None:
+        """A list has another length; the parameter says so."""
+        if self.params[param] != count:
+            self.params.set(param, count)
+            self.learned(param)
+
+    def arm(self, *, forced: bool = False) -> bool:
+        """Arm the motors; says why where it does not. ``forced`` skips all checks but the mandatory ones."""
+        if self.armed:
+            return True
+        faults = arming_faults(self, forced=forced)
+        for fault in faults:
+            self.say(CRITICAL, f"Arm: {fault}")
+        if faults:
+            return False
+        self.armed = True
+        self._armed_at = self.now
+        if not self._home_locked:
+            self.move_home(None)
+        self.say(INFO, "Arming motors")
+        self.fence.on_arming()
+        self.mode.on_arming()
+        return True
+
+    def disarm(self, *, forced: bool = False) -> bool:
+        """Stop the motors; refused in the air unless forced."""
+        if not self.armed:
+            return True
+        if not self.landed and not forced:
+            return False
+        self.armed = self.auto_armed = False
+        self.landed = True
+        self.on_disarm()
+        self.say(INFO, "Disarming motors")
+        self.mission.reset()
+        return True
+
+    # ---- what it does by itself
+
+    def update(self, now: float, sense: Sense, dt: float) -> None:
+        """One tick of the state machine."""
+        self.now, self.sense, self.dt = now, sense, dt
+        for stage in self.boot.advance(self.uptime):
+            self._wake(stage)
+        self.rc.update()
+        self.follow_switch()
+        self.consumed_mah += sense.current_a * dt / 3.6
+        self._ticks += 1
+        if self._ticks % FENCE_EVERY == 0:
+            self.fence.update()
+        if self._ticks % SLOW_EVERY == 0:
+            self.watch(dt * SLOW_EVERY)
+        if not self.armed:
+            self._remind()
+            self.mode.idle()
+            return
+        self.watch_ground()
+        if self.armed:
+            self.mode.update()
+
+    def watch(self, dt: float) -> None:
+        """Ten times a second."""
+        gps = self.params["SIM_GPS1_ENABLE"] > 0
+        self._gps_lost = None if gps else self.now if self._gps_lost is None else self._gps_lost
+        self.gcs.update()
+        self.battery.update()
+        self.ekf.update()
+        self.payload.update(dt)
+        if self.boot.has("initialised"):
+            self.rc.read_switches()
+
+    def _wake(self, stage: Stage) -> None:
+        for text in stage.text:
+            self.say(stage.severity, text)
+        if stage.event == "origin":
+            self.move_home(None)
+            self.say(INFO, f"Field Elevation Set: {self.place(self.home_world).alt_amsl_m:.0f}m")
+
+    def follow_switch(self, *, force: bool = False) -> None:
+        """A turn of the pilot's mode switch changes the mode; ``force``: as if it had just been turned."""
+        pwm = self.rc.pwm[4]
+        if (pwm == self._switch_pwm and not force) or self.rc.lost:
+            return
+        self._switch_pwm = pwm
+        switch = self.rc.switch
+        if switch != self._switch or force:
+            self._switch = switch
+            self.set_mode(int(self.params[f"{self.MODE_PARAM}{switch}"]))
+
+    def _remind(self) -> None:
+        """Say every half minute why arming would be refused."""
+        if self.boot.has("initialised") and self.now - self._reminded >= PREARM_REMINDER_S:
+            self._reminded = self.now
+            for fault in prearm_faults(self):
+                self.say(CRITICAL, f"PreArm: {fault}")
