@@ -146,8 +146,8 @@ class FtpServer(Part):
             if operation is None:
                 raise FileError(Nak.UNKNOWN_COMMAND)
             data, offset = operation(packet)
-        except ValueError:
-            self._refuse(request, FileError(Nak.FAIL))
+        except ValueError:  # no such operation
+            self._refuse(request, FileError(Nak.FAIL if self._fixed is None else Nak.UNKNOWN_COMMAND))
         except FileError as error:
             self._refuse(request, error)
         else:

@@ -75,6 +75,8 @@ class Px4Items(ItemStore):
             return Result.UNSUPPORTED
         if item.frame not in (*ABSOLUTE, *RELATIVE, MISSION_FRAME):
             return Result.UNSUPPORTED_FRAME
+        if item.frame == MISSION_FRAME:
+            return Result.ACCEPTED  # an action: x, y and z are parameters like the others, NaN where not used
         if not math.isfinite(item.z):
             return Result.INVALID_PARAM7
         return check_place(item) if item.x != _NO_PLACE else Result.ACCEPTED
