@@ -1,0 +1,133 @@
+"""A vehicle that an ArduPilot flies through its JSON interface: the UDP socket, and whose packets are taken."""
+
+from __future__ import annotations
+
+import errno
+import selectors
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+from zmav.errors import BadMessage, BadUrl, PortInUse
+from zmav.sim.hil.json_fdm import PORT, PORT_STEP, JsonFdm
+from zmav.sim.hil.plant import Plant
+from zmav.sim.hil.vehicle import External
+
+READ_BYTES = 2048
+READS_PER_TURN = 16
+TAKEN_S = 0.5  # of wall time: for so long after a packet nobody else's are taken
+
+
+def json_port(instance: int) -> int:
+    """Where ArduPilot's instance (``-I``) looks for the physics."""
+    return PORT + PORT_STEP * instance
+
+
+class JsonVehicle(External):
+    """Answers one ArduPilot at ``host``:``port`` (UDP; port 0: any free one).
+
+    The first that sends servo packets is answered; another, once that one has been silent for :data:`TAKEN_S`.
+    """
+
+    autopilot = "ardupilot"
+
+    def __init__(
+        self,
+        name: str,
+        sysid: int,
+        plant: Plant,
+        say: Callable[[str], None],
+        port: int,
+        host: str = "127.0.0.1",
+    ) -> None:
+        super().__init__(name, sysid, plant, say)
+        self.protocol = JsonFdm(plant)
+        self.bad = self.strangers = 0
+        self._at = (host, port)
+        self._peer: Any = None
+        self._socket: socket.socket | None = None
+        self._selector: selectors.BaseSelector | None = None
+
+    def open(self, selector: selectors.BaseSelector) -> None:
+        host, port = self._at
+        where = f"udp:{host}:{port}"
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        opened = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            opened.setblocking(False)
+            opened.bind(self._at)
+        except OSError as error:
+            opened.close()
+            if error.errno == errno.EADDRINUSE:
+                raise PortInUse(f"{where} is in use by another program", port=port) from error
+            raise BadUrl(f"{where}: {error}", field="host", value=host, expected="an address of this machine") from error
+        self._socket, self._selector = opened, selector
+        self._at = (host, int(opened.getsockname()[1]))
+        selector.register(opened, selectors.EVENT_READ, self._read)
+
+    def close(self) -> None:
+        if self._socket is not None and self._selector is not None:
+            self._selector.unregister(self._socket)
+            self._socket.close()
+            self._socket = None
+
+    @property
+    def port(self) -> int:
+        return self._at[1]
+
+    @property
+    def url(self) -> str:
+        return f"json:{self._at[0]}:{self._at[1]}"
+
+    # ---- the stack's side
+
+    def _read(self) -> None:
+        assert self._socket is not None
+        for _ in range(READS_PER_TURN):
+            try:
+                data, sender = self._socket.recvfrom(READ_BYTES)
+            except (BlockingIOError, InterruptedError):
+                return
+            except OSError:
+                continue  # the stack's port is closed at present
+            self._take(data, sender)
+
+    def _take(self, data: bytes, sender: Any) -> None:
+        if sender != self._peer and time.monotonic() - self._heard < TAKEN_S:
+            self.strangers += 1
+            return
+        restarts = self.protocol.restarts
+        try:
+            answer = self.protocol.take(data)
+        except BadMessage as error:
+            self.bad += 1
+            if self.bad == 1:
+                self.say(f"{self.name}: {error.message}")
+            return
+        self._peer = sender
+        self.heard()
+        if self.protocol.restarts != restarts:
+            self.say(f"{self.name}: the flight stack has started anew; the vehicle is back at its start")
+            self.restarted()
+        if answer is not None:
+            self._send(answer)
+            return
+        self.proceed()
+
+    @property
+    def waits(self) -> bool:
+        return self.protocol.wanted_s > 0.0
+
+    def proceed(self) -> None:
+        wanted = self.protocol.wanted_s
+        if wanted and self.granted(wanted):
+            self._send(self.protocol.answer())
+
+    def _send(self, answer: bytes) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(answer, self._peer)
+        except OSError:
+            return  # lost, as datagrams are: the stack asks again

@@ -1,0 +1,130 @@
+"""How flight stacks drive the simulator's airframes: which output moves what, and how a stack is told its frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import msgspec
+import numpy as np
+
+from zmav.errors import BadConfig
+from zmav.sim.arrays import Array
+from zmav.sim.dynamics.airframe import airframe
+from zmav.sim.dynamics.body import Body
+from zmav.sim.dynamics.copter import CopterDynamics
+from zmav.sim.environment import Environment
+
+PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # microseconds
+
+MakeBody = Callable[[Array, Array, float, Environment], Body]
+Drive = Callable[[Body, Sequence[float]], None]
+
+
+class Channel(msgspec.Struct, frozen=True):
+    """One actuator on an ArduPilot servo output (0, 1, ...): ``both_ways`` -1 to 1 about 1500 us, else 0 to 1 from
+    1000 us.
+    """
+
+    number: int
+    both_ways: bool = False
+
+    def value(self, pwm: Sequence[int]) -> float:
+        """What the actuator is told; an output without pulses (0) tells it nothing."""
+        width = pwm[self.number]
+        if width == 0:
+            return 0.0
+        if self.both_ways:
+            return min(max((width - PWM_MIDDLE) / PWM_HALF, -1.0), 1.0)
+        return min(max((width - PWM_LOW) / PWM_SPAN, 0.0), 1.0)
+
+
+class Craft(msgspec.Struct, frozen=True, kw_only=True):
+    """An airframe as flight stacks see it.
+
+    ``make``: start (3, 1), yaw (1,), step and environment -> the body. ``drive``: sets the body's inputs from the
+    actuators' values, in the order of ``channels``. ``program``: the ArduPilot binary that flies it, with ``params``
+    that differ from its defaults. ``px4``: which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does
+    not fly it here. ``px4_airframe``: SYS_AUTOSTART of the matching PX4 frame. ``air_data``: it has a pitot tube.
+    """
+
+    name: str
+    make: MakeBody
+    drive: Drive
+    channels: tuple[Channel, ...]
+    program: str
+    params: Mapping[str, float] = {}
+    px4: tuple[int, ...] = ()
+    px4_airframe: int = 0
+    air_data: bool = False
+
+    def from_pwm(self, pwm: Sequence[int]) -> list[float]:
+        """Actuator values of ArduPilot's servo outputs."""
+        return [channel.value(pwm) for channel in self.channels]
+
+    def from_px4(self, controls: Sequence[float]) -> list[float]:
+        """Actuator values of PX4's controls; an output that is off (NaN) is 0."""
+        values = [controls[i] for i in self.px4]
+        return [min(max(value, 0.0), 1.0) if value == value else 0.0 for value in values]
+
+
+def _copter(name: str) -> MakeBody:
+    def make(start: Array, yaw: Array, dt: float, environment: Environment) -> Body:
+        return CopterDynamics(airframe(name), start, yaw, dt, environment.terrain)
+
+    return make
+
+
+def _drive_copter(body: Body, values: Sequence[float]) -> None:
+    assert isinstance(body, CopterDynamics)
+    body.throttle = np.array(values)[:, None]
+
+
+def _rotors(*numbers: int) -> tuple[Channel, ...]:
+    return tuple(Channel(number) for number in numbers)
+
+
+# Motor numbers: ardupilot.org, "Connect ESCs and Motors"; docs.px4.io, "Airframes Reference". Rotors here are in the
+# order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
+_QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
+
+
+def _crafts() -> list[Craft]:
+    return [
+        Craft(
+            name="quad",
+            make=_copter("quad"),
+            drive=_drive_copter,
+            channels=_rotors(0, 1, 2, 3),
+            program="arducopter",
+            params={"FRAME_CLASS": 1, "FRAME_TYPE": 0},
+        ),
+        Craft(
+            name="hexa",
+            make=_copter("hexa"),
+            drive=_drive_copter,
+            channels=_rotors(*_HEXA_X),
+            program="arducopter",
+            params={"FRAME_CLASS": 2, "FRAME_TYPE": 1},
+            px4=_HEXA_X,
+            px4_airframe=6001,
+        ),
+        Craft(
+            name="sih",
+            make=_copter("sih"),
+            drive=_drive_copter,
+            channels=_rotors(*_QUAD_X),
+            program="arducopter",
+            params={"FRAME_CLASS": 1, "FRAME_TYPE": 1},
+            px4=_QUAD_X,
+            px4_airframe=10016,
+        ),
+    ]
+
+
+def craft(name: str) -> Craft:
+    """The airframe of that name; :class:`BadConfig` names the known ones."""
+    known = {each.name: each for each in _crafts()}
+    if name not in known:
+        expected = ", ".join(known)
+        raise BadConfig(f"no airframe {name!r}; known: {expected}", field="airframe", value=name, expected=expected)
+    return known[name]

@@ -1,0 +1,128 @@
+"""A vehicle that a flight stack outside the simulator flies: its place in the world, and its time beside the world's."""
+
+from __future__ import annotations
+
+import math
+import selectors
+import time
+from collections.abc import Callable
+
+from zmav.sim.hil.plant import Plant
+from zmav.sim.status import VehicleStatus
+
+PATIENCE_S = 0.5  # of wall time: for so long the world waits for a stack that was heard of
+TURNING = 0.02  # throttle from which rotors count as turning
+
+
+class External:
+    """Base of all of them. Everything is called in the world's thread.
+
+    Its time follows the stack, and never runs ahead of the world's: :meth:`grant` lets it go on to the world's time,
+    and while :meth:`behind` says so the world waits for it. A stack that is silent is left out, and goes on from the
+    world's time of then.
+
+    ``say``: takes what a person should know, a line at a time.
+    """
+
+    autopilot = "external"
+
+    def __init__(self, name: str, sysid: int, plant: Plant, say: Callable[[str], None]) -> None:
+        self.name = name
+        self.sysid = sysid
+        self.plant = plant
+        self.say = say
+        self.connected = False
+        self._now = 0.0  # the world's time granted
+        self._offset = 0.0  # what the world's time is ahead of the plant's
+        self._heard = -math.inf  # wall time
+
+    def open(self, selector: selectors.BaseSelector) -> None:
+        """Open what the stack connects to. Raises :class:`PortInUse`, :class:`BadUrl`."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+    @property
+    def url(self) -> str:
+        """Where the stack connects to, or is found."""
+        raise NotImplementedError
+
+    @property
+    def waits(self) -> bool:
+        """The stack waits for time to pass."""
+        raise NotImplementedError
+
+    def proceed(self) -> None:
+        """Make what steps are granted by now."""
+        raise NotImplementedError
+
+    # ---- time
+
+    def heard(self) -> None:
+        """The stack has just spoken."""
+        self._heard = time.monotonic()
+        if not self.connected:
+            self.connected = True
+            self.restarted()
+
+    def restarted(self) -> None:
+        """The plant's clock has started anew."""
+        self._offset = self._now - self.plant.time_s
+
+    def granted(self, seconds: float) -> bool:
+        """May the plant go on by ``seconds``?"""
+        return self.plant.time_s + seconds + self._offset <= self._now + 1e-9
+
+    def grant(self, now: float) -> None:
+        """The world has come to ``now``."""
+        self._now = now
+        if not self.connected:
+            return
+        if not self.waits and self._stalled():
+            self._offset = now - self.plant.time_s
+            return
+        self.proceed()
+
+    def behind(self) -> bool:
+        """Time that is granted has not passed here, and the stack can be expected to use it."""
+        return self.connected and not self.waits and not self._stalled()
+
+    def _stalled(self) -> bool:
+        return time.monotonic() - self._heard > PATIENCE_S
+
+    # ---- what there is to see
+
+    def flush(self) -> None:
+        """Send what waits to be sent."""
+
+    @property
+    def armed(self) -> bool:
+        """As far as its actuators tell: something turns."""
+        return any(abs(value) > TURNING for value in self.plant.values)
+
+    @property
+    def links(self) -> int:
+        return int(self.connected)
+
+    def status(self) -> VehicleStatus:
+        now = self.plant.truth()
+        north, east, down = now.pos
+        return VehicleStatus(
+            name=self.name,
+            sysid=self.sysid,
+            autopilot=self.autopilot,
+            airframe=self.plant.craft.name,
+            url=self.url,
+            urls=(self.url,),
+            mode="external" if self.connected else "waiting",
+            armed=self.armed,
+            landed=now.contact,
+            ready=self.connected,
+            ned_m=(north, east, down),
+            height_m=self.plant.start[2] - down,
+            speed_mps=math.sqrt(sum(v * v for v in now.vel)),
+            heading_deg=math.degrees(now.euler[2]) % 360.0,
+            battery_pct=100,
+            links=self.links,
+        )
