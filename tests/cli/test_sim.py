@@ -32,7 +32,7 @@ def sysids_heard(url: str, dialect: Dialect) -> set[int]:
 
 
 def test_sim_says_where_each_vehicle_is_and_ends_cleanly(start: StartProcess) -> None:
-    sim = start("sim", "--copters", "2", "--endpoint", "tcp:0", "--speed", "4", "--wind", "1", "0")
+    sim = start("sim", "--copters", "2", "--endpoint", "tcp:0", "--speed", "4", "--wind", "1@180,gusty")
     urls = [sim.expect(f"copter{i} (system id {i}): ").rpartition(" ")[2] for i in (1, 2)]
     assert all(re.fullmatch(r"tcp:127\.0\.0\.1:\d+", url) for url in urls)
     dialect = load_dialect()

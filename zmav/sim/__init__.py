@@ -7,8 +7,9 @@ with World(copters=3, speed=4) as world:
 from __future__ import annotations
 
 from zmav.sim.spec import Home, VehicleSpec
-from zmav.sim.vehicle import SimVehicle, VehicleStatus
-from zmav.sim.world import DEFAULT_READY_S, REALISTIC_READY_S, World, WorldStatus
+from zmav.sim.status import VehicleStatus, WorldStatus
+from zmav.sim.vehicle import SimVehicle
+from zmav.sim.world import DEFAULT_READY_S, REALISTIC_READY_S, World
 
 __all__ = [
     "DEFAULT_READY_S",

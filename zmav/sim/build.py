@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from zmav.errors import BadConfig
 from zmav.mavlink.dialect import Dialect
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.px4.copter import Px4Copter
@@ -22,7 +20,7 @@ from zmav.sim.protocol.ardupilot.copter import CopterNode
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.params import ParamStore, defaults
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of, check
+from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of
 from zmav.sim.vehicle import Autopilot, SimVehicle
 
 
@@ -34,28 +32,10 @@ class Squad:
         self.vehicles: list[SimVehicle] = []
 
 
-def as_specs(vehicles: Sequence[VehicleSpec], counts: Mapping[str, int]) -> list[VehicleSpec]:
-    """The vehicles named, and so many plain ones of each autopilot; one ArduCopter where nothing is asked for.
-    :class:`BadConfig` for more than there are system ids.
-    """
-    specs = list(vehicles)
-    for autopilot, count in counts.items():
-        if count < 0:
-            raise BadConfig(f"{count} vehicles; expected 0 or more", field="copters", value=count, expected="0 or more")
-        specs += [VehicleSpec(autopilot=autopilot) for _ in range(count)]
-    specs = specs or [VehicleSpec()]
-    if not 1 <= len(specs) <= 255:
-        raise BadConfig(
-            f"{len(specs)} vehicles; expected 1 to 255", field="vehicles", value=len(specs), expected="1 to 255"
-        )
-    return specs
-
-
 def build(
     specs: Sequence[VehicleSpec],
     *,
     home: Home,
-    spacing_m: float,
     seed: int,
     environment: Environment,
     ready_s: float,
@@ -64,16 +44,14 @@ def build(
     dialect: Dialect,
     epoch_us: int,
 ) -> list[tuple[Squad, SimVehicle]]:
-    """All vehicles in the order of ``specs``, each with the squad it flies in."""
-    for i, spec in enumerate(specs):
-        check(spec, _name(spec, i))
-    starts = [spec.start_ned_m or (0.0, i * spacing_m, 0.0) for i, spec in enumerate(specs)]
-    yaws = [math.radians(home.yaw_deg if spec.yaw_deg is None else spec.yaw_deg) for spec in specs]
+    """All vehicles in the order of ``specs``, which :mod:`zmav.sim.lineup` has filled in, each with the squad it flies
+    in.
+    """
     built: dict[int, tuple[Squad, SimVehicle]] = {}
     for kind in sorted({airframe_of(spec) for spec in specs}):
         members = [i for i, spec in enumerate(specs) if airframe_of(spec) == kind]
-        start = np.array([starts[i] for i in members]).T
-        yaw = np.array([yaws[i] for i in members])
+        start = np.array([specs[i].start_ned_m for i in members]).T
+        yaw = np.radians([specs[i].yaw_deg or 0.0 for i in members])
         # Random numbers from the seed and the kind: adding another kind changes nothing for this one.
         kind_seed = (seed, *kind.encode("ascii", "replace"))
         around = Surroundings(environment=environment, place=home.position, seed=kind_seed, gps_noise_m=gps_noise_m)
@@ -83,25 +61,20 @@ def build(
             uid = specs[i].uid
             vehicle = _wire(
                 specs[i],
-                i,
                 (squad.fleet.airframe, squad.fleet.handle(place), senses[place], home.position, ready_s),
                 dialect,
                 uid=_uid(seed, i) if uid is None else uid,
                 epoch_us=epoch_us,
             )
             vehicle.node.seat = Seat(squad.fleet, place)
+            vehicle.brain.plug(vehicle.node.seat.battery)
             squad.vehicles.append(vehicle)
             built[i] = (squad, vehicle)
     return [built[i] for i in range(len(specs))]
 
 
-def _name(spec: VehicleSpec, index: int) -> str:
-    return spec.name or f"copter{index + 1}"
-
-
 def _wire(
     spec: VehicleSpec,
-    index: int,
     body: tuple[Airframe, SetpointHandle, Sense, Position, float],
     dialect: Dialect,
     *,
@@ -114,7 +87,7 @@ def _wire(
     frame, setpoint, sense, world, ready_s = body
     params = ParamStore(defaults(spec.autopilot))
     params.preset(spec.params)
-    params.set("MAV_SYS_ID" if spec.autopilot == PX4 else "MAV_SYSID", spec.sysid or index + 1)
+    params.set("MAV_SYS_ID" if spec.autopilot == PX4 else "MAV_SYSID", spec.sysid or 1)
     brain: Autopilot
     node: Node
     if spec.autopilot == PX4:
@@ -123,7 +96,7 @@ def _wire(
     else:
         brain = ArduCopter(frame, params, setpoint, sense, world, ready_s)
         node = CopterNode(brain, dialect, uid=uid, epoch_us=epoch_us)
-    return SimVehicle(_name(spec, index), brain, node)
+    return SimVehicle(spec, brain, node)
 
 
 def _uid(seed: int, index: int) -> int:

@@ -1,4 +1,4 @@
-"""What a simulated vehicle and its world are made of."""
+"""What a simulated vehicle is made of."""
 
 from __future__ import annotations
 
@@ -7,11 +7,18 @@ import math
 import msgspec
 
 from zmav.errors import BadConfig
+from zmav.keys import check_name
 from zmav.sim.geo import Position
 
 FARTHEST_M = 1e6
-ARDUCOPTER, PX4 = "arducopter", "px4"
-AIRFRAMES = {ARDUCOPTER: "quad", PX4: "sih"}  # what each autopilot's own simulation flies
+ARDUCOPTER, ARDUROVER, ARDUPLANE, PX4 = "arducopter", "ardurover", "arduplane", "px4"
+# What each autopilot can be put on; first what its own simulation drives.
+AIRFRAMES = {
+    ARDUCOPTER: ("quad", "hexa"),
+    PX4: ("sih", "quad", "hexa"),
+    ARDUROVER: ("rover", "rover-skid"),
+    ARDUPLANE: ("plane",),
+}
 
 
 class Home(msgspec.Struct, frozen=True):
@@ -28,10 +35,10 @@ class Home(msgspec.Struct, frozen=True):
 
 
 class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """One copter. What is None is chosen by the world.
+    """One vehicle. What is None is chosen by the world; see :mod:`zmav.sim.lineup`.
 
-    ``autopilot``: "arducopter" or "px4". ``airframe``: "quad", "hexa" or "sih" (None: the one that the autopilot's own
-    simulation flies). ``start_ned_m``: where it stands, metres NED of the world (None: in a row going east).
+    ``autopilot``: "arducopter", "ardurover", "arduplane" or "px4". ``airframe``: one of :data:`AIRFRAMES` (None: what
+    the autopilot's own simulation drives). ``start_ned_m``: where it stands, metres NED of the world.
     ``endpoints``: see :mod:`zmav.sim.endpoints`. ``uid``: what AUTOPILOT_VERSION tells it apart by. ``params``:
     parameters that differ from the defaults.
     """
@@ -52,15 +59,26 @@ def usual(spec: VehicleSpec) -> tuple[str, ...]:
     return ("px4",) if spec.autopilot == PX4 else ("tcp",)
 
 
+def kind_of(spec: VehicleSpec) -> str:
+    """What its count on the command line and its name are called by: copter, hexa, rover, plane or px4."""
+    if spec.autopilot == ARDUCOPTER:
+        return "hexa" if airframe_of(spec) == "hexa" else "copter"
+    return spec.autopilot.removeprefix("ardu")
+
+
 def airframe_of(spec: VehicleSpec) -> str:
     """The name of the airframe it flies."""
-    return spec.airframe or AIRFRAMES[spec.autopilot]
+    return spec.airframe or AIRFRAMES[spec.autopilot][0]
 
 
 def check(spec: VehicleSpec, where: str) -> None:
     """:class:`BadConfig` names what in ``spec`` (called ``where``) cannot be."""
     if spec.autopilot not in AIRFRAMES:
         raise _bad(where, "autopilot", spec.autopilot, " or ".join(AIRFRAMES))
+    if airframe_of(spec) not in AIRFRAMES[spec.autopilot]:
+        raise _bad(where, "airframe", spec.airframe, " or ".join(AIRFRAMES[spec.autopilot]))
+    if spec.name is not None:
+        check_name(spec.name)
     if spec.sysid is not None and not 1 <= spec.sysid <= 255:
         raise _bad(where, "sysid", spec.sysid, "1 to 255")
     if spec.uid is not None and not 1 <= spec.uid < 1 << 64:

@@ -4,47 +4,30 @@ from __future__ import annotations
 
 import math
 
-import msgspec
-
 from zmav.errors import BadInput
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import SWITCH
-from zmav.sim.control.setpoints import Vector
 from zmav.sim.endpoints import Endpoint
 from zmav.sim.protocol.base import Node
+from zmav.sim.protocol.channel import Channel, Outlet
+from zmav.sim.spec import VehicleSpec, airframe_of, kind_of
+from zmav.sim.status import VehicleStatus
 
 Autopilot = ArduCopter | Px4Copter
-
-
-class VehicleStatus(msgspec.Struct, frozen=True):
-    """A snapshot. ``ned_m``: true position in the world's NED, metres; ``height_m`` above home; ``links``: open
-    channels.
-    """
-
-    name: str
-    sysid: int
-    url: str
-    mode: str
-    armed: bool
-    landed: bool
-    ready: bool
-    ned_m: Vector
-    height_m: float
-    speed_mps: float
-    heading_deg: float
-    battery_pct: int
-    links: int
 
 
 class SimVehicle:
     """A simulated vehicle: its addresses, its pilot, and its state."""
 
-    def __init__(self, name: str, brain: Autopilot, node: Node) -> None:
-        self.name = name
+    def __init__(self, spec: VehicleSpec, brain: Autopilot, node: Node) -> None:
+        self.spec = spec
+        self.name = spec.name or ""
         self.brain = brain
         self.node = node
         self.endpoints: list[Endpoint] = []
+        self.failed: Exception | None = None
+        """the defect that stopped its autopilot for good"""
 
     @property
     def copter(self) -> ArduCopter:
@@ -81,6 +64,19 @@ class SimVehicle:
                 f"{self.name} has no open endpoint", field="endpoints", value=None, expected="an opened world"
             )
         return self.endpoints[0].url
+
+    # ---- what an endpoint sees
+
+    def open_channel(self, outlet: Outlet, link: str = "") -> Channel:
+        return self.node.open_channel(outlet, link)
+
+    def close_channel(self, channel: Channel) -> None:
+        self.node.close_channel(channel)
+
+    def receive(self, channel: Channel, data: bytes) -> None:
+        self.node.receive(channel, data)
+
+    # ---- the pilot
 
     def pilot_mode(self, name: str, *, throttle: float = 0.5) -> None:
         """The pilot turns the mode switch to ``name``, with a hand on the throttle stick (0..1; its middle holds the
@@ -127,7 +123,11 @@ class SimVehicle:
         return VehicleStatus(
             name=self.name,
             sysid=self.sysid,
+            kind=kind_of(self.spec),
+            autopilot=self.spec.autopilot,
+            airframe=airframe_of(self.spec),
             url=self.endpoints[0].url if self.endpoints else "",
+            urls=tuple(self.urls),
             mode=copter.mode.name,
             armed=copter.armed,
             landed=copter.landed,
@@ -138,4 +138,5 @@ class SimVehicle:
             heading_deg=math.degrees(s.yaw) % 360.0,
             battery_pct=max(round(100.0 * (1.0 - copter.consumed_mah / capacity)), 0),
             links=len(self.node.channels),
+            failed=None if self.failed is None else repr(self.failed),
         )

@@ -13,17 +13,21 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
+from pathlib import Path
 from typing import TypeVar
 
-import msgspec
-
-from zmav.errors import BadConfig, TimedOut
+from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink.dialect import load_dialect
-from zmav.sim.build import Squad, as_specs, build
+from zmav.sim.build import Squad, build
+from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import expand, open_endpoint, parse_endpoint
-from zmav.sim.environment import Environment, Vector
-from zmav.sim.spec import ARDUCOPTER, PX4, Home, VehicleSpec, usual
-from zmav.sim.vehicle import SimVehicle, VehicleStatus
+from zmav.sim.environment import Environment, Terrain, Vector
+from zmav.sim.lineup import gather, line_up
+from zmav.sim.listener import Listener
+from zmav.sim.requests import offers
+from zmav.sim.spec import Home, VehicleSpec, usual
+from zmav.sim.status import WorldStatus
+from zmav.sim.vehicle import SimVehicle
 
 T = TypeVar("T")
 
@@ -33,30 +37,20 @@ TICK_S = STEPS_PER_TICK / PHYSICS_HZ
 DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
 MOST = 1e6  # of any option that is a number: beyond it nothing makes sense
-MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
 
 
 def _first_of(*choices: Sequence[str] | None) -> Sequence[str]:
     return next(choice for choice in choices if choice is not None)
 
 
-class WorldStatus(msgspec.Struct, frozen=True):
-    """A snapshot: simulated seconds, the speed asked for and the one reached lately, and every vehicle."""
-
-    time_s: float
-    speed: float
-    speed_reached: float
-    vehicles: tuple[VehicleStatus, ...]
-
-
 class World:
     """Vehicles, their autopilots and their links on one clock.
 
-    ``vehicles``: one :class:`VehicleSpec` each; ``copters``, ``px4``: so many plain ArduCopters and PX4s after them.
-    Nothing at all is one ArduCopter.
+    ``vehicles``: one :class:`VehicleSpec` each; ``copters``, ``hexas``, ``rovers``, ``planes``, ``px4``: so many plain
+    ones of a kind after them. Nothing at all is one ArduCopter.
     ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None: "tcp" for
     an ArduCopter, "px4" for a PX4). ``speed``: times real time, ``math.inf`` as fast as it goes.
-    ``wind``: steady, m/s NED (where it blows to). ``ready_s``: simulated seconds from boot to a position
+    ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
     ``gps_noise_m``: standard deviation per axis. ``epoch_s``: UTC at the start.
 
@@ -70,27 +64,32 @@ class World:
         vehicles: Sequence[VehicleSpec] = (),
         *,
         copters: int = 0,
+        hexas: int = 0,
+        rovers: int = 0,
+        planes: int = 0,
+        px4: int = 0,
         home: Home | None = None,
         spacing_m: float = 10.0,
-        px4: int = 0,
         endpoint: str | Sequence[str] | None = None,
         speed: float = 1.0,
         seed: int = 0,
         wind: Vector = (0.0, 0.0, 0.0),
+        gusts: str = "none",
+        terrain: Terrain | None = None,
         ready_s: float = DEFAULT_READY_S,
         gps_noise_m: float = 0.0,
         epoch_s: float | None = None,
     ) -> None:
-        if not speed > 0.0:
-            raise BadConfig(f"speed {speed}; expected more than 0", field="speed", value=speed, expected="more than 0")
         numbers = {"spacing_m": spacing_m, "ready_s": ready_s, "gps_noise_m": gps_noise_m, "wind": sum(map(abs, wind))}
         for field, value in numbers.items():
             if not 0.0 <= value < MOST:
                 raise BadConfig(f"{field} {value}; expected 0 or more", field=field, value=value, expected="0 or more")
         self.home = home or Home()
-        self.speed = speed
         self.ticks = 0
-        self._specs = as_specs(vehicles, {ARDUCOPTER: copters, PX4: px4})
+        self.pacer = Pacer(TICK_S, speed)
+        counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
+        self.environment = Environment(wind, terrain, gusts)
+        self._specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
         self._addresses = [
             [parse_endpoint(text, i) for text in expand(_first_of(spec.endpoints, default, usual(spec)))]
@@ -99,9 +98,8 @@ class World:
         built = build(
             self._specs,
             home=self.home,
-            spacing_m=spacing_m,
             seed=seed,
-            environment=Environment(wind),
+            environment=self.environment,
             ready_s=ready_s,
             gps_noise_m=gps_noise_m,
             dt=1.0 / PHYSICS_HZ,
@@ -115,8 +113,13 @@ class World:
         self._ticked = threading.Condition()
         self._thread: threading.Thread | None = None
         self._stopping = False
+        self._runner: int | None = None  # the thread that runs the world, where one does
         self._failure: BaseException | None = None
-        self._speed_reached = 0.0
+        self.failures: list[tuple[SimVehicle, Exception]] = []
+        """defects met while running, each with the vehicle whose autopilot had it; the others go on"""
+        self.on_failure: Callable[[SimVehicle, Exception], None] = lambda vehicle, error: None
+        self._listener: Listener | None = None
+        self._advancing: Future[WorldStatus] | None = None
         self._bell, self._ear = socket.socketpair()
         self._bell.setblocking(False)
         self._ear.setblocking(False)
@@ -135,12 +138,16 @@ class World:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def open(self) -> None:
-        """Open the endpoints. Raises :class:`PortInUse`; nothing stays open then."""
+    def open(self, control: Path | None = None) -> None:
+        """Open the endpoints, and the control socket at ``control`` (:mod:`zmav.sim.remote`). Raises
+        :class:`PortInUse`; nothing stays open then.
+        """
         try:
             for vehicle, addresses in zip(self.vehicles, self._addresses, strict=True):
                 for address in addresses[len(vehicle.endpoints) :]:
-                    vehicle.endpoints.append(open_endpoint(address, vehicle.node, self._selector))
+                    vehicle.endpoints.append(open_endpoint(address, vehicle, self._selector))
+            if control is not None and self._listener is None:
+                self._listener = Listener(control, self._selector, offers(self))
         except BaseException:
             self._close_endpoints()
             raise
@@ -162,7 +169,7 @@ class World:
         self._ring()
 
     def close(self) -> None:
-        """Stop and close everything. Raises what ended the thread, if an error did."""
+        """Stop and close everything. Raises what ended the thread, or the first defect of a vehicle."""
         self.stop()
         if self._thread is not None:
             self._thread.join()
@@ -171,11 +178,17 @@ class World:
         self._selector.close()
         self._bell.close()
         self._ear.close()
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
+        self._advanced(TimedOut("the simulator has ended"))
+        failure = self._failure or next((error for _, error in self.failures), None)
+        self._failure = None
+        self.failures.clear()
+        if failure is not None:
             raise failure
 
     def _close_endpoints(self) -> None:
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
         for vehicle in self.vehicles:
             for endpoint in vehicle.endpoints:
                 endpoint.close()
@@ -188,10 +201,63 @@ class World:
         """Simulated seconds since the start."""
         return self.ticks * TICK_S
 
+    @property
+    def speed(self) -> float:
+        """Times real time; infinite: as fast as it goes."""
+        return self.pacer.speed
+
     def step(self, seconds: float = TICK_S) -> None:
-        """Advance by whole ticks without a clock; only where no thread runs the world."""
+        """Advance by whole ticks without a clock; only where no thread runs the world. Raises the defect of a vehicle
+        that fails meanwhile.
+        """
+        known = len(self.failures)
         for _ in range(max(round(seconds / TICK_S), 1)):
             self._tick()
+        if len(self.failures) > known:
+            _, error = self.failures.pop()
+            raise error
+
+    def set_speed(self, speed: float) -> None:
+        """Run at ``speed`` times real time from now on; any thread may. :class:`BadConfig` unless it is more than 0."""
+        self._inside(lambda: self.pacer.set_speed(speed))
+
+    def pause(self) -> None:
+        """Stand still: clients are answered, but no time passes. Any thread may."""
+        self._inside(self._pause)
+
+    def _pause(self) -> None:
+        self.pacer.pause()
+        self._advanced()
+
+    def resume(self) -> None:
+        """Go on. What was missed in the pause is not caught up with. Any thread may."""
+        self._inside(self.pacer.resume)
+
+    def advance(self, seconds: float) -> Future[WorldStatus]:
+        """Run for ``seconds`` of simulated time at the world's speed, and pause; any thread may. The future is set when
+        they are over, or when somebody pauses the world before. :class:`BadInput` for no time, or more than a million
+        seconds.
+        """
+        if not TICK_S / 2 <= seconds <= MOST:
+            expected = f"{TICK_S} to {MOST:.0f}"
+            raise BadInput(f"{seconds} seconds; expected {expected}", field="seconds", value=seconds, expected=expected)
+        return self._inside(lambda: self._advance(round(seconds / TICK_S)))
+
+    def _advance(self, ticks: int) -> Future[WorldStatus]:
+        self._advanced()
+        self._advancing = Future()
+        self.pacer.allow(ticks)
+        return self._advancing
+
+    def _advanced(self, error: Exception | None = None) -> None:
+        """Whoever waits for the end of :meth:`advance` need wait no longer."""
+        waiting, self._advancing = self._advancing, None
+        if waiting is None:
+            return
+        if error is None:
+            waiting.set_result(self.status())
+        else:
+            waiting.set_exception(error)
 
     def _tick(self) -> None:
         self.ticks += 1
@@ -199,8 +265,18 @@ class World:
         for squad in self._squads:
             squad.fleet.advance(STEPS_PER_TICK)
             for vehicle, sense in zip(squad.vehicles, squad.fleet.senses(), strict=True):
-                vehicle.brain.update(now, sense, TICK_S)
-                vehicle.node.tick()
+                if vehicle.failed is not None:
+                    continue
+                try:
+                    vehicle.brain.update(now, sense, TICK_S)
+                    vehicle.node.tick()
+                except Exception as error:  # a defect in one autopilot is no end of the others' flight
+                    vehicle.failed = error
+                    self._record(vehicle, error)
+
+    def _record(self, vehicle: SimVehicle, error: Exception) -> None:
+        self.failures.append((vehicle, error))
+        self.on_failure(vehicle, error)
 
     def _run_guarded(self) -> None:
         try:
@@ -211,29 +287,30 @@ class World:
                 self._ticked.notify_all()
 
     def _run(self) -> None:
-        due = measured = time.monotonic()
-        measured_ticks = self.ticks
-        while not self._stopping:
-            now = time.monotonic()
-            if now < due:
-                self._serve(due - now)
-                continue
-            self._serve(0.0)
-            self._tick()
-            self._flush()
-            with self._ticked:
-                self._ticked.notify_all()
-            due += TICK_S / self.speed if math.isfinite(self.speed) else 0.0
-            if now - due > MOST_BEHIND_S:
-                due = now
-            if now - measured > 1.0:
-                self._speed_reached = (self.ticks - measured_ticks) * TICK_S / (now - measured)
-                measured, measured_ticks = now, self.ticks
+        self._runner = threading.get_ident()
+        self.pacer.restart()
+        try:
+            while not self._stopping:
+                wait = self.pacer.wait_s()
+                if wait > 0.0:
+                    self._serve(wait)
+                    continue
+                self._serve(0.0)
+                self._tick()
+                self._flush()
+                with self._ticked:
+                    self._ticked.notify_all()
+                self.pacer.ticked()
+                if self._advancing is not None and not self.pacer.stepping:
+                    self._advanced()
+        finally:
+            self._runner = None
 
     # ---- links, and calls from other threads
 
     def _serve(self, timeout: float) -> None:
-        for key, _ in self._selector.select(timeout):
+        """Hear clients and calls for ``timeout`` seconds at most (infinite: until one comes)."""
+        for key, _ in self._selector.select(timeout if math.isfinite(timeout) else None):
             ready: Callable[[], None] = key.data
             ready()
         while self._calls:
@@ -256,6 +333,10 @@ class World:
             self._ear.recv(4096)
         except BlockingIOError:
             return
+
+    def _inside(self, function: Callable[[], T]) -> T:
+        """Have the world's thread do it, where one runs and it is not this one."""
+        return function() if self._runner in (None, threading.get_ident()) else self.call(function)
 
     def call(self, function: Callable[[], T], timeout: float = 10.0) -> T:
         """Run ``function`` between two ticks in the world's thread; gives its result, or raises what it raised.
@@ -288,6 +369,9 @@ class World:
             while not true():
                 if self._failure is not None:
                     raise TimedOut(f"the simulated world has failed: {self._failure!r}")
+                if self.failures:
+                    vehicle, error = self.failures[0]
+                    raise TimedOut(f"{vehicle.name} has failed: {error!r}")
                 if self.time_s > end:
                     raise TimedOut(f"not within {sim_s:g} s of simulated time")
                 if not self._ticked.wait(10.0):
@@ -301,4 +385,16 @@ class World:
         return [vehicle.url for vehicle in self.vehicles]
 
     def status(self) -> WorldStatus:
-        return WorldStatus(self.time_s, self.speed, self._speed_reached, tuple(v.status() for v in self.vehicles))
+        """A snapshot; every thread may take one."""
+        pacer = self.pacer
+        return WorldStatus(
+            time_s=self.time_s,
+            speed=pacer.speed if math.isfinite(pacer.speed) else None,
+            speed_reached=pacer.reached,
+            paused=pacer.paused,
+            behind=pacer.behind,
+            given_up_s=pacer.given_up_s,
+            cpu_share=pacer.cpu_share,
+            clients=sum(endpoint.clients() for vehicle in self.vehicles for endpoint in vehicle.endpoints),
+            vehicles=tuple(vehicle.status() for vehicle in self.vehicles),
+        )

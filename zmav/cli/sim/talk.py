@@ -1,0 +1,123 @@
+"""``zmav sim status|pause|resume|speed|step|stop``: words to a simulator that runs."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import click
+import msgspec
+from rich.table import Table
+
+from zmav.cli.common import console, dump, json_option
+from zmav.cli.sim.line import clock_words
+from zmav.sim.remote import Remote
+from zmav.sim.status import VehicleStatus, WorldStatus
+
+
+def control_option(command: Any) -> Any:
+    """``--control``, also after the verb."""
+    return click.option("--control", metavar="PATH", help="Which simulator.  [default: the only one that runs]")(
+        command
+    )
+
+
+def remote(control: str | None) -> Remote:
+    """The simulator meant: by ``--control`` before or after the verb."""
+    return Remote(control or click.get_current_context().obj)
+
+
+@click.command("status")
+@control_option
+@json_option
+def status(control: str | None, as_json: bool) -> None:
+    """Show the world's clock and every vehicle."""
+    with remote(control) as sim:
+        found = sim.status()
+    if as_json:
+        click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
+        return
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for column in (
+        "vehicle",
+        "sysid",
+        "autopilot",
+        "mode",
+        "armed",
+        "height",
+        "speed",
+        "battery",
+        "faults",
+        "reached at",
+    ):
+        table.add_column(column, justify="right" if column in ("sysid", "height", "speed", "battery") else "left")
+    for vehicle in found.vehicles:
+        table.add_row(*_row(vehicle))
+    console().print(table)
+    click.echo(clock_words(found))
+
+
+def _row(v: VehicleStatus) -> tuple[str, ...]:
+    trouble = " ".join((*v.faults, *(["FAILED"] if v.failed else [])))
+    armed = "flying" if v.armed and not v.landed else "armed" if v.armed else "ready" if v.ready else "-"
+    return (
+        v.name, str(v.sysid), f"{v.autopilot} {v.airframe}", v.mode, armed, f"{v.height_m:.1f} m",
+        f"{v.speed_mps:.1f} m/s", f"{v.battery_pct} %", trouble or "-", " ".join(v.urls),
+    )  # fmt: skip
+
+
+def _tell(found: WorldStatus) -> None:
+    click.echo(clock_words(found))
+
+
+@click.command("pause")
+@control_option
+def pause(control: str | None) -> None:
+    """Stop simulated time."""
+    with remote(control) as sim:
+        _tell(sim.pause())
+
+
+@click.command("resume")
+@control_option
+def resume(control: str | None) -> None:
+    """Go on after a pause."""
+    with remote(control) as sim:
+        _tell(sim.resume())
+
+
+@click.command("speed")
+@click.argument("times")
+@control_option
+def speed(times: str, control: str | None) -> None:
+    """Go on at TIMES real time; 'max' or 0: as fast as it goes."""
+    with remote(control) as sim:
+        _tell(sim.speed(parse_speed(times)))
+
+
+@click.command("step")
+@click.argument("seconds", type=float)
+@control_option
+def step(seconds: float, control: str | None) -> None:
+    """Go on for SECONDS of simulated time, and pause."""
+    with remote(control) as sim:
+        _tell(sim.step(seconds))
+
+
+@click.command("stop")
+@control_option
+def stop(control: str | None) -> None:
+    """End the simulator."""
+    with remote(control) as sim:
+        sim.stop()
+
+
+def parse_speed(text: str) -> float:
+    """Times real time; 0 for "max". :class:`click.BadParameter` for what is neither."""
+    try:
+        times = 0.0 if text == "max" else float(text)
+    except ValueError:
+        times = -1.0
+    if not 0.0 <= times < 1e6:
+        raise click.BadParameter(f"{text!r}; expected a number such as 4, or 'max'", param_hint="speed")
+    return times

@@ -1,0 +1,111 @@
+"""When the world's next tick is due: in real time, a multiple of it, as fast as it goes, or not at all while paused."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from zmav.errors import BadConfig
+
+MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
+MEASURED_S = 1.0  # of wall time over which the speed and the share of a core are told
+SLOW = 0.95  # of the speed asked for: below it the world is behind
+
+
+class Pacer:
+    """Paces ticks of ``tick_s`` simulated seconds against ``clock`` (wall seconds); ``cpu`` gives the process's CPU
+    seconds. All of it is called in the world's thread, except what only reads.
+    """
+
+    def __init__(
+        self,
+        tick_s: float,
+        speed: float,
+        clock: Callable[[], float] = time.monotonic,
+        cpu: Callable[[], float] = time.process_time,
+    ) -> None:
+        self.paused = False
+        self.reached = 0.0
+        """simulated seconds a second, lately"""
+        self.cpu_share = 0.0
+        """of one core, lately"""
+        self.behind = False
+        """slower than asked for, lately"""
+        self.given_up_s = 0.0
+        """wall seconds that were lost for good because the machine was too slow, or asleep"""
+        self._tick_s = tick_s
+        self._clock, self._cpu = clock, cpu
+        self._speed = check_speed(speed)
+        self._ticks_left: int | None = None
+        self.restart()
+
+    @property
+    def speed(self) -> float:
+        """Times real time; infinite: as fast as it goes."""
+        return self._speed
+
+    def set_speed(self, speed: float) -> None:
+        """Go on at another speed; :class:`BadConfig` unless it is more than 0."""
+        self._speed = check_speed(speed)
+        self.restart()
+
+    def restart(self) -> None:
+        """Nothing is due from before now: the world begins, goes on after a pause, or changes its speed."""
+        self._due = self._measured = self._clock()
+        self._measured_cpu = self._cpu()
+        self._ticks = 0
+        self.behind = False
+
+    def pause(self) -> None:
+        self.paused, self._ticks_left = True, None
+        self.reached, self.behind = 0.0, False
+
+    def resume(self) -> None:
+        self.paused, self._ticks_left = False, None
+        self.restart()
+
+    def allow(self, ticks: int) -> None:
+        """Go on for so many ticks, and pause then."""
+        self.resume()
+        self._ticks_left = ticks
+
+    @property
+    def stepping(self) -> bool:
+        """Some of what :meth:`allow` allowed is still to come."""
+        return self._ticks_left is not None
+
+    def wait_s(self) -> float:
+        """Wall seconds until the next tick; 0: now; infinite: not before somebody says so."""
+        return math.inf if self.paused else max(self._due - self._clock(), 0.0)
+
+    def ticked(self) -> None:
+        """A tick is done."""
+        now = self._clock()
+        self._ticks += 1
+        self._due += self._tick_s / self._speed if math.isfinite(self._speed) else 0.0
+        if math.isinf(self._speed):
+            self._due = now
+        elif now - self._due > MOST_BEHIND_S:
+            self.given_up_s += now - self._due
+            self._due = now
+        if now - self._measured >= MEASURED_S:
+            self._measure(now)
+        if self._ticks_left is not None:
+            self._ticks_left -= 1
+            if self._ticks_left <= 0:
+                self.pause()
+
+    def _measure(self, now: float) -> None:
+        passed, cpu = now - self._measured, self._cpu()
+        self.reached = self._ticks * self._tick_s / passed
+        self.cpu_share = (cpu - self._measured_cpu) / passed
+        self.behind = math.isfinite(self._speed) and self.reached < SLOW * self._speed
+        self._measured, self._measured_cpu, self._ticks = now, cpu, 0
+
+
+def check_speed(speed: float) -> float:
+    """``speed`` itself; :class:`BadConfig` unless it is more than 0."""
+    if not speed > 0.0:
+        raise BadConfig(f"speed {speed}; expected more than 0", field="speed", value=speed, expected="more than 0")
+    return speed

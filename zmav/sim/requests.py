@@ -1,0 +1,59 @@
+"""What a running simulator can be asked by its control socket: each request's arguments and who answers it."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import Future
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from zmav.sim.listener import Offer
+from zmav.sim.status import WorldStatus
+
+if TYPE_CHECKING:
+    from zmav.sim.world import World
+
+
+class Nothing(msgspec.Struct, forbid_unknown_fields=True):
+    """No arguments."""
+
+
+class Speed(msgspec.Struct, forbid_unknown_fields=True):
+    """``times`` real time; 0: as fast as it goes."""
+
+    times: float
+
+
+class Step(msgspec.Struct, forbid_unknown_fields=True):
+    """Simulated seconds to go on for."""
+
+    seconds: float
+
+
+def offers(world: World) -> dict[str, Offer]:
+    """By name; all of it is called in the world's thread."""
+
+    def pause(_: Nothing) -> WorldStatus:
+        world.pause()
+        return world.status()
+
+    def resume(_: Nothing) -> WorldStatus:
+        world.resume()
+        return world.status()
+
+    def speed(args: Speed) -> WorldStatus:
+        world.set_speed(args.times if args.times != 0.0 else math.inf)
+        return world.status()
+
+    def step(args: Step) -> Future[WorldStatus]:
+        return world.advance(args.seconds)
+
+    return {
+        "status": Offer(Nothing, lambda _: world.status()),
+        "pause": Offer(Nothing, pause),
+        "resume": Offer(Nothing, resume),
+        "speed": Offer(Speed, speed),
+        "step": Offer(Step, step),
+        "stop": Offer(Nothing, lambda _: world.stop()),
+    }

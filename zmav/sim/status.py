@@ -1,0 +1,51 @@
+"""What a world tells of itself and its vehicles at one moment: for a live line, ``zmav sim status`` and tests."""
+
+from __future__ import annotations
+
+import msgspec
+
+Vector = tuple[float, float, float]
+
+
+class VehicleStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One vehicle. ``ned_m``: true position in the world's NED, metres; ``height_m`` above home; ``links``: open
+    channels, whether anybody is at their other end or not; ``failed``: the defect that stopped its autopilot for good.
+    """
+
+    name: str
+    sysid: int
+    kind: str = "external"
+    autopilot: str
+    airframe: str
+    url: str
+    urls: tuple[str, ...] = ()
+    mode: str
+    armed: bool
+    landed: bool
+    ready: bool
+    ned_m: Vector
+    height_m: float
+    speed_mps: float
+    heading_deg: float
+    battery_pct: int
+    links: int
+    faults: tuple[str, ...] = ()
+    failed: str | None = None
+
+
+class WorldStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """The world: simulated seconds; the speed asked for, times real time (None: as fast as it goes), and the one
+    reached lately; whether it stands still, or falls behind what was asked; wall seconds given up because it had fallen
+    too far behind; the share of a core that the process takes; and every vehicle.
+    """
+
+    time_s: float
+    speed: float | None
+    speed_reached: float
+    paused: bool = False
+    behind: bool = False
+    given_up_s: float = 0.0
+    cpu_share: float = 0.0
+    clients: int = 0
+    lockstep: bool = False
+    vehicles: tuple[VehicleStatus, ...]
