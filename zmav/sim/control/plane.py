@@ -1,0 +1,210 @@
+"""The controllers of N planes: guidance and energy (every few ticks) -> roll, pitch and throttle -> rates -> surfaces
+(every tick).
+
+Structure, parameters and units after ArduPilot's (ardupilot.org, "Roll, Pitch and Yaw Controller Tuning"): an angle's
+error over a time constant asks for a rate; feed-forward, P, I and D of the rate move the surface, scaled with airspeed
+so that a surface does as much at any speed; a bank asks for the pitch rate of its coordinated turn, g tan(phi)
+sin(phi) / V (Beard and McLain, section 9.2); the rudder goes with the aileron, and damps yaw where YAW2SRV_ says so.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from zmav.sim.arrays import Array, Flags, clamp
+from zmav.sim.control.cascade import Estimated
+from zmav.sim.control.l1 import L1
+from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, RATE, ROLL, PlaneTargets
+from zmav.sim.control.tecs import Tecs
+from zmav.sim.dynamics.airframe import GRAVITY
+
+FULL = math.radians(45.0)  # what the rate controllers call full deflection
+LEAST_BANK = math.radians(25.0)  # allowed however slow it flies
+COORDINATED = math.radians(80.0)  # no more bank is reckoned with
+STEEP = math.radians(70.0)  # of pitch: no turn is coordinated beyond
+YAW_FILTER_S = 5.0  # of the high-pass that lets a steady turn be
+
+
+class Flown(NamedTuple):
+    """What the controllers of one plane do now: radians, metres, m/s."""
+
+    roll: float
+    pitch: float
+    bearing: float
+    error: float
+    cross_track: float
+    circling: bool
+    turn_distance: float
+    speed_error: float
+    height_error: float
+    underspeed: bool
+
+
+class _RateLoop:
+    """Feed-forward and PID of one body rate, in the surface's shares. ``name``: of the parameters, "RLL" or "PTCH"."""
+
+    def __init__(self, name: str, gains: dict[str, Array], n: int) -> None:
+        parts = ("P", "I", "D", "FF", "IMAX", "FLTT", "FLTD")
+        self._g = {part: gains[f"{name}_RATE_{part}"] for part in parts}
+        self._wanted: Array = np.zeros(n)
+        self._i: Array = np.zeros(n)
+        self._error: Array = np.zeros(n)
+        self._slope: Array = np.zeros(n)
+        self._last: Array = np.zeros(n)
+
+    def update(self, wanted: Array, rate: Array, scale: Array, still: Flags, hold: Flags, dt: float) -> Array:
+        """Shares of the travel for a rate (rad/s). ``still``: the integrator is emptied, ``hold``: it does not grow."""
+        g = self._g
+        self._wanted += (wanted - self._wanted) * _lowpass(g["FLTT"], dt)
+        square = scale * scale
+        error = (self._wanted - rate) * square
+        self._slope += ((error - self._error) / dt - self._slope) * _lowpass(g["FLTD"], dt)
+        self._error = error
+        grown = clamp(self._i + error * g["I"] * dt, -g["IMAX"], g["IMAX"])
+        self._i = np.where(hold & (np.abs(grown) > np.abs(self._i)), self._i, grown) * ~still
+        out = self._wanted * g["FF"] * scale + error * g["P"] + self._i + self._slope * g["D"] * ~still
+        self._last = clamp(out * (1.0 / FULL), -1.0, 1.0)
+        return self._last
+
+    @property
+    def saturated(self) -> Flags:
+        result: Flags = np.abs(self._last) >= 1.0
+        return result
+
+
+def _lowpass(cutoff_hz: Array, dt: float) -> Array:
+    """Share of a first-order filter's step; all of it for a cutoff of zero."""
+    rc = 1.0 / (2.0 * math.pi * np.maximum(cutoff_hz, 1e-3))
+    result: Array = np.where(cutoff_hz > 0.0, dt / (dt + rc), 1.0)
+    return result
+
+
+class PlaneControl:
+    """Controllers of N planes; ``surface`` (3, N) and ``throttle`` (N,) are what they ask for."""
+
+    def __init__(self, targets: PlaneTargets, eas2tas: float) -> None:
+        n = targets.lateral.shape[0]
+        self.targets = targets
+        self.eas2tas = eas2tas
+        self.l1, self.tecs = L1(targets), Tecs(targets)
+        self.surface: Array = np.zeros((3, n))
+        self.throttle: Array = np.zeros(n)
+        self.roll: Array = np.zeros(n)  # asked for
+        self.pitch: Array = np.zeros(n)
+        self._roll_loop = _RateLoop("RLL", targets.gains, n)
+        self._pitch_loop = _RateLoop("PTCH", targets.gains, n)
+        self._yaw_slow: Array = np.zeros(n)
+        self._yaw_i: Array = np.zeros(n)
+
+    def navigate(self, est: Estimated, euler: Array, airspeed: Array, dt: float) -> None:
+        """Guidance and energy; ``euler`` (3, N) rad, ``airspeed`` (N,) true."""
+        t = self.targets
+        self.l1.update(est.pos, est.vel, euler[2], dt)
+        by_path = t.lateral >= LINE
+        steep = np.cos(clamp(euler[1], -math.pi / 3.0, math.pi / 3.0))
+        bank = np.arctan(self.l1.accel / (GRAVITY * steep))
+        self.roll = clamp(np.where(by_path, bank, t.roll), -t.roll_limit, t.roll_limit)
+        self._keep_flying(airspeed)
+        load = 1.0 / np.cos(clamp(np.abs(self.roll), 0.0, math.radians(85.0)))
+        self.tecs.update(-est.pos[2], -est.vel[2], euler[1], euler[0], load, self.eas2tas, dt)
+
+    def _keep_flying(self, airspeed: Array) -> None:
+        """No more bank than this airspeed can carry (STALL_PREVENTION)."""
+        g = self.targets.gains
+        stall = np.where(g["AIRSPEED_STALL"] > 0.0, g["AIRSPEED_STALL"], g["AIRSPEED_MIN"])
+        ratio = np.maximum(airspeed / (self.eas2tas * stall), 1.0)
+        most = np.maximum(np.arccos(1.0 / (ratio * ratio)), LEAST_BANK)
+        guarded = (g["STALL_PREVENTION"] > 0.0) & (self.targets.lateral >= ROLL)
+        self.roll = np.where(guarded, clamp(self.roll, -most, most), self.roll)
+
+    def level(self, est: Estimated, euler: Array, force: Array, airspeed: Array, dt: float) -> None:
+        """Attitude and rate loops, once a tick: ``force`` (3, N) m/s^2 is what the accelerometers read."""
+        t, g = self.targets, self.targets.gains
+        self.tecs.sense(airspeed, force[0] - GRAVITY * np.sin(euler[1]), dt)
+        eas = np.maximum(airspeed / self.eas2tas, 0.1)
+        low = np.minimum(0.5, g["SCALING_SPEED"] / (2.0 * g["AIRSPEED_MAX"]))
+        high = np.maximum(2.0, g["SCALING_SPEED"] / (0.7 * g["AIRSPEED_MIN"]))
+        scale = clamp(g["SCALING_SPEED"] / eas, low, high)
+        by_energy = t.upright == ENERGY
+        self.pitch = np.where(by_energy, self.tecs.pitch, t.pitch)
+        roll_rate = clamp((self.roll - euler[0]) / g["RLL2SRV_TCONST"], *_rates(g["RLL2SRV_RMAX"], g["RLL2SRV_RMAX"]))
+        roll_rate = np.where(t.lateral == RATE, t.p, roll_rate)
+        pitch_rate = self._pitch_rate(euler, airspeed)
+        idle = t.idle
+        aileron = self._roll_loop.update(
+            roll_rate, est.rate[0], scale, idle, self._roll_loop.saturated | (eas < g["AIRSPEED_MIN"]), dt
+        )
+        elevator = self._pitch_loop.update(
+            pitch_rate, est.rate[1], scale, idle, self._pitch_loop.saturated | (eas < 0.5 * g["AIRSPEED_MIN"]), dt
+        )
+        self.surface[0] = np.where(t.lateral == 0, t.aileron, aileron)
+        self.surface[1] = np.where(t.upright == 0, t.elevator, elevator)
+        self.surface[2] = self._rudder(est, euler, force, airspeed, scale, dt)
+        wanted = np.where(t.auto_throttle, self.tecs.throttle, t.throttle)
+        self.throttle = clamp(wanted, 0.0, 1.0)
+
+    def _pitch_rate(self, euler: Array, airspeed: Array) -> Array:
+        t, g = self.targets, self.targets.gains
+        roll, pitch = euler[0], euler[1]
+        upright = np.abs(roll) < 0.5 * math.pi
+        bank = clamp(roll, -COORDINATED, COORDINATED)
+        slowest = np.maximum(airspeed, g["AIRSPEED_MIN"])
+        turn = np.cos(pitch) * np.abs(GRAVITY / slowest * np.tan(bank) * np.sin(bank)) * g["PTCH2SRV_RLL"]
+        turn = np.where(np.abs(pitch) > STEEP, 0.0, turn)
+        wanted = (self.pitch + np.radians(g["PTCH_TRIM_DEG"]) - pitch) / g["PTCH2SRV_TCONST"]
+        rate = clamp(wanted + turn, *_rates(g["PTCH2SRV_RMAX_DN"], g["PTCH2SRV_RMAX_UP"]))
+        rate = np.where(upright, rate, -wanted - turn)
+        # Beyond the bank limit the bank comes first: the elevator would turn it, not raise it.
+        lean = np.where(upright, np.abs(roll), math.pi - np.abs(roll))
+        margin = np.minimum(np.radians(g["ROLL_LIMIT_DEG"] + 5.0), math.radians(85.0))
+        over = clamp((lean - margin) / (0.5 * math.pi - margin), 0.0, 1.0)
+        rate = np.where(np.abs(pitch) < STEEP, rate * (1.0 - over), rate)
+        result: Array = np.where(t.upright == RATE, t.q, np.where(t.upright >= PITCH, rate, 0.0))
+        return result
+
+    def _rudder(self, est: Estimated, euler: Array, force: Array, airspeed: Array, scale: Array, dt: float) -> Array:
+        t, g = self.targets, self.targets.gains
+        turn = (
+            GRAVITY / np.maximum(airspeed, g["AIRSPEED_MIN"]) * np.sin(euler[0]) * np.cos(euler[1]) * g["YAW2SRV_RLL"]
+        )
+        yaw_rate = est.rate[2] - turn
+        self._yaw_slow += (yaw_rate - self._yaw_slow) * min(dt / YAW_FILTER_S, 1.0)
+        quick = yaw_rate - self._yaw_slow
+        self._yaw_i = np.where(
+            (g["YAW2SRV_DAMP"] > 0.0) & ~t.idle,
+            clamp(self._yaw_i - (g["YAW2SRV_SLIP"] * force[1] * 0.1 + quick) * g["YAW2SRV_INT"] * dt, -1.0, 1.0),
+            0.0,
+        )
+        damped = (self._yaw_i - quick) * g["YAW2SRV_DAMP"] * scale * scale
+        mixed = damped + g["KFF_RDDRMIX"] * self.surface[0] + t.rudder
+        rudder = np.where(t.auto_rudder, mixed, t.rudder)
+        if t.steering.any():
+            miss = np.arctan2(np.sin(t.heading - euler[2]), np.cos(t.heading - euler[2]))
+            course = (miss / g["STEER2SRV_TCONST"] - est.rate[2]) * g["STEER2SRV_P"] * 0.5
+            rudder = np.where(t.steering, course, rudder)
+        return clamp(rudder, -1.0, 1.0)
+
+    def flown(self, index: int) -> Flown:
+        """What is done about one plane."""
+        l1, tecs, t = self.l1, self.tecs, self.targets
+        by_energy = t.upright[index] == ENERGY
+        return Flown(
+            float(self.roll[index]),
+            float(self.pitch[index]),
+            float(l1.bearing[index]),
+            float(l1.error[index]),
+            float(l1.cross_track[index]),
+            bool(l1.circling[index]),
+            float(l1.distance[index]),
+            float(tecs.speed_error[index]) if by_energy else 0.0,
+            float(t.height[index]),
+            bool(tecs.underspeed[index]),
+        )
+
+
+def _rates(down: Array, up: Array) -> tuple[Array, Array]:
+    """Bounds of a rate, rad/s, from degrees a second; zero is no bound."""
+    return -np.radians(np.where(down > 0.0, down, 1e6)), np.radians(np.where(up > 0.0, up, 1e6))

@@ -1,0 +1,255 @@
+"""What a fixed wing's controllers are asked to do, for N planes: one row per quantity, one column per plane.
+
+An autopilot writes its own column through :class:`PlaneHandle`; the controllers read whole rows.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Any
+
+import numpy as np
+
+from zmav.sim.arrays import Array
+from zmav.sim.control.setpoints import Vector
+
+
+class Lateral(enum.IntEnum):
+    """What holds the roll axis."""
+
+    DIRECT = 0  # the aileron, as given
+    RATE = 1
+    ROLL = 2
+    LINE = 3  # from one place to another
+    CIRCLE = 4  # about a place
+    HEADING = 5
+
+
+class Upright(enum.IntEnum):
+    """What holds the pitch axis."""
+
+    DIRECT = 0  # the elevator, as given
+    RATE = 1
+    PITCH = 2
+    ENERGY = 3  # height and speed
+
+
+class Stage(enum.IntEnum):
+    """Of the flight, where the energy controller acts differently."""
+
+    NORMAL = 0
+    TAKEOFF = 1
+    LAND = 2
+    FLARE = 3
+
+
+# As plain numbers, for comparing whole rows many times a second.
+LINE, CIRCLE, HEADING, ROLL, RATE = (
+    int(k) for k in (Lateral.LINE, Lateral.CIRCLE, Lateral.HEADING, Lateral.ROLL, Lateral.RATE)
+)
+ENERGY, PITCH = int(Upright.ENERGY), int(Upright.PITCH)
+TAKEOFF, LAND, FLARE = int(Stage.TAKEOFF), int(Stage.LAND), int(Stage.FLARE)
+
+# Parameter -> (lowest, highest) that the controllers fly with: beyond it the numbers, not the plane, would fly away.
+GAINS: dict[str, tuple[float, float]] = {
+    "RLL2SRV_TCONST": (0.05, 10.0),
+    "RLL2SRV_RMAX": (0.0, 1000.0),
+    "RLL_RATE_P": (0.0, 10.0),
+    "RLL_RATE_I": (0.0, 10.0),
+    "RLL_RATE_D": (0.0, 1.0),
+    "RLL_RATE_FF": (0.0, 10.0),
+    "RLL_RATE_IMAX": (0.0, 1.0),
+    "RLL_RATE_FLTT": (0.0, 100.0),
+    "RLL_RATE_FLTD": (0.0, 100.0),
+    "PTCH2SRV_TCONST": (0.05, 10.0),
+    "PTCH2SRV_RMAX_UP": (0.0, 1000.0),
+    "PTCH2SRV_RMAX_DN": (0.0, 1000.0),
+    "PTCH2SRV_RLL": (0.0, 3.0),
+    "PTCH_RATE_P": (0.0, 10.0),
+    "PTCH_RATE_I": (0.0, 10.0),
+    "PTCH_RATE_D": (0.0, 1.0),
+    "PTCH_RATE_FF": (0.0, 10.0),
+    "PTCH_RATE_IMAX": (0.0, 1.0),
+    "PTCH_RATE_FLTT": (0.0, 100.0),
+    "PTCH_RATE_FLTD": (0.0, 100.0),
+    "YAW2SRV_SLIP": (0.0, 4.0),
+    "YAW2SRV_INT": (0.0, 2.0),
+    "YAW2SRV_DAMP": (0.0, 2.0),
+    "YAW2SRV_RLL": (0.0, 3.0),
+    "YAW2SRV_IMAX": (0.0, 4500.0),
+    "KFF_RDDRMIX": (-1.0, 1.0),
+    "SCALING_SPEED": (1.0, 100.0),
+    "STEER2SRV_P": (0.0, 10.0),
+    "STEER2SRV_TCONST": (0.2, 10.0),
+    "NAVL1_PERIOD": (1.0, 100.0),
+    "NAVL1_DAMPING": (0.1, 2.0),
+    "NAVL1_XTRACK_I": (0.0, 0.1),
+    "TECS_CLMB_MAX": (0.1, 50.0),
+    "TECS_SINK_MIN": (0.1, 50.0),
+    "TECS_SINK_MAX": (0.1, 50.0),
+    "TECS_TIME_CONST": (0.5, 50.0),
+    "TECS_THR_DAMP": (0.0, 5.0),
+    "TECS_PTCH_DAMP": (0.0, 5.0),
+    "TECS_INTEG_GAIN": (0.0, 2.0),
+    "TECS_VERT_ACC": (0.5, 50.0),
+    "TECS_SPD_OMEGA": (0.1, 10.0),
+    "TECS_RLL2THR": (0.0, 100.0),
+    "TECS_SPDWEIGHT": (0.0, 2.0),
+    "TECS_PITCH_MAX": (0.0, 60.0),
+    "TECS_PITCH_MIN": (-60.0, 0.0),
+    "TECS_HDEM_TCONST": (0.2, 30.0),
+    "TECS_LAND_TCONST": (0.5, 20.0),
+    "TECS_LAND_SINK": (0.0, 5.0),
+    "TECS_LAND_DAMP": (0.0, 5.0),
+    "TECS_LAND_PMAX": (0.0, 60.0),
+    "LAND_PITCH_DEG": (-20.0, 20.0),
+    "AIRSPEED_CRUISE": (3.0, 100.0),
+    "AIRSPEED_MIN": (3.0, 100.0),
+    "AIRSPEED_MAX": (3.0, 100.0),
+    "AIRSPEED_STALL": (0.0, 100.0),
+    "STALL_PREVENTION": (0.0, 1.0),
+    "TRIM_THROTTLE": (0.0, 100.0),
+    "THR_MAX": (0.0, 100.0),
+    "THR_MIN": (0.0, 100.0),
+    "THR_SLEWRATE": (0.0, 500.0),
+    "ROLL_LIMIT_DEG": (1.0, 90.0),
+    "PTCH_LIM_MAX_DEG": (1.0, 90.0),
+    "PTCH_LIM_MIN_DEG": (-90.0, -1.0),
+    "PTCH_TRIM_DEG": (-45.0, 45.0),
+}
+
+
+class PlaneTargets:
+    """Targets of N planes: metres NED of the world, m/s, radians; surfaces as shares of their travel (roll right, nose
+    up, nose right), throttle 0 to 1. Speeds are equivalent airspeeds. ``radius`` of a circle is positive clockwise.
+    """
+
+    def __init__(self, n: int) -> None:
+        def row(value: float = 0.0) -> Array:
+            return np.full(n, value)
+
+        self.lateral = np.zeros(n, dtype=np.int8)
+        self.upright = np.zeros(n, dtype=np.int8)
+        self.stage = np.zeros(n, dtype=np.int8)
+        self.auto_throttle = np.zeros(n, dtype=bool)
+        self.auto_rudder = np.zeros(n, dtype=bool)
+        self.steering = np.zeros(n, dtype=bool)  # the rudder holds a course on the ground
+        self.idle = np.ones(n, dtype=bool)  # integrators rest: it stands
+        self.aileron, self.elevator, self.rudder, self.throttle = row(), row(), row(), row()
+        self.p, self.q = row(), row()  # body rates, rad/s
+        self.roll, self.pitch = row(), row()
+        self.heading = row()
+        self.start: Array = np.zeros((2, n))
+        self.end: Array = np.zeros((2, n))  # of a line; the centre of a circle
+        self.radius = row()
+        self.height = row()  # over the world's origin
+        self.airspeed = row(22.0)
+        self.ground_height = row()  # of the place to land at, over the world's origin
+        self.roll_limit = row(1.0)
+        self.pitch_min, self.pitch_max = row(-1.5), row(1.5)
+        self.throttle_min, self.throttle_max = row(), row(1.0)
+        self.gains: dict[str, Array] = {name: row(low) for name, (low, _) in GAINS.items()}
+
+    def handle(self, index: int) -> PlaneHandle:
+        return PlaneHandle(self, index)
+
+
+class PlaneHandle:
+    """One plane's column of :class:`PlaneTargets`. ``flown``: what its controllers make of it, see
+    :meth:`zmav.sim.control.plane.PlaneControl.flown`.
+    """
+
+    def __init__(self, table: PlaneTargets, index: int) -> None:
+        self._t = table
+        self._i = index
+        self.flown: Any = None
+
+    def gain(self, name: str, value: float) -> None:
+        """Set one of :data:`GAINS`, kept within its bounds."""
+        low, high = GAINS[name]
+        self._t.gains[name][self._i] = min(max(value, low), high)
+
+    def off(self) -> None:
+        """Surfaces in the middle, no thrust."""
+        self.surfaces(0.0, 0.0, 0.0)
+        self.power(0.0)
+        self.stage(Stage.NORMAL)
+        self._t.idle[self._i] = True
+        self._t.steering[self._i] = False
+
+    def flying(self, on: bool) -> None:
+        """The integrators may work."""
+        self._t.idle[self._i] = not on
+
+    def surfaces(self, aileron: float, elevator: float, rudder: float) -> None:
+        t, i = self._t, self._i
+        t.lateral[i], t.upright[i] = Lateral.DIRECT, Upright.DIRECT
+        t.aileron[i], t.elevator[i], t.rudder[i] = aileron, elevator, rudder
+        t.auto_rudder[i] = False
+
+    def rates(self, p: float, q: float) -> None:
+        """Hold body rates of roll and pitch, rad/s."""
+        self._t.lateral[self._i], self._t.upright[self._i] = Lateral.RATE, Upright.RATE
+        self._t.p[self._i], self._t.q[self._i] = p, q
+        self._t.auto_rudder[self._i] = True
+
+    def yaw(self, rudder: float) -> None:
+        """The pilot's rudder: on top of what coordinates turns."""
+        self._t.rudder[self._i] = rudder
+
+    def roll(self, angle: float) -> None:
+        self._t.lateral[self._i], self._t.roll[self._i] = Lateral.ROLL, angle
+        self._t.auto_rudder[self._i] = True
+
+    def pitch(self, angle: float) -> None:
+        self._t.upright[self._i], self._t.pitch[self._i] = Upright.PITCH, angle
+
+    def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        t, i = self._t, self._i
+        t.lateral[i], t.auto_rudder[i] = Lateral.LINE, True
+        t.start[:, i], t.end[:, i] = start, end
+
+    def circle(self, centre: tuple[float, float], radius: float) -> None:
+        """``radius``: metres, negative counter-clockwise."""
+        t, i = self._t, self._i
+        t.lateral[i], t.auto_rudder[i] = Lateral.CIRCLE, True
+        t.end[:, i], t.radius[i] = centre, radius
+
+    def fly_heading(self, heading: float) -> None:
+        t, i = self._t, self._i
+        t.lateral[i], t.auto_rudder[i], t.heading[i] = Lateral.HEADING, True, heading
+
+    def steer(self, on: bool) -> None:
+        """Whether the rudder, and the nose wheel with it, holds ``heading`` on the ground."""
+        self._t.steering[self._i] = on
+
+    def course(self, heading: float) -> None:
+        """What :meth:`steer` holds."""
+        self._t.heading[self._i] = heading
+
+    def energy(self, height: float, airspeed: float) -> None:
+        """Hold a height (m over the world's origin) and an equivalent airspeed with elevator and throttle."""
+        t, i = self._t, self._i
+        t.upright[i], t.auto_throttle[i] = Upright.ENERGY, True
+        t.height[i], t.airspeed[i] = height, airspeed
+
+    def power(self, throttle: float) -> None:
+        self._t.auto_throttle[self._i] = False
+        self._t.throttle[self._i] = throttle
+
+    def stage(self, stage: Stage, ground_height: float = 0.0) -> None:
+        self._t.stage[self._i] = stage
+        self._t.ground_height[self._i] = ground_height
+
+    def limits(self, *, roll: float, pitch: tuple[float, float], throttle: tuple[float, float]) -> None:
+        """How far navigation may go: radians either way, radians from and to, shares from and to."""
+        t, i = self._t, self._i
+        t.roll_limit[i] = roll
+        t.pitch_min[i], t.pitch_max[i] = pitch
+        t.throttle_min[i], t.throttle_max[i] = throttle
+
+    @property
+    def target(self) -> Vector:
+        """The end of the line, or the centre of the circle, with the height, in the world's NED."""
+        t, i = self._t, self._i
+        return float(t.end[0, i]), float(t.end[1, i]), -float(t.height[i])

@@ -1,0 +1,111 @@
+"""Fixed wings of one type: physics, estimate and controllers stepped together, and a row of plain numbers for each
+autopilot.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from zmav.sim.air import SEA_LEVEL_DENSITY, density
+from zmav.sim.arrays import Array, quat_from_euler
+from zmav.sim.control.plane import PlaneControl
+from zmav.sim.control.planetargets import PlaneHandle, PlaneTargets
+from zmav.sim.dynamics.battery import Pack
+from zmav.sim.dynamics.plane import PlaneDynamics
+from zmav.sim.dynamics.wing import Wing
+from zmav.sim.fleets.base import Fleet, Sense, Surroundings
+
+NAVIGATE_EVERY = 5  # ticks
+AIR_EVERY = 10  # ticks: the density of the air changes slowly
+
+
+class PlaneFleet(Fleet):
+    """N planes of one type. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians."""
+
+    dynamics: PlaneDynamics
+
+    def __init__(self, wing: Wing, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
+        self.airframe = wing
+        dynamics = PlaneDynamics(wing, start, yaw, dt, around.environment.terrain)
+        super().__init__(dynamics, around, Pack(full_v=wing.battery_v))
+        self._air_of_height()
+        # Airspeeds that controllers are told are equivalent ones; the ratio is that of the world's origin.
+        eas2tas = math.sqrt(SEA_LEVEL_DENSITY / float(density(np.array(around.place.alt_amsl_m))))
+        self.targets = PlaneTargets(start.shape[1])
+        self.control = PlaneControl(self.targets, eas2tas)
+        self._dt = dt
+        self._ticks = 0
+        self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
+
+    def handle(self, index: int) -> PlaneHandle:
+        handle = self.targets.handle(index)
+        handle.flown = lambda: self.control.flown(index)
+        return handle
+
+    def advance(self, steps: int) -> None:
+        """One tick: attitude and rates, every fifth time guidance and energy; then ``steps`` steps of the physics, and
+        the sensors.
+        """
+        est, dyn, control = self.estimate, self.dynamics, self.control
+        tick = steps * self._dt
+        self.blow(tick)
+        if self._ticks % AIR_EVERY == 0:
+            self._air_of_height()
+        control.level(est, est.euler, est.force, dyn.airspeed, tick)
+        if self._ticks % NAVIGATE_EVERY == 0:
+            control.navigate(est, est.euler, dyn.airspeed, NAVIGATE_EVERY * tick)
+        self._ticks += 1
+        dyn.surface, dyn.throttle = control.surface, control.throttle
+        for _ in range(steps):
+            dyn.step()
+            est.refresh()
+        est.observe(tick)
+        self.battery.step(self._current(), tick)
+
+    def _air_of_height(self) -> None:
+        self.dynamics.density = density(self.around.place.alt_amsl_m - self.dynamics.pos[2])
+
+    def launch(self, index: int, speed: float, pitch: float = 0.2) -> None:
+        """Throw one standing plane by hand: m/s along its nose, radians of pitch."""
+        self.dynamics.launch(index, speed, pitch)
+
+    def outputs(self, index: int) -> list[float]:
+        """Aileron, elevator, throttle, rudder: in the order of the servo outputs."""
+        aileron, elevator, rudder = self.dynamics.surface[:, index].tolist()
+        return [aileron, elevator, float(self.dynamics.throttle[index]), rudder]
+
+    def rotor_speeds(self, index: int) -> list[float]:
+        """Of the propeller: its thrust goes with the square."""
+        return [math.sqrt(float(self.dynamics.throttle[index]))]
+
+    def senses(self) -> list[Sense]:
+        """One row of plain floats per vehicle; a touch of the ground is reported once."""
+        est, dyn, control = self.estimate, self.dynamics, self.control
+        table = self._table
+        # In the order of Sense.
+        table[0:3] = est.pos
+        table[3:6] = est.vel
+        table[6:9] = est.euler
+        table[9:12] = est.rate
+        table[12:15] = est.force
+        table[15:19] = est.q
+        table[19:21] = est.vel[:2]
+        table[21:25] = quat_from_euler(control.roll, control.pitch, est.euler[2])
+        table[25] = control.l1.bearing
+        table[26] = dyn.throttle
+        table[27] = self.battery.current
+        table[28] = dyn.contact
+        table[29] = dyn.impact
+        table[30] = dyn.airspeed
+        table[31] = self.battery.volts
+        table[32:35] = dyn.pos
+        dyn.impact[:] = 0.0
+        return [Sense._make(row) for row in table.T.tolist()]
+
+    def _current(self) -> Array:
+        """Battery current, A: power goes with the square of the throttle, as in ArduPilot's simulation."""
+        throttle = self.dynamics.throttle
+        current: Array = self.airframe.full_current_a * throttle * throttle
+        return current
