@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from zmav.errors import BadConfig
-from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY, Airframe, airframe
+from zmav.sim.dynamics.airframe import GRAVITY, Airframe, airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 
 DT = 1 / 200
-NO_DRAG = {"drag_area_m2": 0.0, "rotor_drag_kgps": 0.0}
+NO_DRAG = {"drag_area_m2": 0.0, "rotor_drag_kgps": 0.0, "inflow_mps": 0.0}
 
 
 def dynamics(frame: Airframe, height: float = 1000.0, n: int = 1) -> CopterDynamics:
@@ -49,7 +49,7 @@ def test_energy_is_kept_without_air(frame: Airframe) -> None:
 
 def test_fall_in_air_follows_tanh_to_terminal_speed(frame: Airframe) -> None:
     dyn = dynamics(frame)
-    terminal = math.sqrt(2.0 * frame.mass_kg * GRAVITY / (AIR_DENSITY * frame.drag_area_m2))
+    terminal = math.sqrt(2.0 * frame.mass_kg * GRAVITY / (frame.air_density * frame.drag_area_m2))
     for _ in range(3):
         run(dyn, 1.0)
     assert dyn.vel[2, 0] == pytest.approx(terminal * math.tanh(GRAVITY * 3.0 / terminal), rel=0.005)
@@ -58,7 +58,7 @@ def test_fall_in_air_follows_tanh_to_terminal_speed(frame: Airframe) -> None:
 
 
 def test_hover_throttle_carries_the_weight(frame: Airframe) -> None:
-    dyn = dynamics(frame)
+    dyn = dynamics(msgspec.structs.replace(frame, inflow_mps=0.0))
     dyn.throttle[:] = frame.hover_throttle
     # The rotors must spin up first; after that nothing accelerates it any more.
     run(dyn, 1.0)

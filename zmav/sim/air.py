@@ -25,7 +25,7 @@ from collections.abc import Callable
 import numpy as np
 
 from zmav.sim.arrays import Array, clamp, dot
-from zmav.sim.noise import Noise
+from zmav.sim.noise import WhiteNoise
 
 KNOT = 1852.0 / 3600.0
 FOOT = 0.3048
@@ -34,10 +34,19 @@ GUSTS = {"none": 0.0, "light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 4
 SLOWEST = 3.0  # m/s
 LOWEST_FT, LOW_FT, HIGH_FT = 10.0, 1000.0, 2000.0  # the low-altitude model's range, and where the lengths end
 LENGTH_HIGH_FT = 1750.0
+SEA_LEVEL_DENSITY = 1.225  # kg/m^3
 SCALES_EVERY = 10  # steps: heights and speeds change slower than gusts
 ROOT_3 = math.sqrt(3.0)
 
 GroundDown = Callable[[Array, Array], Array]
+
+
+def density(alt_amsl_m: Array) -> Array:
+    """Of the air at heights above the sea (m, below 11 km), kg/m^3: the International Standard Atmosphere
+    (ISO 2533), (N,).
+    """
+    result: Array = SEA_LEVEL_DENSITY * np.maximum(1.0 - 2.25577e-5 * alt_amsl_m, 0.2) ** 4.25588
+    return result
 
 
 def scales(height: Array, w20: float) -> tuple[Array, Array, Array, Array]:
@@ -67,9 +76,9 @@ class Air:
     ) -> None:
         self.mean: Array = np.repeat(np.array(wind, dtype=float)[:, None], n, axis=1)
         self.w20 = w20
-        self._ground = ground
         self._dt = dt
-        self._noise = Noise(rng, 5, n)
+        self._ground = ground
+        self._noise = WhiteNoise(rng, 5, n)
         self._steps = 0
         # Axes of the gusts: along the mean wind, across it, down.
         speed = math.hypot(wind[0], wind[1])
@@ -80,12 +89,27 @@ class Air:
         self._state[2::2] = 0.5 * (z[1::2] + z[2::2])
         self._wind: Array = self.mean.copy()
 
+    @property
+    def dt(self) -> float:
+        """Seconds of one step; they may change."""
+        return self._dt
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        if dt != self._dt:
+            self._dt, self._steps = dt, 0  # with new filters at the next step
+
+    @property
+    def calm(self) -> bool:
+        """There is nothing but the mean wind."""
+        return self.w20 == 0.0
+
     def step(self, pos: Array, vel: Array, yaw: Array | None = None) -> Array:
         """Wind (3, N), m/s NED where it blows to, for vehicles at ``pos`` with ``vel`` (3, N), one ``dt`` later.
 
         ``yaw`` is not needed: intensities and lengths are the same along the wind and across it.
         """
-        if self.w20 == 0.0:
+        if self.calm:
             return self.mean
         if self._steps % SCALES_EVERY == 0:
             self._rescale(pos, vel)

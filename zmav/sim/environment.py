@@ -39,7 +39,7 @@ class Terrain(msgspec.Struct, frozen=True):
 
 class Environment:
     """``wind``: the mean, m/s NED, where it blows to. ``gusts``: the turbulence on top of it, one of
-    :data:`zmav.sim.air.GUSTS`. ``alt_amsl_m``: of the world's origin, for the density of the air.
+    :data:`zmav.sim.air.GUSTS`.
 
     Raises :class:`BadConfig` for gusts that it does not know, and for ground steeper than 45 degrees.
     """
@@ -49,7 +49,6 @@ class Environment:
         wind: Vector = (0.0, 0.0, 0.0),
         terrain: Terrain | None = None,
         gusts: str = "none",
-        alt_amsl_m: float = 0.0,
     ) -> None:
         if gusts not in GUSTS:
             expected = ", ".join(GUSTS)
@@ -61,8 +60,7 @@ class Environment:
             if not abs(slope) <= STEEPEST:
                 raise BadConfig(f"{field} {slope}; expected -1 to 1", field=field, value=slope, expected="-1 to 1")
         self.gusts = gusts
-        self.alt_amsl_m = alt_amsl_m
 
     def air(self, n: int, rng: np.random.Generator, dt: float) -> Air:
-        """The air about ``n`` vehicles, stepped every ``dt`` seconds. ``rng`` is not drawn from, only its children."""
+        """The air about ``n`` vehicles, stepped every ``dt`` seconds. Of ``rng`` only children are used."""
         return Air(self.wind, GUSTS[self.gusts], self.terrain.down, n, rng, dt)

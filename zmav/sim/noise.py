@@ -13,7 +13,7 @@ from zmav.sim.arrays import Array
 BLOCK = 256  # draws of a vehicle at a time
 
 
-class Noise:
+class WhiteNoise:
     """``rows`` independent standard normal numbers a vehicle and draw.
 
     ``rng``: what the vehicles' generators are derived from; nothing else is taken from it.

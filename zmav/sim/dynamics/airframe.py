@@ -11,9 +11,11 @@ import numpy as np
 
 from zmav.errors import BadConfig
 from zmav.sim.arrays import Array
+from zmav.sim.dynamics.battery import Pack
 
 GRAVITY = 9.80665  # m/s^2, standard gravity
 AIR_DENSITY = 1.225  # kg/m^3, ISA sea level
+REFERENCE_DENSITY = 1.1565  # ISA at 593 m, where the default quadrotor's figures were taken
 
 
 class Rotor(msgspec.Struct, frozen=True):
@@ -31,7 +33,7 @@ class Airframe(msgspec.Struct, frozen=True, kw_only=True):
     mass_kg: float
     inertia_kgm2: tuple[float, float, float]  # about forward, right, down; products are zero
     rotors: tuple[Rotor, ...]
-    thrust_max_n: float  # one rotor at full throttle
+    thrust_max_n: float  # one rotor at full throttle, full battery and ``air_density``, standing in the air
     torque_per_thrust_m: float  # reaction torque per newton of thrust
     thrust_expo: float  # throttle -> thrust curve: 0 linear, 1 quadratic (MOT_THST_EXPO)
     rotor_tau_s: float  # first-order lag of rotor speed
@@ -40,11 +42,24 @@ class Airframe(msgspec.Struct, frozen=True, kw_only=True):
     leg_m: float  # horizontal distance of the four feet from the centre
     hover_current_a: float
     battery_mah: float
-    battery_v: float
+    battery_v: float  # full
+    battery_cells: int = 3
+    battery_ohm: float = 0.0
+    battery_ideal: bool = True  # the voltage stays whatever is drawn, as in the autopilots' own simulations
+    air_density: float = AIR_DENSITY  # that the thrust is given for, kg/m^3; 0: it is the same in any air
+    inflow_mps: float = 0.0  # a rotor at full speed moving that fast along its axis gives nothing; 0: any speed will do
+    rotor_radius_m: float = 0.0  # 0: feels no ground effect
+    rotor_height_m: float = 0.15  # over the feet
 
     @property
     def weight_n(self) -> float:
         return self.mass_kg * GRAVITY
+
+    @property
+    def pack(self) -> Pack:
+        capacity = 0.0 if self.battery_ideal else self.battery_mah
+        cells, ohm = self.battery_cells, self.battery_ohm
+        return Pack(cells=cells, capacity_mah=capacity, resistance_ohm=ohm, full_v=self.battery_v)
 
     @property
     def hover_thrust_n(self) -> float:
@@ -55,6 +70,16 @@ class Airframe(msgspec.Struct, frozen=True, kw_only=True):
     def hover_throttle(self) -> float:
         """Throttle (0..1) that hovers in still air: the thrust curve solved for the weight."""
         return float(throttle_for(np.asarray(self.hover_thrust_n / self.thrust_max_n), self.thrust_expo))
+
+    def at(self, density: float) -> Airframe:
+        """As its owner knows it who hovers in air of that density (kg/m^3) with a fresh battery: the autopilots are
+        trimmed for these rotors (MOT_THST_HOVER, MPC_THR_HOVER), while the physics goes by the bench's figures.
+        """
+        sag = 0.0 if self.battery_ideal else self.battery_ohm * self.hover_current_a / self.battery_v
+        thrust = self.thrust_max_n * (1.0 - sag) ** 2
+        if self.air_density == 0.0:
+            return msgspec.structs.replace(self, thrust_max_n=thrust)
+        return msgspec.structs.replace(self, thrust_max_n=thrust * density / self.air_density, air_density=density)
 
     def wrench_matrix(self) -> Array:
         """(4, rotors): rotor thrusts in newtons -> (total thrust, torque about forward, right, down)."""
@@ -85,7 +110,8 @@ def _ring(count: int, arm_m: float, first_deg: float, spins: tuple[int, ...]) ->
 
 
 def _quad_plus() -> Airframe:
-    # ArduPilot SITL's default "+" quadrotor: 3 kg that hovers at 0.39 throttle, and 15 m/s at 45 degrees of lean.
+    # ArduPilot SITL's default "+" quadrotor: 3 kg that hovers at 0.39 throttle, and 15 m/s at 45 degrees of lean, both
+    # at 593 m above the sea.
     right, left, front, rear = (Rotor(0, 0.25, 1), Rotor(0, -0.25, 1), Rotor(0.25, 0, -1), Rotor(-0.25, 0, -1))
     mass, hover, expo = 3.0, 0.39, 0.65
     thrust_max = mass * GRAVITY / 4 / ((1 - expo) * hover + expo * hover * hover)
@@ -98,21 +124,34 @@ def _quad_plus() -> Airframe:
         torque_per_thrust_m=0.016,
         thrust_expo=expo,
         rotor_tau_s=0.03,
-        drag_area_m2=0.14,
+        drag_area_m2=0.14 * AIR_DENSITY / REFERENCE_DENSITY,
         rotor_drag_kgps=0.35,
         leg_m=0.15,
         hover_current_a=28.3,
         battery_mah=3300.0,
         battery_v=12.6,
+        battery_ohm=0.01,
+        air_density=REFERENCE_DENSITY,
     )
 
 
 def _hexa_x() -> Airframe:
-    # A DJI F550-class hexarotor (550 mm wheelbase) of 3.2 kg.
+    """A hexarotor of the DJI F550's class: 550 mm across, 3.2 kg, 10 inch propellers, four cells.
+
+    Thrust and torque: static coefficients C_T = 0.115 and C_P = 0.045 of a 10 x 4.7 slow-flyer propeller, falling to
+    no thrust at an advance ratio of 0.65 (UIUC propeller database; J. B. Brandt, M. S. Selig, "Propeller Performance
+    Data at Low Reynolds Numbers", AIAA 2011-1255). 137 turns a second, which a motor of 900 to 960 rpm/V reaches on
+    four cells, give T = C_T rho n^2 D^4 = 11 N; torque / thrust = C_P D / (2 pi C_T) = 0.016 m; no thrust any more at
+    0.65 n D = 22.6 m/s along the axis.
+    Inertia: by parts. Six motors with propeller and controller of 105 g on a ring of 0.275 m, arms of 55 g, landing
+    gear of 200 g 0.15 m below, the rest a cylinder of 0.09 m radius and 0.12 m height.
+    Hover: 5.2 N a rotor need 48 W at the shaft, 64 W at an efficiency of 0.75: 6 x 64 W / 15.6 V = 25 A.
+    Battery: 4 cells of 4 mOhm with 4 mOhm of wires.
+    """
     return Airframe(
         name="hexa",
         mass_kg=3.2,
-        inertia_kgm2=(0.040, 0.040, 0.072),
+        inertia_kgm2=(0.043, 0.040, 0.069),
         rotors=_ring(6, 0.275, 30.0, (1, -1, 1, -1, 1, -1)),
         thrust_max_n=11.0,
         torque_per_thrust_m=0.016,
@@ -121,9 +160,14 @@ def _hexa_x() -> Airframe:
         drag_area_m2=0.16,
         rotor_drag_kgps=0.40,
         leg_m=0.16,
-        hover_current_a=30.0,
+        hover_current_a=25.0,
         battery_mah=5000.0,
-        battery_v=14.8,
+        battery_v=16.8,
+        battery_cells=4,
+        battery_ohm=0.020,
+        battery_ideal=False,
+        inflow_mps=22.6,
+        rotor_radius_m=0.127,
     )
 
 
@@ -144,6 +188,8 @@ def _sih_x() -> Airframe:
         hover_current_a=9.0,
         battery_mah=3300.0,
         battery_v=16.2,
+        battery_cells=4,
+        air_density=0.0,
     )
 
 

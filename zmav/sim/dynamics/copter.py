@@ -9,7 +9,8 @@ Robotics & Automation Magazine 19(3), 2012, with axes north-east-down and forwar
     J w' = tau - w x J w
 
 Each rotor turns at a speed (as a fraction of its maximum) that follows its throttle through the thrust curve with a
-first-order lag; its thrust goes with the square of that speed. Drag is the body's (quadratic in air speed) plus the
+first-order lag; its thrust goes with the square of that speed, and where the airframe says so less with the air
+coming from above. Drag is the body's (quadratic in air speed) plus the
 rotor discs' (linear, in their plane: section "Blade flapping and induced drag" of the same paper). The ground is a
 plane under four feet with a spring, a damper and friction; a vehicle that has come to rest on it stays exactly where
 it is until its rotors lift it.
@@ -19,16 +20,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, body_z, dot, quat_rate, rotation_matrix
+from zmav.sim.arrays import Array, Flags, body_z, dot, quat_from_euler, quat_rate
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY, Airframe
+from zmav.sim.dynamics.ground import REACH_M, REST_SPEED, Ground
 from zmav.sim.environment import Terrain
 
-SINK_M = 0.005  # how far the feet press into the ground under the vehicle's own weight
-GROUND_DAMPING = 0.7  # damping ratio of a vertical bounce
-FRICTION = 0.7  # Coulomb coefficient of the feet
-SLIP_SPEED = 0.1  # m/s below which friction is taken as viscous
-CONTACT_REACH_M = 0.5  # feet are looked at below this height
-REST_SPEED = 0.05  # m/s, and rad/s
 REST_THRUST = 0.7  # of the weight: below it a standing vehicle does not move
 
 
@@ -37,6 +33,8 @@ class CopterDynamics:
     (M, N).
 
     The inputs are ``throttle`` (M, N) in 0..1 and ``wind`` (3, N) m/s NED; :meth:`step` advances by ``dt``.
+    ``efficiency`` (M, N): 1 a whole rotor, 0 a motor that has failed; ``supply`` (N,): the battery's voltage as a share
+    of a full one's; ``density`` (N,): of the air, kg/m^3.
     """
 
     def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float, terrain: Terrain | None = None) -> None:
@@ -44,27 +42,32 @@ class CopterDynamics:
         self.airframe = airframe
         self.pos: Array = start.astype(float).copy()
         self.vel: Array = np.zeros((3, n))
-        self.q: Array = np.zeros((4, n))
-        self.q[0], self.q[3] = np.cos(yaw / 2), np.sin(yaw / 2)
+        leg = airframe.leg_m
+        feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
+        rotor_m = (airframe.rotor_radius_m, airframe.rotor_height_m)
+        self.ground = Ground(terrain or Terrain(), feet, airframe.weight_n, rotor_m)
         self.rate: Array = np.zeros((3, n))
         self.rotor: Array = np.zeros((m, n))
         self.throttle: Array = np.zeros((m, n))
+        self.efficiency: Array = np.ones((m, n))
+        self.supply: Array = np.ones(n)
+        self.density: Array = np.full(n, airframe.air_density or AIR_DENSITY)
         self.wind: Array = np.zeros((3, n))
-        self.terrain = terrain or Terrain()
-        self.ground_down = self.terrain.down_m
+        self.terrain = self.ground.terrain
         self.accel: Array = np.zeros((3, n))  # of the last step, m/s^2 NED, gravity included
         self.thrust: Array = np.zeros((m, n))  # of the last step, N
-        self.contact: Flags = self.pos[2] >= self.ground_down - 1e-6
-        self.resting: Flags = self.contact.copy()
+        self.contact: Flags = self.ground.height(self.pos) <= 1e-6
+        self.resting: Flags = self.contact & self.ground.holds
+        self.q: Array = np.where(self.contact, self.ground.upright(yaw), quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw))
         self.impact: Array = np.zeros(n)  # down speed of the last touch of the ground, m/s; cleared by who reads it
         self._wrench = airframe.wrench_matrix()
+        self._forward = np.array([[r.forward_m] for r in airframe.rotors])
+        self._right = np.array([[r.right_m] for r in airframe.rotors])
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
         jx, jy, jz = airframe.inertia_kgm2
         self._gyro: Array = np.zeros((3, n))
         self._gyro_inertia = np.array([[jz - jy], [jx - jz], [jy - jx]])
         self.dt = dt
-        leg = airframe.leg_m
-        self._feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
 
     @property
     def n(self) -> int:
@@ -84,9 +87,15 @@ class CopterDynamics:
         """Advance every vehicle by ``dt`` seconds."""
         frame = self.airframe
         u = self.throttle
-        wanted = np.sqrt(u * (1.0 - frame.thrust_expo) + u * u * frame.thrust_expo)
+        wanted = np.sqrt(u * (1.0 - frame.thrust_expo) + u * u * frame.thrust_expo) * self.supply
         self.rotor += (wanted - self.rotor) * self._lag
-        self.thrust = self.rotor * self.rotor * frame.thrust_max_n
+        lift = self.rotor * self.rotor
+        if frame.inflow_mps > 0.0:
+            lift = np.maximum(lift - self.rotor * self._inflow(), 0.0)
+        lift = lift * self.efficiency
+        if frame.air_density > 0.0:
+            lift *= self.density * (1.0 / frame.air_density)
+        self.thrust = lift * frame.thrust_max_n
         wrench = self._wrench @ self.thrust
         total = wrench[0]
         self.resting &= total < REST_THRUST * frame.weight_n
@@ -98,14 +107,25 @@ class CopterDynamics:
         down = body_z(self.q)
         force = self._drag(down, total) - down * total
         torque = wrench[1:]
-        self._ground(force, torque)
+        self._touch(force, torque, down, total)
         self._integrate(force, torque)
+
+    def _inflow(self) -> Array:
+        """Air through each rotor from above, as a share of the speed at which it gives nothing, (M, N).
+
+        Thrust falls linearly with the advance ratio V / nD: T = T_max (r^2 - r V / V_0), r the share of full speed.
+        """
+        air = self.vel - self.wind
+        climb = -dot(body_z(self.q), air)
+        p, q, _ = self.rate
+        share: Array = (climb - self._right * p + self._forward * q) * (1.0 / self.airframe.inflow_mps)
+        return share
 
     def energy(self) -> Array:
         """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero on the ground."""
         kinetic = 0.5 * self.airframe.mass_kg * dot(self.vel, self.vel)
         spinning = 0.5 * (self._inertia * self.rate * self.rate).sum(0)
-        height: Array = self.ground_down - self.pos[2]
+        height: Array = self.ground.height(self.pos)
         result: Array = kinetic + spinning + self.airframe.weight_n * height
         return result
 
@@ -114,46 +134,35 @@ class CopterDynamics:
         frame = self.airframe
         air = self.vel - self.wind
         speed = np.sqrt(dot(air, air))
-        body = air * (-0.5 * AIR_DENSITY * frame.drag_area_m2 * speed)
+        body = air * (self.density * speed * (-0.5 * frame.drag_area_m2))
         # The discs' drag goes with the rotors' speed: with the square root of thrust, one at hover.
         in_plane = air - down * dot(air, down)
         discs = in_plane * (-frame.rotor_drag_kgps * np.sqrt(total / frame.weight_n))
         result: Array = body + discs
         return result
 
-    def _ground(self, force: Array, torque: Array) -> None:
-        """Add the forces of the ground on the feet of those near it; notes first touches in ``impact``."""
-        if self.pos[2].max() < self.ground_down - CONTACT_REACH_M:
+    def _touch(self, force: Array, torque: Array, down: Array, total: Array) -> None:
+        """Add what the ground does to those near it; notes first touches in ``impact``."""
+        height = self.ground.height(self.pos)
+        if height.min() > REACH_M:
             self.contact[:] = False
             return
-        near = (self.pos[2] > self.ground_down - CONTACT_REACH_M) & ~self.resting
+        near = (height < REACH_M) & ~self.resting
         self.contact &= near | self.resting
         index = np.flatnonzero(near)
         if not index.size:
             return
-        frame = self.airframe
-        rot = rotation_matrix(self.q[:, index])
-        feet = np.einsum("ijn,jk->ikn", rot, self._feet)  # world offsets of the feet, (3, 4, near)
-        rate = np.einsum("ijn,jn->in", rot, self.rate[:, index])
-        depth = feet[2] + (self.pos[2, index] - self.ground_down)
-        touching = depth > 0.0
-        now = touching.any(0)
+        cushion = self.ground.cushion(height[index]) - 1.0
+        force[:, index] -= down[:, index] * (total[index] * cushion)
+        now, push, twist, closing = self.ground.push(
+            self.pos[:, index], self.vel[:, index], self.q[:, index], self.rate[:, index]
+        )
         first = now & ~self.contact[index]
         fresh = index[first]
-        self.impact[fresh] = np.maximum(self.impact[fresh], self.vel[2, fresh])
+        self.impact[fresh] = np.maximum(self.impact[fresh], closing[first])
         self.contact[index] = now
-        if not now.any():
-            return
-        speed = self.vel[:, None, index] + np.cross(rate[:, None, :], feet, axis=0)
-        stiff = frame.weight_n / SINK_M / 4.0
-        damp = 2.0 * GROUND_DAMPING * np.sqrt(GRAVITY / SINK_M) * frame.mass_kg / 4.0
-        press = np.where(touching, np.maximum(stiff * depth + damp * speed[2], 0.0), 0.0)
-        slip = np.sqrt(speed[0] * speed[0] + speed[1] * speed[1])
-        grip = -FRICTION * press / np.maximum(slip, SLIP_SPEED)
-        push = np.stack([grip * speed[0], grip * speed[1], -press])
-        force[:, index] += push.sum(1)
-        twist = np.cross(feet, push, axis=0).sum(1)
-        torque[:, index] += np.einsum("jin,jn->in", rot, twist)
+        force[:, index] += push
+        torque[:, index] += twist
 
     def _integrate(self, force: Array, torque: Array) -> None:
         dt = self.dt
@@ -177,9 +186,10 @@ class CopterDynamics:
 
     def _rest(self, accel: Array) -> None:
         """Those on the ground that hardly move and do not lift come to rest; those at rest do not move."""
-        slow = (dot(self.vel, self.vel) < REST_SPEED**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
+        slow = (dot(self.vel, self.vel) < self.ground.rest_speed**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
         light = self.thrust.sum(0) < REST_THRUST * self.airframe.weight_n
-        self.resting |= self.contact & slow & light
+        if self.ground.holds:
+            self.resting |= self.contact & slow & light
         moving = ~self.resting
         self.vel *= moving
         self.rate *= moving

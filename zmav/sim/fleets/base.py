@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from zmav.sim.dynamics.battery import Battery, BatteryHandle, Pack
 from zmav.sim.dynamics.body import Body
 from zmav.sim.environment import Environment, Vector
 from zmav.sim.geo import Position
@@ -76,17 +77,26 @@ class Sense(NamedTuple):
 class Fleet(ABC):
     """N vehicles of one airframe; the order of vehicles is that of the columns of every array.
 
-    ``advance`` of a subclass calls ``estimate.refresh()`` after each step of the physics and ``estimate.observe(dt)``
-    at the end of the tick; its controllers see ``estimate`` and never the truth.
+    ``advance`` of a subclass calls :meth:`blow` first, ``estimate.refresh()`` after each step of the physics, and at
+    the end of the tick ``estimate.observe(dt)`` and ``battery.step(current, dt)``; its controllers see ``estimate`` and
+    never the truth.
     """
 
     dynamics: Body
 
-    def __init__(self, dynamics: Body, around: Surroundings) -> None:
+    def __init__(self, dynamics: Body, around: Surroundings, pack: Pack | None = None) -> None:
         self.dynamics = dynamics
         self.around = around
         self.dynamics.wind[:] = np.array(around.environment.wind)[:, None]
+        self.air = around.environment.air(dynamics.n, around.generator("air"), dynamics.dt)
+        self.battery = Battery(pack or Pack(), dynamics.n)
         self.estimate = Estimator(dynamics, around.generator(""), around.gps_noise_m)
+
+    def blow(self, dt: float) -> None:
+        """Let the wind of the next ``dt`` seconds blow; where there is only a mean one nothing changes."""
+        if not self.air.calm:
+            self.air.dt = dt
+            self.dynamics.wind[:] = self.air.step(self.dynamics.pos, self.dynamics.vel)
 
     @abstractmethod
     def advance(self, steps: int) -> None:
@@ -119,6 +129,10 @@ class Seat:
 
     def outputs(self) -> list[float]:
         return self.fleet.outputs(self.index)
+
+    @property
+    def battery(self) -> BatteryHandle:
+        return BatteryHandle(self.fleet.battery, self.index)
 
     def rotor_speeds(self) -> list[float]:
         return self.fleet.rotor_speeds(self.index)

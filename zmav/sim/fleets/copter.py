@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from zmav.sim.air import density
 from zmav.sim.arrays import Array, dot
 from zmav.sim.control.cascade import Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
@@ -14,6 +15,7 @@ from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 
 OUTER_EVERY = 2  # ticks
+AIR_EVERY = 10  # ticks: the density of the air changes slowly
 
 
 class CopterFleet(Fleet):
@@ -29,10 +31,11 @@ class CopterFleet(Fleet):
         dt: float,
         around: Surroundings,
     ) -> None:
-        self.airframe = airframe
-        super().__init__(CopterDynamics(airframe, start, yaw, dt, around.environment.terrain), around)
+        # What controllers and autopilots take it for; the physics has the bench's figures.
+        self.airframe = airframe.at(float(density(np.array(around.place.alt_amsl_m))))
+        super().__init__(CopterDynamics(airframe, start, yaw, dt, around.environment.terrain), around, airframe.pack)
         self.setpoints = Setpoints(start.shape[1])
-        self.cascade = Cascade(airframe, self.setpoints, start, yaw)
+        self.cascade = Cascade(self.airframe, self.setpoints, start, yaw)
         self._dt = dt
         self._ticks = 0
         self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
@@ -45,6 +48,9 @@ class CopterFleet(Fleet):
         first.
         """
         est, dyn = self.estimate, self.dynamics
+        self.blow(steps * self._dt)
+        if self._ticks % AIR_EVERY == 0:
+            dyn.density = density(self.around.place.alt_amsl_m - dyn.pos[2])
         if self._ticks % OUTER_EVERY == 0:
             self.cascade.outer(est, OUTER_EVERY * steps * self._dt)
         self._ticks += 1
@@ -54,6 +60,8 @@ class CopterFleet(Fleet):
             dyn.step()
             est.refresh()
         est.observe(steps * self._dt)
+        self.battery.step(self._current(), steps * self._dt)
+        dyn.supply = self.battery.volts / self.airframe.battery_v
 
     def outputs(self, index: int) -> list[float]:
         throttles: list[float] = self.dynamics.throttle[:, index].tolist()
@@ -78,12 +86,12 @@ class CopterFleet(Fleet):
         table[21:25] = cascade.attitude
         table[25] = cascade.yaw
         table[26] = dyn.throttle.mean(0)
-        table[27] = self._current()
+        table[27] = self.battery.current
         table[28] = dyn.contact
         table[29] = dyn.impact
         air = dyn.vel - dyn.wind
         table[30] = np.sqrt(dot(air, air))
-        table[31] = self.airframe.battery_v
+        table[31] = self.battery.volts
         table[32:35] = dyn.pos
         dyn.impact[:] = 0.0
         return [Sense._make(row) for row in table.T.tolist()]

@@ -28,7 +28,6 @@ HIGHEST_M = 80_000.0
 NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF = 16, 21, 22  # MAV_CMD
 # To thrust, as measured: from the order to lift off, and from arming (after which the motors stand still for 2 s).
 SPOOL_UP_S, ARMING_S = 2.0, 3.2
-SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
 
 # Parameter -> (limit of the cascade, factor to SI).
 _LIMITS = {
@@ -70,9 +69,6 @@ class ArduCopter(ArduVehicle):
         self.sp = setpoint
         self.speeds: dict[str, float] = {}  # chosen for this mode: limits of the cascade, m/s
         self.heading = Heading(setpoint)
-        if abs(params["SIM_BATT_VOLTAGE"] - SITL_BATTERY_V) < 1e-3:
-            # The battery that the airframe has, where nobody chose another.
-            params.set("SIM_BATT_VOLTAGE", airframe.battery_v)
         super().__init__(params, sense, world, ready_s)
         for name in _LIMITS:
             self.param_changed(name, params[name])

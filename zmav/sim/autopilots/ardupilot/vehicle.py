@@ -26,6 +26,7 @@ from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.control.setpoints import Vector
+from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position, from_ned, to_ned
 from zmav.sim.protocol.params import ParamStore
@@ -35,7 +36,7 @@ EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)  # MA
 PREARM_REMINDER_S = 30.0
 FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
 NAV_WAYPOINT = 16  # MAV_CMD
-MOST_VOLTS = 60.0
+SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
 # Without a GPS, as measured: how long the position is still good, and how long the filter tries to go on.
 GPS_COAST_S, GPS_AIDED_S = 7.0, 14.7
 
@@ -118,6 +119,7 @@ class ArduVehicle(ABC):
         self.reached: Callable[[int], None] = lambda seq: None  # a mission item
         self.learned: Callable[[str], None] = lambda name: None  # a parameter that it set by itself
         self.unix_s: Callable[[], float] = lambda: self.now
+        self.power = BatteryHandle.bench()
         self._ready_s = ready_s
         self._ticks = 0
         self.pilot = Pilot()
@@ -181,6 +183,29 @@ class ArduVehicle(ABC):
 
     # ---- power
 
+    def plug(self, power: BatteryHandle) -> None:
+        """Take the battery of the body that it sits in; SIM_BATT_VOLTAGE and SIM_BATT_CAP_AH say what it is like."""
+        self.power = power
+        params, changed = self.params, self.params.changed
+        if abs(params["SIM_BATT_VOLTAGE"] - SITL_BATTERY_V) < 1e-3 and params["SIM_BATT_CAP_AH"] == 0:
+            # Nobody chose another than the body's own.
+            params.set("SIM_BATT_VOLTAGE", power.pack.full_v)
+            params.set("SIM_BATT_CAP_AH", power.pack.capacity_mah * 1e-3)
+            if power.pack.capacity_mah > 0:
+                params.set("BATT_CAPACITY", power.pack.capacity_mah)
+        self._fit_battery()
+
+        def also(name: str, value: float) -> None:
+            changed(name, value)
+            if name in ("SIM_BATT_VOLTAGE", "SIM_BATT_CAP_AH"):
+                self._fit_battery()
+
+        params.changed = also
+
+    def _fit_battery(self) -> None:
+        volts, capacity = self.params["SIM_BATT_VOLTAGE"], max(self.params["SIM_BATT_CAP_AH"], 0.0) * 1e3
+        self.power.fit(volts=volts, capacity_mah=capacity)
+
     def power_on(self) -> None:
         """Start from nothing, as after a reset: not armed, no estimate yet. Missions, fences and points are kept."""
         self.booted_at = self.now
@@ -195,7 +220,7 @@ class ArduVehicle(ABC):
         self.mission.power_on()
         self.fence.power_on()
         self.payload.power_on()
-        self.consumed_mah = 0.0
+        self._consumed_before = self.power.consumed_mah
         self._home_locked = False
         self._switch, self._switch_pwm = self.pilot.switch, self.pilot.pwm[4]
         self._reminded = self._armed_at = self.now
@@ -233,7 +258,12 @@ class ArduVehicle(ABC):
 
     @property
     def voltage(self) -> float:
-        return min(max(self.params["SIM_BATT_VOLTAGE"], 0.0), MOST_VOLTS)
+        return self.power.volts
+
+    @property
+    def consumed_mah(self) -> float:
+        """Since its own boot."""
+        return self.power.consumed_mah - self._consumed_before
 
     @property
     def takes_targets(self) -> bool:
@@ -382,7 +412,6 @@ class ArduVehicle(ABC):
             self._wake(stage)
         self.rc.update()
         self.follow_switch()
-        self.consumed_mah += sense.current_a * dt / 3.6
         self._ticks += 1
         if self._ticks % FENCE_EVERY == 0:
             self.fence.update()
@@ -411,6 +440,7 @@ class ArduVehicle(ABC):
         for text in stage.text:
             self.say(stage.severity, text)
         if stage.event == "origin":
+            self.origin_world = (self.sense.north, self.sense.east, self.sense.down)
             self.move_home(None)
             self.say(INFO, f"Field Elevation Set: {self.place(self.home_world).alt_amsl_m:.0f}m")
 

@@ -16,6 +16,7 @@ from zmav.sim.autopilots.px4.offboard import Motion, Offboard
 from zmav.sim.autopilots.px4.sticks import Sticks
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
+from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
@@ -63,6 +64,7 @@ class Px4Copter:
         self.beat: Callable[[], None] = lambda: None
         self.announce: Callable[[], None] = lambda: None
         self.event: Callable[[Event, bytes], None] = lambda event, arguments: None
+        self.power = BatteryHandle.bench()
         self._ready_s = min(ready_s, REAL_READY_S)
         self.mission = Mission(self)  # what is kept over a reboot, as the parameters are
         self.fence, self.rally = FenceItems(), RallyItems()
@@ -73,7 +75,7 @@ class Px4Copter:
         self.booted_at = self.now
         self.armed = False
         self.armed_at = 0.0
-        self.consumed_mah = 0.0
+        self._consumed_before = self.power.consumed_mah
         self.cruise_speed: float | None = None
         self.wanted: Mode = HOLD
         self.mode: Mode = HOLD
@@ -90,7 +92,16 @@ class Px4Copter:
         self.sp.spool(Spool.OFF)
         self.sp.limit("lean", self.params["MPC_TILTMAX_AIR"] * _DEGREES)
 
+    def plug(self, power: BatteryHandle) -> None:
+        """Take the battery of the body that it sits in."""
+        self.power = power
+
     # ---- what it knows
+
+    @property
+    def consumed_mah(self) -> float:
+        """Since its own boot."""
+        return self.power.consumed_mah - self._consumed_before
 
     @property
     def uptime(self) -> float:
@@ -212,7 +223,6 @@ class Px4Copter:
     def update(self, now: float, sense: Sense, dt: float) -> None:
         """One tick of the commander."""
         self.now, self.sense = now, sense
-        self.consumed_mah += sense.current_a * dt / 3.6
         self._follow_switch()
         self._report_checks()
         if not self.armed:

@@ -60,7 +60,7 @@ def sys_status(node: Px4Node) -> Fields:
         "onboard_control_sensors_enabled": _ENABLED,
         "onboard_control_sensors_health": _HEALTHY | (_PREARM if copter.checks_ok else 0),
         "load": 140,
-        "voltage_battery": round(copter.airframe.battery_v * 1000),
+        "voltage_battery": round(copter.power.volts * 1000),
         "current_battery": -100,
         "battery_remaining": _battery_left(node),
     }
@@ -76,7 +76,7 @@ def battery_status(node: Px4Node) -> Fields:
         "battery_function": 1,
         "type": 1,
         "temperature": 32767,
-        "voltages": [round(copter.airframe.battery_v * 1000)] + [65535] * 9,
+        "voltages": [round(copter.power.volts * 1000)] + [65535] * 9,
         "current_battery": -100,
         "current_consumed": round(copter.consumed_mah),
         "energy_consumed": -1,
