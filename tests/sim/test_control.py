@@ -15,9 +15,11 @@ from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
 from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.environment import Environment
-from zmav.sim.fleets.base import Sense, Surroundings
+from zmav.sim.fleets.base import DEFAULT_PLACE, Sense, Surroundings
 from zmav.sim.fleets.copter import CopterFleet
 from zmav.sim.sensors.estimate import Estimator
+from zmav.sim.sensors.noise import NONE
+from zmav.sim.sensors.suite import SensorSuite
 
 DT, STEPS = 1 / 200, 2
 
@@ -170,7 +172,7 @@ def test_an_upset_is_caught(hover: Hover) -> None:
 def test_gps_noise_wanders_by_what_was_asked() -> None:
     frame = airframe("quad")
     dyn = CopterDynamics(frame, np.zeros((3, 200)), np.zeros(200), DT)
-    estimator = Estimator(dyn, np.random.default_rng(1), 1.0)
+    estimator = Estimator(dyn, SensorSuite(dyn, DEFAULT_PLACE, (1,), NONE, 1.0))
     path = []
     for _ in range(2000):
         estimator.refresh()

@@ -12,7 +12,10 @@ from zmav.sim.dynamics.battery import Battery, BatteryHandle, Pack
 from zmav.sim.dynamics.body import Body
 from zmav.sim.environment import Environment, Vector
 from zmav.sim.geo import Position
-from zmav.sim.sensors.estimate import Estimator
+from zmav.sim.sensors.estimate import Belief, Estimator
+from zmav.sim.sensors.noise import noise_profile
+from zmav.sim.sensors.readings import Readings
+from zmav.sim.sensors.suite import SensorSuite
 
 DEFAULT_PLACE = Position(-35.363261, 149.165230, 584.09)
 
@@ -21,12 +24,14 @@ class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
     """What a fleet finds itself in.
 
     ``environment``: ground and air; ``place``: where the origin of the world's NED lies; ``seed``: of this fleet;
-    ``gps_noise_m``: standard deviation of the wandering GPS error per axis.
+    ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`; ``gps_noise_m``: standard deviation of
+    a wandering GPS error per axis, beside that.
     """
 
     environment: Environment
     place: Position = DEFAULT_PLACE
     seed: tuple[int, ...] = (0,)
+    noise: str = "none"
     gps_noise_m: float = 0.0
 
     def generator(self, name: str) -> np.random.Generator:
@@ -90,7 +95,9 @@ class Fleet(ABC):
         self.dynamics.wind[:] = np.array(around.environment.wind)[:, None]
         self.air = around.environment.air(dynamics.n, around.generator("air"), dynamics.dt)
         self.battery = Battery(pack or Pack(), dynamics.n)
-        self.estimate = Estimator(dynamics, around.generator(""), around.gps_noise_m)
+        noise = noise_profile(around.noise)
+        self.sensors = SensorSuite(dynamics, around.place, around.seed, noise, around.gps_noise_m)
+        self.estimate = Estimator(dynamics, self.sensors, around.seed)
 
     def blow(self, dt: float) -> None:
         """Let the wind of the next ``dt`` seconds blow; where there is only a mean one nothing changes."""
@@ -114,6 +121,10 @@ class Fleet(ABC):
         """Of one vehicle's rotors, as shares of the highest; none where there are none."""
         return []
 
+    def readings(self, index: int) -> Readings:
+        """What one vehicle's sensors measure now."""
+        return self.sensors.readings(index)
+
     def wind(self, index: int) -> Vector:
         """Of the air about one vehicle, m/s NED."""
         north, east, down = self.dynamics.wind[:, index].tolist()
@@ -136,6 +147,18 @@ class Seat:
 
     def rotor_speeds(self) -> list[float]:
         return self.fleet.rotor_speeds(self.index)
+
+    def readings(self) -> Readings:
+        return self.fleet.readings(self.index)
+
+    def belief(self) -> Belief:
+        """What its autopilot's navigation filter steers."""
+        return self.fleet.estimate.belief(self.index)
+
+    @property
+    def vibration(self) -> float:
+        """Of its accelerometers, m/s^2 root mean square."""
+        return self.fleet.sensors.vibration(self.index)
 
     @property
     def wind(self) -> Vector:

@@ -1,57 +1,86 @@
-"""The estimate that controllers and telemetry see: the truth, plus a slowly wandering GPS error when one is asked for.
+"""The estimate that controllers and telemetry see: the truth, plus the error that a navigation filter makes of the
+sensors' errors.
 
-The error is a first-order Gauss-Markov process per axis (Kayton and Fried, "Avionics Navigation Systems", ch. 3),
-updated at the rate of the GPS and smoothed as a position filter would; velocity, attitude and rates are taken as true.
+A filter that follows its GPS has the receiver's wandering error, smoothed; one without it slides away; one that
+takes a shifted solution for true jumps to it. *When* it does so is up to the autopilot's own filter, which steers one
+vehicle's column by a :class:`Belief`. Where nothing is wrong the estimate is the truth itself and costs nothing.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
-from zmav.sim.arrays import Array, euler_from_quat
+from zmav.sim.arrays import Array, Flags, euler_from_quat, quat_from_euler, quat_multiply
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.dynamics.body import Body
+from zmav.sim.environment import Vector
+from zmav.sim.sensors.noise import NoiseRows, Wander
+from zmav.sim.sensors.suite import SLOW_PERIOD_S, SensorSuite
 
-GPS_PERIOD_S = 0.2
-CORRELATION_S = 60.0
 SMOOTHING_S = 1.0
+BELIEVED_SPEED_S, BELIEVED_TURN_S = 2.0, 30.0  # correlation times of the filter's own errors
 
 
 class Estimator:
     """``pos``, ``vel`` (3, N) NED metres; ``q`` (4, N); ``rate`` (3, N) rad/s; after :meth:`observe` also ``euler``
     and ``force``.
+
+    ``jumped(index, (north, east, down))`` and ``turned(index, angle)`` are told when a filter sets one vehicle's
+    position or heading anew, so that its controllers can move with it.
     """
 
-    def __init__(self, dynamics: Body, rng: np.random.Generator, gps_noise_m: float) -> None:
+    def __init__(self, dynamics: Body, sensors: SensorSuite, seed: tuple[int, ...] = (0,)) -> None:
         self._dyn = dynamics
-        self._rng = rng
-        self._sigma = gps_noise_m
-        n = dynamics.n
-        self.gps_error: Array = np.zeros((3, n))
-        self._offset: Array = np.zeros((3, n))
-        self._since_gps = 0.0
-        if gps_noise_m > 0.0:
-            self.gps_error = rng.normal(0.0, gps_noise_m, (3, n))
-            self._offset = self.gps_error.copy()
+        self._sensors = sensors
+        n, noise = dynamics.n, sensors.noise
+        self.jumped: Callable[[int, Vector], None] = lambda index, by: None
+        self.turned: Callable[[int, float], None] = lambda index, by: None
+        self.offset: Array = sensors.gps_error.copy()  # of the position, m
+        self.slip: Array = np.zeros((3, n))  # of the velocity, m/s
+        self.yaw_error: Array = np.zeros(n)
+        self.taken: Array = np.zeros((3, n))  # how much of the solution's shift the filter has taken for true
+        self.following: Flags = np.ones(n, dtype=bool)  # the GPS
+        self._believes = max(noise.believed_speed_mps, noise.believed_tilt, noise.believed_yaw) > 0.0
+        self._belief = Wander(
+            NoiseRows(seed, "belief", n, 6),
+            np.array([noise.believed_speed_mps] * 3 + [noise.believed_tilt] * 2 + [noise.believed_yaw]),
+            np.array([BELIEVED_SPEED_S] * 3 + [BELIEVED_TURN_S] * 3),
+            SLOW_PERIOD_S,
+        )
+        self._baro_height = noise.baro_drift_m > 0.0
+        self.led: set[int] = set()  # vehicles whose filter has a say
+        self._twist: Array | None = None
+        self._vel_error: Array | None = None
+        self._settle()
         self.euler: Array = euler_from_quat(dynamics.q)
         self.force: Array = np.zeros((3, n))
         self.refresh()
         self.observe(0.0)
 
+    def belief(self, index: int) -> Belief:
+        """What one vehicle's filter steers."""
+        return Belief(self, self._sensors, index)
+
     def refresh(self) -> None:
         """Take over the state after a step of the physics."""
         dyn = self._dyn
-        self.pos: Array = dyn.pos if self._sigma <= 0.0 else dyn.pos + self._offset
-        self.vel: Array = dyn.vel
-        self.q: Array = dyn.q
+        self.pos: Array = dyn.pos + self.offset if self._astray else dyn.pos
+        self.vel: Array = dyn.vel if self._vel_error is None else dyn.vel + self._vel_error
+        self.q: Array = dyn.q if self._twist is None else quat_multiply(self._twist, dyn.q)
         self.rate: Array = dyn.rate
 
     def observe(self, dt: float) -> None:
-        """Once a tick: GPS error, Euler angles (3, N) and accelerometer reading ``force`` (3, N) m/s^2 body."""
-        if self._sigma > 0.0:
+        """Once a tick: errors, Euler angles (3, N) and accelerometer reading ``force`` (3, N) m/s^2 body."""
+        if self._sensors.tick(dt) and self._believes:
+            self._belief.step()
+            self._settle()
+        if self._astray:
             self._wander(dt)
         self.euler = euler_from_quat(self.q)
-        w, x, y, z = self.q
+        w, x, y, z = self._dyn.q
         ax, ay, az = self._dyn.accel
         az = az - GRAVITY
         # The rotation matrix's columns: world to body.
@@ -63,11 +92,140 @@ class Estimator:
             ]
         )
 
+    def target(self) -> Array:
+        """(3, N) m NED: the error of a filter that follows its sensors."""
+        error: Array = self._sensors.gps_error + self.taken
+        if self._baro_height:
+            error[2] = self.taken[2] - self._sensors.baro_drift
+        return error
+
     def _wander(self, dt: float) -> None:
-        self._since_gps += dt
-        while self._since_gps >= GPS_PERIOD_S:
-            self._since_gps -= GPS_PERIOD_S
-            keep = np.exp(-GPS_PERIOD_S / CORRELATION_S)
-            kick = self._sigma * np.sqrt(1.0 - keep * keep)
-            self.gps_error = self.gps_error * keep + self._rng.normal(0.0, kick, self.gps_error.shape)
-        self._offset += (self.gps_error - self._offset) * min(dt / SMOOTHING_S, 1.0)
+        share = min(dt / SMOOTHING_S, 1.0)
+        if not self.led:
+            self.offset += (self.target() - self.offset) * share
+            return
+        drawn = (self.target() - self.offset) * share
+        drawn[:2] *= self.following
+        self.offset += drawn + self.slip * dt
+
+    def lead(self, index: int, *, led: bool) -> None:
+        """A vehicle's filter has a say from now on, or none any more."""
+        if led:
+            self.led.add(index)
+        else:
+            self.led.discard(index)
+        self._settle()
+
+    def _settle(self) -> None:
+        """See what differs from the truth, after a change."""
+        self._astray = bool(self.led) or self._sensors.wanders or self._baro_height
+        self._vel_error = self._belief.value[:3] + self.slip if self._believes or self.slip.any() else None
+        turned = self._believes or self.yaw_error.any()
+        belief = self._belief.value
+        self._twist = quat_from_euler(belief[3], belief[4], belief[5] + self.yaw_error) if turned else None
+
+
+class Belief:
+    """One vehicle's share of the estimate, for the filter of its autopilot."""
+
+    def __init__(self, estimate: Estimator, sensors: SensorSuite, index: int) -> None:
+        self._estimate = estimate
+        self._sensors = sensors
+        self._index = index
+
+    @property
+    def troubled(self) -> bool:
+        """Something is wrong with a sensor."""
+        return self._sensors.troubles.any[self._index]
+
+    @property
+    def has_fix(self) -> bool:
+        return self._sensors.has_fix(self._index)
+
+    @property
+    def innovation(self) -> Vector:
+        """Where the estimate is about what GPS (and, down, the barometer) say, m NED."""
+        est, i, troubles = self._estimate, self._index, self._sensors.troubles
+        off = est.offset[:, i] - est.target()[:, i] + est.taken[:, i]
+        shift = troubles.gps_shift[:, i]
+        north, east, down = off.tolist()
+        return north - float(shift[0]), east - float(shift[1]), down + float(troubles.baro_shift[i])
+
+    @property
+    def level_field(self) -> float:
+        """Of the Earth's magnetic field, what lies level, gauss."""
+        return math.hypot(*self._sensors.field[:2])
+
+    @property
+    def compass_turn(self) -> float:
+        return float(self._sensors.troubles.compass_turn[self._index])
+
+    @property
+    def compass_lost(self) -> bool:
+        return bool(self._sensors.troubles.compass_lost[self._index])
+
+    @property
+    def baro_lost(self) -> bool:
+        return bool(self._sensors.troubles.baro_lost[self._index])
+
+    @property
+    def yaw_error(self) -> float:
+        return float(self._estimate.yaw_error[self._index])
+
+    @property
+    def led(self) -> bool:
+        """The filter has a say in the estimate now."""
+        return self._index in self._estimate.led
+
+    def lead(self, led: bool) -> None:
+        """Have a say from now on, or leave the estimate to itself."""
+        self._estimate.lead(self._index, led=led)
+
+    def forget(self) -> None:
+        """Start anew: at what the sensors say now."""
+        self.reset_position()
+        self.reset_height()
+        self.turn(0.0)
+        self.lead(False)
+
+    def follow(self, gps: bool) -> None:
+        """Follow the GPS's horizontal position, with whatever it is off by, or do not."""
+        self._estimate.following[self._index] = gps
+        if gps:
+            self._estimate.taken[:2, self._index] = self._sensors.troubles.gps_shift[:2, self._index]
+
+    def follow_height(self) -> None:
+        """Follow the barometer, with whatever it is off by."""
+        self._estimate.taken[2, self._index] = -self._sensors.troubles.baro_shift[self._index]
+
+    def slide(self, north: float, east: float) -> None:
+        """The velocity is off by that, m/s; without a GPS to follow the position goes with it."""
+        self._estimate.slip[:2, self._index] = north, east
+        self._estimate._settle()
+
+    def reset_position(self) -> None:
+        """Take the GPS's solution for true at once; velocity as well."""
+        est, i = self._estimate, self._index
+        before = est.offset[:2, i].copy()
+        self.follow(True)
+        self.slide(0.0, 0.0)
+        est.offset[:2, i] = est.target()[:2, i]
+        north, east = (est.offset[:2, i] - before).tolist()
+        est.jumped(i, (north, east, 0.0))
+
+    def reset_height(self) -> None:
+        """Take the barometer's height for true at once."""
+        est, i = self._estimate, self._index
+        before = float(est.offset[2, i])
+        self.follow_height()
+        est.offset[2, i] = est.target()[2, i]
+        est.jumped(i, (0.0, 0.0, float(est.offset[2, i]) - before))
+
+    def turn(self, error: float, *, reset: bool = False) -> None:
+        """The heading is off by ``error`` rad from now on; ``reset``: the controllers turn with it."""
+        est, i = self._estimate, self._index
+        by = error - float(est.yaw_error[i])
+        est.yaw_error[i] = error
+        est._settle()
+        if reset and by:
+            est.turned(i, by)
