@@ -16,11 +16,16 @@ class Sticks:
 
     def __init__(self) -> None:
         self.pwm: list[int] = [1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800]
+        self.switch_channel = 5
+
+    @property
+    def switch_pwm(self) -> int:
+        return self.pwm[self.switch_channel - 1]
 
     @property
     def switch(self) -> int:
         """The mode switch's position, 1 to 6."""
-        return 1 + sum(self.pwm[4] > edge for edge in SWITCH_EDGES)
+        return 1 + sum(self.switch_pwm > edge for edge in SWITCH_EDGES)
 
     @property
     def roll(self) -> float:
@@ -72,7 +77,7 @@ class Pilot(Sticks):
 
     def turn_switch(self, position: int) -> None:
         """Turn the mode switch to one of its positions 1 to 6."""
-        self.pwm[4] = SWITCH_PWM[position - 1]
+        self.pwm[self.switch_channel - 1] = SWITCH_PWM[position - 1]
 
     def flip(self, channel: int, pwm: int) -> None:
         """Set a switch or knob: one of the channels 6 to 8 to a pulse width in microseconds."""

@@ -49,6 +49,9 @@ class CopterReactions(Reactions):
 
     # ---- what trips
 
+    def gcs_back(self) -> None:
+        self._copter.say(_WARNING, "GCS Failsafe Cleared")
+
     def gcs_lost(self) -> None:
         copter = self._copter
         if not copter.armed:

@@ -37,7 +37,8 @@ def _state_faults(vehicle: ArduVehicle) -> list[str]:
         return []
     if vehicle.gcs.active:
         found.append("GCS failsafe on")
-    if params["FS_THR_ENABLE"] and vehicle.rc.pwm[2] < params["FS_THR_VALUE"]:
+    enabled, lowest = vehicle.RADIO_PARAMS
+    if params[enabled] and vehicle.rc.pwm[2] < params[lowest]:
         found.append("Throttle below failsafe")
     found += vehicle.battery.faults()
     if vehicle.rc.lost:

@@ -22,6 +22,7 @@ class Flag(enum.IntFlag):
     PRED_POS_HORIZ_REL = 256
     PRED_POS_HORIZ_ABS = 512
     UNINITIALIZED = 1024
+    GPS_GLITCHING = 32768
 
 
 _ALIGNED = Flag.ATTITUDE | Flag.VELOCITY_HORIZ | Flag.VELOCITY_VERT | Flag.POS_VERT_ABS
@@ -52,9 +53,12 @@ STAGES: tuple[Stage, ...] = (
 
 
 class Boot:
-    """One run through :data:`STAGES`, all times scaled so that the position is there after ``ready_s`` seconds."""
+    """One run through ``stages``, all times scaled alike, so that a copter's position is there after ``ready_s``
+    seconds.
+    """
 
-    def __init__(self, ready_s: float) -> None:
+    def __init__(self, ready_s: float, stages: tuple[Stage, ...] = STAGES) -> None:
+        self._stages = stages
         self._scale = ready_s / READY_S
         self._next = 0
         self.reached: set[str] = set()
@@ -62,9 +66,9 @@ class Boot:
     def advance(self, since_boot: float) -> list[Stage]:
         """The stages reached since the last call, in order."""
         new = []
-        while self._next < len(STAGES) and since_boot >= STAGES[self._next].at * self._scale:
-            new.append(STAGES[self._next])
-            self.reached.add(STAGES[self._next].event)
+        while self._next < len(self._stages) and since_boot >= self._stages[self._next].at * self._scale:
+            new.append(self._stages[self._next])
+            self.reached.add(self._stages[self._next].event)
             self._next += 1
         return new
 

@@ -41,16 +41,17 @@ class GcsFailsafe:
         if vehicle.now < self._next:
             return
         self._next = vehicle.now + _WATCH_GCS_S
-        if vehicle.params["FS_GCS_ENABLE"] == 0 or self._heard is None:
+        enabled, timeout = vehicle.GCS_PARAMS
+        if vehicle.params[enabled] == 0 or self._heard is None:
             return
-        silent = vehicle.now - self._heard > vehicle.params["FS_GCS_TIMEOUT"]
+        silent = vehicle.now - self._heard > vehicle.params[timeout]
         if silent and not self.active:
             self.active = True
             vehicle.rc.clear_overrides()
             vehicle.reactions.gcs_lost()
         elif self.active and not silent:
             self.active = False
-            vehicle.say(_WARNING, "GCS Failsafe Cleared")
+            vehicle.reactions.gcs_back()
 
 
 class BatteryFailsafe:

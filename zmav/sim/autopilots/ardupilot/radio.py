@@ -20,6 +20,7 @@ IGNORE_RECEIVER, IGNORE_OVERRIDES = 1, 2  # RC_OPTIONS
 NO_PULSES, LOW_THROTTLE = 1, 2  # SIM_RC_FAIL
 NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 FRAME_S = 0.02
+USUAL_TIMEOUT_S = 1.0
 CONFIRMATIONS = 3  # throttle values in a row that start or end the failsafe
 DEBOUNCE_S = 0.2
 SHORTEST, LONGEST = 800, 2200  # microseconds: pulses beyond are none
@@ -111,8 +112,14 @@ class Radio(Sticks):
             self._heard = now
             self._read(fail)
             self._watch_throttle()
-        elif not self.lost and self._vehicle.params["FS_THR_ENABLE"]:
-            self._set_lost(now - self._heard >= max(self._vehicle.params["RC_FS_TIMEOUT"], 0.1))
+        elif not self.lost and self._vehicle.params[self._vehicle.RADIO_PARAMS[0]]:
+            self._set_lost(now - self._heard >= self._timeout)
+
+    @property
+    def _timeout(self) -> float:
+        """Seconds without a frame; a plane has no parameter for it."""
+        params = self._vehicle.params
+        return max(params["RC_FS_TIMEOUT"], 0.1) if "RC_FS_TIMEOUT" in params else USUAL_TIMEOUT_S
 
     def _read(self, fail: int) -> None:
         if not self._overrides and fail == 0:
@@ -134,9 +141,10 @@ class Radio(Sticks):
 
     def _watch_throttle(self) -> None:
         params = self._vehicle.params
-        if not params["FS_THR_ENABLE"]:
+        enabled, lowest = self._vehicle.RADIO_PARAMS
+        if not params[enabled]:
             self._set_lost(False)
-        elif self.pwm[2] < params["FS_THR_VALUE"]:
+        elif self.pwm[2] < params[lowest]:
             if not self.lost:
                 self._low += 1
                 if self._low >= CONFIRMATIONS:

@@ -19,6 +19,10 @@ class Reactions(ABC):
         """The ground station is silent. Its overrides are dropped already."""
 
     @abstractmethod
+    def gcs_back(self) -> None:
+        """The ground station is heard again."""
+
+    @abstractmethod
     def radio_changed(self, lost: bool) -> None:
         """The radio was lost, or is back."""
 
@@ -35,3 +39,9 @@ class Reactions(ABC):
         """Fences of those types (FENCE_TYPE) were breached, by at most so many metres; FENCE_ACTION asks for
         something.
         """
+
+    def gps_glitched(self, on: bool) -> None:  # noqa: B027 - not every kind says anything
+        """The filter has come to doubt the GPS, or trusts it again."""
+
+    def lane_switched(self, lane: int) -> None:  # noqa: B027 - likewise
+        """The filter of another inertial sensor was chosen."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.arming import arming_faults, prearm_faults
-from zmav.sim.autopilots.ardupilot.boot import Boot, Flag, Stage
+from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Flag, Stage
 from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import Fence
 from zmav.sim.autopilots.ardupilot.mission import Mission, Performer
@@ -99,7 +99,12 @@ class ArduVehicle(ABC):
     SWITCH_MODES: ClassVar[dict[int, int]]
     """RCn_OPTION -> the mode that the switch turns on"""
     MODE_PARAM: ClassVar[str] = "FLTMODE"
-    """of the mode switch: this and 1 to 6"""
+    """of the mode switch: this and 1 to 6, and with _CH its channel"""
+    STAGES: ClassVar[tuple[Stage, ...]] = STAGES
+    """how it wakes up"""
+    ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Arming motors", "Disarming motors")
+    RADIO_PARAMS: ClassVar[tuple[str, str]] = ("FS_THR_ENABLE", "FS_THR_VALUE")
+    GCS_PARAMS: ClassVar[tuple[str, str]] = ("FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
 
     auto: AutoMode
     guided: GuidedMode
@@ -209,11 +214,12 @@ class ArduVehicle(ABC):
     def power_on(self) -> None:
         """Start from nothing, as after a reset: not armed, no estimate yet. Missions, fences and points are kept."""
         self.booted_at = self.now
-        self.boot = Boot(self._ready_s)
+        self.boot = Boot(self._ready_s, self.STAGES)
         self.armed = self.auto_armed = False
         self.landed = True
         self.mode_by_fence = False
         self.rc = Radio(self, self.pilot)
+        self.pilot.switch_channel = self.rc.switch_channel = self._switch_channel
         switched = self.modes.get(int(self.params[f"{self.MODE_PARAM}{self.pilot.switch}"]))
         self.mode: Mode = switched or next(iter(self.modes.values()))
         self.gcs, self.battery, self.ekf = GcsFailsafe(self), BatteryFailsafe(self), EkfFailsafe(self)
@@ -222,10 +228,15 @@ class ArduVehicle(ABC):
         self.payload.power_on()
         self._consumed_before = self.power.consumed_mah
         self._home_locked = False
-        self._switch, self._switch_pwm = self.pilot.switch, self.pilot.pwm[4]
+        self._switch, self._switch_pwm = self.pilot.switch, self.pilot.switch_pwm
         self._reminded = self._armed_at = self.now
         self._gps_lost: float | None = None
         self.on_power()
+
+    @property
+    def _switch_channel(self) -> int:
+        """Of the mode switch; 0: there is none, and 5 stands in for it."""
+        return min(max(int(self.params[f"{self.MODE_PARAM}_CH"]), 0), 8) or 5
 
     # ---- what it knows
 
@@ -385,7 +396,7 @@ class ArduVehicle(ABC):
         self._armed_at = self.now
         if not self._home_locked:
             self.move_home(None)
-        self.say(INFO, "Arming motors")
+        self.say(INFO, self.ARMING_TEXTS[0])
         self.fence.on_arming()
         self.mode.on_arming()
         return True
@@ -399,7 +410,7 @@ class ArduVehicle(ABC):
         self.armed = self.auto_armed = False
         self.landed = True
         self.on_disarm()
-        self.say(INFO, "Disarming motors")
+        self.say(INFO, self.ARMING_TEXTS[1])
         self.mission.reset()
         return True
 
@@ -446,7 +457,7 @@ class ArduVehicle(ABC):
 
     def follow_switch(self, *, force: bool = False) -> None:
         """A turn of the pilot's mode switch changes the mode; ``force``: as if it had just been turned."""
-        pwm = self.rc.pwm[4]
+        pwm = self.rc.switch_pwm
         if (pwm == self._switch_pwm and not force) or self.rc.lost:
             return
         self._switch_pwm = pwm
