@@ -1,0 +1,153 @@
+"""A MAVProxy session flies the ArduPilot-rules copter, by what a person would type. It knows nothing of zmav."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from zmav.sim import SimVehicle, World
+
+SPEED = 10.0  # times real time
+PATIENCE_S = 40.0
+SIM_S = 200.0
+# Without consoles and maps, which need a screen, and without what asks the network for terrain.
+MODULES = "wp,rally,fence,param,arm,mode,cmdlong,misc,ftp,link,log"
+HOME = (-35.363261, 149.165230, 584.09)
+
+
+class Session:
+    """One MAVProxy: what is typed, and what it says."""
+
+    def __init__(self, world: World, folder: Path) -> None:
+        self.world = world
+        self.vehicle: SimVehicle = world.vehicles[0]
+        self.said = ""
+        self._changed = threading.Condition()
+        # Nothing of the user's own: neither start scripts nor logs of other days.
+        env = {**os.environ, "HOME": str(folder), "PYTHONUNBUFFERED": "1", "TERM": "dumb"}
+        command = [sys.executable, str(Path(sys.executable).with_name("mavproxy.py"))]
+        command += [f"--master={world.urls[0]}", f"--default-modules={MODULES}", f"--state-basedir={folder}"]
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=folder, env=env,
+            text=True, bufsize=1,
+        )  # fmt: skip
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            with self._changed:
+                self.said += line
+                self._changed.notify_all()
+
+    def type(self, text: str, answer: str = "") -> str:
+        """Type one line; gives the first match of ``answer`` (a pattern) in what comes after."""
+        assert self.process.stdin is not None
+        before = len(self.said)
+        self.process.stdin.write(text + "\n")
+        return self.hears(answer, before) if answer else ""
+
+    def hears(self, answer: str, before: int = 0) -> str:
+        pattern = re.compile(answer)
+        with self._changed:
+            self._changed.wait_for(lambda: pattern.search(self.said, before), PATIENCE_S)
+            found = pattern.search(self.said, before)
+        assert found is not None, f"no {answer!r} in: {self.said[before:][-1500:]}"
+        return found.group(0)
+
+    def until(self, true: Callable[[], bool]) -> None:
+        self.world.wait_for(true, SIM_S)
+
+    @property
+    def height(self) -> float:
+        return -self.vehicle.copter.local[2]
+
+    def close(self) -> None:
+        """The end of its input ends it."""
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.close()
+            self.process.wait(PATIENCE_S)
+        finally:
+            self.process.kill()
+            self.process.wait()
+            self._reader.join(PATIENCE_S)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
+    if importlib.util.find_spec("MAVProxy") is None:
+        pytest.skip("MAVProxy is not installed (it is in the dev extra)")
+    with World(copters=1, endpoint="tcp:0", speed=SPEED, ready_s=1.0) as world:
+        session = Session(world, tmp_path)
+        try:
+            session.hears(r"online system 1")
+            session.hears(r"Received \d+ parameters")
+            yield session
+        finally:
+            session.close()
+
+
+def test_a_flight(session: Session) -> None:
+    """Parameters, GUIDED, arming, takeoff, a velocity, a place, RTL, disarmed; every order is acknowledged to it."""
+    copter = session.vehicle.copter
+    session.type("param set WPNAV_SPEED 750")
+    session.until(lambda: copter.params["WPNAV_SPEED"] == 750)
+    session.type("param show WPNAV_SPEED", r"WPNAV_SPEED +750")
+    session.type("param fetch", rf"Received {len(copter.params)} parameters")
+    session.type("version", r"REQUEST_MESSAGE: ACCEPTED")
+    session.type("mode GUIDED", r"DO_SET_MODE: ACCEPTED")
+    session.until(lambda: copter.mode.name == "GUIDED" and copter.position_ok)
+    session.type("arm throttle", r"COMPONENT_ARM_DISARM: ACCEPTED")
+    session.until(lambda: copter.armed)
+    session.type("takeoff 10", r"NAV_TAKEOFF: ACCEPTED")
+    session.until(lambda: session.height > 9.7)
+    session.type("velocity 3 0 0")
+    session.until(lambda: copter.sense.vn > 2.0)
+    session.type(f"guided {HOME[0] + 2e-4} {HOME[1]} 14", r"DO_REPOSITION: ACCEPTED")
+    session.until(lambda: session.height > 13.5 and abs(copter.local[0] - 2e-4 * 111319.5) < 1.0)
+    session.type("mode LAND", r"DO_SET_MODE: ACCEPTED")
+    session.until(lambda: copter.mode.name == "LAND")
+    session.type("rtl", r"DO_SET_MODE: ACCEPTED")
+    session.until(lambda: copter.mode.name == "RTL")
+    session.until(lambda: not copter.armed)
+    assert math.hypot(*copter.local[:2]) < 1.0
+    session.hears("DISARMED")
+    session.type("link", r"link 1 OK .* 0 lost")
+
+
+def test_lists_and_a_mission(session: Session, tmp_path: Path) -> None:
+    """A mission, a fence and a rally point go up from files and come back; the mission is flown to its end."""
+    copter = session.vehicle.copter
+    lat, lon, amsl = HOME
+    rows = ["QGC WPL 110", f"0\t1\t0\t16\t0\t0\t0\t0\t{lat}\t{lon}\t{amsl}\t1"]
+    items = [(22, 0.0, 0.0, 8), (16, lat + 1e-4, lon, 8), (21, 0.0, 0.0, 0)]
+    rows += [f"{i}\t0\t3\t{cmd}\t0\t0\t0\t0\t{x}\t{y}\t{z}\t1" for i, (cmd, x, y, z) in enumerate(items, start=1)]
+    (tmp_path / "mission.txt").write_text("\n".join(rows) + "\n")
+    session.type(f"wp load {tmp_path / 'mission.txt'}", r"MISSION_ACK: TYPE_MISSION: ACCEPTED")
+    session.type("wp list", r"Saved 4 waypoints")
+    assert re.search(rf"16 3 {lat + 1e-4:.6f}\d* {lon:.6f}\d* 8\.0", session.said)
+    circle = f"QGC WPL 110\n0\t0\t3\t5003\t80\t0\t0\t0\t{lat}\t{lon}\t0\t1\n"
+    (tmp_path / "fence.txt").write_text(circle)
+    session.type(f"fence load {tmp_path / 'fence.txt'}", r"MISSION_ACK: TYPE_FENCE: ACCEPTED")
+    session.type("fence list", r"Requesting 1 fence item")
+    (tmp_path / "rally.txt").write_text(f"QGC WPL 110\n0\t0\t3\t5100\t0\t0\t0\t0\t{lat - 1e-4}\t{lon}\t20\t1\n")
+    session.type(f"rally load {tmp_path / 'rally.txt'}", r"MISSION_ACK: TYPE_RALLY: ACCEPTED")
+    session.type("rally list", r"Requesting 1 rally item")
+    session.type("param set AUTO_OPTIONS 3")  # arming and taking off in AUTO without a hand on the stick
+    session.until(lambda: copter.params["AUTO_OPTIONS"] == 3 and copter.position_ok)
+    session.type("mode AUTO", r"DO_SET_MODE: ACCEPTED")
+    session.type("arm throttle", r"COMPONENT_ARM_DISARM: ACCEPTED")
+    session.hears(r"waypoint 2")
+    session.until(lambda: not copter.armed)
+    session.type("log list", r"Log \d+|numLogs \d+")
