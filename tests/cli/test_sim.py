@@ -58,7 +58,7 @@ def test_sim_says_what_cannot_be(start: StartProcess, here: type[Here]) -> None:
         sim = start("sim", "--endpoint", f"tcp:{number}")
         assert sim.wait() == 1
         assert f"127.0.0.1:{number} is in use by another program" in sim.stderr
-    assert "expected tcp, tcp:[HOST:]PORT" in str(here().fails("sim", "--endpoint", "serial:0").error)
+    assert "expected ardupilot, tcp, tcp:[HOST:]PORT" in str(here().fails("sim", "--endpoint", "serial:0").error)
 
 
 def test_replay_plays_a_recording_to_its_end(start: StartProcess, net: Net, shared_data: Path) -> None:

@@ -34,13 +34,29 @@ class Home(msgspec.Struct, frozen=True):
         return Position(self.lat_deg, self.lon_deg, self.alt_amsl_m)
 
 
+class Stack(msgspec.Struct, frozen=True, kw_only=True):
+    """A real flight stack, outside the simulator, that flies a vehicle on the simulator's physics; see
+    :mod:`zmav.sim.hil`.
+
+    ``program``: a user's own SITL binary or build tree, to be started (None: it is started by somebody else, and
+    connects to ``port``; None: the one that the stack looks for by itself). ``own_physics``: it is only started.
+    ``directory``: where its files are kept (None: nowhere). ``device``: PATH[:BAUD] of a real flight controller.
+    """
+
+    program: str | None = None
+    port: int | None = None
+    own_physics: bool = False
+    directory: str | None = None
+    device: str | None = None
+
+
 class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     """One vehicle. What is None is chosen by the world; see :mod:`zmav.sim.lineup`.
 
     ``autopilot``: "arducopter", "ardurover", "arduplane" or "px4". ``airframe``: one of :data:`AIRFRAMES` (None: what
     the autopilot's own simulation drives). ``start_ned_m``: where it stands, metres NED of the world.
     ``endpoints``: see :mod:`zmav.sim.endpoints`. ``uid``: what AUTOPILOT_VERSION tells it apart by. ``params``:
-    parameters that differ from the defaults.
+    parameters that differ from the defaults. ``stack``: who flies it in place of the simulator's own autopilot.
     """
 
     name: str | None = None
@@ -52,11 +68,12 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     endpoints: tuple[str, ...] | None = None
     uid: int | None = None
     params: dict[str, float] = {}
+    stack: Stack | None = None
 
 
 def usual(spec: VehicleSpec) -> tuple[str, ...]:
     """The endpoints of a vehicle for which nobody names any."""
-    return ("px4",) if spec.autopilot == PX4 else ("tcp",)
+    return ("px4",) if spec.autopilot == PX4 else ("ardupilot",)
 
 
 def kind_of(spec: VehicleSpec) -> str:

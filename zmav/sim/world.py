@@ -20,7 +20,7 @@ from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, build
 from zmav.sim.clock import Pacer
-from zmav.sim.endpoints import expand, open_endpoint, parse_endpoint
+from zmav.sim.endpoints import Wiring, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
 from zmav.sim.lineup import gather, line_up
 from zmav.sim.listener import Listener
@@ -48,8 +48,8 @@ class World:
 
     ``vehicles``: one :class:`VehicleSpec` each; ``copters``, ``hexas``, ``rovers``, ``planes``, ``px4``: so many plain
     ones of a kind after them. Nothing at all is one ArduCopter.
-    ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None: "tcp" for
-    an ArduCopter, "px4" for a PX4). ``speed``: times real time, ``math.inf`` as fast as it goes.
+    ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None:
+    "ardupilot" or "px4"). ``speed``: times real time, ``math.inf`` as fast as it goes.
     ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
     ``gps_noise_m``: standard deviation per axis. ``epoch_s``: UTC at the start.
@@ -91,10 +91,7 @@ class World:
         self.environment = Environment(wind, terrain, gusts)
         self._specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
-        self._addresses = [
-            [parse_endpoint(text, i) for text in expand(_first_of(spec.endpoints, default, usual(spec)))]
-            for i, spec in enumerate(self._specs)
-        ]
+        self._addresses = addresses([_first_of(spec.endpoints, default, usual(spec)) for spec in self._specs])
         built = build(
             self._specs,
             home=self.home,
@@ -109,6 +106,7 @@ class World:
         self.vehicles: list[SimVehicle] = [vehicle for _, vehicle in built]
         self._squads: list[Squad] = list({id(squad): squad for squad, _ in built}.values())
         self._selector = selectors.DefaultSelector()
+        self._wiring = Wiring(self._selector, set(), lambda: self.time_s)
         self._calls: deque[Callable[[], None]] = deque()
         self._ticked = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -145,7 +143,7 @@ class World:
         try:
             for vehicle, addresses in zip(self.vehicles, self._addresses, strict=True):
                 for address in addresses[len(vehicle.endpoints) :]:
-                    vehicle.endpoints.append(open_endpoint(address, vehicle, self._selector))
+                    vehicle.endpoints.append(open_endpoint(address, vehicle, self._wiring))
             if control is not None and self._listener is None:
                 self._listener = Listener(control, self._selector, offers(self))
         except BaseException:
@@ -294,6 +292,7 @@ class World:
                 wait = self.pacer.wait_s()
                 if wait > 0.0:
                     self._serve(wait)
+                    self._flush()
                     continue
                 self._serve(0.0)
                 self._tick()
@@ -308,6 +307,11 @@ class World:
 
     # ---- links, and calls from other threads
 
+    def serve(self) -> None:
+        """Hear and answer clients of a world that :meth:`step` advances; only where no thread runs it."""
+        self._serve(0.0)
+        self._flush()
+
     def _serve(self, timeout: float) -> None:
         """Hear clients and calls for ``timeout`` seconds at most (infinite: until one comes)."""
         for key, _ in self._selector.select(timeout if math.isfinite(timeout) else None):
@@ -317,9 +321,10 @@ class World:
             self._calls.popleft()()
 
     def _flush(self) -> None:
-        for vehicle in self.vehicles:
-            for endpoint in vehicle.endpoints:
-                endpoint.flush()
+        waiting = self._wiring.waiting
+        for each in list(waiting):
+            if each.flush():
+                waiting.discard(each)
 
     def _ring(self) -> None:
         # A full buffer means that it rings already; a closed one, that nobody is left to hear.

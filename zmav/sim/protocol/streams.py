@@ -36,16 +36,17 @@ GROUPS: dict[int, tuple[str, ...]] = {
         "VIBRATION",
     ),
 }
-# The parameter that holds a group's default rate on the first serial port, Hz.
+# How the parameter that holds a group's default rate ends, Hz; before it stands the port's RATE_PREFIX.
 RATE_PARAMS = {
-    "MAV1_RAW_SENS": 1,
-    "MAV1_EXT_STAT": 2,
-    "MAV1_RC_CHAN": 3,
-    "MAV1_POSITION": 6,
-    "MAV1_EXTRA1": 10,
-    "MAV1_EXTRA2": 11,
-    "MAV1_EXTRA3": 12,
+    "RAW_SENS": 1,
+    "EXT_STAT": 2,
+    "RC_CHAN": 3,
+    "POSITION": 6,
+    "EXTRA1": 10,
+    "EXTRA2": 11,
+    "EXTRA3": 12,
 }
+RATE_PREFIX = {"serial1": "MAV2_", "serial2": "MAV3_"}  # any other link is the first port's: MAV1_
 
 
 class Streams:

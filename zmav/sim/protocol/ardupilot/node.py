@@ -19,7 +19,7 @@ from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.part import Answer, Sender
-from zmav.sim.protocol.streams import RATE_PARAMS
+from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
 PIECE = 50  # characters of a STATUSTEXT
 
@@ -76,10 +76,12 @@ class MavNode(Node):
         return REPORTS[name](self)
 
     def greet(self, channel: Channel) -> None:
-        """Start the streams of the MAV1_ parameters."""
+        """Start the streams of the port's MAV1_, MAV2_ or MAV3_ parameters."""
+        prefix = RATE_PREFIX.get(channel.link, "MAV1_")
         for param, group in RATE_PARAMS.items():
-            if self.vehicle.params[param] > 0:
-                channel.streams.set_group(group, self.vehicle.params[param], self.vehicle.now)
+            rate = self.vehicle.params[f"{prefix}{param}"]
+            if rate > 0:
+                channel.streams.set_group(group, rate, self.vehicle.now)
 
     def say(self, severity: int, text: str) -> None:
         """A STATUSTEXT on every channel, in numbered pieces where it is long, and into the log."""
