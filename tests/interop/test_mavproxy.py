@@ -65,6 +65,15 @@ class Session:
         assert found is not None, f"no {answer!r} in: {self.said[before:][-1500:]}"
         return found.group(0)
 
+    def set_param(self, name: str, value: int) -> None:
+        """Set it, and look until MAVProxy has heard of it itself."""
+        self.type(f"param set {name} {value}")
+        for _ in range(20):
+            shown = self.type(f"param show {name}", rf"{name} +\d+")
+            if shown.split()[-1] == str(value):
+                return
+        raise AssertionError(f"MAVProxy shows {shown}")
+
     def until(self, true: Callable[[], bool]) -> None:
         self.world.wait_for(true, SIM_S)
 
@@ -101,9 +110,8 @@ def session(tmp_path: Path) -> Iterator[Session]:
 def test_a_flight(session: Session) -> None:
     """Parameters, GUIDED, arming, takeoff, a velocity, a place, RTL, disarmed; every order is acknowledged to it."""
     copter = session.vehicle.copter
-    session.type("param set WPNAV_SPEED 750")
-    session.until(lambda: copter.params["WPNAV_SPEED"] == 750)
-    session.type("param show WPNAV_SPEED", r"WPNAV_SPEED +750")
+    session.set_param("WPNAV_SPEED", 750)
+    assert copter.params["WPNAV_SPEED"] == 750
     session.type("param fetch", rf"Received {len(copter.params)} parameters")
     session.type("version", r"REQUEST_MESSAGE: ACCEPTED")
     session.type("mode GUIDED", r"DO_SET_MODE: ACCEPTED")
@@ -144,8 +152,8 @@ def test_lists_and_a_mission(session: Session, tmp_path: Path) -> None:
     (tmp_path / "rally.txt").write_text(f"QGC WPL 110\n0\t0\t3\t5100\t0\t0\t0\t0\t{lat - 1e-4}\t{lon}\t20\t1\n")
     session.type(f"rally load {tmp_path / 'rally.txt'}", r"MISSION_ACK: TYPE_RALLY: ACCEPTED")
     session.type("rally list", r"Requesting 1 rally item")
-    session.type("param set AUTO_OPTIONS 3")  # arming and taking off in AUTO without a hand on the stick
-    session.until(lambda: copter.params["AUTO_OPTIONS"] == 3 and copter.position_ok)
+    session.set_param("AUTO_OPTIONS", 3)  # arming and taking off in AUTO without a hand on the stick
+    session.until(lambda: copter.position_ok)
     session.type("mode AUTO", r"DO_SET_MODE: ACCEPTED")
     session.type("arm throttle", r"COMPONENT_ARM_DISARM: ACCEPTED")
     session.hears(r"waypoint 2")
