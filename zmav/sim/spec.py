@@ -8,6 +8,7 @@ import msgspec
 
 from zmav.errors import BadConfig
 from zmav.keys import check_name
+from zmav.sim.camera.spec import CameraSpec, PadSpec, check_camera, check_pad
 from zmav.sim.geo import Position
 
 FARTHEST_M = 1e6
@@ -57,6 +58,7 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     the autopilot's own simulation drives). ``start_ned_m``: where it stands, metres NED of the world.
     ``endpoints``: see :mod:`zmav.sim.endpoints`. ``uid``: what AUTOPILOT_VERSION tells it apart by. ``params``:
     parameters that differ from the defaults. ``stack``: who flies it in place of the simulator's own autopilot.
+    ``camera``: the downward camera it has; ``pad``: the landing pad it carries.
     """
 
     name: str | None = None
@@ -68,6 +70,8 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     endpoints: tuple[str, ...] | None = None
     uid: int | None = None
     params: dict[str, float] = {}
+    camera: CameraSpec | None = None
+    pad: PadSpec | None = None
     stack: Stack | None = None
 
 
@@ -105,6 +109,10 @@ def check(spec: VehicleSpec, where: str) -> None:
     start = spec.start_ned_m
     if start is not None and not all(abs(c) < FARTHEST_M for c in start):
         raise _bad(where, "start_ned_m", start, "three numbers of metres, north, east and down")
+    if spec.camera is not None:
+        check_camera(spec.camera, f"{where}: camera")
+    if spec.pad is not None:
+        check_pad(spec.pad, f"{where}: pad")
 
 
 def _bad(where: str, field: str, value: object, expected: str) -> BadConfig:

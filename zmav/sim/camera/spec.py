@@ -1,0 +1,149 @@
+"""What a camera and a landing pad are made of. Data and its checks only: nothing here needs OpenCV."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+
+from zmav.errors import BadConfig
+
+Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+Pixels = Annotated[int, msgspec.Meta(ge=16, le=4096)]
+Coefficient = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
+
+COLOURS = {
+    "white": "#f2f2f0",
+    "yellow": "#f5c518",
+    "black": "#1c1c1e",
+    "grey": "#77777a",
+    "blue": "#1d4e9e",
+    "red": "#b3261e",
+    "green": "#1f7a3d",
+    "orange": "#e8751a",
+}
+
+
+class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A camera that looks down from a vehicle.
+
+    The picture's pixel (u, v) = (0, 0) is the *centre* of its upper left pixel. With no ``mount_deg`` the upper edge of
+    the picture is toward the vehicle's nose. The lens is a pinhole with OpenCV's radial and tangential distortion.
+    """
+
+    width: Pixels = 640
+    height: Pixels = 480
+    focal_px: Annotated[float, msgspec.Meta(ge=10.0, le=1e5)] = 520.0
+    fov_deg: Annotated[float, msgspec.Meta(ge=5.0, le=150.0)] | None = None
+    """horizontal field of view; in place of ``focal_px``"""
+    center_px: tuple[float, float] | None = None
+    """principal point; None: the middle of the picture, ((width - 1) / 2, (height - 1) / 2)"""
+    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3"""
+    mount_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """roll, pitch and yaw of the mount in the vehicle's axes, from straight down; pitch 90 looks ahead"""
+    offset_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, -0.1)
+    """optical centre in the vehicle's axes, forward, right, down of its reference point (a copter's: its feet)"""
+    gimbal: bool = False
+    """levelled: of the vehicle's attitude only the heading counts"""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 20.0
+    """of the served pictures, in simulated time"""
+    exposure_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.0
+    """how long the shutter is open, centred on the frame's time: blurs what moves; 0: nothing does"""
+    gain: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 1.0
+    noise: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
+    """standard deviation of the read-out, in steps of 8 bits"""
+    shot_noise: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
+    """standard deviation of photon noise at a value of 1; it grows with the root of the value"""
+    defocus_px: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 0.0
+    """standard deviation of the blur"""
+    vignetting: Fraction = 0.0
+    """how much darker the corners are than the middle"""
+    jpeg_quality: Annotated[int, msgspec.Meta(ge=1, le=100)] = 85
+
+    @property
+    def focal(self) -> float:
+        """Focal length, pixels."""
+        if self.fov_deg is None:
+            return self.focal_px
+        return 0.5 * self.width / math.tan(math.radians(self.fov_deg) / 2.0)
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """Principal point, pixels."""
+        return self.center_px or ((self.width - 1) / 2.0, (self.height - 1) / 2.0)
+
+
+class PadSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A landing pad: the letter H (or a chessboard, for calibration) on its ground. On a vehicle the letter stands
+    upright seen with the nose ahead.
+
+    The H fills ``symbol_m`` by ``width_ratio`` times that; both uprights and the bar between them, which lies in the
+    middle, are ``stroke_ratio`` of its height wide. A heliport's H has 0.6 and 0.133 (ICAO Annex 14 volume II, 5.2.2);
+    a small pad's is bolder.
+    """
+
+    symbol: Literal["H", "chessboard", "none"] = "H"
+    symbol_m: Positive = 0.25
+    """height of the letter; of a chessboard, the length of its longer side"""
+    width_ratio: Annotated[float, msgspec.Meta(ge=0.2, le=2.0)] = 0.75
+    stroke_ratio: Annotated[float, msgspec.Meta(ge=0.02, le=0.45)] = 0.2
+    squares: tuple[Annotated[int, msgspec.Meta(ge=2, le=50)], Annotated[int, msgspec.Meta(ge=2, le=50)]] = (7, 10)
+    """of a chessboard, across and along"""
+    color: str = "white"
+    shape: Literal["disc", "ring", "square", "none"] = "disc"
+    """what the symbol lies on; the ring is of the symbol's colour and lies on a disc"""
+    size_m: Positive = 0.5
+    """diameter or side"""
+    ring_ratio: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.06
+    """width of the ring, of ``size_m``"""
+    background: str = "blue"
+    deck_m: Annotated[float, msgspec.Meta(ge=0.0, le=20.0)] | None = None
+    """on a vehicle: height above its reference point (a rover's: the ground); None: on its top"""
+    forward_m: Metres = 0.0
+    """on a vehicle: of the pad's middle, ahead of the reference point"""
+    right_m: Metres = 0.0
+
+
+def bgr(color: str, where: str = "color") -> tuple[float, float, float]:
+    """Blue, green and red, 0 to 255, of a colour by name or as ``#rrggbb``; :class:`BadConfig` says which there are."""
+    text = COLOURS.get(color, color)
+    try:
+        if len(text) != 7 or text[0] != "#":
+            raise ValueError
+        red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
+    except ValueError:
+        raise _bad(where, color, f"#rrggbb or one of {', '.join(COLOURS)}") from None
+    return float(blue), float(green), float(red)
+
+
+def check_camera(spec: CameraSpec, where: str) -> None:
+    """:class:`BadConfig` names what in ``spec`` cannot be: msgspec looks at types and bounds only where it decodes."""
+    _check(spec, where)
+    if spec.center_px is not None and not all(math.isfinite(c) and abs(c) < 1e5 for c in spec.center_px):
+        raise _bad(f"{where}.center_px", spec.center_px, "two numbers of pixels")
+
+
+def check_pad(spec: PadSpec, where: str) -> None:
+    """:class:`BadConfig` names what in ``spec`` cannot be."""
+    _check(spec, where)
+    bgr(spec.color, f"{where}.color")
+    bgr(spec.background, f"{where}.background")
+    if 2.0 * spec.stroke_ratio >= spec.width_ratio:
+        raise _bad(f"{where}.stroke_ratio", spec.stroke_ratio, f"less than half the width_ratio, {spec.width_ratio:g}")
+
+
+def _check(spec: CameraSpec | PadSpec, where: str) -> None:
+    try:
+        msgspec.convert(msgspec.to_builtins(spec), type(spec))
+    except msgspec.ValidationError as error:
+        raise BadConfig(f"{where}: {error}", field=where, value=None, expected=str(error)) from None
+
+
+def _bad(field: str, value: object, expected: str) -> BadConfig:
+    return BadConfig(f"{field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)

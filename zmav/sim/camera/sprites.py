@@ -1,0 +1,186 @@
+"""Flat pictures with transparency that lie anywhere in the world: pads, silhouettes, roofs; and how they are drawn.
+
+A sprite is kept at halving sizes (a pyramid; Williams, "Pyramidal Parametrics", SIGGRAPH 1983), so that it can be drawn
+from any distance without aliasing; colours are multiplied by their alpha beforehand (Porter and Duff, "Compositing
+Digital Images", SIGGRAPH 1984).
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zmav.sim.arrays import Array
+from zmav.sim.camera.coverage import Grid
+
+Image = NDArray[np.uint8]
+NEAR_M = 0.02  # nothing nearer than that to the lens is drawn
+MARGIN = 2  # clear texels around every size of a picture: its edge then fades as any other
+SHIFT = 6  # bits of a pixel in OpenCV's drawing
+
+
+class Sprite:
+    """``picture`` (h, w, 4): B, G, R times alpha, and alpha, 0 to 255; row 0 is ahead, column 0 left.
+
+    ``texel``: metres; the sprite's plane has its origin in the picture's middle, the first axis ahead, the second to
+    the right.
+    """
+
+    def __init__(self, picture: Image, texel: float) -> None:
+        self.texel = texel
+        self.half = (picture.shape[0] * texel / 2.0, picture.shape[1] * texel / 2.0)
+        """metres ahead and to the right that it reaches"""
+        self.levels: list[Image] = []
+        self.placements: list[Array] = []
+        """of each size: (3, 3) texel (column, row, 1) -> (ahead, right, 1) in metres"""
+        height, width = picture.shape[:2]
+        while True:
+            rows, columns = picture.shape[:2]
+            border = (MARGIN, MARGIN, MARGIN, MARGIN)
+            padded = cv2.copyMakeBorder(picture, *border, cv2.BORDER_CONSTANT, value=(0.0, 0.0, 0.0, 0.0))
+            self.levels.append(padded.astype(np.uint8, copy=False))
+            dy, dx = texel * height / rows, texel * width / columns
+            top, left = self.half[0] - dy * (0.5 - MARGIN), -self.half[1] + dx * (0.5 - MARGIN)
+            self.placements.append(np.array([[0.0, -dy, top], [dx, 0.0, left], [0.0, 0.0, 1.0]]))
+            if max(rows, columns) <= 2:
+                return
+            size = (max(columns // 2, 1), max(rows // 2, 1))
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+
+    def level(self, footprint: float) -> int:
+        """The size whose texels are about ``footprint`` metres."""
+        if footprint <= self.texel:
+            return 0
+        return min(int(math.log2(footprint / self.texel) + 0.35), len(self.levels) - 1)
+
+
+def sprite_of(color: Grid, alpha: Grid, texel: float) -> Sprite:
+    """From (h, w, 3) BGR 0 to 255 and (h, w) alpha 0 to 1."""
+    picture = np.dstack([color * alpha[..., None], alpha * 255.0])
+    return Sprite(np.clip(np.rint(picture), 0.0, 255.0).astype(np.uint8), texel)
+
+
+def grid_of(half_ahead: float, half_right: float, texel: float) -> tuple[Grid, Grid]:
+    """Metres ahead and to the right of every texel's middle, of a picture that reaches so far."""
+    rows, columns = max(round(2.0 * half_ahead / texel), 1), max(round(2.0 * half_right / texel), 1)
+    ahead = ((rows - 1) / 2.0 - np.arange(rows, dtype=np.float64)) * texel
+    right = (np.arange(columns, dtype=np.float64) - (columns - 1) / 2.0) * texel
+    return np.repeat(ahead[:, None], columns, 1), np.repeat(right[None, :], rows, 0)
+
+
+def clip_near(points: Array, near: float = NEAR_M) -> Array:
+    """A convex polygon of (3, N) homogeneous picture points, cut off where w is below ``near`` (Sutherland and Hodgman,
+    CACM 17(1), 1974).
+    """
+    w = points[2]
+    if (w >= near).all():
+        return points
+    kept = []
+    n = points.shape[1]
+    for i in range(n):
+        a, b = points[:, i], points[:, (i + 1) % n]
+        if a[2] >= near:
+            kept.append(a)
+        if (a[2] >= near) != (b[2] >= near):
+            kept.append(a + (b - a) * ((near - a[2]) / (b[2] - a[2])))
+    return np.array(kept).T if kept else np.empty((3, 0))
+
+
+def region(points: Array, size: tuple[int, int]) -> tuple[int, int, int, int] | None:
+    """The pixels (x0, y0, x1, y1) of a picture of ``size`` about the (3, N) points (w above 0); None outside."""
+    if points.shape[1] < 3:
+        return None
+    u, v = points[0] / points[2], points[1] / points[2]
+    x0, y0 = max(math.floor(u.min()) - 1, 0), max(math.floor(v.min()) - 1, 0)
+    x1, y1 = min(math.ceil(u.max()) + 2, size[0]), min(math.ceil(v.max()) + 2, size[1])
+    return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
+
+
+def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = None, blur_m: float = 0.0) -> None:
+    """Put ``sprite`` on ``image`` (h, w, 3) BGR, in place.
+
+    ``plane``: (3, 3) (ahead, right, 1) in metres -> (u w, v w, w). ``shadow``: only darken, by that share; a shadow's
+    edge is ``blur_m`` wide.
+    """
+    a, r = sprite.half
+    corners = plane @ np.array([[a, a, -a, -a], [-r, r, r, -r], [1.0, 1.0, 1.0, 1.0]])
+    seen = clip_near(corners)
+    where = region(seen, (image.shape[1], image.shape[0]))
+    if where is None:
+        return
+    x0, y0, x1, y1 = where
+    level = sprite.level(max(_footprint(plane, seen), blur_m / 2.0))
+    to_picture = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]]) @ plane @ sprite.placements[level]
+    if abs(np.linalg.det(to_picture)) < 1e-15:
+        return  # seen from its edge
+    source = sprite.levels[level]
+    if shadow is not None:
+        source = np.ascontiguousarray(source[..., 3])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    patch = cv2.warpPerspective(source, np.linalg.inv(to_picture), (x1 - x0, y1 - y0), flags=flags)
+    if seen.shape[1] != 4 or seen is not corners:
+        patch = cv2.bitwise_and(patch, patch, mask=_mask(seen, where))
+    target = image[y0:y1, x0:x1]
+    if shadow is not None:
+        darken(target, patch.astype(np.uint8, copy=False), shadow)
+        return
+    alpha = cv2.cvtColor(255 - patch[..., 3], cv2.COLOR_GRAY2BGR)
+    cv2.multiply(target, alpha, dst=target, scale=1.0 / 255.0)
+    cv2.add(target, patch[..., :3], dst=target)
+
+
+def darken(target: Image, cover: Image, share: float) -> None:
+    """Multiply ``target`` (h, w, 3) by 1 - share where ``cover`` (h, w) is 255, in place."""
+    dark = cv2.convertScaleAbs(cover, alpha=share)
+    cv2.multiply(target, cv2.cvtColor(255 - dark, cv2.COLOR_GRAY2BGR), dst=target, scale=1.0 / 255.0)
+
+
+def fill(image: Image, points: Array, color: tuple[float, float, float]) -> None:
+    """A filled convex polygon of (3, N) homogeneous picture points, in place; edges are smooth."""
+    seen = clip_near(points)
+    if region(seen, (image.shape[1], image.shape[0])) is not None:
+        cv2.fillConvexPoly(image, _fixed(seen), color, cv2.LINE_AA, SHIFT)
+
+
+def shade(image: Image, points: Array, share: float, blur_px: float = 0.0) -> None:
+    """Darken a convex polygon of (3, N) homogeneous picture points, in place."""
+    seen = clip_near(points)
+    where = region(seen, (image.shape[1], image.shape[0]))
+    if where is None:
+        return
+    x0, y0, x1, y1 = where
+    m = math.ceil(2.0 * blur_px)
+    x0, y0 = max(x0 - m, 0), max(y0 - m, 0)
+    x1, y1 = min(x1 + m, image.shape[1]), min(y1 + m, image.shape[0])
+    mask = _mask(seen, (x0, y0, x1, y1))
+    if blur_px > 0.5:
+        mask = cv2.GaussianBlur(mask, (0, 0), blur_px).astype(np.uint8, copy=False)
+    darken(image[y0:y1, x0:x1], mask, share)
+
+
+def _mask(points: Array, where: tuple[int, int, int, int]) -> Image:
+    x0, y0, x1, y1 = where
+    mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
+    cv2.fillConvexPoly(mask, _fixed(points - np.outer([x0, y0, 0.0], points[2])), (255.0,), cv2.LINE_AA, SHIFT)
+    return mask
+
+
+def _fixed(points: Array) -> NDArray[np.int32]:
+    """Picture points as OpenCV draws them: in 2^-SHIFT pixels, kept within what it can hold."""
+    flat = np.clip((points[:2] / points[2]).T, -20_000.0, 20_000.0)
+    fixed: NDArray[np.int32] = np.rint(flat * (1 << SHIFT)).astype(np.int32)
+    return fixed
+
+
+def _footprint(plane: Array, seen: Array) -> float:
+    """Metres of the plane that a pixel about the middle of the points ``seen`` (3, N) takes."""
+    inverse = np.linalg.pinv(plane)
+    center = seen.mean(1)
+    at = inverse @ np.array([center[0] / center[2], center[1] / center[2], 1.0])
+    ahead, right = at[0] / at[2], at[1] / at[2]
+    u, v, w = plane @ np.array([ahead, right, 1.0])
+    j = (plane[:2, :2] - np.outer([u / w, v / w], plane[2, :2])) / w
+    return float(1.0 / math.sqrt(max(abs(j[0, 0] * j[1, 1] - j[0, 1] * j[1, 0]), 1e-12)))
