@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from zmav.errors import BadMessage, BadUrl, PortInUse
+from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.json_fdm import PORT, PORT_STEP, JsonFdm
 from zmav.sim.hil.plant import Plant
 from zmav.sim.hil.vehicle import External
@@ -49,7 +50,7 @@ class JsonVehicle(External):
         self._socket: socket.socket | None = None
         self._selector: selectors.BaseSelector | None = None
 
-    def open(self, selector: selectors.BaseSelector) -> None:
+    def open(self, wiring: Wiring) -> None:
         host, port = self._at
         where = f"udp:{host}:{port}"
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -61,10 +62,12 @@ class JsonVehicle(External):
             opened.close()
             if error.errno == errno.EADDRINUSE:
                 raise PortInUse(f"{where} is in use by another program", port=port) from error
-            raise BadUrl(f"{where}: {error}", field="host", value=host, expected="an address of this machine") from error
-        self._socket, self._selector = opened, selector
+            raise BadUrl(
+                f"{where}: {error}", field="host", value=host, expected="an address of this machine"
+            ) from error
+        self._socket, self._selector = opened, wiring.selector
         self._at = (host, int(opened.getsockname()[1]))
-        selector.register(opened, selectors.EVENT_READ, self._read)
+        wiring.selector.register(opened, selectors.EVENT_READ, self._read)
 
     def close(self) -> None:
         if self._socket is not None and self._selector is not None:

@@ -8,16 +8,20 @@ import msgspec
 import numpy as np
 
 from zmav.errors import BadConfig
+from zmav.sim.air import density
 from zmav.sim.arrays import Array
 from zmav.sim.dynamics.airframe import airframe
+from zmav.sim.dynamics.battery import Pack
 from zmav.sim.dynamics.body import Body
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.environment import Environment
+from zmav.sim.fleets.base import Fleet
 
 PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # microseconds
 
 MakeBody = Callable[[Array, Array, float, Environment], Body]
 Drive = Callable[[Body, Sequence[float]], None]
+Settle = Callable[[Fleet, float], None]
 
 
 class Channel(msgspec.Struct, frozen=True):
@@ -42,16 +46,22 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     """An airframe as flight stacks see it.
 
     ``make``: start (3, 1), yaw (1,), step and environment -> the body. ``drive``: sets the body's inputs from the
-    actuators' values, in the order of ``channels``. ``program``: the ArduPilot binary that flies it, with ``params``
-    that differ from its defaults. ``px4``: which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does
-    not fly it here. ``px4_airframe``: SYS_AUTOSTART of the matching PX4 frame. ``air_data``: it has a pitot tube.
+    actuators' values, in the order of ``channels``. ``settle``: moves on by so many seconds what changes slowly, such
+    as the battery. ``program``: the ArduPilot binary that flies it; ``model``: its own physics nearest to this;
+    ``defaults``: parameter files of its source tree, in Tools/autotest; ``params``: what differs from them. ``px4``:
+    which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does not fly it here. ``px4_airframe``:
+    SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none. ``air_data``: it has a pitot tube.
     """
 
     name: str
     make: MakeBody
     drive: Drive
+    settle: Settle
+    pack: Pack
     channels: tuple[Channel, ...]
     program: str
+    model: str
+    defaults: tuple[str, ...] = ()
     params: Mapping[str, float] = {}
     px4: tuple[int, ...] = ()
     px4_airframe: int = 0
@@ -79,12 +89,25 @@ def _drive_copter(body: Body, values: Sequence[float]) -> None:
     body.throttle = np.array(values)[:, None]
 
 
+def _settle_copter(fleet: Fleet, seconds: float) -> None:
+    body = fleet.dynamics
+    assert isinstance(body, CopterDynamics)
+    frame = body.airframe
+    share = body.thrust / frame.hover_thrust_n
+    current = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
+    fleet.battery.step(current, seconds)
+    body.supply = fleet.battery.volts / frame.battery_v
+    body.density = density(fleet.around.place.alt_amsl_m - body.pos[2])
+    fleet.sensors.throttle[:] = body.throttle.mean(0)
+
+
 def _rotors(*numbers: int) -> tuple[Channel, ...]:
     return tuple(Channel(number) for number in numbers)
 
 
 # Motor numbers: ardupilot.org, "Connect ESCs and Motors"; docs.px4.io, "Airframes Reference". Rotors here are in the
 # order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
+_COPTER_PARAMS = ("default_params/copter.parm",)
 _QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
 
 
@@ -94,27 +117,38 @@ def _crafts() -> list[Craft]:
             name="quad",
             make=_copter("quad"),
             drive=_drive_copter,
+            settle=_settle_copter,
+            pack=airframe("quad").pack,
             channels=_rotors(0, 1, 2, 3),
             program="arducopter",
+            model="+",
+            defaults=_COPTER_PARAMS,
             params={"FRAME_CLASS": 1, "FRAME_TYPE": 0},
         ),
         Craft(
             name="hexa",
             make=_copter("hexa"),
             drive=_drive_copter,
+            settle=_settle_copter,
+            pack=airframe("hexa").pack,
             channels=_rotors(*_HEXA_X),
             program="arducopter",
+            model="hexa",
+            defaults=_COPTER_PARAMS,
             params={"FRAME_CLASS": 2, "FRAME_TYPE": 1},
             px4=_HEXA_X,
-            px4_airframe=6001,
         ),
         Craft(
             name="sih",
             make=_copter("sih"),
             drive=_drive_copter,
+            settle=_settle_copter,
+            pack=airframe("sih").pack,
             channels=_rotors(*_QUAD_X),
             program="arducopter",
-            params={"FRAME_CLASS": 1, "FRAME_TYPE": 1},
+            model="x",
+            defaults=_COPTER_PARAMS,
+            params={"FRAME_CLASS": 1, "FRAME_TYPE": 1, "MOT_THST_EXPO": 0.0, "MOT_THST_HOVER": 0.49},
             px4=_QUAD_X,
             px4_airframe=10016,
         ),

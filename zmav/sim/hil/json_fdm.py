@@ -1,7 +1,7 @@
 """ArduPilot's JSON interface: servo pulses in, the state of the physics out, in lock step over UDP.
 
-Source: ArduPilot, libraries/SITL/examples/JSON/readme.md. The flight stack sends a binary packet for every step it wants
-to make and waits for the answer, one line of JSON, which carries the time that it then takes as its own.
+Source: ArduPilot, libraries/SITL/examples/JSON/readme.md. The flight stack sends a binary packet for every step it
+wants to make and waits for the answer, one line of JSON, which carries the time that it then takes as its own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Servos(NamedTuple):
     """One packet of the flight stack: steps per second, which step this is, pulse widths in microseconds."""
 
     rate_hz: int
-    count: int
+    frame: int
     pwm: tuple[int, ...]
 
 
@@ -61,29 +61,33 @@ def compose(plant: Plant) -> bytes:
         f'"accel_body":[{force[0]:.7g},{force[1]:.7g},{force[2]:.7g}]}},'
         f'"position":[{pos[0] - start[0]:.6f},{pos[1] - start[1]:.6f},{pos[2] - start[2]:.6f}],'
         f'"quaternion":[{q[0]:.8f},{q[1]:.8f},{q[2]:.8f},{q[3]:.8f}],'
-        f'"velocity":[{vel[0]:.7g},{vel[1]:.7g},{vel[2]:.7g}],"no_time_sync":1{_air(plant, now)}{_range(plant, now)}}}\n'
+        f'"velocity":[{vel[0]:.7g},{vel[1]:.7g},{vel[2]:.7g}],"no_time_sync":1'
+        f"{_air(plant, now)}{_range(plant, now)}}}\n"
     )
     return text.encode("ascii")
 
 
 def _air(plant: Plant, now: Truth) -> str:
-    """The wind, and what instruments make of it: airspeed (true), and the apparent wind from the bow, clockwise."""
+    """What instruments other than the IMU say: the apparent wind (from the bow, clockwise), airspeed (true), wind (the
+    way it blows to, NED), and the battery.
+    """
     u, v, w = now.air_velocity
     airspeed = max(u, 0.0) if plant.craft.air_data else math.sqrt(u * u + v * v + w * w)
     vane = f'"windvane":{{"direction":{math.atan2(v, u) % (2 * math.pi):.5f},"speed":{math.hypot(u, v):.5g}}}'
     north, east, down = now.wind
-    return f',{vane},"airspeed":{airspeed:.6g},"velocity_wind":[{north:.5g},{east:.5g},{down:.5g}]'
+    battery = f'"battery":{{"voltage":{plant.battery.volts[0]:.4g},"current":{plant.battery.current[0]:.4g}}}'
+    return f',{vane},"airspeed":{airspeed:.6g},"velocity_wind":[{north:.5g},{east:.5g},{down:.5g}],{battery}'
 
 
 def _range(plant: Plant, now: Truth) -> str:
     """What a rangefinder that looks down the body's axis measures, m; nothing where it sees no ground in reach."""
     terrain = plant.dynamics.terrain
-    x, y, z = now.to_body(*terrain.normal)
-    if z > -0.1:
+    upward = -now.to_body(*terrain.normal)[2]
+    if upward < 0.1:
         return ""
     above = terrain.down_m - terrain.slope_north * now.pos[0] - terrain.slope_east * now.pos[1] - now.pos[2]
     # The distance to a plane along a unit vector: how far off it is over the cosine to its normal.
-    distance = max(-above * terrain.normal[2] / -z, 0.0)
+    distance = max(-above * terrain.normal[2] / upward, 0.0)
     return f',"rng_1":{distance:.4f}' if distance < RANGE_M else ""
 
 
@@ -106,10 +110,10 @@ class JsonFdm:
         """A packet: gives the answer at once where no time passes by it. Raises :class:`BadMessage`."""
         servos = parse_servos(data)
         last = self._last
-        if last is not None and servos.count < last.count:
+        if last is not None and servos.frame < last.frame:
             self._restart()
             last = None
-        if last is not None and servos.count == last.count and self._answer:
+        if last is not None and servos.frame == last.frame and self._answer:
             self.repeated += 1
             return self._answer
         self._pending = servos
@@ -127,7 +131,7 @@ class JsonFdm:
         servos = self._pending
         assert servos is not None
         steps = self._steps(servos)
-        self.lost += 0 if self._last is None else servos.count - self._last.count - 1
+        self.lost += 0 if self._last is None else servos.frame - self._last.frame - 1
         self._last, self._pending = servos, None
         plant = self.plant
         plant.drive(plant.craft.from_pwm(servos.pwm))
@@ -143,7 +147,7 @@ class JsonFdm:
         """One, and those whose packets were lost, so that a stack that does not wait for answers keeps its time."""
         if self._last is None:
             return 1
-        return min(servos.count - self._last.count, max(int(MOST_S * servos.rate_hz), 1))
+        return min(servos.frame - self._last.frame, max(int(MOST_S * servos.rate_hz), 1))
 
     def _restart(self) -> None:
         self.restarts += 1

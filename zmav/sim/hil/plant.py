@@ -15,7 +15,7 @@ from zmav.sim.hil.craft import Craft
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-AIR_EVERY_S = 0.01  # gusts and estimators go at the pace of the world's ticks, however short a step is
+AIR_EVERY_S = 0.01  # gusts and the battery go at the pace of the world's ticks, however short a step is
 
 
 class Truth:
@@ -81,8 +81,7 @@ class Plant(Fleet):
     def _stand(self, dt: float, around: Surroundings) -> None:
         """Put it at the start, at rest, with sensors just switched on."""
         start = np.array([self.start], dtype=float).T
-        super().__init__(self.craft.make(start, np.array([self._yaw]), dt, around.environment), around)
-        self.gusts = around.environment.air(1, around.generator("gusts"), AIR_EVERY_S)
+        super().__init__(self.craft.make(start, np.array([self._yaw]), dt, around.environment), around, self.craft.pack)
         self.time_s = 0.0
         self.values: list[float] = [0.0] * len(self.craft.channels)
         self._since_air = 0.0
@@ -106,8 +105,8 @@ class Plant(Fleet):
         self._since_air += seconds
         if self._since_air >= AIR_EVERY_S - 1e-9:
             self._since_air -= AIR_EVERY_S
-            if not self.gusts.calm:
-                body.wind[:] = self.gusts.step(body.pos, body.vel)
+            self.blow(AIR_EVERY_S)
+            self.craft.settle(self, AIR_EVERY_S)
 
     def truth(self) -> Truth:
         return Truth(self)
@@ -134,8 +133,8 @@ class Plant(Fleet):
             Sense._make(
                 [
                     *now.pos, *now.vel, roll, pitch, yaw, *now.rate, *now.specific_force, *now.q,
-                    0.0, 0.0, *now.q, yaw, throttle, 0.0, float(now.contact), impact,
-                    math.sqrt(u * u + v * v + w * w), 0.0, *now.pos,
+                    0.0, 0.0, *now.q, yaw, throttle, float(self.battery.current[0]), float(now.contact), impact,
+                    math.sqrt(u * u + v * v + w * w), float(self.battery.volts[0]), *now.pos,
                 ]
             )
         ]  # fmt: skip

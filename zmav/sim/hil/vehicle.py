@@ -1,12 +1,12 @@
-"""A vehicle that a flight stack outside the simulator flies: its place in the world, and its time beside the world's."""
+"""A vehicle that a flight stack outside the simulator flies: its place in the world, and its time beside it."""
 
 from __future__ import annotations
 
 import math
-import selectors
 import time
 from collections.abc import Callable
 
+from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.plant import Plant
 from zmav.sim.status import VehicleStatus
 
@@ -32,11 +32,14 @@ class External:
         self.plant = plant
         self.say = say
         self.connected = False
+        self.reached: tuple[str, ...] = ()
+        """where the stack's own MAVLink is found, as far as that is known"""
+        self._ended = ""
         self._now = 0.0  # the world's time granted
         self._offset = 0.0  # what the world's time is ahead of the plant's
         self._heard = -math.inf  # wall time
 
-    def open(self, selector: selectors.BaseSelector) -> None:
+    def open(self, wiring: Wiring) -> None:
         """Open what the stack connects to. Raises :class:`PortInUse`, :class:`BadUrl`."""
         raise NotImplementedError
 
@@ -47,6 +50,11 @@ class External:
     def url(self) -> str:
         """Where the stack connects to, or is found."""
         raise NotImplementedError
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """First where MAVLink clients reach the stack, where that is known."""
+        return self.reached or tuple(filter(None, [self.url]))
 
     @property
     def waits(self) -> bool:
@@ -105,17 +113,24 @@ class External:
     def links(self) -> int:
         return int(self.connected)
 
+    def lost(self, how: str) -> None:
+        """The stack's program has ended."""
+        self._ended = how
+        self.connected = False
+        self.plant.drive([0.0] * len(self.plant.values))
+
     def status(self) -> VehicleStatus:
         now = self.plant.truth()
         north, east, down = now.pos
+        urls = self.urls
         return VehicleStatus(
             name=self.name,
             sysid=self.sysid,
             autopilot=self.autopilot,
             airframe=self.plant.craft.name,
-            url=self.url,
-            urls=(self.url,),
-            mode="external" if self.connected else "waiting",
+            url=urls[0] if urls else "",
+            urls=urls,
+            mode="ended" if self._ended else "external" if self.connected else "waiting",
             armed=self.armed,
             landed=now.contact,
             ready=self.connected,
@@ -123,6 +138,7 @@ class External:
             height_m=self.plant.start[2] - down,
             speed_mps=math.sqrt(sum(v * v for v in now.vel)),
             heading_deg=math.degrees(now.euler[2]) % 360.0,
-            battery_pct=100,
+            battery_pct=max(round(100.0 * float(self.plant.battery.charge[0])), 0),
             links=self.links,
+            failed=self._ended or None,
         )

@@ -1,0 +1,144 @@
+"""Finds a user's own flight stacks: in a build tree, or as the program itself; and how each is started."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from zmav.errors import BadConfig
+from zmav.sim.geo import Position
+from zmav.sim.hil.craft import Craft
+
+ARDUPILOT_PLACES = ("", "bin", "build/sitl/bin")
+PX4_PLACES = ("", "bin", "build/px4_sitl_default/bin")
+ARDUPILOT_PROGRAMS = ("arducopter", "ardurover", "arduplane")
+PX4_LAST_ONBOARD = 9  # of PX4's onboard links that has a port of its own
+OWN_PARAMS = "frame.parm"
+
+
+class Job(NamedTuple):
+    """How a flight stack is started, and where it is reached then."""
+
+    command: list[str]
+    environment: dict[str, str]
+    urls: tuple[str, ...]
+
+
+def find_ardupilot(path: Path, program: str) -> Path:
+    """The binary ``program`` at ``path``, which is that itself, or the source or build tree that holds it.
+    :class:`BadConfig` says where it was looked for.
+    """
+    if path.is_file() and path.name in ARDUPILOT_PROGRAMS and path.name != program:
+        raise _missing(path, program, f"{path} is {path.name}")
+    return _find(path, program, ARDUPILOT_PLACES, "./waf configure --board sitl && ./waf")
+
+
+def find_px4(path: Path) -> Path:
+    """The binary ``px4``, likewise."""
+    return _find(path, "px4", PX4_PLACES, "make px4_sitl_default")
+
+
+def _find(path: Path, program: str, places: Sequence[str], build: str) -> Path:
+    path = path.expanduser().absolute()
+    if path.is_dir():
+        candidates = [path / place / program for place in places]
+        found = next((each for each in candidates if each.is_file()), None)
+        if found is None:
+            looked = ", ".join(str(each) for each in candidates)
+            raise _missing(path, program, f"there is none of {looked}. Is it built ({build})?")
+        path = found
+    if not path.is_file():
+        raise _missing(path, program, f"there is no {path}")
+    if not os.access(path, os.X_OK):
+        raise _missing(path, program, f"{path} may not be executed")
+    return path
+
+
+def _missing(path: Path, program: str, why: str) -> BadConfig:
+    expected = f"{program}, or a tree that holds it"
+    return BadConfig(f"no {program}: {why}", field="program", value=str(path), expected=expected)
+
+
+def _above(binary: Path, folder: str) -> Path | None:
+    """The nearest directory above ``binary`` that has ``folder``."""
+    return next((each for each in binary.resolve().parents if (each / folder).is_dir()), None)
+
+
+def frame_params(craft: Craft) -> str:
+    """ArduPilot parameters that tell it the frame, as the text of a defaults file."""
+    return "".join(f"{name} {value:g}\n" for name, value in craft.params.items())
+
+
+def ardupilot_job(
+    binary: Path,
+    craft: Craft,
+    *,
+    instance: int,
+    sysid: int,
+    home: Position,
+    heading_deg: float,
+    directory: Path,
+    own_physics: bool,
+    speed: float,
+) -> Job:
+    """Start it as instance ``-I``: MAVLink at TCP 5760+10*i, parameters from the tree's defaults where they are found,
+    then from the file ``frame.parm`` in ``directory``, which is written here.
+    """
+    tree = _above(binary, "Tools/autotest")
+    found = [tree / "Tools/autotest" / name for name in craft.defaults] if tree else []
+    own = directory / OWN_PARAMS
+    directory.mkdir(parents=True, exist_ok=True)
+    own.write_text(frame_params(craft), encoding="ascii")
+    defaults = [*(each for each in found if each.is_file()), own]
+    command = [
+        str(binary),
+        *("--model", craft.model if own_physics else "JSON:127.0.0.1"),
+        *("--speedup", f"{speed:g}"),
+        *("--home", f"{home.lat_deg:.7f},{home.lon_deg:.7f},{home.alt_amsl_m:.2f},{heading_deg % 360.0:g}"),
+        *("--sysid", str(sysid)),
+        f"-I{instance}",
+        *("--defaults", ",".join(map(str, defaults))),
+        *("--serial0", "tcp:0"),
+    ]
+    return Job(command, {}, (f"tcp:127.0.0.1:{5760 + 10 * instance}",))
+
+
+def px4_job(
+    binary: Path,
+    craft: Craft,
+    *,
+    instance: int,
+    sysid: int,
+    home: Position,
+    heading_deg: float,
+    own_physics: bool,
+    speed: float,
+) -> Job:
+    """Start it as instance ``-i``: MAVLink at UDP 14540+i and 14550."""
+    if not craft.px4_airframe:
+        text = f"there is no PX4 SITL airframe for {craft.name!r} that could be started; expected 'sih'"
+        raise BadConfig(text, field="airframe", value=craft.name, expected="sih")
+    etc = binary.parent.parent / "etc"
+    command = [str(binary), "-i", str(instance), *(["-d", str(etc)] if etc.is_dir() else [])]
+    physics: Mapping[str, str] = (
+        {"PX4_SIM_MODEL": "sihsim_quadx", "PX4_SYS_AUTOSTART": "10040", "PX4_SIMULATOR": "sihsim"}
+        if own_physics
+        else {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": str(craft.px4_airframe)}
+    )
+    environment = {
+        **physics,
+        "PX4_SIM_HOST_ADDR": "127.0.0.1",
+        "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
+        "PX4_HOME_LAT": f"{home.lat_deg:.7f}",
+        "PX4_HOME_LON": f"{home.lon_deg:.7f}",
+        "PX4_HOME_ALT": f"{home.alt_amsl_m:.2f}",
+        "PX4_HOME_YAW": f"{heading_deg % 360.0:g}",
+    }
+    if own_physics:
+        del environment["PX4_SIM_HOST_ADDR"]
+    if sysid != instance + 1:  # which is what it takes by itself
+        environment["PX4_PARAM_MAV_SYS_ID"] = str(sysid)
+    port = 14540 + min(instance, PX4_LAST_ONBOARD)
+    return Job(command, environment, (f"udpin:127.0.0.1:{port}",))

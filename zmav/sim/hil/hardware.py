@@ -1,0 +1,234 @@
+"""A vehicle that a real flight controller flies, on its own hardware, over a serial line (HIL).
+
+PX4 with SYS_HITL 1 takes HIL_SENSOR and HIL_GPS from the line and answers with HIL_ACTUATOR_CONTROLS. There is no lock
+step: everything goes in real time, readings evenly spaced. The line carries the controller's other MAVLink too, which
+is passed on to ground stations.
+Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_MODE_FLAG_HIL_ENABLED.
+"""
+
+from __future__ import annotations
+
+import selectors
+import time
+from collections.abc import Callable, Sequence
+
+from zmav.errors import BadMessage
+from zmav.mavlink.codec import decode
+from zmav.mavlink.dialect import Dialect
+from zmav.mavlink.frames import Frame, Splitter
+from zmav.sim.endpoints import Address, Endpoint, Wiring, open_endpoint
+from zmav.sim.hil.line import BACKLOG_BYTES, Line
+from zmav.sim.hil.metronome import Metronome
+from zmav.sim.hil.plant import Plant
+from zmav.sim.hil.relay import Relay
+from zmav.sim.hil.stream import SENSOR_HZ, HilStream
+from zmav.sim.hil.tty import is_usb, open_device, parse_device
+from zmav.sim.hil.vehicle import External
+
+READING_BYTES = 76  # a HIL_SENSOR frame
+SHARE = 0.6  # of the line for readings; the rest is for everything else
+SLOWEST_HZ = 20.0
+STALE_BYTES = 2048  # waiting on the line: readings that would come after them are too old to send
+LEAD_S = 0.0101  # that readings may be ahead of the world's last tick
+REOPEN_S = 1.0
+ASKED_ENOUGH = 5  # times for the HIL mode, before a person is told
+HIL, ARMED = 32, 128  # MAV_MODE_FLAG
+SET_MESSAGE_INTERVAL = 511
+GCS, AUTOPILOT_NONE = 6, 8
+
+
+def fitting_hz(path: str, baud: int) -> float:
+    """Readings a second that the line has room for: a byte takes ten bits."""
+    return SENSOR_HZ if is_usb(path) else max(min(SENSOR_HZ, SHARE * baud / 10 / READING_BYTES), SLOWEST_HZ)
+
+
+class HardwareVehicle(External):
+    """Serves the flight controller at ``device`` (``PATH[:BAUD]``), and passes its MAVLink on at ``addresses``.
+
+    The device may be absent, and may go and come back: it is looked for every second. A controller that does not say it
+    is in HIL is asked to be, unless it is armed; it gets no reading before.
+    """
+
+    autopilot = "px4"
+
+    def __init__(
+        self,
+        name: str,
+        sysid: int,
+        plant: Plant,
+        say: Callable[[str], None],
+        dialect: Dialect,
+        epoch_us: int,
+        device: str,
+        addresses: Sequence[Address],
+    ) -> None:
+        super().__init__(name, sysid, plant, say)
+        self.path, self.baud = parse_device(device)
+        self.stream = HilStream(plant, dialect, sysid, epoch_us, fitting_hz(self.path, self.baud))
+        self.relay = Relay(dialect, self._to_autopilot)
+        self.bad = self.dropped = 0
+        self.in_hil = False
+        self._dialect = dialect
+        self._addresses = addresses
+        self._splitter = Splitter(dialect)
+        self._endpoints: list[Endpoint] = []
+        self._selector: selectors.BaseSelector | None = None
+        self._metronome: Metronome | None = None
+        self._line: Line | None = None
+        self._next_try = 0.0  # wall time
+        self._asked = 0
+        self._heartbeat = dialect.message("HEARTBEAT").id
+
+    def open(self, wiring: Wiring) -> None:
+        self._selector = wiring.selector
+        for address in self._addresses:
+            self._endpoints.append(open_endpoint(address, self.relay, wiring))
+        self._try()
+        if self._line is None:
+            self.say(f"{self.name}: waiting for {self.path}")
+        self._metronome = Metronome(self.stream.sensor_hz, wiring.selector, self._beat)
+
+    def close(self) -> None:
+        if self._metronome is not None:
+            self._metronome.close()
+            self._metronome = None
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+        for endpoint in self._endpoints:
+            endpoint.close()
+        self._endpoints.clear()
+
+    @property
+    def url(self) -> str:
+        return self._endpoints[0].url if self._endpoints else f"serial:{self.path}:{self.baud}"
+
+    @property
+    def armed(self) -> bool:
+        return self.connected and self.stream.armed
+
+    # ---- the line
+
+    def _try(self) -> None:
+        """Open the device, if it is there."""
+        assert self._selector is not None
+        self._next_try = time.monotonic() + REOPEN_S
+        try:
+            descriptor = open_device(self.path, self.baud)
+        except OSError:
+            return
+        self._line = Line(descriptor, self._selector, self._hear, self._leave)
+        self._splitter = Splitter(self._dialect)
+        self.say(f"{self.name}: {self.path} is open, {self.stream.sensor_hz:.0f} readings a second")
+
+    def _leave(self, why: str) -> None:
+        self._line = None
+        self.connected = self.in_hil = False
+        self._asked = 0
+        self.plant.drive([0.0] * len(self.plant.values))
+        self.say(f"{self.name}: {self.path} has gone ({why}); waiting for it")
+
+    def _to_autopilot(self, frame: bytes) -> None:
+        if self._line is not None and self._line.room() > len(frame):
+            self._line.put(frame)
+            self._line.flush()
+
+    def _hear(self, data: bytes) -> None:
+        for frame in self._splitter.feed(data):
+            if frame.verified and frame.msgid == self._heartbeat:
+                self._beats(frame)
+            if not self.stream.is_hil(frame):
+                self.relay.pass_on(frame)
+            elif frame.verified and self.in_hil:
+                try:
+                    self.stream.take(frame)
+                except BadMessage:
+                    self.bad += 1
+                self.heard()
+
+    def _beats(self, frame: Frame) -> None:
+        """A heartbeat: whose, and in HIL or not."""
+        fields = decode(frame, self._dialect)
+        if fields["type"] == GCS or fields["autopilot"] == AUTOPILOT_NONE:
+            return
+        self.sysid = self.stream.packer.sysid = frame.sysid
+        if fields["base_mode"] & HIL:
+            if not self.in_hil:
+                self._begin()
+            return
+        if self.in_hil:
+            self.in_hil = self.connected = False
+            self.say(f"{self.name}: the flight controller has left HIL")
+        self._ask(frame, fields["base_mode"], fields["custom_mode"])
+
+    def _begin(self) -> None:
+        """It takes readings now: the vehicle stands at its start."""
+        self.in_hil, self._asked = True, 0
+        self.plant.reset()
+        self.stream.restart()
+        self.heard()
+        self.restarted()
+        self.say(f"{self.name}: system {self.sysid} flies in HIL")
+
+    def _ask(self, frame: Frame, base_mode: int, custom_mode: int) -> None:
+        """Ask for HIL, as ground stations do."""
+        if base_mode & ARMED:
+            if self._asked == 0:
+                self.say(f"{self.name}: system {frame.sysid} is armed outside HIL: it is left alone. Disarm it first")
+            self._asked = 1
+            return
+        self._asked += 1
+        if self._asked == ASKED_ENOUGH:
+            self.say(f"{self.name}: system {frame.sysid} does not go to HIL; set SYS_HITL to 1 and reboot it")
+        pack = self.stream.packer.pack
+        self._to_autopilot(
+            pack("SET_MODE", target_system=frame.sysid, base_mode=base_mode | HIL, custom_mode=custom_mode)
+        )
+        self._to_autopilot(
+            pack(
+                "COMMAND_LONG",
+                target_system=frame.sysid,
+                target_component=frame.compid,
+                command=SET_MESSAGE_INTERVAL,
+                param1=float(self._dialect.message("HIL_ACTUATOR_CONTROLS").id),
+                param2=1e6 / self.stream.sensor_hz,
+            )
+        )
+
+    # ---- time
+
+    @property
+    def waits(self) -> bool:
+        return True  # for the metronome, which the world need not mind
+
+    def behind(self) -> bool:
+        return False
+
+    def proceed(self) -> None:
+        """Readings go by the metronome's beats, not by the world's ticks."""
+
+    def grant(self, now: float) -> None:
+        super().grant(now)
+        if now - self._offset - self.plant.time_s > 5 * LEAD_S:
+            self.restarted()  # the world was faster than real time: what was missed is missed
+        if self._line is None and time.monotonic() >= self._next_try:
+            self._try()
+
+    def _beat(self) -> None:
+        line = self._line
+        if line is None or not self.in_hil or not self.granted(self.stream.interval_s - LEAD_S):
+            return
+        frames = self.stream.step()
+        if BACKLOG_BYTES - line.room() > STALE_BYTES:
+            self.dropped += 1
+            return
+        line.put(frames)
+        line.flush()
+
+    def flush(self) -> None:
+        if self._line is not None:
+            self._line.flush()
+
+    @property
+    def links(self) -> int:
+        return len(self.relay.channels)

@@ -1,0 +1,82 @@
+"""A flight stack's program: started in a directory of its own, watched, and ended with the simulator."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from zmav.errors import BadConfig
+
+LOG = "output.log"
+LAST_LINES, LAST_BYTES = 10, 4096
+GRACE_S = 3.0  # between being asked to end and being killed
+
+
+class Program:
+    """``command`` run in ``directory``, with ``extra`` in its environment; what it says goes to ``output.log`` there.
+
+    It is a process group of its own, so that a Ctrl-C at the terminal reaches the simulator alone, and it is killed by
+    the kernel when the thread that started it ends. Raises :class:`BadConfig` where it cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], directory: Path, extra: Mapping[str, str]) -> None:
+        self.command = list(command)
+        self.log = directory / LOG
+        guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("guard.py")), str(os.getpid())]
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            with self.log.open("wb") as log:
+                self._process = subprocess.Popen(
+                    [*guard, *self.command],
+                    cwd=directory,
+                    env={**os.environ, **extra},
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                )
+        except OSError as error:
+            text = f"{command[0]} cannot be started in {directory}: {error.strerror}"
+            raise BadConfig(text, field="program", value=command[0], expected="a program that runs") from error
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def ended(self) -> str | None:
+        """How it ended; None while it runs."""
+        code = self._process.poll()
+        if code is None:
+            return None
+        return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
+
+    def last_lines(self) -> str:
+        """The end of what it said."""
+        try:
+            with self.log.open("rb") as log:
+                log.seek(max(self.log.stat().st_size - LAST_BYTES, 0))
+                text = log.read().decode("utf-8", "replace")
+        except OSError:
+            return ""
+        return "\n".join(text.splitlines()[-LAST_LINES:])
+
+    def ask(self) -> None:
+        """Ask it, and what it started, to end."""
+        self._signal(signal.SIGTERM)
+
+    def stop(self) -> None:
+        """End it; returns when it has ended."""
+        self.ask()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(GRACE_S)
+        self._signal(signal.SIGKILL)  # whatever of its group is left
+        self._process.wait()
+
+    def _signal(self, number: int) -> None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, number)

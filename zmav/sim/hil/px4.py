@@ -1,0 +1,182 @@
+"""A vehicle that a PX4 flies through its simulator interface: a TCP server, and lock step with whoever connects."""
+
+from __future__ import annotations
+
+import errno
+import selectors
+import socket
+import time
+from collections.abc import Callable
+
+from zmav.errors import BadMessage, BadUrl, PortInUse
+from zmav.mavlink.dialect import Dialect
+from zmav.mavlink.frames import Splitter
+from zmav.sim.endpoints import Wiring
+from zmav.sim.hil.line import Line
+from zmav.sim.hil.plant import Plant
+from zmav.sim.hil.stream import HilStream
+from zmav.sim.hil.vehicle import External
+
+PORT = 4560
+ROOM = 4096  # bytes that a step's messages may take
+NUDGE_S = 1.0  # of wall time without controls, after which one more reading is sent
+
+
+def px4_port(instance: int) -> int:
+    """Where PX4's instance (``-i``) connects to its simulator."""
+    return PORT + instance
+
+
+class Px4Vehicle(External):
+    """Serves one PX4 at ``host``:``port`` (TCP; port 0: any free one).
+
+    Until the first HIL_ACTUATOR_CONTROLS time goes on with the world's, which gives PX4 the clock to boot by. From then
+    on, where its lock-step flag is set, each reading waits for the controls that follow the one before. A PX4 that
+    stops answering is left out of the world's time and gets one reading a second, lest both wait for ever.
+    A further connection takes the place of the one before: PX4 has started anew, and the vehicle is put back.
+    """
+
+    autopilot = "px4"
+
+    def __init__(
+        self,
+        name: str,
+        sysid: int,
+        plant: Plant,
+        say: Callable[[str], None],
+        dialect: Dialect,
+        epoch_us: int,
+        port: int,
+        host: str = "127.0.0.1",
+    ) -> None:
+        super().__init__(name, sysid, plant, say)
+        self.stream = HilStream(plant, dialect, sysid, epoch_us)
+        self.bad = self.stalls = 0
+        self._at = (host, port)
+        self._dialect = dialect
+        self._splitter = Splitter(dialect)
+        self._server: socket.socket | None = None
+        self._selector: selectors.BaseSelector | None = None
+        self._line: Line | None = None
+        self._awaiting = False  # controls that answer the last reading
+        self._sent = 0.0  # wall time of the last reading
+
+    def open(self, wiring: Wiring) -> None:
+        host, port = self._at
+        where = f"tcp:{host}:{port}"
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            self._server = socket.create_server(self._at, family=family, backlog=4)
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise PortInUse(f"{where} is in use by another program", port=port) from error
+            raise BadUrl(
+                f"{where}: {error}", field="host", value=host, expected="an address of this machine"
+            ) from error
+        self._selector = wiring.selector
+        self._server.setblocking(False)
+        self._at = (host, int(self._server.getsockname()[1]))
+        wiring.selector.register(self._server, selectors.EVENT_READ, self._accept)
+
+    def close(self) -> None:
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+        if self._server is not None and self._selector is not None:
+            self._selector.unregister(self._server)
+            self._server.close()
+            self._server = None
+
+    @property
+    def port(self) -> int:
+        return self._at[1]
+
+    @property
+    def url(self) -> str:
+        return f"px4:{self._at[0]}:{self._at[1]}"
+
+    @property
+    def armed(self) -> bool:
+        return self.connected and self.stream.armed
+
+    # ---- the connection
+
+    def _accept(self) -> None:
+        assert self._server is not None and self._selector is not None
+        try:
+            connection, _ = self._server.accept()
+        except OSError:
+            return  # it left before it was let in
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._line is not None:
+            self._line.close()
+        self._line = Line(connection.detach(), self._selector, self._hear, self._leave)
+        self._splitter = Splitter(self._dialect)
+        if self.stream.plant.time_s > 0.0:
+            self.plant.reset()
+        self.stream.restart()
+        self._awaiting = False
+        self.connected = False
+        self.heard()
+        self.say(f"{self.name}: a flight stack has connected")
+
+    def _leave(self, why: str) -> None:
+        self._line = None
+        self.connected = False
+        self.stream.restart()
+        self.plant.drive([0.0] * len(self.plant.values))
+        self.say(f"{self.name}: the flight stack has left ({why})")
+
+    def _hear(self, data: bytes) -> None:
+        before = self.stream.controls
+        for frame in self._splitter.feed(data):
+            if not frame.verified:
+                continue
+            try:
+                answer = self.stream.take(frame)
+            except BadMessage:
+                self.bad += 1
+                continue
+            self.heard()
+            if answer and self._line is not None:
+                self._line.put(answer)
+        # Several controls that came together answer one reading.
+        if self.stream.controls != before:
+            self._awaiting = False
+            self.proceed()
+        self.flush()
+
+    # ---- time
+
+    @property
+    def waits(self) -> bool:
+        return not self._awaiting
+
+    def behind(self) -> bool:
+        return self.stream.lockstep and super().behind()
+
+    def proceed(self) -> None:
+        while self._line is not None and not self._awaiting and self.granted(self.stream.interval_s):
+            if self._line.room() < ROOM:
+                return
+            self._step()
+
+    def grant(self, now: float) -> None:
+        super().grant(now)
+        if self._awaiting and time.monotonic() - self._sent > NUDGE_S:
+            self.stalls += 1
+            if self.stalls == 1:
+                self.say(f"{self.name}: the flight stack has stopped answering")
+            if self._line is not None and self._line.room() >= ROOM:
+                self._step()
+
+    def _step(self) -> None:
+        assert self._line is not None
+        self._line.put(self.stream.step())
+        self._line.flush()
+        self._sent = time.monotonic()
+        self._awaiting = self.stream.lockstep
+
+    def flush(self) -> None:
+        if self._line is not None:
+            self._line.flush()

@@ -1,0 +1,222 @@
+"""The messages of PX4's simulator interface, for any line: sensors and truth out, actuator controls in.
+
+Source: docs.px4.io, "Simulation", sections "Simulator MAVLink API" and "Lockstep Simulation"; mavlink.io, HIL_SENSOR,
+HIL_GPS, HIL_STATE_QUATERNION, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from zmav.mavlink.codec import Packer, decode
+from zmav.mavlink.dialect import Dialect
+from zmav.mavlink.frames import Frame
+from zmav.sim.geo import from_ned
+from zmav.sim.hil.plant import Plant
+from zmav.sim.sensors.readings import GpsFix, Readings
+
+SENSOR_HZ = 250.0
+SIMULATOR = 200  # component id, in the vehicle's own system
+# Bits of HIL_SENSOR.fields_updated, for the sensors that PX4 takes one by one.
+IMU, MAG, BARO, PITOT = 0x3F, 0x1C0, 0x1A00, 0x400
+MAG_EVERY_S, BARO_EVERY_S, STATE_EVERY_S, RC_EVERY_S, BEAT_EVERY_S = 0.01, 0.02, 0.02, 0.02, 1.0
+ARMED, LOCKSTEP = 128, 1
+ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
+SET_MESSAGE_INTERVAL, STATE_ID = 511, 115
+MILLI_G = 1000.0 / 9.80665
+_HIL_MESSAGES = ("HIL_ACTUATOR_CONTROLS", "HIL_CONTROLS")
+
+
+class HilStream:
+    """One vehicle's exchange. :meth:`step` moves the plant on by one reading of the IMU and gives the frames to send;
+    :meth:`take` hears a frame of the autopilot.
+
+    ``sensor_hz``: readings a second. ``rc``: what the pilot's receiver gives (up to 12 pulse widths, us); None: there
+    is no receiver. ``controls``: how often actuators were told; ``armed``, ``lockstep``: as the last of them said.
+    """
+
+    def __init__(self, plant: Plant, dialect: Dialect, sysid: int, epoch_us: int, sensor_hz: float = SENSOR_HZ) -> None:
+        self.plant = plant
+        self.dialect = dialect
+        self.sensor_hz = sensor_hz
+        self.rc: Sequence[int] | None = None
+        self.state_every_s = STATE_EVERY_S
+        self.packer = Packer(dialect, sysid, SIMULATOR)
+        self._epoch_us = epoch_us
+        self._ids = {dialect.message(name).id for name in _HIL_MESSAGES}
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew with another autopilot, or the same after its boot."""
+        self.controls = 0
+        self.armed = self.lockstep = False
+        self._due = dict.fromkeys(("mag", "baro", "state", "rc", "beat"), 0.0)
+        self._fix_time = -1.0
+
+    @property
+    def interval_s(self) -> float:
+        return 1.0 / self.sensor_hz
+
+    @property
+    def time_us(self) -> int:
+        """The plant's time as the autopilot's clock is set to it; never 0, which would mean "unknown"."""
+        return round(self.plant.time_s * 1e6) + 1
+
+    # ---- out
+
+    def step(self) -> bytes:
+        """One interval of physics, and what the sensors say then."""
+        self.plant.run(self.interval_s)
+        self.plant.sensors.tick(self.interval_s)
+        return self.report()
+
+    def report(self) -> bytes:
+        """What is due now: sensors always, the rest at its own rate. The sensors come last: they let time go on."""
+        readings = self.plant.sensors.readings(0)
+        frames = []
+        if self._is_due("beat", BEAT_EVERY_S):
+            frames.append(self._pack("HEARTBEAT", type=6, autopilot=8, system_status=4))
+            unix_us = self._epoch_us + self.time_us
+            frames.append(self._pack("SYSTEM_TIME", time_unix_usec=unix_us, time_boot_ms=self.time_us // 1000))
+        if self.state_every_s > 0.0 and self._is_due("state", self.state_every_s):
+            frames.append(self._state())
+        if self.rc is not None and self._is_due("rc", RC_EVERY_S):
+            frames += self._receiver(self.rc)
+        if readings.gps is not None and readings.gps.time_s != self._fix_time:
+            self._fix_time = readings.gps.time_s
+            frames.append(self._gps(readings.gps))
+        frames.append(self._sensor(readings))
+        return b"".join(frames)
+
+    def _is_due(self, what: str, every_s: float) -> bool:
+        now = self.plant.time_s
+        if now < self._due[what] - 1e-9:
+            return False
+        self._due[what] = max(self._due[what] + every_s, now)
+        return True
+
+    def _pack(self, name: str, **fields: Any) -> bytes:
+        return self.packer.pack(name, **fields)
+
+    def _sensor(self, readings: Readings) -> bytes:
+        updated = IMU
+        if self._is_due("mag", MAG_EVERY_S):
+            updated |= MAG
+        if self._is_due("baro", BARO_EVERY_S):
+            updated |= BARO | (PITOT if self.plant.craft.air_data else 0)
+        (xacc, yacc, zacc), (xgyro, ygyro, zgyro), (xmag, ymag, zmag) = readings.accel, readings.gyro, readings.mag
+        return self._pack(
+            "HIL_SENSOR",
+            time_usec=self.time_us,
+            xacc=xacc, yacc=yacc, zacc=zacc, xgyro=xgyro, ygyro=ygyro, zgyro=zgyro, xmag=xmag, ymag=ymag, zmag=zmag,
+            abs_pressure=readings.pressure_hpa,
+            diff_pressure=readings.diff_pressure_hpa,
+            pressure_alt=readings.pressure_alt_m,
+            temperature=readings.temperature_c,
+            fields_updated=updated,
+            id=0,
+        )  # fmt: skip
+
+    def _gps(self, fix: GpsFix) -> bytes:
+        """eph and epv in cm, as PX4 takes them; the time is UTC."""
+        place = from_ned(fix.north, fix.east, fix.down, self.plant.around.place)
+        speed = math.hypot(fix.vn, fix.ve)
+        course = math.degrees(math.atan2(fix.ve, fix.vn)) % 360.0
+        return self._pack(
+            "HIL_GPS",
+            time_usec=self._epoch_us + round(fix.time_s * 1e6),
+            fix_type=fix.fix_type,
+            lat=round(place.lat_deg * 1e7),
+            lon=round(place.lon_deg * 1e7),
+            alt=round(place.alt_amsl_m * 1e3),
+            eph=round(fix.eph_m * 100.0),
+            epv=round(fix.epv_m * 100.0),
+            vel=round(speed * 100.0),
+            vn=_centi(fix.vn),
+            ve=_centi(fix.ve),
+            vd=_centi(fix.vd),
+            cog=round(course * 100.0) % 36000,
+            satellites_visible=fix.satellites,
+            id=0,
+            yaw=0,
+        )
+
+    def _state(self) -> bytes:
+        now = self.plant.truth()
+        place = from_ned(now.pos[0], now.pos[1], now.pos[2], self.plant.around.place)
+        force = now.specific_force
+        flow = now.air_velocity
+        airspeed = min(round(math.sqrt(sum(v * v for v in flow)) * 100.0), 65535)
+        xacc, yacc, zacc = (min(max(round(f * MILLI_G), -32768), 32767) for f in force)
+        return self._pack(
+            "HIL_STATE_QUATERNION",
+            time_usec=self.time_us,
+            attitude_quaternion=now.q,
+            rollspeed=now.rate[0],
+            pitchspeed=now.rate[1],
+            yawspeed=now.rate[2],
+            lat=round(place.lat_deg * 1e7),
+            lon=round(place.lon_deg * 1e7),
+            alt=round(place.alt_amsl_m * 1e3),
+            vx=_centi(now.vel[0]),
+            vy=_centi(now.vel[1]),
+            vz=_centi(now.vel[2]),
+            ind_airspeed=airspeed,
+            true_airspeed=airspeed,
+            xacc=xacc,
+            yacc=yacc,
+            zacc=zacc,
+        )
+
+    def _receiver(self, pulses: Sequence[int]) -> list[bytes]:
+        """As the interface has it (HIL_RC_INPUTS_RAW), and as newer PX4 takes it (RC_CHANNELS)."""
+        named = {f"chan{i}_raw": width for i, width in enumerate(pulses[:12], start=1)}
+        return [
+            self._pack("HIL_RC_INPUTS_RAW", time_usec=self.time_us, rssi=255, **named),
+            self._pack("RC_CHANNELS", time_boot_ms=self.time_us // 1000, chancount=len(named), rssi=255, **named),
+        ]
+
+    # ---- in
+
+    def is_hil(self, frame: Frame) -> bool:
+        """A message of this exchange, of no interest to ground stations."""
+        return frame.msgid in self._ids
+
+    def take(self, frame: Frame) -> bytes:
+        """Hear a checked frame; gives the answer to it, which may be empty. Raises :class:`BadMessage`."""
+        name = self.dialect.name_of(frame.msgid)
+        if name == "HIL_ACTUATOR_CONTROLS":
+            self._drive(decode(frame, self.dialect))
+        elif name == "COMMAND_LONG":
+            return self._command(decode(frame, self.dialect), (frame.sysid, frame.compid))
+        return b""
+
+    def _drive(self, message: dict[str, Any]) -> None:
+        self.controls += 1
+        self.armed = bool(message["mode"] & ARMED)
+        self.lockstep = bool(message["flags"] & LOCKSTEP)
+        craft = self.plant.craft
+        values = craft.from_px4(message["controls"])
+        self.plant.drive(values if self.armed else [0.0] * len(values))
+
+    def _command(self, message: dict[str, Any], sender: tuple[int, int]) -> bytes:
+        """The rate of HIL_STATE_QUATERNION can be asked for; nothing else is for the simulator to do."""
+        result = UNSUPPORTED
+        if message["command"] == SET_MESSAGE_INTERVAL and int(message["param1"]) == STATE_ID:
+            interval = message["param2"]
+            self.state_every_s = {0.0: STATE_EVERY_S, -1.0: 0.0}.get(interval, max(interval * 1e-6, self.interval_s))
+            result = ACCEPTED
+        return self._pack(
+            "COMMAND_ACK",
+            command=message["command"],
+            result=result,
+            target_system=sender[0],
+            target_component=sender[1],
+        )
+
+
+def _centi(value: float) -> int:
+    """Hundredths, as far as 16 bits go."""
+    return min(max(round(value * 100.0), -32768), 32767)
