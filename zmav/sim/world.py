@@ -19,11 +19,15 @@ from typing import TypeVar
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, build
+from zmav.sim.camera.cameras import Cameras, SimCamera
+from zmav.sim.camera.scene import Scene
 from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import Wiring, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
+from zmav.sim.hil.externals import Externals
 from zmav.sim.lineup import gather, line_up
 from zmav.sim.listener import Listener
+from zmav.sim.lockstep import Lockstep
 from zmav.sim.requests import offers
 from zmav.sim.spec import Home, VehicleSpec, usual
 from zmav.sim.status import WorldStatus
@@ -36,6 +40,8 @@ STEPS_PER_TICK = 2
 TICK_S = STEPS_PER_TICK / PHYSICS_HZ
 DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
+STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
+LOOK_S = 0.05  # of wall time, between looks at how long a client has kept the world waiting
 MOST = 1e6  # of any option that is a number: beyond it nothing makes sense
 
 
@@ -49,10 +55,12 @@ class World:
     ``vehicles``: one :class:`VehicleSpec` each; ``copters``, ``hexas``, ``rovers``, ``planes``, ``px4``: so many plain
     ones of a kind after them. Nothing at all is one ArduCopter.
     ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None:
-    "ardupilot" or "px4"). ``speed``: times real time, ``math.inf`` as fast as it goes.
+    "ardupilot" or "px4"). ``speed``: times real time, ``math.inf`` as fast as it goes; ``lockstep``: but
+    not faster than clients see it, see :mod:`zmav.sim.lockstep`.
     ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
-    ``gps_noise_m``: standard deviation per axis. ``epoch_s``: UTC at the start.
+    ``gps_noise_m``: standard deviation per axis. ``epoch_s``: UTC at the start. ``scene``: what
+    cameras see on the ground (:mod:`zmav.sim.camera`).
 
     ``with World(copters=3) as world:`` opens the endpoints and runs it in a thread of its own; :meth:`open` and
     :meth:`run` do so in the caller's; :meth:`step` advances without any clock. Raises :class:`BadConfig`,
@@ -76,9 +84,11 @@ class World:
         wind: Vector = (0.0, 0.0, 0.0),
         gusts: str = "none",
         terrain: Terrain | None = None,
+        lockstep: bool = False,
         ready_s: float = DEFAULT_READY_S,
         gps_noise_m: float = 0.0,
         epoch_s: float | None = None,
+        scene: Scene | None = None,
     ) -> None:
         numbers = {"spacing_m": spacing_m, "ready_s": ready_s, "gps_noise_m": gps_noise_m, "wind": sum(map(abs, wind))}
         for field, value in numbers.items():
@@ -89,9 +99,12 @@ class World:
         self.pacer = Pacer(TICK_S, speed)
         counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
         self.environment = Environment(wind, terrain, gusts)
-        self._specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
+        specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
-        self._addresses = addresses([_first_of(spec.endpoints, default, usual(spec)) for spec in self._specs])
+        reached = addresses([_first_of(spec.endpoints, default, usual(spec)) for spec in specs])
+        own = [i for i, spec in enumerate(specs) if spec.stack is None]
+        self._specs, self._addresses = [specs[i] for i in own], [reached[i] for i in own]
+        self.epoch_s = time.time() if epoch_s is None else epoch_s
         built = build(
             self._specs,
             home=self.home,
@@ -101,11 +114,24 @@ class World:
             gps_noise_m=gps_noise_m,
             dt=1.0 / PHYSICS_HZ,
             dialect=load_dialect("ardupilotmega"),
-            epoch_us=int((time.time() if epoch_s is None else epoch_s) * 1e6),
+            epoch_us=int(self.epoch_s * 1e6),
         )
         self.vehicles: list[SimVehicle] = [vehicle for _, vehicle in built]
+        self.externals = Externals(
+            specs, reached, home=self.home, environment=self.environment, seed=seed, epoch_us=int(self.epoch_s * 1e6),
+            speed=speed,
+        )  # fmt: skip
+        """the vehicles that flight stacks outside the simulator fly"""
         self._squads: list[Squad] = list({id(squad): squad for squad, _ in built}.values())
+        self.cameras: Cameras | None = None
+        if any(spec.camera is not None for spec in self._specs):
+            self.cameras = Cameras(
+                self.vehicles, scene or Scene(), self.environment.terrain, seed, self.epoch_s, self._inside
+            )
         self._selector = selectors.DefaultSelector()
+        self.say: Callable[[str], None] = lambda text: None
+        """takes what a person should know, a line at a time"""
+        self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
         self._wiring = Wiring(self._selector, set(), lambda: self.time_s)
         self._calls: deque[Callable[[], None]] = deque()
         self._ticked = threading.Condition()
@@ -144,6 +170,7 @@ class World:
             for vehicle, addresses in zip(self.vehicles, self._addresses, strict=True):
                 for address in addresses[len(vehicle.endpoints) :]:
                     vehicle.endpoints.append(open_endpoint(address, vehicle, self._wiring))
+            self.externals.open(self._wiring)
             if control is not None and self._listener is None:
                 self._listener = Listener(control, self._selector, offers(self))
         except BaseException:
@@ -184,9 +211,12 @@ class World:
             raise failure
 
     def _close_endpoints(self) -> None:
+        if self.cameras is not None:
+            self.cameras.close()
         if self._listener is not None:
             self._listener.close()
             self._listener = None
+        self.externals.close()
         for vehicle in self.vehicles:
             for endpoint in vehicle.endpoints:
                 endpoint.close()
@@ -271,6 +301,9 @@ class World:
                 except Exception as error:  # a defect in one autopilot is no end of the others' flight
                     vehicle.failed = error
                     self._record(vehicle, error)
+        self.externals.grant(now)
+        if self.cameras is not None:
+            self.cameras.tick(now)
 
     def _record(self, vehicle: SimVehicle, error: Exception) -> None:
         self.failures.append((vehicle, error))
@@ -290,12 +323,20 @@ class World:
         try:
             while not self._stopping:
                 wait = self.pacer.wait_s()
+                if wait == 0.0 and self.externals.behind():
+                    wait = STACK_WAIT_S
                 if wait > 0.0:
                     self._serve(wait)
                     self._flush()
                     continue
+                if self.lockstep is not None and not self.lockstep.ready():
+                    self._serve(LOOK_S)
+                    self._flush()
+                    continue
                 self._serve(0.0)
                 self._tick()
+                if self.lockstep is not None:
+                    self.lockstep.ticked(self.time_s)
                 self._flush()
                 with self._ticked:
                     self._ticked.notify_all()
@@ -321,6 +362,7 @@ class World:
             self._calls.popleft()()
 
     def _flush(self) -> None:
+        self.externals.flush()
         waiting = self._wiring.waiting
         for each in list(waiting):
             if each.flush():
@@ -389,6 +431,15 @@ class World:
         """The first link URL of every vehicle."""
         return [vehicle.url for vehicle in self.vehicles]
 
+    def camera(self, name: str) -> SimCamera:
+        """The camera of the vehicle called ``name``; :class:`BadInput` names those that have one."""
+        if self.cameras is None:
+            expected = "VehicleSpec(camera=CameraSpec())"
+            raise BadInput(
+                f"no vehicle has a camera; expected {expected}", field="camera", value=name, expected=expected
+            )
+        return self.cameras.get(name)
+
     def status(self) -> WorldStatus:
         """A snapshot; every thread may take one."""
         pacer = self.pacer
@@ -401,5 +452,6 @@ class World:
             given_up_s=pacer.given_up_s,
             cpu_share=pacer.cpu_share,
             clients=sum(endpoint.clients() for vehicle in self.vehicles for endpoint in vehicle.endpoints),
-            vehicles=tuple(vehicle.status() for vehicle in self.vehicles),
+            lockstep=self.lockstep is not None,
+            vehicles=(*(vehicle.status() for vehicle in self.vehicles), *self.externals.status()),
         )

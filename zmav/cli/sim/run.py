@@ -29,8 +29,8 @@ _OPTIONS = (
     click.option("--px4", default=0, type=COUNT, help="How many PX4 quadrotors."),
     click.option(
         "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
-        help="Where each is reached: tcp (5760+10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, px4 (14580+i to 14540+i and "
-        "18570+i to 14550); repeatable.  [default: tcp for ArduPilots, px4 for PX4s]",
+        help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, px4 "
+        "(14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  [default: ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
     click.option("--spacing", default=10.0, show_default=True, help="Metres between starts."),
@@ -39,6 +39,7 @@ _OPTIONS = (
         help="m/s, the degrees it comes from (270: from the west, the default), and gusty, light, moderate or severe.",
     ),
     click.option("--speed", default="1", show_default=True, help="Times real time; 0 or max: as fast as it goes."),
+    click.option("--lockstep", is_flag=True, help="Wait for clients that answer TIMESYNC, as 'zmav up' does."),
     click.option("--seed", default=0, show_default=True, help="Two worlds of one seed are identical."),
     click.option("--real-boot", is_flag=True, help=f"Be ready as late as the real one ({REALISTIC_READY_S:.0f} s)."),
     click.option(
@@ -56,7 +57,7 @@ def run_options(command: F) -> F:
 
 def run_world(
     copters: int | None, hexas: int, rovers: int, planes: int, px4: int, endpoints: tuple[str, ...], home: str | None,
-    spacing: float, wind: str, speed: str, seed: int, real_boot: bool, control: str | None,
+    spacing: float, wind: str, speed: str, lockstep: bool, seed: int, real_boot: bool, control: str | None,
 ) -> None:  # fmt: skip
     """Make the world and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
     from zmav.cli.sim.talk import parse_speed
@@ -67,7 +68,7 @@ def run_world(
     path = control_path(control)
     world = World(
         copters=copters, hexas=hexas, rovers=rovers, planes=planes, px4=px4, home=parse_home(home) if home else None,
-        spacing_m=spacing, endpoint=endpoints or None, speed=parse_speed(speed) or math.inf, seed=seed, wind=blows,
+        spacing_m=spacing, endpoint=endpoints or None, speed=parse_speed(speed) or math.inf, lockstep=lockstep, seed=seed, wind=blows,
         gusts=gusts, ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
     )  # fmt: skip
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -76,6 +77,7 @@ def run_world(
         world.open(path)
         announce(world)
         line = StatusLine(world.status, Console(stderr=True))
+        world.say = line.say
         world.on_failure = lambda vehicle, error: line.say(_obituary(vehicle, error))
         with line:
             world.run()

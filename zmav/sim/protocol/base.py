@@ -77,6 +77,7 @@ class Node(ABC):
         self._pending: list[tuple[Channel, str]] = []
         self._next_timesync = self.TIMESYNC_PERIOD_S
         self._reboot_at: float | None = None
+        self.timesync_answered: Callable[[Channel, int], None] = lambda channel, question: None
         self.answer("TIMESYNC", self._timesync)
         self.answer("PING", self._ping)
         brain.say, brain.beat, brain.announce = self.say, self.beat, self.announce
@@ -219,6 +220,8 @@ class Node(ABC):
     def _timesync(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["tc1"] == 0:
             channel.send("TIMESYNC", tc1=self.nanoseconds(), ts1=msg["ts1"])
+        else:
+            self.timesync_answered(channel, msg["ts1"])
 
     def _ping(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["target_system"] == 0 and msg["target_component"] == 0:
