@@ -1,0 +1,222 @@
+"""The rovers' physics against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from zmav.errors import BadConfig
+from zmav.sim.arrays import body_z, euler_from_quat
+from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
+from zmav.sim.dynamics.rover import RoverDynamics
+from zmav.sim.dynamics.roverframe import RoverFrame, rover_frame
+from zmav.sim.environment import Terrain
+
+DT = 0.005
+
+
+def rovers(frame: RoverFrame, yaws: tuple[float, ...] = (0.0,), terrain: Terrain | None = None) -> RoverDynamics:
+    return RoverDynamics(frame, np.zeros((3, len(yaws))), np.array(yaws), DT, terrain)
+
+
+def drive(dyn: RoverDynamics, seconds: float, throttle: float = 0.0, steering: float = 0.0) -> None:
+    """As a fleet passes them on: to the front wheels and the motor, or to two sides."""
+    dyn.throttle[:], dyn.steering[:] = throttle, steering
+    dyn.left[:], dyn.right[:] = throttle + steering, throttle - steering
+    for _ in range(round(seconds / DT)):
+        dyn.step()
+
+
+@pytest.fixture(params=["rover", "rover-skid"])
+def frame(request: pytest.FixtureRequest) -> RoverFrame:
+    return rover_frame(request.param)
+
+
+@pytest.mark.parametrize("throttle", [1.0, 0.4, -0.5])
+def test_top_speed(frame: RoverFrame, throttle: float) -> None:
+    """Where the motors' force equals rolling resistance and drag: a quadratic in the speed."""
+    dyn = rovers(frame)
+    dyn.speed[:] = math.copysign(0.9 * frame.free_speed * abs(throttle), throttle)
+    drive(dyn, 15.0, throttle)
+    drag = 0.5 * AIR_DENSITY * frame.drag_area_m2 / frame.mass_kg
+    linear = frame.stall_accel / frame.free_speed
+    rest = frame.stall_accel * abs(throttle) - frame.rolling * GRAVITY
+    speed = (-linear + math.sqrt(linear**2 + 4.0 * drag * rest)) / (2.0 * drag)
+    assert dyn.speed[0] == pytest.approx(math.copysign(speed, throttle), rel=1e-3)
+
+
+def test_acceleration_from_rest(frame: RoverFrame) -> None:
+    """Without air and lag, an exponential whose time constant is free speed over stall acceleration."""
+    frame = msgspec.structs.replace(frame, drag_area_m2=0.0, motor_tau_s=1e-6)
+    dyn = rovers(frame)
+    drive(dyn, 1.0, 0.5)
+    tau = frame.free_speed / frame.stall_accel
+    top = frame.free_speed * 0.5 - frame.rolling * GRAVITY * tau
+    assert dyn.speed[0] == pytest.approx(top * (1.0 - math.exp(-1.0 / tau)), rel=0.01)
+    assert dyn.pos[0, 0] == pytest.approx(top * (1.0 - tau * (1.0 - math.exp(-1.0 / tau))), rel=0.02)
+
+
+def test_tyres_limit_the_start() -> None:
+    """A motor stronger than the tyres: the rover starts with mu g, less what rolls against it."""
+    frame = msgspec.structs.replace(rover_frame("rover"), stall_accel=50.0, motor_tau_s=1e-6)
+    dyn = rovers(frame)
+    drive(dyn, 0.5, 1.0)
+    assert dyn.speed[0] == pytest.approx((frame.friction - frame.rolling) * GRAVITY * 0.5, rel=0.02)
+
+
+def test_braking_distance() -> None:
+    """Full brake at the tyres' limit: v^2 / (2 (mu + c) g)."""
+    frame = msgspec.structs.replace(rover_frame("rover"), drag_area_m2=0.0, stall_accel=100.0, motor_tau_s=1e-6)
+    dyn = rovers(frame)
+    dyn.speed[:] = 10.0
+    for _ in range(2000):
+        dyn.throttle[:] = -1.0 if dyn.speed[0] > 0.1 else 0.0
+        dyn.step()
+    assert dyn.speed[0] == 0.0
+    assert dyn.pos[0, 0] == pytest.approx(10.0**2 / (2.0 * (frame.friction + frame.rolling) * GRAVITY), rel=0.02)
+
+
+def test_coasting_stops(frame: RoverFrame) -> None:
+    dyn = rovers(frame)
+    drive(dyn, 5.0, 0.5)
+    assert dyn.speed[0] > 1.0
+    drive(dyn, 15.0)
+    assert dyn.speed[0] == 0.0
+    rest = dyn.pos.copy()
+    drive(dyn, 1.0)
+    assert (dyn.pos == rest).all()
+
+
+@pytest.mark.parametrize("steering", [1.0, -0.5, 0.2])
+def test_turn_radius(steering: float) -> None:
+    """L / tan(delta), driven as a whole circle that closes."""
+    frame = rover_frame("rover")
+    dyn = rovers(frame)
+    drive(dyn, 5.0, 0.08, steering)
+    radius = frame.wheelbase_m / math.tan(abs(steering) * frame.steering_max)
+    assert dyn.speed[0] / abs(dyn.rate[2, 0]) == pytest.approx(radius, rel=1e-6)
+    assert math.copysign(1.0, dyn.rate[2, 0]) == math.copysign(1.0, steering)
+    track = []
+    turned, yaw = 0.0, dyn.yaw[0]
+    while turned < 2.0 * math.pi:
+        dyn.step()
+        turned += abs((dyn.yaw[0] - yaw + math.pi) % (2.0 * math.pi) - math.pi)
+        yaw = dyn.yaw[0]
+        track.append(dyn.pos[:2, 0].copy())
+    spots = np.array(track)
+    assert np.ptp(spots[:, 0]) == pytest.approx(2.0 * radius, rel=0.02)
+    assert np.linalg.norm(spots[-1] - spots[0]) < 0.05 * radius
+
+
+def test_forward_and_back_leave_the_same_track() -> None:
+    dyn = rovers(rover_frame("rover"))
+    drive(dyn, 6.0, -0.1, 0.5)
+    assert dyn.speed[0] < -0.5
+    assert dyn.rate[2, 0] < 0.0  # wheels to the right, backwards: the nose goes left
+
+
+def test_lateral_limit() -> None:
+    """Too fast for the circle: the tyres give mu g and the turn is wider."""
+    frame = rover_frame("rover")
+    dyn = rovers(frame)
+    drive(dyn, 8.0, 0.6)
+    drive(dyn, 0.3, 0.6, 1.0)
+    speed, lateral = dyn.speed[0], dyn.speed[0] * dyn.rate[2, 0]
+    assert speed**2 / frame.turn_radius_m > 2.0 * frame.friction * GRAVITY
+    driven = dyn.drive.sum(0)[0]
+    assert math.hypot(lateral, driven) == pytest.approx(frame.friction * GRAVITY, rel=1e-6)
+    assert dyn.accel[1, 0] ** 2 + dyn.accel[0, 0] ** 2 == pytest.approx(lateral**2, rel=0.05)
+
+
+def test_pivot_on_the_spot() -> None:
+    """Sides against each other: the turn rate that their speeds make over the effective track, and no way gone."""
+    frame = rover_frame("rover-skid")
+    dyn = rovers(frame)
+    drive(dyn, 10.0, 0.0, 0.5)
+    side = 0.5 * frame.free_speed - 2.0 * frame.scrub * GRAVITY * frame.free_speed / frame.stall_accel * 0.5
+    assert dyn.rate[2, 0] == pytest.approx(2.0 * side / frame.effective_track_m, rel=0.1)
+    assert np.abs(dyn.pos[:2]).max() < 1e-6
+
+
+def test_skid_turns_by_the_difference() -> None:
+    frame = msgspec.structs.replace(rover_frame("rover-skid"), scrub=0.0, rolling=0.0, drag_area_m2=0.0)
+    dyn = rovers(frame)
+    drive(dyn, 20.0, 0.4, 0.1)
+    assert dyn.speed[0] == pytest.approx(0.4 * frame.free_speed, rel=1e-3)
+    assert dyn.rate[2, 0] == pytest.approx(2.0 * 0.1 * frame.free_speed / frame.effective_track_m, rel=1e-3)
+
+
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2.0, math.pi, 2.0])
+def test_body_lies_as_the_ground_does(frame: RoverFrame, yaw: float) -> None:
+    """On a plane that rises to the north: nose up when heading there, left side up when heading east."""
+    slope = 0.2
+    dyn = rovers(frame, (yaw,), Terrain(slope_north=slope))
+    down = dyn.terrain.normal
+    assert -body_z(dyn.q)[:, 0] == pytest.approx(np.array(down))
+    roll, pitch, heading = euler_from_quat(dyn.q)[:, 0]
+    assert math.cos(heading - yaw) == pytest.approx(1.0)
+    assert math.tan(pitch) == pytest.approx(slope * math.cos(yaw), abs=1e-9)
+    if yaw == math.pi / 2.0:
+        assert math.degrees(roll) == pytest.approx(math.degrees(math.atan(slope)))
+
+
+def test_rolls_down_a_slope() -> None:
+    """Free of the motor it gains g (sin - c cos); held by rolling resistance where that is more."""
+    slope = 0.1
+    free = msgspec.structs.replace(rover_frame("rover"), stall_accel=1e-9, drag_area_m2=0.0)
+    dyn = rovers(free, (math.pi,), Terrain(slope_north=slope))
+    drive(dyn, 2.0)
+    angle = math.atan(slope)
+    gain = GRAVITY * (math.sin(angle) - free.rolling * math.cos(angle))
+    assert dyn.speed[0] == pytest.approx(2.0 * gain, rel=0.01)
+    assert dyn.pos[2, 0] == pytest.approx(dyn.terrain.down(dyn.pos[0], dyn.pos[1])[0])
+    assert dyn.vel[2, 0] == pytest.approx(dyn.speed[0] * math.sin(angle), rel=1e-6)
+    held = rovers(msgspec.structs.replace(free, rolling=0.11), (math.pi,), Terrain(slope_north=slope))
+    drive(held, 2.0)
+    assert held.speed[0] == 0.0
+
+
+def test_climbs_slower_than_it_drives(frame: RoverFrame) -> None:
+    """Top speed on a slope, by the same balance with the weight's part along it."""
+    slope = 0.1
+    dyn = rovers(frame, (0.0,), Terrain(slope_north=slope))
+    drive(dyn, 15.0, 0.8)
+    angle = math.atan(slope)
+    against = GRAVITY * (math.sin(angle) + frame.rolling * math.cos(angle))
+    drag = 0.5 * AIR_DENSITY * frame.drag_area_m2 / frame.mass_kg
+    linear = frame.stall_accel / frame.free_speed
+    rest = 0.8 * frame.stall_accel - against
+    speed = (-linear + math.sqrt(linear**2 + 4.0 * drag * rest)) / (2.0 * drag)
+    assert dyn.speed[0] == pytest.approx(speed, rel=1e-3)
+    assert dyn.vel[2, 0] < 0.0
+
+
+def test_wind_pushes() -> None:
+    """A tail wind saves drag."""
+    speeds = []
+    for wind in (0.0, 8.0, -8.0):
+        dyn = rovers(rover_frame("rover"))
+        dyn.wind[0] = wind
+        drive(dyn, 10.0, 0.5)
+        speeds.append(dyn.speed[0])
+    assert speeds[1] > speeds[0] > speeds[2]
+
+
+def test_columns_are_alone() -> None:
+    """What one rover does changes nothing for its neighbours."""
+    frame = rover_frame("rover")
+    three, one = rovers(frame, (0.0, 1.0, 2.0)), rovers(frame, (1.0,))
+    three.throttle, three.steering = np.array([0.9, 0.2, -0.4]), np.array([0.1, -0.3, 1.0])
+    one.throttle, one.steering = np.array([0.2]), np.array([-0.3])
+    for _ in range(1000):
+        three.step()
+        one.step()
+    assert three.pos[:, 1] == pytest.approx(one.pos[:, 0], abs=1e-12)
+
+
+def test_unknown_frame_names_the_known() -> None:
+    with pytest.raises(BadConfig, match="rover, rover-skid"):
+        rover_frame("hovercraft")

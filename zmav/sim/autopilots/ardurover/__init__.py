@@ -1,0 +1,1 @@
+"""ArduRover's rules."""

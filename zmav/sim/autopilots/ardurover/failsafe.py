@@ -1,0 +1,177 @@
+"""ArduRover's failsafes: when the radio and the ground station are taken for lost, and what it does then, about a low
+battery, a lost position and a fence.
+
+https://ardupilot.org/rover/docs/rover-failsafes.html
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING, ClassVar
+
+from zmav.sim.autopilots.ardupilot.failsafe import GcsFailsafe
+from zmav.sim.autopilots.ardupilot.fence import GIVE_UP_M
+from zmav.sim.autopilots.ardupilot.reactions import Reactions
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.ardurover.rover import ArduRover
+
+EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6
+RADIO, GCS = 1, 2  # what fails
+NO_PULSES_S = 0.5
+CONTINUE_MISSION = 2  # FS_THR_ENABLE, FS_GCS_ENABLE
+ACTIVE_IN_HOLD = 1  # FS_OPTIONS
+_HOLD, _LOITER, _RTL, _SMART_RTL = 4, 5, 11, 12
+CRASH_AFTER, CRASH_THROTTLE, CRASH_SPEED = 20, 0.05, 0.08  # tenths of a second; share; m/s and rad/s
+
+
+class Action(enum.IntEnum):
+    """FS_ACTION, FENCE_ACTION, BATT_FS_LOW_ACT and BATT_FS_CRT_ACT."""
+
+    NONE = 0
+    RTL = 1
+    HOLD = 2
+    SMART_RTL = 3
+    SMART_RTL_OR_HOLD = 4
+    TERMINATE = 5
+    LOITER_OR_HOLD = 6
+
+
+# What is tried, one after another.
+_TRIES: dict[int, tuple[int, ...]] = {
+    Action.RTL: (_RTL, _HOLD),
+    Action.HOLD: (_HOLD,),
+    Action.SMART_RTL: (_SMART_RTL, _RTL, _HOLD),
+    Action.SMART_RTL_OR_HOLD: (_SMART_RTL, _HOLD),
+    Action.LOITER_OR_HOLD: (_LOITER, _HOLD),
+}
+
+
+class RoverReactions(Reactions):
+    """What it does; the radio's and the ground station's are in :class:`Failsafe`."""
+
+    BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (Action.TERMINATE, Action.HOLD, Action.RTL, 3, 4, 0)
+
+    def __init__(self, rover: ArduRover) -> None:
+        self._rover = rover
+
+    def act(self, action: int, *, by_fence: bool = False) -> None:
+        """Carry out an :class:`Action`."""
+        if action == Action.TERMINATE:
+            self._rover.disarm(forced=True)
+            return
+        for number in _TRIES.get(action, ()):
+            if self._rover.set_mode(number, by_fence=by_fence):
+                return
+
+    def gcs_lost(self) -> None:
+        """See :class:`Failsafe`."""
+
+    def gcs_back(self) -> None:
+        """See :class:`Failsafe`."""
+
+    def radio_changed(self, lost: bool) -> None:
+        """See :class:`Failsafe`."""
+
+    def battery_failed(self, action: int) -> None:
+        self.act(action)
+
+    def estimate_lost(self) -> None:
+        """FS_EKF_ACTION: 1 holds, 2 says it only."""
+        rover, action = self._rover, int(self._rover.params["FS_EKF_ACTION"])
+        if not rover.mode.needs_position or action == 0:
+            return
+        if action != 2:
+            rover.set_mode(_HOLD)
+        rover.say(CRITICAL, "EKF failsafe")
+
+    def fence_breached(self, new: int, beyond_m: float) -> None:
+        rover = self._rover
+        if rover.armed:
+            self.act(int(rover.params["FENCE_ACTION"]) if beyond_m <= GIVE_UP_M else Action.HOLD, by_fence=True)
+
+
+class GcsWatch(GcsFailsafe):
+    """When the ground station (MAV_GCS_SYSID) was last heard."""
+
+    @property
+    def silent(self) -> bool:
+        vehicle = self._vehicle
+        return self._heard is not None and vehicle.now - self._heard >= vehicle.params["FS_GCS_TIMEOUT"]
+
+    def update(self) -> None:
+        """:class:`Failsafe` does."""
+
+
+class Failsafe:
+    """Of radio and ground station: what fails for FS_TIMEOUT seconds triggers FS_ACTION, once until all is well.
+
+    Whichever of the two is looked at first after that time gives the failsafe its name, as in ArduRover: the radio is
+    looked at five times as often.
+    """
+
+    def __init__(self, rover: ArduRover) -> None:
+        self._rover = rover
+        self._bits = 0
+        self._since = 0.0
+        self.triggered = 0
+        self._stuck = 0
+
+    @property
+    def no_radio(self) -> bool:
+        """The sticks mean nothing."""
+        return bool(self._bits & RADIO)
+
+    def watch_radio(self) -> None:
+        """Fifty times a second."""
+        rover = self._rover
+        if rover.params["FS_THR_ENABLE"]:
+            low = rover.rc.pwm[2] < rover.params["FS_THR_VALUE"]
+            self._note(RADIO, "Radio", low or rover.rc.silent_s > NO_PULSES_S)
+
+    def watch_gcs(self) -> None:
+        """Ten times a second."""
+        if self._rover.params["FS_GCS_ENABLE"]:
+            self._note(GCS, "GCS", self._rover.watched.silent)
+
+    def _note(self, kind: int, name: str, failed: bool) -> None:
+        rover, before = self._rover, self._bits
+        self._bits = before | kind if failed else before & ~kind
+        if self._bits and not before:
+            self._since = rover.now
+        if self.triggered and not self._bits:
+            rover.say(INFO, f"{name} Failsafe Cleared")
+        self.triggered &= self._bits
+        in_hold = rover.mode.number == _HOLD and not int(rover.params["FS_OPTIONS"]) & ACTIVE_IN_HOLD
+        due = self._bits and not self.triggered and rover.now - self._since > rover.params["FS_TIMEOUT"]
+        if due and not in_hold and rover.mode.number != _RTL:
+            self._trigger(kind, name)
+
+    def _trigger(self, kind: int, name: str) -> None:
+        rover = self._rover
+        self.triggered = self._bits
+        rover.say(WARNING, f"{name} Failsafe")
+        rover.rc.clear_overrides()
+        enabled = rover.params["FS_THR_ENABLE" if kind == RADIO else "FS_GCS_ENABLE"]
+        if rover.mode is rover.auto and int(enabled) == CONTINUE_MISSION:
+            rover.say(WARNING, "Failsafe - Continuing Auto Mode")
+        else:
+            rover.rover_reactions.act(int(rover.params["FS_ACTION"]))
+
+    def watch_crash(self) -> None:
+        """Ten times a second: motors that turn and a rover that does not move for two seconds (FS_CRASH_CHECK)."""
+        rover, s = self._rover, self._rover.sense
+        check = int(rover.params["FS_CRASH_CHECK"])
+        if not rover.armed or check == 0 or not rover.driving_mode.autopilot:
+            self._stuck = 0
+            return
+        angle = rover.params["CRASH_ANGLE"] * 3.141592653589793 / 180.0
+        fallen = angle > 0 and max(abs(s.roll), abs(s.pitch)) > angle
+        moving = max(abs(rover.speed_ahead), abs(s.r)) >= CRASH_SPEED or abs(s.throttle) < CRASH_THROTTLE
+        self._stuck = 0 if moving else self._stuck + 1
+        if fallen or self._stuck >= CRASH_AFTER:
+            self._stuck = 0
+            rover.say(EMERGENCY, "Crash: Going to HOLD")
+            rover.set_mode(_HOLD)
+            if check == 2:
+                rover.disarm(forced=True)

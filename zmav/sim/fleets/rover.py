@@ -1,0 +1,108 @@
+"""Rovers of one frame: physics, estimate and controllers stepped together, and a row of plain numbers for each
+autopilot.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from zmav.sim.arrays import Array, clamp, dot
+from zmav.sim.control.rover import RoverControl
+from zmav.sim.control.roversetpoints import RoverHandle, RoverSetpoints
+from zmav.sim.dynamics.rover import RoverDynamics
+from zmav.sim.dynamics.roverframe import RoverFrame
+from zmav.sim.fleets.base import Fleet, Sense, Surroundings
+
+
+class RoverFleet(Fleet):
+    """N rovers of one frame. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians; they stand on the ground,
+    whatever their start's height.
+    """
+
+    ACTUATORS: ClassVar[tuple[str, ...]] = ("steering", "throttle", "left", "right")
+    dynamics: RoverDynamics
+
+    def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
+        self.airframe = frame
+        super().__init__(RoverDynamics(frame, start, yaw, dt, around.environment.terrain), around, frame.pack)
+        n = start.shape[1]
+        self.setpoints = RoverSetpoints(n)
+        self.control = RoverControl(self.setpoints, start, skid=frame.skid)
+        self._dt = dt
+        self._table: Array = np.zeros((len(Sense._fields), n))
+
+    def handle(self, index: int) -> RoverHandle:
+        handle = self.setpoints.handle(index)
+        handle.point = lambda: self.point(index)
+        return handle
+
+    def advance(self, steps: int) -> None:
+        est, dyn = self.estimate, self.dynamics
+        self.blow(steps * self._dt)
+        self.control.update(est, steps * self._dt)
+        self._order()
+        self.overrule()
+        for _ in range(steps):
+            dyn.step()
+            est.refresh()
+        est.observe(steps * self._dt)
+        self.battery.step(self._current(), steps * self._dt)
+
+    def _order(self) -> None:
+        """The controllers' outputs to steering and motors; two sides share what does not fit in proportion."""
+        dyn, steering, throttle = self.dynamics, self.control.steering, self.control.throttle
+        if not self.airframe.skid:
+            dyn.steering, dyn.throttle = steering, throttle
+            return
+        steering = steering * self.setpoints.armed
+        over = np.maximum(np.abs(steering) + np.abs(throttle), 1.0)
+        dyn.left, dyn.right = (throttle + steering) / over, (throttle - steering) / over
+        dyn.throttle = throttle / over
+
+    def outputs(self, index: int) -> list[float]:
+        """Steering and throttle, or the throttles of the left and the right side; all from -1 to 1."""
+        dyn = self.dynamics
+        pair = (dyn.left, dyn.right) if self.airframe.skid else (dyn.steering, dyn.throttle)
+        return [float(row[index]) for row in pair]
+
+    def point(self, index: int) -> tuple[float, float]:
+        """The moving point that a rover on a path keeps to, m north and east of the world's origin."""
+        north, east = self.control.point[:, index].tolist()
+        return north, east
+
+    def senses(self) -> list[Sense]:
+        est, dyn, control = self.estimate, self.dynamics, self.control
+        table = self._table
+        # In the order of Sense.
+        table[0:3] = est.pos
+        table[3:6] = est.vel
+        table[6:9] = est.euler
+        table[9:12] = est.rate
+        table[12:15] = est.force
+        table[15:19] = est.q
+        yaw = est.euler[2]
+        table[19], table[20] = control.speed * np.cos(yaw), control.speed * np.sin(yaw)
+        table[21:25] = est.q
+        table[25] = yaw
+        table[26] = dyn.throttle
+        table[27] = self.battery.current
+        table[28] = 1.0
+        table[29] = 0.0
+        air = dyn.vel - dyn.wind
+        table[30] = np.sqrt(dot(air, air))
+        table[31] = self.battery.volts
+        table[32:35] = dyn.pos
+        return [Sense._make(row) for row in table.T.tolist()]
+
+    def _current(self) -> Array:
+        """Battery current, A: a motor's goes with its force, and the battery gives it for that share of the time that
+        the throttle says.
+        """
+        frame, dyn = self.airframe, self.dynamics
+        force = np.abs(dyn.drive) / (0.5 * frame.stall_accel)
+        duty = np.abs(np.stack([dyn.left, dyn.right]) if frame.skid else np.stack([dyn.throttle, dyn.throttle]))
+        share = (clamp(force, 0.0, 1.0) * clamp(duty, 0.0, 1.0)).mean(0)
+        result: Array = frame.idle_current_a + frame.stall_current_a * share
+        return result

@@ -1,0 +1,336 @@
+"""The MAVLink face of an ArduRover: the commands and targets that it takes in its own way, and the reports that differ.
+
+https://ardupilot.org/dev/docs/mavlink-rover-commands.html
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from zmav.sim.autopilots.ardupilot.vehicle import INFO
+from zmav.sim.autopilots.ardurover.rover import ArduRover
+from zmav.sim.protocol.ardupilot.commands import (
+    ACCEPTED,
+    COMMAND_INT_ONLY,
+    DENIED,
+    FAILED,
+    Command,
+    Handlers,
+    enter,
+    place,
+    verdict,
+)
+from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.reports import status
+from zmav.sim.protocol.ardupilot.setpoint import point
+from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.part import Answer, Sender
+from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us, e7
+
+_AUTO, _RTL = 10, 11
+_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+_ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
+_POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # POSITION_TARGET_TYPEMASK
+_NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
+_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
+_GLOBAL = (0, 3, 5, 6, 10, 11)
+_FARTHEST, _FASTEST_TURN = 1e7, 100.0
+_NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
+# MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
+_PRESENT, _ENABLED, _HEALTHY = 0x1331DC0F, 0x1201800F, 0x0311810F
+_GPS, _AHRS, _PREARM, _LOGGING = 0x20, 0x00200000, 0x10000000, 0x01000000
+_STABILISES, _DRIVES = 0x0C00, 0x5000
+
+
+def _rover(node: MavNode) -> ArduRover:
+    assert isinstance(node.vehicle, ArduRover)
+    return node.vehicle
+
+
+# ---- commands
+
+
+def _change_speed(node: MavNode, c: Command) -> int:
+    """Airspeed is taken for ground speed; climbs and descents there are none."""
+    if int(c.p1) in (2, 3):
+        return DENIED
+    return verdict(_rover(node).driving_mode.set_speed(c.p2))
+
+
+def _reposition(node: MavNode, c: Command) -> int:
+    if not c.as_int:
+        return COMMAND_INT_ONLY
+    rover = _rover(node)
+    if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & _CHANGE_MODE):
+        return DENIED
+    where = place(node, c.x, c.y, c.z, c.frame)
+    if where is None or (c.x == 0 and c.y == 0):
+        return DENIED
+    if not rover.takes_targets and not rover.set_mode(rover.guided.number):
+        return FAILED
+    # A speed is refused where there was no place to go to before, as in ArduRover.
+    if c.p1 > 0 and not rover.driving_mode.set_speed(c.p1):
+        return FAILED
+    rover.guided.go((where[0], where[1]))
+    return ACCEPTED
+
+
+def _set_reverse(node: MavNode, c: Command) -> int:
+    _rover(node).travel.reversed = c.p1 == 1
+    return ACCEPTED
+
+
+def _mission_start(node: MavNode, c: Command) -> int:
+    if c.p1 or c.p2:
+        return DENIED
+    return verdict(_rover(node).set_mode(_AUTO))
+
+
+COMMANDS: Handlers = {
+    20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
+    178: _change_speed,
+    192: _reposition,
+    194: _set_reverse,
+    300: _mission_start,
+}
+UNKNOWN = (193,)  # what every other ArduPilot takes
+
+
+# ---- targets
+
+
+def _refused(node: MavNode, msg: dict[str, Any], name: str) -> bool:
+    """Accelerations are not taken, and it says so."""
+    if msg["type_mask"] & _ACC:
+        return False
+    node.say(INFO, f"Ignoring {name}; set ACC_IGNORE in mask")
+    return True
+
+
+def _local_target(node: MavNode, msg: dict[str, Any]) -> None:
+    """Apply a SET_POSITION_TARGET_LOCAL_NED: a place, or a way and a speed."""
+    rover, frame = _rover(node), msg["coordinate_frame"]
+    if not rover.takes_targets or frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET):
+        return
+    s, turned = rover.sense, frame in (_BODY, _BODY_OFFSET)
+    if not rover.boot.has("origin") or _refused(node, msg, "SET_POSITION_TARGET_LOCAL_NED"):
+        return
+    if msg["type_mask"] & _POS:
+        _way(rover, msg, s.yaw if turned else 0.0)
+        return
+    north, east = msg["x"], msg["y"]
+    if turned:
+        c, d = math.cos(s.yaw), math.sin(s.yaw)
+        north, east = north * c - east * d, north * d + east * c
+    about = rover.origin_world if frame == _LOCAL else (s.north, s.east, s.down)
+    if abs(north) <= _FARTHEST and abs(east) <= _FARTHEST:
+        rover.guided.go((about[0] + north, about[1] + east))
+
+
+def _global_target(node: MavNode, msg: dict[str, Any]) -> None:
+    """Apply a SET_POSITION_TARGET_GLOBAL_INT; the altitude is not looked at."""
+    rover = _rover(node)
+    if not rover.takes_targets or msg["coordinate_frame"] not in _GLOBAL:
+        return
+    where = point(rover, msg["lat_int"], msg["lon_int"], 0.0, 0)
+    if not msg["type_mask"] & _POS and where is None:
+        return
+    if _refused(node, msg, "SET_POSITION_TARGET_GLOBAL_INT"):
+        return
+    if msg["type_mask"] & _POS or where is None:
+        _way(rover, msg, 0.0)
+    else:
+        rover.guided.go((where[0], where[1]))
+
+
+def _way(rover: ArduRover, msg: dict[str, Any], about: float) -> None:
+    """A velocity, a velocity with a heading or a turn rate, a heading or a turn rate alone."""
+    mask = msg["type_mask"]
+    moves, faces, turns = not mask & _VEL, not mask & _NO_YAW, not mask & _NO_YAW_RATE
+    numbers = (msg["vx"], msg["vy"]) if moves else ()
+    numbers += (msg["yaw"],) if faces else ()
+    numbers += (msg["yaw_rate"],) if turns else ()
+    if not all(math.isfinite(n) for n in numbers) or (faces and turns):
+        return
+    speed = yaw = 0.0
+    if moves:
+        speed = min(math.hypot(msg["vx"], msg["vy"]), rover.params["WP_SPEED"])
+        yaw = about + math.atan2(msg["vy"], msg["vx"])
+        if (faces or turns) and msg["vx"] < 0:
+            speed = -speed  # the nose is told otherwise: it backs up
+    if turns:
+        rover.guided.turn(min(max(msg["yaw_rate"], -_FASTEST_TURN), _FASTEST_TURN), speed)
+    elif faces:
+        rover.guided.head(about + msg["yaw"], speed)
+    elif moves:
+        rover.guided.head(yaw, speed)
+
+
+def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
+    """Apply a SET_ATTITUDE_TARGET: a heading or a turn rate, and the thrust as a share of WP_SPEED."""
+    rover, mask = _rover(node), msg["type_mask"]
+    if not rover.takes_targets or mask & _NO_THRUST or not math.isfinite(msg["thrust"]):
+        return
+    speed = rover.params["WP_SPEED"] * min(max(msg["thrust"], -1.0), 1.0)
+    w, x, y, z = msg["q"]
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    if not mask & _NO_TURN:
+        rate = msg["body_yaw_rate"]
+        if math.isfinite(rate):
+            rover.guided.turn(min(max(rate, -_FASTEST_TURN), _FASTEST_TURN), speed)
+    elif math.isfinite(yaw):
+        rover.guided.head(yaw, speed)
+
+
+# ---- reports
+
+
+def heartbeat(node: MavNode) -> Fields:
+    rover = _rover(node)
+    mode = _CUSTOM
+    if rover.driving_mode.by_stick or rover.params["STICK_MIXING"] > 0:
+        mode |= _MANUAL
+    if rover.driving_mode.autopilot:
+        mode |= _GUIDED
+    if rover.armed:
+        mode |= _ARMED
+    return {**status.heartbeat(node), "base_mode": mode}
+
+
+def sys_status(node: MavNode) -> Fields:
+    """Controllers are enabled, and healthy, in the modes that have them."""
+    rover = _rover(node)
+    mode = rover.driving_mode
+    control = _STABILISES if mode.stabilises else 0
+    control |= _DRIVES if mode.autopilot else 0
+    gps = _GPS if rover.boot.has("gps") else 0
+    ahrs = _AHRS if rover.boot.has("prearm") else 0
+    located = _AHRS if rover.position_ok else 0
+    ready = _PREARM if node.prearm_ok else 0
+    return {
+        **status.sys_status(node),
+        "onboard_control_sensors_present": _PRESENT | gps,
+        "onboard_control_sensors_enabled": _ENABLED | gps | ahrs | control | (_LOGGING if rover.ever_armed else 0),
+        "onboard_control_sensors_health": _HEALTHY | gps | located | control | ready,
+    }
+
+
+def vfr_hud(node: MavNode) -> Fields:
+    """There is no airspeed; a throttle backwards is one too."""
+    rover, s = _rover(node), node.vehicle.sense
+    return {
+        "airspeed": 0.0,
+        "groundspeed": math.hypot(s.vn, s.ve),
+        "heading": int(math.degrees(s.yaw)) % 360,
+        "throttle": round(abs(s.throttle) * 100) if rover.armed else 0,
+        "alt": rover.position.alt_amsl_m if rover.boot.has("origin") else 0.0,
+        "climb": -s.vd,
+    }
+
+
+def nav_controller_output(node: MavNode) -> Fields | None:
+    """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in CIRCLE."""
+    mode = _rover(node).driving_mode
+    if not mode.autopilot:
+        return None
+    bearing = round(math.degrees(mode.bearing)) % 360
+    return {
+        "nav_bearing": bearing if mode.number in (5, 9) else 0,
+        "target_bearing": bearing,
+        "wp_dist": min(int(mode.distance), 65535),
+        "xtrack_error": mode.cross_track,
+    }
+
+
+def position_target_global_int(node: MavNode) -> Fields | None:
+    rover = _rover(node)
+    mode = rover.driving_mode
+    where = mode.place
+    if where is None or not mode.autopilot:
+        return None
+    there = rover.place(where)
+    return {
+        "time_boot_ms": boot_ms(node),
+        "type_mask": 0xFDF8,
+        "lat_int": e7(there.lat_deg),
+        "lon_int": e7(there.lon_deg),
+        "alt": there.alt_amsl_m,
+    }
+
+
+def servo_output_raw(node: MavNode) -> Fields:
+    """Steering on the first output and throttle on the third, or the sides' throttles there."""
+    rover = _rover(node)
+    first, third = node.seat.outputs()
+    outputs = list(rover.payload.servos)
+    outputs[0], outputs[2] = _pulse(rover, 1, first), _pulse(rover, 3, third)
+    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+
+
+def _pulse(rover: ArduRover, channel: int, value: float) -> int:
+    low, middle, high = (rover.params[f"SERVO{channel}_{part}"] for part in ("MIN", "TRIM", "MAX"))
+    if rover.params[f"SERVO{channel}_REVERSED"]:
+        value = -value
+    return round(middle + value * (high - middle if value > 0 else middle - low))
+
+
+def rc_channels_scaled(node: MavNode) -> Fields:
+    """Steering and throttle, -10000 to 10000."""
+    first, third = node.seat.outputs()
+    fields = {"chan1_scaled": round(first * 10000.0), "chan3_scaled": round(third * 10000.0)}
+    return {"time_boot_ms": boot_ms(node), "rssi": 255, **fields}
+
+
+def extended_sys_state(node: MavNode) -> Fields:
+    """A rover does not say whether it has landed."""
+    return {"landed_state": 0}
+
+
+def nothing(node: MavNode) -> None:
+    """A message that there is no such thing for."""
+
+
+REPORTS: dict[str, Report] = {
+    "HEARTBEAT": heartbeat,
+    "SYS_STATUS": sys_status,
+    "VFR_HUD": vfr_hud,
+    "NAV_CONTROLLER_OUTPUT": nav_controller_output,
+    "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
+    "POSITION_TARGET_LOCAL_NED": nothing,
+    "SERVO_OUTPUT_RAW": servo_output_raw,
+    "RC_CHANNELS_SCALED": rc_channels_scaled,
+    "EXTENDED_SYS_STATE": extended_sys_state,
+    "ESC_TELEMETRY_1_TO_4": nothing,
+    "TERRAIN_REPORT": nothing,
+    "WIND": nothing,
+}
+
+
+class RoverNode(MavNode):
+    """Speaks for one :class:`ArduRover`."""
+
+    HANDLERS: ClassVar[Handlers] = {
+        **{number: handler for number, handler in MavNode.HANDLERS.items() if number not in UNKNOWN},
+        **COMMANDS,
+    }
+    REPORTS: ClassVar[Mapping[str, Report]] = {**MavNode.REPORTS, **REPORTS}
+
+    def _own_answers(self) -> dict[str, Answer]:
+        return {
+            **super()._own_answers(),
+            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: _local_target(self, m),
+            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: _global_target(self, m),
+            "SET_ATTITUDE_TARGET": lambda ch, m, who: _attitude_target(self, m),
+        }
+
+    def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """Steering and throttle, -1000 to 1000: the throttle goes both ways."""
+        if msg["target"] != self.sysid or not self._from_gcs(sender):
+            return
+        rover = _rover(self)
+        for number, value in ((1, msg["y"]), (3, msg["z"])):
+            low, high = rover.params[f"RC{number}_MIN"], rover.params[f"RC{number}_MAX"]
+            pwm = 0 if value == _NO_AXIS else max(int(low + (high - low) * (value + 1000) / 2000.0), 0)
+            rover.rc.set_override(number - 1, pwm)
