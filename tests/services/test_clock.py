@@ -131,14 +131,56 @@ def test_a_clock_that_jumps_ahead_is_no_restart_and_begins_anew() -> None:
     assert twin.clock.at(1.0) is None
 
 
-def test_a_clock_that_runs_fast_is_never_believed() -> None:
-    """A simulation at eight times real time."""
-    twin = Twin()
+@given(
+    pace=st.floats(0.1, 0.8) | st.floats(1.3, 50.0),
+    unsteady=st.lists(st.floats(-0.03, 0.03), min_size=10, max_size=60),
+    every=st.floats(0.2, 1.0),
+)
+def test_a_simulation_is_believed_at_its_own_pace(pace: float, unsteady: list[float], every: float) -> None:
+    twin = Twin(pace - 1.0)
+    for n, off in enumerate(unsteady):
+        twin.ask(0.001, 0.002)
+        if n >= 2 + SETTLED:
+            assert twin.clock.simulated
+            assert twin.check(0.0) < 0.2 * max(pace, 1.0 / pace)
+            twin.check(every / 2)
+        twin.boot -= off * every * pace / (1.0 + twin.drift)  # it gains or loses a little
+        twin.now += every
+
+
+def test_a_simulation_may_change_its_pace_and_stand_still() -> None:
+    twin = Twin(3.0)
+
+    def go(drift: float) -> None:
+        """Twenty answers at another pace, from where the clock is now."""
+        twin.boot = twin.now - twin.theirs(twin.now) / (1.0 + drift) if drift > -1.0 else twin.boot
+        twin.drift = drift
+        for _ in range(20):
+            twin.ask(0.001, 0.001)
+            twin.now += 0.2
+
+    for drift in (3.0, -0.5, 9.0):
+        go(drift)
+        assert twin.clock.simulated
+        twin.check(0.1)
+    go(0.0)
+    assert not twin.clock.simulated
+    assert twin.check(0.1) < 0.002
+    frozen = twin.theirs(twin.now)
     for _ in range(20):
-        twin.ask(0.001, 0.001)
+        twin.clock.sample(twin.now - 0.001, twin.now, frozen)
         twin.now += 0.2
-        twin.boot -= 1.4
-    assert twin.clock.at(1.0) is None
+    assert twin.clock.at(frozen) is None
+
+
+def test_a_step_is_not_taken_for_a_pace() -> None:
+    twin = Twin()
+    for _ in range(10):
+        twin.ask(0.01, 0.01)
+        twin.now += 5.0
+    twin.boot -= 0.2
+    assert twin.ask(0.01, 0.01) == "stepped"
+    assert not twin.clock.simulated
 
 
 def test_small_contradictions_make_it_less_sure() -> None:
@@ -275,3 +317,14 @@ async def test_only_the_autopilot_s_answers_to_us_count(bench: StartBench, one: 
     assert (await b.state(lambda s: True, "state"))["clock"] is None
     one.answers_timesync = True
     await b.state(lambda s: s["clock"], "clock")
+
+
+async def test_the_autopilot_is_told_our_time_and_nobody_else(bench: StartBench, one: StreamPeer) -> None:
+    await streaming(bench, one)
+    before = time.monotonic_ns()
+    one.raw(Packer(one.dialect, 1, 100).pack("TIMESYNC", tc1=0, ts1=76))
+    one.send("TIMESYNC", tc1=0, ts1=77)
+    await one.until(lambda: any(m.fields["tc1"] for m in one.heard("TIMESYNC")), "an answer")
+    answers = [m.fields for m in one.heard("TIMESYNC") if m.fields["tc1"]]
+    assert [a["ts1"] for a in answers] == [77]
+    assert before < answers[0]["tc1"] < time.monotonic_ns()

@@ -6,6 +6,9 @@ of all those intervals, each widened by how far the clocks may have drifted apar
 decide, and a delay that is all on one way cannot mislead, only say less. As NTP's clock filter, which prefers samples
 of least delay (RFC 5905, section 10), but with bounds instead of weights. Protocol:
 https://mavlink.io/en/services/timesync.html
+
+A simulation may run at four times real time, or at a half: answers that contradict the last ones, but keep step with
+each other, are believed at the pace they show, and less surely.
 """
 
 from __future__ import annotations
@@ -27,6 +30,12 @@ ANCHORS = 10
 """offsets kept to tell the drift from, a minute apart"""
 JUMP = 0.1
 """s that two offsets must contradict each other by to be a restart or a step, and not an unsteady clock"""
+UNSTEADY = 0.1
+"""of its pace by which a simulation may be wrong at any time"""
+SIMULATED = 0.05
+"""of a pace beside ours from which it is no real clock's"""
+SLOWEST = 0.02
+"""of real time; a simulation that is slower stands still for us"""
 SETTLED = 5
 """answers after which the offset is believed"""
 WRAP_MS = 1 << 32
@@ -76,6 +85,8 @@ class Clock:
         self._boot = 0.0
         self._count = 0
         self._anchors: collections.deque[Offset] = collections.deque(maxlen=ANCHORS)
+        self._last: tuple[float, float] | None = None  # our time and the autopilot's, at its last answer
+        self._paces: collections.deque[float] = collections.deque(maxlen=2)
 
     @property
     def settled(self) -> bool:
@@ -91,8 +102,18 @@ class Clock:
         """s a second by which the autopilot's clock falls behind ours, as far as it is known."""
         return self._offset.slope if self._offset else 0.0
 
+    @property
+    def simulated(self) -> bool:
+        """It keeps a pace that no real clock has."""
+        return self._offset is not None and self._offset.wander > MAX_DRIFT
+
     def forget(self) -> None:
         """Another autopilot, or none: begin anew."""
+        self._last = None
+        self._paces.clear()
+        self._start_over()
+
+    def _start_over(self) -> None:
         self._offset, self._boot, self._count = None, 0.0, 0
         self._anchors.clear()
 
@@ -101,22 +122,46 @@ class Clock:
         before, gone_back = self._offset, boot < self._boot
         found = Offset(received, sent - boot, received - boot)
         self._boot = boot
+        self._note_pace((sent + received) / 2, boot)
         if before is None:
             return self._begin(found, "good")
         low, high = before.later(received)
+        meet = max(low, found.low), min(high, found.high)
+        if meet[0] > meet[1] and not gone_back and (pace := self._pace()) is not None:
+            self._count += 1
+            self._offset = Offset(received, found.low, found.high, 1.0 - pace, UNSTEADY * max(pace, 1.0))
+            return "good"
         if found.low - high > JUMP and (gone_back or received - before.at > 5.0):
             return self._begin(found, "restarted")
         if found.low - high > JUMP or low - found.high > JUMP:
             return self._begin(found, "stepped")
-        meet = max(low, found.low), min(high, found.high)
         if meet[0] > meet[1]:  # an unsteady clock, or one that stamps early: both may be true
             meet = min(low, found.low), max(high, found.high)
         self._count += 1
-        self._offset = self._learn(Offset(received, *meet))
+        if self.simulated:
+            self._offset = Offset(received, *meet, before.slope, before.wander)
+        else:
+            self._offset = self._learn(Offset(received, *meet))
         return "good"
 
+    def _note_pace(self, ours: float, boot: float) -> None:
+        """How far the autopilot's clock went in a second of ours, since its last answer."""
+        last, self._last = self._last, (ours, boot)
+        if last is None or ours - last[0] < JUMP:
+            return
+        self._paces.append((boot - last[1]) / (ours - last[0]))
+
+    def _pace(self) -> float | None:
+        """The pace that the last answers keep; None while they agree on none."""
+        if len(self._paces) < 2:
+            return None
+        first, second = self._paces
+        steady = abs(first - second) < UNSTEADY * max(first, second)
+        odd = min(abs(first - 1.0), abs(second - 1.0)) > SIMULATED
+        return second if steady and odd and min(first, second) > SLOWEST else None
+
     def _begin(self, found: Offset, verdict: Verdict) -> Verdict:
-        self.forget()
+        self._start_over()
         self._offset, self._count = found, 1
         self._boot = found.at - found.high  # received - (received - boot)
         return verdict
@@ -142,9 +187,11 @@ class Clock:
         offset, settled = self._offset, self.settled
         if offset is None or not settled:
             return None
-        low, high = offset.later(boot + (offset.low + offset.high) / 2)
-        half = (high - low) / 2 + error
-        ours = boot + (low + high) / 2
+        # Where the boot time and the offset, as it changes, meet.
+        middle, pace = (offset.low + offset.high) / 2, 1.0 - offset.slope
+        ours = offset.at + (boot + middle - offset.at) / pace
+        low, high = offset.later(ours)
+        half = ((high - low) / 2 + error) / min(pace, 1.0)
         if ours > self._now() + half + JUMP:
             return None
         return Stamp(ours + self._utc_ahead(), half)

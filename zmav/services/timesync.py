@@ -77,9 +77,14 @@ class TimeSync:
     def _on_timesync(self, frame: Frame, received: int) -> None:
         fields = decode(frame, self._port.dialect)
         sent = fields["ts1"]
-        # The autopilot's own questions have no tc1; answers to others bring back what we never sent.
-        if fields["tc1"] == 0 or sent not in self._asked or (frame.sysid, frame.compid) != self._identity.source:
+        if (frame.sysid, frame.compid) != self._identity.source:
             return
+        if fields["tc1"] == 0:
+            # The autopilot asks for our time. A simulator in lock step waits for this: all it said before is heard.
+            self._port.send("TIMESYNC", tc1=time.monotonic_ns(), ts1=sent)
+            return
+        if sent not in self._asked:
+            return  # an answer to somebody else
         self._rtts.append((received - sent) / 1e9)
         before = self.clock.boot
         verdict = self.clock.sample(sent / 1e9, received / 1e9, fields["tc1"] / 1e9)
@@ -94,6 +99,9 @@ class TimeSync:
         if (frame.sysid, frame.compid) != self._identity.source or fields["time_unix_usec"] < UNIX_TIME:
             return
         ours = self.clock.utc(fields["time_boot_ms"])
+        if self.clock.simulated:
+            self.gps_offset = None  # its days are longer or shorter than ours
+            return
         if ours is None:
             return
         self.gps_offset = fields["time_unix_usec"] / 1e6 - ours.utc

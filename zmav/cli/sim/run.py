@@ -30,7 +30,8 @@ _OPTIONS = (
     click.option(
         "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
-        "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  [default: ardupilot or px4]",
+        "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  "
+        "[default: ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
     click.option("--spacing", default=10.0, show_default=True, help="Metres between starts."),
@@ -68,8 +69,8 @@ def run_world(
     path = control_path(control)
     world = World(
         copters=copters, hexas=hexas, rovers=rovers, planes=planes, px4=px4, home=parse_home(home) if home else None,
-        spacing_m=spacing, endpoint=endpoints or None, speed=parse_speed(speed) or math.inf, lockstep=lockstep, seed=seed,
-        wind=blows, gusts=gusts, ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
+        spacing_m=spacing, endpoint=endpoints or None, speed=parse_speed(speed) or math.inf, lockstep=lockstep,
+        seed=seed, wind=blows, gusts=gusts, ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
     )  # fmt: skip
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: world.stop())
