@@ -10,6 +10,7 @@ import numpy as np
 from zmav.mavlink.dialect import Dialect
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.autopilots.px4.tuning import rows_for
 from zmav.sim.control.setpoints import SetpointHandle
 from zmav.sim.dynamics.airframe import Airframe, airframe
 from zmav.sim.environment import Environment
@@ -48,14 +49,14 @@ def build(
     in.
     """
     built: dict[int, tuple[Squad, SimVehicle]] = {}
-    for kind in sorted({airframe_of(spec) for spec in specs}):
-        members = [i for i, spec in enumerate(specs) if airframe_of(spec) == kind]
+    for kind, autopilot in sorted({(airframe_of(spec), spec.autopilot) for spec in specs}):
+        members = [i for i, spec in enumerate(specs) if (airframe_of(spec), spec.autopilot) == (kind, autopilot)]
         start = np.array([specs[i].start_ned_m for i in members]).T
         yaw = np.radians([specs[i].yaw_deg or 0.0 for i in members])
         # Random numbers from the seed and the kind: adding another kind changes nothing for this one.
-        kind_seed = (seed, *kind.encode("ascii", "replace"))
+        kind_seed = (seed, *f"{autopilot} {kind}".encode("ascii", "replace"))
         around = Surroundings(environment=environment, place=home.position, seed=kind_seed, gps_noise_m=gps_noise_m)
-        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, around))
+        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, around, px4=autopilot == PX4))
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
             uid = specs[i].uid
@@ -85,7 +86,7 @@ def _wire(
     MAVLink face.
     """
     frame, setpoint, sense, world, ready_s = body
-    params = ParamStore(defaults(spec.autopilot))
+    params = ParamStore(defaults(spec.autopilot), rows_for(frame) if spec.autopilot == PX4 else ())
     params.preset(spec.params)
     params.set("MAV_SYS_ID" if spec.autopilot == PX4 else "MAV_SYSID", spec.sysid or 1)
     brain: Autopilot

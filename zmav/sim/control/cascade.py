@@ -25,19 +25,12 @@ from zmav.sim.arrays import (
     thrust_frame,
     wrap_pi,
 )
+from zmav.sim.control.allocation import Allocator
 from zmav.sim.control.reference import Reference
-from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, RATES, YAW_ANGLE, Setpoints
+from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, RATES, TORQUE, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe, throttle_for
 
-POS_P = 1.0  # PSC_POSXY_P, PSC_POSZ_P
-VEL_P = np.array([[2.0], [2.0], [5.0]])  # PSC_VELXY_P, PSC_VELZ_P
-VEL_I = np.array([[1.0], [1.0], [1.0]])  # PSC_VELXY_I, PSC_ACCZ_I
-VEL_I_MAX = np.array([[4.0], [4.0], [4.0]])  # m/s^2
-ANGLE_P = np.array([[6.0], [6.0], [3.0]])
-RATE_MAX = np.array([[3.8], [3.8], [1.6]])  # rad/s
-RATE_P = np.array([[18.0], [18.0], [7.0]])  # 1/s
-RATE_I = np.array([[8.0], [8.0], [1.0]])  # 1/s^2
-RATE_I_MAX = 4.0  # rad/s^2
+VEL_I_MAX = 4.0  # m/s^2
 YAW_P = 2.5  # 1/s, of the turn toward a heading
 IDLE_THROTTLE = 0.10  # MOT_SPIN_ARM
 MIN_THROTTLE = 0.15  # MOT_SPIN_MIN
@@ -60,6 +53,7 @@ class Cascade:
         n = start.shape[1]
         self.airframe = airframe
         self.setpoints = setpoints
+        self.gains = setpoints.gains
         self.reference = Reference(setpoints, start)
         self.yaw: Array = yaw.astype(float).copy()  # the heading asked for now, on its way to the setpoint
         self.attitude: Array = quat_from_euler(np.zeros(n), np.zeros(n), self.yaw)
@@ -71,10 +65,12 @@ class Cascade:
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
         mix = np.linalg.pinv(airframe.wrench_matrix())
         self._mix_lean, self._mix_turn = mix[:, 1:3], mix[:, 3:]
+        self._torque_nm = Allocator(airframe).torque_nm[:, None]
         self._rate: Array = np.zeros((3, n))  # body rates asked for
         self._flying: Flags = np.zeros(n, dtype=bool)
         self._idle: Array = np.zeros((len(mix), n))
-        self._by_rates: Flags | None = None  # whose body rates are given; None: nobody's
+        self._by_rates: Flags | None = None  # whose body rates or torques are given; None: nobody's
+        self._by_torque: Flags | None = None
 
     def outer(self, est: Estimated, dt: float) -> None:
         """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
@@ -93,30 +89,38 @@ class Cascade:
         raw = sp.raw & self._flying
         if raw.any():
             ref.take(raw, est.pos, est.vel)
-        want_vel = ref.vel + (ref.pos - est.pos) * POS_P
+        self._head(est, grounded, dt)
+        self._drive(est, raw, by_hand, ballistic, dt)
+        self._below_attitude(est)
+
+    def _drive(self, est: Estimated, raw: Flags, by_hand: Flags, ballistic: Flags, dt: float) -> None:
+        """From the reference to the attitude and the thrust to hold."""
+        sp, gains, ref = self.setpoints, self.gains, self.reference
+        want_vel = ref.vel + (ref.pos - est.pos) * gains.pos_p
         if raw.any():
             limits = sp.limits
             want_vel[:2, raw] = limit_length(want_vel[:2, raw], limits.speed[raw])
             want_vel[2, raw] = clamp(want_vel[2, raw], -limits.speed_up[raw], limits.speed_down[raw])
         error = want_vel - est.vel
-        self._vel_i = clamp(self._vel_i + error * VEL_I * dt, -VEL_I_MAX, VEL_I_MAX)
+        self._vel_i = clamp(self._vel_i + error * gains.vel_i * dt, -VEL_I_MAX, VEL_I_MAX)
         self._vel_i[:2] *= ~by_hand
         self._vel_i[2] *= ~ballistic
-        acc = ref.acc + error * VEL_P + self._vel_i
+        acc = ref.acc + error * gains.vel_p + self._vel_i
         acc[:2] = limit_length(acc[:2], GRAVITY * np.tan(sp.limits.lean))
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
-        self._head(est, grounded, dt)
         self._lean_and_lift(est, acc, by_hand, ballistic)
-        self._below_attitude(est)
 
     def _below_attitude(self, est: Estimated) -> None:
-        """Note who is flown by body rates; their attitude is whatever it is."""
-        by_rates = self._flying & (self.setpoints.horizontal == RATES)
+        """Note who is flown by body rates or torques; their attitude is whatever it is."""
+        by_rates = self._flying & (self.setpoints.horizontal >= RATES)
         self._by_rates = by_rates if by_rates.any() else None
+        self._by_torque = None
         if self._by_rates is not None:
             self.attitude[:, by_rates] = est.q[:, by_rates]
             self.yaw[by_rates] = _yaw_of(est.q)[by_rates]
             self._turn_acc[by_rates] = 0.0
+            by_torque = by_rates & (self.setpoints.horizontal == TORQUE)
+            self._by_torque = by_torque if by_torque.any() else None
 
     def _stand(self, est: Estimated) -> None:
         """Nobody flies: everything is where it is."""
@@ -125,7 +129,7 @@ class Cascade:
         self._vel_i[:] = 0.0
         self._rate_i[:] = 0.0
         self._rate[:] = 0.0
-        self._by_rates = None
+        self._by_rates = self._by_torque = None
         self.attitude = est.q.copy()
         self.yaw = _yaw_of(est.q)
         self._turn[:] = 0.0
@@ -163,7 +167,8 @@ class Cascade:
     def level(self, est: Estimated) -> None:
         """Attitude loop, once a tick: sets the body rates to hold."""
         error = quat_error(self.attitude, est.q)
-        rate = clamp(error[1:] * (2.0 * np.sign(error[0])) * ANGLE_P, -RATE_MAX, RATE_MAX)
+        gains = self.gains
+        rate = clamp(error[1:] * (2.0 * np.sign(error[0])) * gains.angle_p, -gains.rate_max, gains.rate_max)
         rate[2] += self._turn
         if self._by_rates is not None:
             rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
@@ -173,11 +178,17 @@ class Cascade:
         """Rate loop and mix, with every step of the physics: throttles (M, N), 0..1."""
         if not self._flying.any():
             return self._idle
+        gains = self.gains
         miss = self._rate - est.rate
-        self._rate_i = clamp(self._rate_i + miss * (RATE_I * dt), -RATE_I_MAX, RATE_I_MAX) * self._flying
-        spin = miss * RATE_P + self._rate_i
+        kept = clamp(self._rate_i + miss * (gains.rate_i * dt), -gains.rate_i_max, gains.rate_i_max)
+        self._rate_i = kept * self._flying
+        spin = miss * gains.rate_p + self._rate_i
         spin[2] += self._turn_acc
-        throttle = self._mix(self._inertia * spin)
+        torque = self._inertia * spin
+        if self._by_torque is not None:
+            torque[:, self._by_torque] = (self.setpoints.body * self._torque_nm)[:, self._by_torque]
+            self._rate_i[:, self._by_torque] = 0.0
+        throttle = self._mix(torque)
         return throttle if self._flying.all() else np.where(self._flying, throttle, self._idle)
 
     def _mix(self, torque: Array) -> Array:

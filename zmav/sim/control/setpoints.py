@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from zmav.sim.arrays import Array
+from zmav.sim.control.gains import Gains, arducopter_gains
 
 Vector = tuple[float, float, float]
 
@@ -31,6 +32,7 @@ class Axis(enum.IntEnum):
     ACCELERATION = 2
     DIRECT = 3  # horizontally the attitude, vertically the thrust, as given
     RATES = 4  # horizontally: the body rates as given, heading included
+    TORQUE = 5  # horizontally: the torque as given, heading included
 
 
 class Yaw(enum.IntEnum):
@@ -41,7 +43,7 @@ class Yaw(enum.IntEnum):
 # As plain numbers, for comparing whole rows many times a second.
 FLY, IDLE = int(Spool.FLY), int(Spool.IDLE)
 POSITION, VELOCITY, ACCELERATION = int(Axis.POSITION), int(Axis.VELOCITY), int(Axis.ACCELERATION)
-DIRECT, RATES = int(Axis.DIRECT), int(Axis.RATES)
+DIRECT, RATES, TORQUE = int(Axis.DIRECT), int(Axis.RATES), int(Axis.TORQUE)
 YAW_ANGLE = int(Yaw.ANGLE)
 
 
@@ -83,7 +85,7 @@ class Setpoints:
     ``raw``: the targets are followed as they are, without the shaping of :mod:`zmav.sim.control.reference`.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, gains: Gains | None = None) -> None:
         self.spool = np.zeros(n, dtype=np.int8)
         self.horizontal = np.zeros(n, dtype=np.int8)
         self.vertical = np.zeros(n, dtype=np.int8)
@@ -96,9 +98,10 @@ class Setpoints:
         self.thrust: Array = np.zeros(n)
         self.yaw: Array = np.zeros(n)
         self.yaw_rate: Array = np.zeros(n)
-        self.body: Array = np.zeros((3, n))  # body rates, rad/s
+        self.body: Array = np.zeros((3, n))  # body rates, rad/s; or torque, -1..1
         self.raw = np.zeros(n, dtype=bool)
         self.limits = Limits(n)
+        self.gains = gains or arducopter_gains(n)
 
     def handle(self, index: int) -> SetpointHandle:
         return SetpointHandle(self, index)
@@ -138,6 +141,14 @@ class SetpointHandle:
         t.horizontal[i] = Axis.RATES
         t.body[:, i] = p, q, r
 
+    def torque(self, roll: float, pitch: float, yaw: float) -> None:
+        """Apply this torque about forward, right and down, below all loops: shares of the highest, -1..1, as PX4's
+        vehicle_torque_setpoint has them. The thrust goes with :meth:`direct_thrust`.
+        """
+        t, i = self._t, self._i
+        t.horizontal[i] = Axis.TORQUE
+        t.body[:, i] = [min(max(share, -1.0), 1.0) for share in (roll, pitch, yaw)]
+
     def lean(self, roll: float, pitch: float) -> None:
         """Hold this attitude (radians) instead of anything horizontal."""
         t, i = self._t, self._i
@@ -174,6 +185,10 @@ class SetpointHandle:
     def limit(self, name: str, value: float) -> None:
         """Set one of :class:`Limits` by its name; never beyond :data:`HIGHEST`."""
         getattr(self._t.limits, name)[self._i] = min(max(value, 1e-3), HIGHEST[name])
+
+    def tune(self, gain: str, axes: tuple[int, ...], value: float) -> None:
+        """Set one of :class:`~zmav.sim.control.gains.Gains` by its name, on some of its rows."""
+        self._t.gains.tune(self._i, gain, axes, value)
 
     def limit_of(self, name: str) -> float:
         return float(getattr(self._t.limits, name)[self._i])

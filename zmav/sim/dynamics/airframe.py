@@ -39,6 +39,7 @@ class Airframe(msgspec.Struct, frozen=True, kw_only=True):
     rotor_tau_s: float  # first-order lag of rotor speed
     drag_area_m2: float  # Cd*A of the body, the same from every side
     rotor_drag_kgps: float  # linear drag of the rotor discs in their plane, at hover speed, all rotors together
+    spin_drag: float = 0.0  # N m against each rad/s of turning
     leg_m: float  # horizontal distance of the four feet from the centre
     hover_current_a: float
     battery_mah: float
@@ -184,6 +185,7 @@ def _sih_x() -> Airframe:
         rotor_tau_s=0.05,
         drag_area_m2=0.0,
         rotor_drag_kgps=1.0,
+        spin_drag=0.025,
         leg_m=0.15,
         hover_current_a=9.0,
         battery_mah=3300.0,

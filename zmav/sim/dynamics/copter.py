@@ -107,6 +107,8 @@ class CopterDynamics:
         down = body_z(self.q)
         force = self._drag(down, total) - down * total
         torque = wrench[1:]
+        if frame.spin_drag > 0.0:
+            torque -= self.rate * frame.spin_drag
         self._touch(force, torque, down, total)
         self._integrate(force, torque)
 

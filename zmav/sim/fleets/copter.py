@@ -9,6 +9,8 @@ import numpy as np
 from zmav.sim.air import density
 from zmav.sim.arrays import Array, dot
 from zmav.sim.control.cascade import Cascade
+from zmav.sim.control.gains import arducopter_gains, px4_gains
+from zmav.sim.control.px4 import Px4Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
@@ -19,7 +21,9 @@ AIR_EVERY = 10  # ticks: the density of the air changes slowly
 
 
 class CopterFleet(Fleet):
-    """N copters of one airframe. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians."""
+    """N copters of one airframe. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians. ``px4``: their loops
+    are PX4's, else ArduCopter's.
+    """
 
     dynamics: CopterDynamics
 
@@ -30,12 +34,16 @@ class CopterFleet(Fleet):
         yaw: Array,
         dt: float,
         around: Surroundings,
+        *,
+        px4: bool = False,
     ) -> None:
         # What controllers and autopilots take it for; the physics has the bench's figures.
         self.airframe = airframe.at(float(density(np.array(around.place.alt_amsl_m))))
         super().__init__(CopterDynamics(airframe, start, yaw, dt, around.environment.terrain), around, airframe.pack)
-        self.setpoints = Setpoints(start.shape[1])
-        self.cascade = Cascade(self.airframe, self.setpoints, start, yaw)
+        n = start.shape[1]
+        self.setpoints = Setpoints(n, px4_gains(n) if px4 else arducopter_gains(n))
+        loops = Px4Cascade if px4 else Cascade
+        self.cascade = loops(self.airframe, self.setpoints, start, yaw)
         self._dt = dt
         self._ticks = 0
         self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))

@@ -34,10 +34,15 @@ def defaults(name: str) -> tuple[tuple[str, float, int], ...]:
     return tuple(rows)
 
 
+Table = tuple[tuple[str, float, int], ...]
+
+
 class ParamStore:
     """Named values of one vehicle; ``changed(name, value)`` is called after every change."""
 
-    def __init__(self, table: tuple[tuple[str, float, int], ...]) -> None:
+    def __init__(self, table: Table, own: Table = ()) -> None:
+        """``own``: rows that differ for this vehicle, or that only it has."""
+        table = tuple({row[0]: row for row in (*table, *own)}.values())
         self.names = [row[0] for row in table]
         self.index = {name: i for i, name in enumerate(self.names)}
         self._values = {row[0]: to_float32(row[1]) for row in table}
@@ -49,6 +54,10 @@ class ParamStore:
 
     def __contains__(self, name: object) -> bool:
         return name in self._values
+
+    def get(self, name: str, default: float = 0.0) -> float:
+        """A value, or ``default`` where this kind of vehicle has no such parameter."""
+        return self._values.get(name, default)
 
     def __len__(self) -> int:
         return len(self.names)

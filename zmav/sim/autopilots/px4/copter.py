@@ -14,6 +14,7 @@ from zmav.sim.autopilots.px4.modes import HOLD, MISSION, OFFBOARD, SWITCH, TERMI
 from zmav.sim.autopilots.px4.navigator import Navigator
 from zmav.sim.autopilots.px4.offboard import Motion, Offboard
 from zmav.sim.autopilots.px4.sticks import Sticks
+from zmav.sim.autopilots.px4.tuning import Tuning
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.battery import BatteryHandle
@@ -64,6 +65,7 @@ class Px4Copter:
         self.beat: Callable[[], None] = lambda: None
         self.announce: Callable[[], None] = lambda: None
         self.event: Callable[[Event, bytes], None] = lambda event, arguments: None
+        self.tuning = Tuning(params, setpoint, airframe)
         self.power = BatteryHandle.bench()
         self._ready_s = min(ready_s, REAL_READY_S)
         self.mission = Mission(self)  # what is kept over a reboot, as the parameters are
