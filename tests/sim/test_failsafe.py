@@ -226,13 +226,13 @@ class TestPosition:
         desk = aloft(make_desk)
         setp(desk, "SIM_GPS1_ENABLE", 0.0)
         desk.world.step(6.8)
-        assert desk.last("GPS_RAW_INT")["fix_type"] == 0
+        assert desk.last("GPS_RAW_INT")["fix_type"] == 1
         assert desk.last("EKF_STATUS_REPORT")["flags"] == 0x33F
         assert mode(desk) == GUIDED
         desk.world.step(1.6)
         assert mode(desk) == LAND
         assert desk.texts()[-2:] == ["EKF variance", "EKF Failsafe: changed to LAND Mode"]
-        assert desk.last("EKF_STATUS_REPORT")["flags"] == 0x27
+        assert desk.last("EKF_STATUS_REPORT")["flags"] == 0x25
         assert desk.command(176, 1, LOITER) == FAILED
         desk.world.step(7.0)
         assert desk.last("EKF_STATUS_REPORT")["flags"] == 0xA7

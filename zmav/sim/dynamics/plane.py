@@ -62,6 +62,7 @@ class PlaneDynamics:
         self.surface: Array = np.zeros((3, n))
         self.deflection: Array = np.zeros((3, n))
         self.throttle: Array = np.zeros(n)
+        self.efficiency: Array = np.ones((1, n))  # 1 a whole motor, 0 one that has failed
         self.wind: Array = np.zeros((3, n))
         self.terrain = terrain or Terrain()
         self.thrust: Array = np.zeros(n)  # of the last step, N
@@ -165,7 +166,7 @@ class PlaneDynamics:
         cos_a, sin_a = np.cos(self.alpha), np.sin(self.alpha)
         aileron, elevator, rudder = self.deflection
         force = np.empty_like(air)
-        self.thrust = wing.thrust(self.throttle, np.maximum(u, 0.0))
+        self.thrust = wing.thrust(self.throttle, np.maximum(u, 0.0)) * self.efficiency[0]
         # Lift and drag are in the plane of symmetry; what flows across it drags with the side force.
         force[0] = pressed * (lift * sin_a - drag * cos_a) + self.thrust
         force[1] = pressed * (wing.side_beta * slip + wing.side_rudder * rudder)

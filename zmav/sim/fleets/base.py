@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
 
+from zmav.sim.arrays import Array
 from zmav.sim.dynamics.battery import Battery, BatteryHandle, Pack
 from zmav.sim.dynamics.body import Body
 from zmav.sim.environment import Environment, Vector
 from zmav.sim.geo import Position
 from zmav.sim.sensors.estimate import Belief, Estimator
 from zmav.sim.sensors.noise import noise_profile
-from zmav.sim.sensors.readings import Readings
+from zmav.sim.sensors.readings import GpsFix, Readings
 from zmav.sim.sensors.suite import SensorSuite
+from zmav.sim.sensors.troubles import Trouble
 
 DEFAULT_PLACE = Position(-35.363261, 149.165230, 584.09)
 
@@ -82,10 +85,13 @@ class Sense(NamedTuple):
 class Fleet(ABC):
     """N vehicles of one airframe; the order of vehicles is that of the columns of every array.
 
-    ``advance`` of a subclass calls :meth:`blow` first, ``estimate.refresh()`` after each step of the physics, and at
-    the end of the tick ``estimate.observe(dt)`` and ``battery.step(current, dt)``; its controllers see ``estimate`` and
-    never the truth.
+    ``advance`` of a subclass calls :meth:`blow` first, :meth:`overrule` when the controllers have set the actuators,
+    ``estimate.refresh()`` after each step of the physics, and at the end of the tick ``estimate.observe(dt)`` and
+    ``battery.step(current, dt)``; its controllers see ``estimate`` and never the truth.
     """
+
+    ACTUATORS: ClassVar[tuple[str, ...]] = ("throttle",)
+    """the inputs of the dynamics, (..., N) each, which controllers set anew before each step"""
 
     dynamics: Body
 
@@ -98,6 +104,8 @@ class Fleet(ABC):
         noise = noise_profile(around.noise)
         self.sensors = SensorSuite(dynamics, around.place, around.seed, noise, around.gps_noise_m)
         self.estimate = Estimator(dynamics, self.sensors, around.seed)
+        self._weak: dict[tuple[int, int], dict[str, float]] = {}  # (vehicle, motor) -> cause -> what is left
+        self._held: dict[int, dict[str, Array]] = {}  # of frozen autopilots: the last inputs of their bodies
 
     def blow(self, dt: float) -> None:
         """Let the wind of the next ``dt`` seconds blow; where there is only a mean one nothing changes."""
@@ -120,6 +128,36 @@ class Fleet(ABC):
     def rotor_speeds(self, index: int) -> list[float]:
         """Of one vehicle's rotors, as shares of the highest; none where there are none."""
         return []
+
+    def weaken(self, index: int, motor: int, cause: str, left: float) -> None:
+        """For a certain cause a motor of one vehicle gives the share ``left`` (0..1) of its thrust; 1: it is whole."""
+        causes = self._weak.setdefault((index, motor), {})
+        causes[cause] = left
+        self.efficiency[motor, index] = math.prod(causes.values())
+
+    @property
+    def efficiency(self) -> Array:
+        """(motors, N): what each gives of its thrust, 0..1; written by :meth:`weaken`."""
+        found: Array = getattr(self.dynamics, "efficiency", np.ones((0, self.dynamics.n)))
+        return found
+
+    def freeze(self, index: int, *, frozen: bool) -> None:
+        """Hold the actuators of one vehicle where they are, whatever the controllers want, or no longer."""
+        if frozen:
+            inputs = {name: getattr(self.dynamics, name)[..., index].copy() for name in self.ACTUATORS}
+            self._held.setdefault(index, inputs)
+        else:
+            self._held.pop(index, None)
+
+    def overrule(self) -> None:
+        """To be called between controllers and physics: what is frozen stays as it is."""
+        if not self._held:
+            return
+        for name in self.ACTUATORS:
+            inputs = getattr(self.dynamics, name).copy()
+            for index, held in self._held.items():
+                inputs[..., index] = held[name]
+            setattr(self.dynamics, name, inputs)
 
     def readings(self, index: int) -> Readings:
         """What one vehicle's sensors measure now."""
@@ -151,9 +189,39 @@ class Seat:
     def readings(self) -> Readings:
         return self.fleet.readings(self.index)
 
+    def trouble(self, cause: str, trouble: Trouble) -> None:
+        """That is what ``cause`` does to its sensors from now on."""
+        self.fleet.sensors.troubles.put(self.index, cause, trouble)
+
+    @property
+    def motors(self) -> int:
+        """How many there are that can fail."""
+        return len(self.fleet.efficiency)
+
+    def weaken_motor(self, motor: int, cause: str, left: float) -> None:
+        """See :meth:`Fleet.weaken`; motors count from 0."""
+        self.fleet.weaken(self.index, motor, cause, left)
+
+    def freeze(self, frozen: bool) -> None:
+        """The actuators stay at what they have now, or obey again."""
+        self.fleet.freeze(self.index, frozen=frozen)
+
+    def fix(self) -> GpsFix:
+        """The GPS's latest solution."""
+        return self.fleet.sensors.fix(self.index)
+
     def belief(self) -> Belief:
         """What its autopilot's navigation filter steers."""
         return self.fleet.estimate.belief(self.index)
+
+    def distance(self, *, nearest: float, farthest: float, mount: float) -> float:
+        """Of a downward rangefinder of those limits, m; NaN beyond them."""
+        return self.fleet.sensors.distance(self.index, nearest, farthest, mount)
+
+    @property
+    def clipped(self) -> float:
+        """How often its accelerometers have reached their limit."""
+        return float(self.fleet.sensors.clipped[self.index])
 
     @property
     def vibration(self) -> float:

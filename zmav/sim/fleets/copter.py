@@ -14,6 +14,7 @@ from zmav.sim.control.px4 import Px4Cascade
 from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
+from zmav.sim.environment import Vector
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 
 OUTER_EVERY = 2  # ticks
@@ -47,6 +48,8 @@ class CopterFleet(Fleet):
         self._dt = dt
         self._ticks = 0
         self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
+        self.sensors.throttle = self._table[26]
+        self.estimate.jumped, self.estimate.turned = self._jumped, self._turned
 
     def handle(self, index: int) -> SetpointHandle:
         return self.setpoints.handle(index)
@@ -65,11 +68,23 @@ class CopterFleet(Fleet):
         self.cascade.level(est)
         for _ in range(steps):
             dyn.throttle = self.cascade.inner(est, self._dt)
+            self.overrule()
             dyn.step()
             est.refresh()
         est.observe(steps * self._dt)
         self.battery.step(self._current(), steps * self._dt)
         dyn.supply = self.battery.volts / self.airframe.battery_v
+
+    def _jumped(self, index: int, by: Vector) -> None:
+        """A filter has set the position anew: what is held and flown to moves along, so that nobody darts off."""
+        shift = np.array(by)
+        self.cascade.reference.pos[:, index] += shift
+        self.setpoints.pos[:, index] += shift
+
+    def _turned(self, index: int, by: float) -> None:
+        """A filter has set the heading anew."""
+        self.cascade.yaw[index] += by
+        self.setpoints.yaw[index] += by
 
     def outputs(self, index: int) -> list[float]:
         throttles: list[float] = self.dynamics.throttle[:, index].tolist()

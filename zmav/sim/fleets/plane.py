@@ -5,6 +5,7 @@ autopilot.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,7 @@ AIR_EVERY = 10  # ticks: the density of the air changes slowly
 class PlaneFleet(Fleet):
     """N planes of one type. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians."""
 
+    ACTUATORS: ClassVar[tuple[str, ...]] = ("surface", "throttle")
     dynamics: PlaneDynamics
 
     def __init__(self, wing: Wing, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
@@ -38,6 +40,7 @@ class PlaneFleet(Fleet):
         self._dt = dt
         self._ticks = 0
         self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
+        self.sensors.throttle = self._table[26]
 
     def handle(self, index: int) -> PlaneHandle:
         handle = self.targets.handle(index)
@@ -58,6 +61,7 @@ class PlaneFleet(Fleet):
             control.navigate(est, est.euler, dyn.airspeed, NAVIGATE_EVERY * tick)
         self._ticks += 1
         dyn.surface, dyn.throttle = control.surface, control.throttle
+        self.overrule()
         for _ in range(steps):
             dyn.step()
             est.refresh()

@@ -40,6 +40,16 @@ class _Epoch(NamedTuple):
     vel: Array
 
 
+class _Eye(NamedTuple):
+    """A rangefinder: where its vehicle is (m NED), its limits, its height above the feet, and what it is off by."""
+
+    place: Vector
+    nearest: float
+    farthest: float
+    mount: float
+    shift: float
+
+
 class SensorSuite:
     """The sensors of ``body``. ``place``: where the world's origin is; ``gps_noise_m``: standard deviation of
     a further wandering GPS error per axis, which the estimator follows too.
@@ -91,6 +101,8 @@ class SensorSuite:
         self._noisy = noise.name != "none"
         self.troubles.told.append(self._trouble)
         self._lost = [False] * n
+        self.clipped: Array = np.zeros(n)  # how often the accelerometers reached their limit
+        self._clips = False
 
     # ---- time
 
@@ -99,6 +111,8 @@ class SensorSuite:
         self._ticks += 1
         self.time_s += dt
         slow = False
+        if self._clips:
+            self.clipped += self.troubles.clipping * dt
         if self.wanders or self._noisy:
             self._slow_in -= dt
             if self._slow_in <= 1e-9:
@@ -129,6 +143,7 @@ class SensorSuite:
         if self._lost[index] and not lost:
             self._back[index] = self.time_s + self.noise.gps_acquire_s
         self._lost[index] = lost
+        self._clips = bool(self.troubles.clipping.any())
 
     def restart(self, index: int) -> None:
         """One vehicle is powered on anew: its receiver looks for satellites again."""
@@ -159,8 +174,7 @@ class SensorSuite:
         slow = self._drift.value[:, index].tolist()
         fixed = self._turn_on[:, index].tolist()
         turn = _to_body(body.q[:, index].tolist())
-        north, east, down = body.pos[:, index].tolist()
-        height = self._place.alt_amsl_m - down
+        height = self._place.alt_amsl_m - float(body.pos[2, index])
         rate = body.rate[:, index].tolist()
         gyro = [rate[i] + fixed[i] + slow[i] + noise.gyro_white * white[i] for i in range(3)]
         accel = self._acceleration(index, turn, [fixed[3 + i] + slow[3 + i] for i in range(3)], white[3:9])
@@ -178,7 +192,7 @@ class SensorSuite:
             diff_pressure_hpa=dynamic,
             airspeed_mps=atmosphere.indicated_airspeed(dynamic),
             temperature_c=atmosphere.temperature_c(height) + BOARD_WARMER_C,
-            range_m=self._range(index, turn, (north, east, down), white[14]),
+            range_m=self._range(turn, self._eye(index, RANGE_MIN_M, RANGE_MAX_M, RANGE_MOUNT_M), white[14]),
             gps=self.fix(index),
         )
 
@@ -218,22 +232,32 @@ class SensorSuite:
         x, y, z = (field[i] * soft[i] + hard[i] + self.noise.mag_white * white[i] for i in range(3))
         return x, y, z
 
-    def _range(self, index: int, turn: Matrix, place: Vector, white: float) -> float:
-        """Along the body's down axis to the ground; NaN where that is out of range."""
+    def distance(self, index: int, nearest: float, farthest: float, mount: float) -> float:
+        """What a downward rangefinder ``mount`` m above the feet measures, m; NaN for what is not within its limits."""
+        return self._range(
+            _to_body(self._body.q[:, index].tolist()),
+            self._eye(index, nearest, farthest, mount),
+            self._whites(index)[14],
+        )
+
+    def _eye(self, index: int, nearest: float, farthest: float, mount: float) -> _Eye:
         if self.troubles.range_lost[index]:
-            return math.nan
+            nearest = math.inf
+        north, east, down = self._body.pos[:, index].tolist()
+        return _Eye((north, east, down), nearest, farthest, mount, float(self.troubles.range_shift[index]))
+
+    def _range(self, turn: Matrix, eye: _Eye, white: float) -> float:
+        """Along the body's down axis to the plane of the ground."""
         terrain = self._body.terrain
-        normal = terrain.normal
-        down_axis = turn[2]
+        normal, down_axis, place = terrain.normal, turn[2], eye.place
         ground = terrain.down_m - terrain.slope_north * place[0] - terrain.slope_east * place[1]
         above = -(ground - place[2]) * normal[2]  # at right angles to the plane
         toward = -(down_axis[0] * normal[0] + down_axis[1] * normal[1] + down_axis[2] * normal[2])
         if toward < 1e-3:
             return math.nan
-        true = (max(above, 0.0) + RANGE_MOUNT_M) / toward
-        noise = self.noise
-        read = true + float(self.troubles.range_shift[index]) + (noise.range_white_m + noise.range_share * true) * white
-        return read if RANGE_MIN_M <= read <= RANGE_MAX_M else math.nan
+        true = max(above, 0.0) / toward + eye.mount
+        read = true + eye.shift + (self.noise.range_white_m + self.noise.range_share * true) * white
+        return read if eye.nearest <= read <= eye.farthest else math.nan
 
     def fix(self, index: int) -> GpsFix:
         """The latest solution of one receiver; without one, the fix type says so and the place is the last known."""
@@ -263,24 +287,6 @@ class SensorSuite:
             epv_m=max(noise.gps_wander_down_m, 0.3),
             speed_mps=max(noise.gps_speed_mps, 0.04),
         )
-
-
-class SensorSeat:
-    """One vehicle's sensors."""
-
-    def __init__(self, suite: SensorSuite, index: int) -> None:
-        self._suite = suite
-        self._index = index
-
-    def readings(self) -> Readings:
-        return self._suite.readings(self._index)
-
-    def fix(self) -> GpsFix:
-        return self._suite.fix(self._index)
-
-    @property
-    def vibration(self) -> float:
-        return self._suite.vibration(self._index)
 
 
 def _to_body(q: list[float]) -> Matrix:

@@ -47,6 +47,12 @@ class CopterReactions(Reactions):
     def __init__(self, copter: ArduCopter) -> None:
         self._copter = copter
 
+    def gps_glitched(self, on: bool) -> None:
+        self._copter.say(_CRITICAL, "GPS Glitch or Compass error" if on else "Glitch cleared")
+
+    def lane_switched(self, lane: int) -> None:
+        self._copter.say(_WARNING, f"EKF primary changed:{lane}")
+
     # ---- what trips
 
     def gcs_back(self) -> None:

@@ -6,6 +6,7 @@ https://ardupilot.org/copter/docs/failsafe-landing-page.html
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -124,20 +125,24 @@ class BatteryFailsafe:
 
 
 class EkfFailsafe:
-    """The position estimate is gone for a second, after there was one (FS_EKF_ACTION)."""
+    """The position estimate is gone, or doubted on several sides, for a second, after there was a good one
+    (FS_EKF_THRESH, FS_EKF_ACTION).
+    """
 
     ITERATIONS = 10
+    SAID_EVERY_S = 30.0
 
     def __init__(self, vehicle: ArduVehicle) -> None:
         self._vehicle = vehicle
         self._count = 0
         self._ever = False
+        self._said = -math.inf
         self.active = False
 
     def update(self) -> None:
         """Ten times a second."""
         vehicle = self._vehicle
-        good = vehicle.position_ok
+        good = vehicle.position_ok and not vehicle.filter.beyond
         self._ever |= good
         if not self._ever or vehicle.params["FS_EKF_THRESH"] <= 0:
             self._count, self.active = 0, False
@@ -146,7 +151,9 @@ class EkfFailsafe:
                 self._count += 1
                 if self._count >= self.ITERATIONS:
                     self.active = True
-                    vehicle.say(_CRITICAL, "EKF variance")
+                    if vehicle.now - self._said > self.SAID_EVERY_S:
+                        self._said = vehicle.now
+                        vehicle.say(_CRITICAL, "EKF variance")
                     vehicle.reactions.estimate_lost()
         elif self._count > 0:
             self._count -= 1

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.arming import arming_faults, prearm_faults
 from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Flag, Stage
+from zmav.sim.autopilots.ardupilot.ekf import Ekf3
 from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import Fence
 from zmav.sim.autopilots.ardupilot.mission import Mission, Performer
@@ -22,12 +23,13 @@ from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
 from zmav.sim.autopilots.ardupilot.radio import Radio
 from zmav.sim.autopilots.ardupilot.rally import Rally
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
+from zmav.sim.autopilots.ardupilot.simulated import SimParams
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Sense
+from zmav.sim.fleets.base import Seat, Sense
 from zmav.sim.geo import Position, from_ned, to_ned
 from zmav.sim.protocol.params import ParamStore
 
@@ -37,8 +39,6 @@ PREARM_REMINDER_S = 30.0
 FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
 NAV_WAYPOINT = 16  # MAV_CMD
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
-# Without a GPS, as measured: how long the position is still good, and how long the filter tries to go on.
-GPS_COAST_S, GPS_AIDED_S = 7.0, 14.7
 
 
 class GuidedMode(Mode):
@@ -125,6 +125,8 @@ class ArduVehicle(ABC):
         self.learned: Callable[[str], None] = lambda name: None  # a parameter that it set by itself
         self.unix_s: Callable[[], float] = lambda: self.now
         self.power = BatteryHandle.bench()
+        self.filter = Ekf3(self)
+        self.simulated: SimParams | None = None
         self._ready_s = ready_s
         self._ticks = 0
         self.pilot = Pilot()
@@ -171,6 +173,10 @@ class ArduVehicle(ABC):
     def change_speed(self, limit: str, value: float) -> None:
         """Go with another speed, m/s: "speed", "speed_up" or "speed_down"."""
 
+    def refusal_text(self, mode: Mode, why: str) -> str:
+        """What is said where a mode is not entered."""
+        return f"Mode change to {mode.name} failed: {why}"
+
     def mode_refusal(self, mode: Mode) -> str:
         """Why this kind does not enter a mode now; empty: it does."""
         return ""
@@ -207,6 +213,11 @@ class ArduVehicle(ABC):
 
         params.changed = also
 
+    def sit(self, seat: Seat) -> None:
+        """Take the sensors of the body that it sits in; the SIM_ parameters say what is wrong with them."""
+        self.filter.attach(seat.belief())
+        self.simulated = SimParams(self.params, seat, self.world.lat_deg)
+
     def _fit_battery(self) -> None:
         volts, capacity = self.params["SIM_BATT_VOLTAGE"], max(self.params["SIM_BATT_CAP_AH"], 0.0) * 1e3
         self.power.fit(volts=volts, capacity_mah=capacity)
@@ -230,7 +241,7 @@ class ArduVehicle(ABC):
         self._home_locked = False
         self._switch, self._switch_pwm = self.pilot.switch, self.pilot.switch_pwm
         self._reminded = self._armed_at = self.now
-        self._gps_lost: float | None = None
+        self.filter.power_on()
         self.on_power()
 
     @property
@@ -248,19 +259,16 @@ class ArduVehicle(ABC):
     @property
     def position_ok(self) -> bool:
         """The EKF holds a position good enough to go by."""
-        return self.boot.has("position") and (self._gps_lost is None or self.now - self._gps_lost < GPS_COAST_S)
+        return self.boot.has("position") and self.filter.good
 
     @property
     def ekf_flags(self) -> Flag:
         """EKF_STATUS_REPORT.flags; without a position as before there was one."""
-        if self.boot.has("position") and not self.position_ok and self._gps_lost is not None:
-            flags = self.boot.flags_without_position
-            return flags if self.now - self._gps_lost > GPS_AIDED_S else flags & ~Flag.CONST_POS_MODE
-        return self.boot.ekf_flags
+        return self.filter.flags if self.boot.has("position") else self.boot.ekf_flags
 
     @property
     def gps_ok(self) -> bool:
-        return self.boot.has("gps") and self._gps_lost is None
+        return self.boot.has("gps") and self.filter.has_fix
 
     @property
     def failsafe(self) -> bool:
@@ -350,7 +358,7 @@ class ArduVehicle(ABC):
             return True
         refusal = self._refusal(mode)
         if refusal:
-            self.say(WARNING, f"Mode change to {mode.name} failed: {refusal}")
+            self.say(WARNING, self.refusal_text(mode, refusal))
             return False
         self.mode.leave()
         self.mode, self.mode_by_fence = mode, by_fence
@@ -438,8 +446,7 @@ class ArduVehicle(ABC):
 
     def watch(self, dt: float) -> None:
         """Ten times a second."""
-        gps = self.params["SIM_GPS1_ENABLE"] > 0
-        self._gps_lost = None if gps else self.now if self._gps_lost is None else self._gps_lost
+        self.filter.update(dt)
         self.gcs.update()
         self.battery.update()
         self.ekf.update()

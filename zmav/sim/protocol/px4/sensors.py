@@ -13,24 +13,24 @@ from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node
 
-_AT_REST, _MOVING = 1023, 895  # ESTIMATOR_STATUS.flags
+FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
 
 
 def gps_raw_int(node: Px4Node) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    here = copter.position
+    fix = node.seat.fix()
+    here = node.copter.place((fix.north, fix.east, fix.down))
     return {
         "time_usec": boot_us(node),
-        "fix_type": 3,
+        "fix_type": fix.fix_type,
         "lat": e7(here.lat_deg),
         "lon": e7(here.lon_deg),
         "alt": round(here.alt_amsl_m * 1000),
         "eph": 70,
         "epv": 110,
-        "vel": min(round(math.hypot(s.vn, s.ve) * 100), 65534),
-        "cog": centidegrees(math.atan2(s.ve, s.vn)),
-        "satellites_visible": 10,
+        "vel": min(round(math.hypot(fix.vn, fix.ve) * 100), 65534),
+        "cog": centidegrees(math.atan2(fix.ve, fix.vn)),
+        "satellites_visible": fix.satellites,
         "alt_ellipsoid": round(here.alt_amsl_m * 1000),
         "h_acc": 900,
         "v_acc": 1780,
@@ -39,43 +39,38 @@ def gps_raw_int(node: Px4Node) -> Fields | None:
 
 
 def highres_imu(node: Px4Node) -> Fields:
-    s = node.copter.sense
-    n, e, d = node.field
-    w, x, y, z = s.qw, s.qx, s.qy, s.qz
+    seen = node.seat.readings()
+    (ax, ay, az), (p, q, r), (mx, my, mz) = seen.accel, seen.gyro, seen.mag
     return {
         "time_usec": boot_us(node),
-        "xacc": s.fx,
-        "yacc": s.fy,
-        "zacc": s.fz,
-        "xgyro": s.p,
-        "ygyro": s.q,
-        "zgyro": s.r,
-        # The Earth's field in body axes, gauss.
-        "xmag": (1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d,
-        "ymag": 2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d,
-        "zmag": 2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d,
-        "abs_pressure": _pressure(node),
-        "pressure_alt": node.copter.position.alt_amsl_m,
+        "xacc": ax,
+        "yacc": ay,
+        "zacc": az,
+        "xgyro": p,
+        "ygyro": q,
+        "zgyro": r,
+        "xmag": mx,
+        "ymag": my,
+        "zmag": mz,
+        "abs_pressure": seen.pressure_hpa,
+        "pressure_alt": seen.pressure_alt_m,
         "temperature": 15.0,
         "fields_updated": 0x1FF,
     }
 
 
-def _pressure(node: Px4Node) -> float:
-    """hPa; the International Standard Atmosphere up to 11 km."""
-    height = node.copter.position.alt_amsl_m
-    return float(1013.25 * (1.0 - 2.25577e-5 * min(height, 40000.0)) ** 5.25588)
-
-
 def scaled_pressure(node: Px4Node) -> Fields:
-    return {"time_boot_ms": boot_ms(node), "press_abs": _pressure(node), "temperature": 1180}
+    return {"time_boot_ms": boot_ms(node), "press_abs": node.seat.readings().pressure_hpa, "temperature": 1180}
 
 
 def distance_sensor(node: Px4Node) -> Fields:
+    """Without an echo the farthest that it sees."""
+    metres = node.seat.distance(nearest=0.0, farthest=FARTHEST_M, mount=0.0)
+    metres = FARTHEST_M if math.isnan(metres) else metres
     return {
         "time_boot_ms": boot_ms(node),
-        "max_distance": 10000,
-        "current_distance": min(max(round(-100.0 * node.copter.sense.true_down), 0), 10000),
+        "max_distance": round(FARTHEST_M * 100),
+        "current_distance": round(100.0 * metres),
         "orientation": 25,
     }
 
@@ -89,15 +84,16 @@ def servo_output_raw(node: Px4Node) -> Fields:
 
 def estimator_status(node: Px4Node) -> Fields | None:
     copter = node.copter
-    if not copter.position_ok:
-        return None
+    if copter.filter.good and not copter.position_ok:
+        return None  # it has not been there yet
+    ratios = copter.filter.ratios
     return {
         "time_usec": boot_us(node),
-        "flags": _MOVING if copter.armed else _AT_REST,
-        "vel_ratio": 0.04,
-        "pos_horiz_ratio": 0.02,
-        "pos_vert_ratio": 0.02,
-        "mag_ratio": 0.04,
+        "flags": copter.filter.flags,
+        "vel_ratio": ratios["velocity"],
+        "pos_horiz_ratio": ratios["position"],
+        "pos_vert_ratio": ratios["height"],
+        "mag_ratio": ratios["compass"],
         "hagl_ratio": 0.001,
         "tas_ratio": math.nan,
         "pos_horiz_accuracy": 0.29,
@@ -106,5 +102,12 @@ def estimator_status(node: Px4Node) -> Fields | None:
 
 
 def vibration(node: Px4Node) -> Fields:
-    level = 0.0 if node.copter.landed else 0.02
-    return {"time_usec": boot_us(node), "vibration_x": 0.0, "vibration_y": 0.01, "vibration_z": 0.11 + level}
+    level, shaken = 0.0 if node.copter.landed else 0.02, node.seat.vibration
+    clipped = int(node.seat.clipped)
+    return {
+        "time_usec": boot_us(node),
+        "vibration_x": shaken,
+        "vibration_y": 0.01 + shaken,
+        "vibration_z": 0.11 + level + shaken,
+        "clipping_0": clipped,
+    }

@@ -7,35 +7,39 @@ from typing import TYPE_CHECKING
 
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7, int16
+from zmav.sim.sensors.readings import Readings
+from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
 
 MOST_RPM = 10_000.0
+_RTK = 6  # GPS_FIX_TYPE: what SITL's receiver claims
+_DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 RECEIVED = 8  # channels of the receiver
 _LEVEL_LOCKS, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 4 | 8, 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 
 
 def gps_raw_int(node: MavNode) -> Fields:
-    vehicle, s = node.vehicle, node.vehicle.sense
-    if not vehicle.gps_ok:
+    vehicle = node.vehicle
+    fix = node.seat.fix() if vehicle.boot.has("gps") else None
+    if fix is None:
         return {"eph": 65535, "epv": 65535}
-    here = vehicle.position
-    speed = math.hypot(s.vn, s.ve)
+    here = vehicle.place((fix.north, fix.east, fix.down))
     return {
         "time_usec": boot_us(node),
-        "fix_type": 6,
+        "fix_type": _RTK if fix.fix_type >= 3 else fix.fix_type,
         "lat": e7(here.lat_deg),
         "lon": e7(here.lon_deg),
         "alt": round(here.alt_amsl_m * 1000),
-        "eph": 121,
-        "epv": 200,
-        "vel": min(round(speed * 100), 65534),
-        "cog": centidegrees(math.atan2(s.ve, s.vn)),
-        "satellites_visible": 10,
+        "eph": round(fix.hdop * 100),
+        "epv": round(fix.vdop * 100),
+        "vel": min(round(math.hypot(fix.vn, fix.ve) * 100), 65534),
+        "cog": centidegrees(math.atan2(fix.ve, fix.vn)),
+        "satellites_visible": fix.satellites,
         "alt_ellipsoid": round(here.alt_amsl_m * 1000),
-        "h_acc": 300,
-        "v_acc": 300,
+        "h_acc": round(fix.eph_m * 1000),
+        "v_acc": round(fix.epv_m * 1000),
     }
 
 
@@ -49,43 +53,69 @@ def scaled_imu2(node: MavNode) -> Fields:
 
 def scaled_imu3(node: MavNode) -> Fields:
     """There are two accelerometers and gyroscopes, but three compasses."""
-    return {"time_boot_ms": boot_ms(node), **_compass(node)}
+    return {"time_boot_ms": boot_ms(node), **_compass(node.seat.readings())}
 
 
 def _imu(node: MavNode) -> Fields:
-    s = node.vehicle.sense
+    seen = node.seat.readings()
     to_mg = 1000.0 / GRAVITY
     return {
-        "xacc": int16(s.fx * to_mg),
-        "yacc": int16(s.fy * to_mg),
-        "zacc": int16(s.fz * to_mg),
-        "xgyro": int16(s.p * 1000.0),
-        "ygyro": int16(s.q * 1000.0),
-        "zgyro": int16(s.r * 1000.0),
+        "xacc": int16(seen.accel[0] * to_mg),
+        "yacc": int16(seen.accel[1] * to_mg),
+        "zacc": int16(seen.accel[2] * to_mg),
+        "xgyro": int16(seen.gyro[0] * 1000.0),
+        "ygyro": int16(seen.gyro[1] * 1000.0),
+        "zgyro": int16(seen.gyro[2] * 1000.0),
         "temperature": 3200,
-        **_compass(node),
+        **_compass(seen),
     }
 
 
-def _compass(node: MavNode) -> Fields:
-    """The Earth's field in body axes, milligauss."""
-    s = node.vehicle.sense
-    n, e, d = (1000.0 * part for part in node.field)
-    w, x, y, z = s.qw, s.qx, s.qy, s.qz
-    return {
-        "xmag": int16((1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d),
-        "ymag": int16(2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d),
-        "zmag": int16(2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d),
-    }
+def _compass(seen: Readings) -> Fields:
+    """Milligauss."""
+    x, y, z = (int16(1000.0 * part) for part in seen.mag)
+    return {"xmag": x, "ymag": y, "zmag": z}
 
 
 def scaled_pressure(node: MavNode) -> Fields:
-    # The International Standard Atmosphere up to 11 km.
-    height = node.vehicle.position.alt_amsl_m
+    seen = node.seat.readings()
     return {
         "time_boot_ms": boot_ms(node),
-        "press_abs": 1013.25 * (1.0 - 2.25577e-5 * min(height, 40000.0)) ** 5.25588,
+        "press_abs": seen.pressure_hpa,
+        "press_diff": _pitot(node, seen),
         "temperature": 3100,
+    }
+
+
+def scaled_pressure2(node: MavNode) -> Fields:
+    """The second barometer; no pitot tube is with it."""
+    return {**scaled_pressure(node), "press_diff": 0.0}
+
+
+def _pitot(node: MavNode, seen: Readings) -> float:
+    """Of the tube, where there is one."""
+    params = node.vehicle.params
+    return seen.diff_pressure_hpa if "ARSPD_TYPE" in params and params["ARSPD_TYPE"] > 0 else 0.0
+
+
+def rangefinder(node: MavNode) -> Fields | None:
+    """The downward one, where RNGFND1_TYPE names any; 0 m without an echo."""
+    if node.vehicle.params["RNGFND1_TYPE"] <= 0:
+        return None
+    metres = node.seat.readings().range_m
+    return {"distance": 0.0 if math.isnan(metres) else metres, "voltage": 0.0}
+
+
+def distance_sensor(node: MavNode) -> Fields | None:
+    if node.vehicle.params["RNGFND1_TYPE"] <= 0:
+        return None
+    metres = node.seat.readings().range_m
+    return {
+        "time_boot_ms": boot_ms(node),
+        "min_distance": round(RANGE_MIN_M * 100),
+        "max_distance": round(RANGE_MAX_M * 100),
+        "current_distance": 0 if math.isnan(metres) else round(metres * 100),
+        "orientation": _DOWNWARD,
     }
 
 
@@ -101,7 +131,7 @@ def terrain_report(node: MavNode) -> Fields | None:
 def esc_telemetry(node: MavNode) -> Fields:
     turning = [round(MOST_RPM * speed) for speed in node.seat.rotor_speeds()[:4]]
     volts = round(node.vehicle.voltage * 100)
-    amps = round(node.vehicle.sense.current_a * 100 / node.vehicle.MOTORS)
+    amps = min(round(node.vehicle.sense.current_a * 100 / node.vehicle.MOTORS), 65535)
     return {
         "temperature": [32] * 4,
         "voltage": [volts] * 4,
@@ -113,8 +143,10 @@ def esc_telemetry(node: MavNode) -> Fields:
 
 
 def vibration(node: MavNode) -> Fields:
-    level = 0.02 if not node.vehicle.landed else 0.003
-    return {"time_usec": boot_us(node), "vibration_x": level, "vibration_y": level, "vibration_z": level}
+    level = (0.02 if not node.vehicle.landed else 0.003) + node.seat.vibration
+    axes = {f"vibration_{axis}": level for axis in "xyz"}
+    clipped = int(node.seat.clipped)
+    return {"time_usec": boot_us(node), **axes, "clipping_0": clipped, "clipping_1": clipped}
 
 
 def rc_channels(node: MavNode) -> Fields:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.ardupilot.boot import Flag
 from zmav.sim.autopilots.ardupilot.fence import CEILING, CIRCLE, FLOOR, POLYGON
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.protocol.reports import Fields, boot_ms
+from zmav.sim.protocol.reports import Fields, boot_ms, int16
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
@@ -62,7 +62,7 @@ def sys_status(node: MavNode) -> Fields:
         "onboard_control_sensors_enabled": enabled,
         "onboard_control_sensors_health": health,
         "voltage_battery": round(vehicle.voltage * 1000),
-        "current_battery": round(vehicle.sense.current_a * 100),
+        "current_battery": int16(vehicle.sense.current_a * 100),
         "battery_remaining": _battery_left(node),
     }
 
@@ -73,7 +73,7 @@ def battery_status(node: MavNode) -> Fields:
     return {
         "temperature": 32767,
         "voltages": [round(volts * 1000)] + [65535] * 9,
-        "current_battery": round(vehicle.sense.current_a * 100),
+        "current_battery": int16(vehicle.sense.current_a * 100),
         "current_consumed": round(vehicle.consumed_mah),
         "energy_consumed": round(vehicle.consumed_mah * volts * 0.036),  # hectojoules
         "battery_remaining": _battery_left(node),
@@ -100,14 +100,14 @@ def system_time(node: MavNode) -> Fields:
 
 
 def ekf_status_report(node: MavNode) -> Fields:
-    flags = node.vehicle.ekf_flags
+    flags, ratios = node.vehicle.ekf_flags, node.vehicle.filter.ratios
     known = 0.0 if flags in (Flag(0), Flag.UNINITIALIZED) else 1.0
     return {
         "flags": int(flags),
-        "velocity_variance": 0.008 * known,
-        "pos_horiz_variance": 0.004 * known,
-        "pos_vert_variance": 0.0005 * known,
-        "compass_variance": 0.011 * known,
+        "velocity_variance": ratios["velocity"] * known,
+        "pos_horiz_variance": ratios["position"] * known,
+        "pos_vert_variance": ratios["height"] * known,
+        "compass_variance": ratios["compass"] * known,
     }
 
 
