@@ -22,7 +22,7 @@ AIRFRAMES = {
 }
 
 
-class Home(msgspec.Struct, frozen=True):
+class Home(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Origin of the world's local frame: degrees (WGS84), metres AMSL, and the heading vehicles start with."""
 
     lat_deg: float = -35.363261
@@ -35,17 +35,19 @@ class Home(msgspec.Struct, frozen=True):
         return Position(self.lat_deg, self.lon_deg, self.alt_amsl_m)
 
 
-class Stack(msgspec.Struct, frozen=True, kw_only=True):
+class Stack(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A real flight stack, outside the simulator, that flies a vehicle on the simulator's physics; see
     :mod:`zmav.sim.hil`.
 
     ``program``: a user's own SITL binary or build tree, to be started (None: it is started by somebody else, and
-    connects to ``port``; None: the one that the stack looks for by itself). ``own_physics``: it is only started.
+    connects to ``port``; None: the one that the stack looks for by itself). ``instance``: its number, which its ports
+    follow (None: its place among the world's vehicles with such an autopilot). ``own_physics``: it is only started.
     ``directory``: where its files are kept (None: nowhere). ``device``: PATH[:BAUD] of a real flight controller.
     """
 
     program: str | None = None
     port: int | None = None
+    instance: int | None = None
     own_physics: bool = False
     directory: str | None = None
     device: str | None = None

@@ -14,8 +14,10 @@ import click
 from rich.console import Console
 
 from zmav.cli.sim.line import StatusLine
+from zmav.cli.sim.stacks import STACK_OPTIONS, stack_vehicles
 from zmav.cli.sim.values import parse_home, parse_wind
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
+from zmav.sim.hil.vehicle import External
 from zmav.sim.remote import control_path
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -26,7 +28,7 @@ _OPTIONS = (
     click.option("--hexas", default=0, type=COUNT, help="How many ArduCopters on hexarotors."),
     click.option("--rovers", default=0, type=COUNT, help="How many ArduRovers."),
     click.option("--planes", default=0, type=COUNT, help="How many ArduPlanes."),
-    click.option("--px4", default=0, type=COUNT, help="How many PX4 quadrotors."),
+    *STACK_OPTIONS,
     click.option(
         "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
@@ -57,18 +59,22 @@ def run_options(command: F) -> F:
 
 
 def run_world(
-    copters: int | None, hexas: int, rovers: int, planes: int, px4: int, endpoints: tuple[str, ...], home: str | None,
+    copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...], home: str | None,
     spacing: float, wind: str, speed: str, lockstep: bool, seed: int, real_boot: bool, control: str | None,
+    **stacks: Any,
 ) -> None:  # fmt: skip
     """Make the world and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
     from zmav.cli.sim.talk import parse_speed
 
-    if copters is None:
-        copters = 0 if hexas or rovers or planes or px4 else 1
+    counts = {"copter": copters or 0, "hexa": hexas, "rover": rovers, "plane": planes}
+    vehicles = stack_vehicles(counts, stacks)
+    if copters is None and not vehicles and not any(counts.values()):
+        counts["copter"] = 1
     blows, gusts = parse_wind(wind)
     path = control_path(control)
     world = World(
-        copters=copters, hexas=hexas, rovers=rovers, planes=planes, px4=px4, home=parse_home(home) if home else None,
+        vehicles, copters=counts["copter"], hexas=counts["hexa"], rovers=counts["rover"], planes=counts["plane"],
+        px4=counts["px4"], home=parse_home(home) if home else None,
         spacing_m=spacing, endpoint=endpoints or None, speed=parse_speed(speed) or math.inf, lockstep=lockstep,
         seed=seed, wind=blows, gusts=gusts, ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
     )  # fmt: skip
@@ -79,6 +85,7 @@ def run_world(
         announce(world)
         line = StatusLine(world.status, Console(stderr=True))
         world.say = line.say
+        world.externals.listen(line.say)
         world.on_failure = lambda vehicle, error: line.say(_obituary(vehicle, error))
         with line:
             world.run()
@@ -92,7 +99,8 @@ def run_world(
 def announce(world: World) -> None:
     """Say where each vehicle is reached; nobody need be there to read it."""
     try:
-        for vehicle in world.vehicles:
+        reached: list[SimVehicle | External] = [*world.vehicles, *world.externals.vehicles]
+        for vehicle in reached:
             click.echo(f"{vehicle.name} (system id {vehicle.sysid}): {' '.join(vehicle.urls)}")
         sys.stdout.flush()
     except OSError:  # the reader has gone: what is buffered would fail again at the exit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import Any
 
@@ -13,6 +14,7 @@ from zmav.cli.common import console, dump, json_option
 from zmav.cli.sim.line import clock_words
 from zmav.sim.remote import Remote
 from zmav.sim.status import VehicleStatus, WorldStatus
+from zmav.sim.values import parse_speed
 
 
 def control_option(command: Any) -> Any:
@@ -92,7 +94,8 @@ def resume(control: str | None) -> None:
 def speed(times: str, control: str | None) -> None:
     """Go on at TIMES real time; 'max' or 0: as fast as it goes."""
     with remote(control) as sim:
-        _tell(sim.speed(parse_speed(times)))
+        asked = parse_speed(times)
+        _tell(sim.speed(asked if math.isfinite(asked) else 0.0))
 
 
 @click.command("step")
@@ -111,13 +114,3 @@ def stop(control: str | None) -> None:
     with remote(control) as sim:
         sim.stop()
 
-
-def parse_speed(text: str) -> float:
-    """Times real time; 0 for "max". :class:`click.BadParameter` for what is neither."""
-    try:
-        times = 0.0 if text == "max" else float(text)
-    except ValueError:
-        times = -1.0
-    if not 0.0 <= times < 1e6:
-        raise click.BadParameter(f"{text!r}; expected a number such as 4, or 'max'", param_hint="speed")
-    return times

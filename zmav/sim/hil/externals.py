@@ -63,11 +63,14 @@ class Externals:
         self._jobs: list[tuple[External, Path, Callable[[Path], Job]]] = []
         self._temporary: Path | None = None
         self._next_look = 0.0
+        self._open = False
         self.vehicles: list[External] = []
         instances = {True: 0, False: 0}  # by whether it is a PX4
         for spec, reached in zip(specs, addresses, strict=True):
             if spec.stack is not None:
-                self.vehicles.append(self._make(instances[spec.autopilot == PX4], spec, reached))
+                place = instances[spec.autopilot == PX4]
+                instance = place if spec.stack.instance is None else spec.stack.instance
+                self.vehicles.append(self._make(instance, spec, reached))
             instances[spec.autopilot == PX4] += 1
 
     # ---- what is said
@@ -145,9 +148,12 @@ class Externals:
     # ---- life
 
     def open(self, wiring: Wiring) -> None:
-        """Open everything, then start the programs. Raises :class:`PortInUse`, :class:`BadUrl`, :class:`BadConfig`;
-        :meth:`close` is for the caller to call then.
+        """Open everything, then start the programs; nothing where that is done. Raises :class:`PortInUse`,
+        :class:`BadUrl`, :class:`BadConfig`; :meth:`close` is for the caller to call then.
         """
+        if self._open:
+            return
+        self._open = True
         for vehicle in self.vehicles:
             vehicle.open(wiring)
         for vehicle, kept, job in self._jobs:
@@ -162,6 +168,7 @@ class Externals:
         return self._temporary / name
 
     def close(self) -> None:
+        self._open = False
         programs = list(self._programs.values())
         self._programs.clear()
         for program in programs:

@@ -1,0 +1,129 @@
+"""The options of ``zmav sim`` for other people's autopilots: their programs, their hardware, and those that connect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+from zmav.errors import BadConfig
+from zmav.sim.hil.binaries import ARDUPILOT_PROGRAMS
+from zmav.sim.lineup import KINDS
+from zmav.sim.spec import AIRFRAMES, ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, Stack, VehicleSpec
+
+MOST = 250
+# What an external ArduPilot can be asked to fly, and which vehicle that is.
+_BY_AIRFRAME = {
+    airframe: VehicleSpec(autopilot=autopilot, airframe=airframe)
+    for autopilot in (ARDUCOPTER, ARDUROVER, ARDUPLANE)
+    for airframe in AIRFRAMES[autopilot]
+}
+_KIND_OF_PROGRAM = dict(zip(ARDUPILOT_PROGRAMS, ("copter", "rover", "plane"), strict=True))
+
+STACK_OPTIONS = (
+    click.option(
+        "--px4", multiple=True, metavar="COUNT|PATH",
+        help="How many PX4 quadrotors; with the path of a PX4 build (or its px4 program), that flies them.",
+    ),
+    click.option(
+        "--ardupilot", metavar="PATH",
+        help="Have a real ArduPilot fly the copters, rovers and planes: a source or build tree, or one SITL program.",
+    ),
+    click.option(
+        "--stack", "stacks", multiple=True, metavar="ardupilot|px4[:AIRFRAME]",
+        help="A vehicle for a flight stack that you start yourself (ArduPilot's JSON on UDP 9002+10·i, PX4 on TCP "
+        "4560+i); repeatable.",
+    ),
+    click.option(
+        "--hil", "devices", multiple=True, metavar="DEVICE[:BAUD]",
+        help="A vehicle for a real PX4 in HITL mode on a serial line; its MAVLink is passed on; repeatable.",
+    ),
+    click.option("--own-physics", is_flag=True, help="Start those programs on their own physics instead of ours."),
+    click.option(
+        "--instance", type=click.IntRange(0, 250), help="Number of the first of those programs, which its ports follow."
+    ),
+    click.option("--keep", metavar="DIR", help="Keep their files (parameters, logs, output) in DIR/NAME."),
+)  # fmt: skip
+
+
+def stack_vehicles(counts: dict[str, int], options: dict[str, Any]) -> list[VehicleSpec]:
+    """The vehicles of :data:`STACK_OPTIONS`; ``counts``, by kind, loses those that a program flies. Gives its px4."""
+    px4_path, counts["px4"] = _px4(options["px4"])
+    ours = {"own_physics": options["own_physics"], "directory": options["keep"]}
+    found: list[VehicleSpec] = []
+    if options["ardupilot"] is not None:
+        found += _flown(counts, options["ardupilot"], ours)
+    if px4_path is not None:
+        number = counts["px4"] or 1
+        counts["px4"] = 0
+        found += [_with(KINDS["px4"], program=px4_path, **ours)] * number
+    if options["own_physics"] and not found:
+        raise BadConfig(
+            "--own-physics is for a program that is started; expected --ardupilot PATH or --px4 PATH beside it",
+            field="own_physics", value=True, expected="--ardupilot PATH or --px4 PATH",
+        )  # fmt: skip
+    found = _numbered(found, options["instance"])
+    found += [_waiting(text) for text in options["stacks"]]
+    found += [_with(KINDS["px4"], device=device) for device in options["devices"]]
+    return found
+
+
+def _with(spec: VehicleSpec, **stack: Any) -> VehicleSpec:
+    return msgspec.structs.replace(spec, stack=Stack(**stack))
+
+
+def _px4(words: Sequence[str]) -> tuple[str | None, int]:
+    """``--px4`` given some times: a path, and a count."""
+    path, count = None, 0
+    for word in words:
+        if word.isdigit():
+            count += int(word)
+        elif path is None:
+            path = word
+        else:
+            raise _bad("px4", word, "one path")
+    if count > MOST:
+        raise _bad("px4", str(count), f"at most {MOST}")
+    return path, count
+
+
+def _flown(counts: dict[str, int], path: str, ours: dict[str, Any]) -> list[VehicleSpec]:
+    """ArduPilots as counted; where nothing is, one of what the program is for."""
+    kinds = ("copter", "hexa", "rover", "plane")
+    if not any(counts[kind] for kind in kinds):
+        counts[_KIND_OF_PROGRAM.get(Path(path).name, "copter")] = 1
+    found = [_with(KINDS[kind], program=path, **ours) for kind in kinds for _ in range(counts[kind])]
+    for kind in kinds:
+        counts[kind] = 0
+    return found
+
+
+def _numbered(specs: list[VehicleSpec], first: int | None) -> list[VehicleSpec]:
+    """Instance numbers from ``first`` on, of each kind of stack."""
+    if first is None:
+        return specs
+    seen = {True: first, False: first}
+    numbered = []
+    for spec in specs:
+        assert spec.stack is not None
+        stack = msgspec.structs.replace(spec.stack, instance=seen[spec.autopilot == PX4])
+        numbered.append(msgspec.structs.replace(spec, stack=stack))
+        seen[spec.autopilot == PX4] += 1
+    return numbered
+
+
+def _waiting(text: str) -> VehicleSpec:
+    """``ardupilot[:AIRFRAME]`` or ``px4[:AIRFRAME]``."""
+    kind, colon, airframe = text.partition(":")
+    if kind == "px4" and (not colon or airframe in AIRFRAMES[PX4]):
+        return VehicleSpec(autopilot=PX4, airframe=airframe or None, stack=Stack())
+    if kind == "ardupilot" and (not colon or airframe in _BY_AIRFRAME):
+        return _with(_BY_AIRFRAME[airframe or "quad"])
+    raise _bad("stack", text, f"ardupilot or px4, and with a colon one of {', '.join(_BY_AIRFRAME)} or sih")
+
+
+def _bad(option: str, value: str, expected: str) -> BadConfig:
+    return BadConfig(f"--{option} {value}; expected {expected}", field=option, value=value, expected=expected)
