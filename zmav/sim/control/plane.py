@@ -10,14 +10,13 @@ sin(phi) / V (Beard and McLain, section 9.2); the rudder goes with the aileron, 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from zmav.sim.arrays import Array, Flags, clamp
 from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.l1 import L1
-from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, RATE, ROLL, PlaneTargets
+from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, RATE, ROLL, Flown, PlaneTargets
 from zmav.sim.control.tecs import Tecs
 from zmav.sim.dynamics.airframe import GRAVITY
 
@@ -26,21 +25,6 @@ LEAST_BANK = math.radians(25.0)  # allowed however slow it flies
 COORDINATED = math.radians(80.0)  # no more bank is reckoned with
 STEEP = math.radians(70.0)  # of pitch: no turn is coordinated beyond
 YAW_FILTER_S = 5.0  # of the high-pass that lets a steady turn be
-
-
-class Flown(NamedTuple):
-    """What the controllers of one plane do now: radians, metres, m/s."""
-
-    roll: float
-    pitch: float
-    bearing: float
-    error: float
-    cross_track: float
-    circling: bool
-    turn_distance: float
-    speed_error: float
-    height_error: float
-    underspeed: bool
 
 
 class _RateLoop:
@@ -142,6 +126,8 @@ class PlaneControl:
         )
         self.surface[0] = np.where(t.lateral == 0, t.aileron, aileron)
         self.surface[1] = np.where(t.upright == 0, t.elevator, elevator)
+        if t.mixing.any():
+            self.surface[:2] = self.surface[:2] * (1.0 - np.abs(t.mixing)) + t.mixing
         self.surface[2] = self._rudder(est, euler, force, airspeed, scale, dt)
         wanted = np.where(t.auto_throttle, self.tecs.throttle, t.throttle)
         self.throttle = clamp(wanted, 0.0, 1.0)

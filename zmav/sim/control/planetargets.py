@@ -6,7 +6,8 @@ An autopilot writes its own column through :class:`PlaneHandle`; the controllers
 from __future__ import annotations
 
 import enum
-from typing import Any
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,6 +120,25 @@ GAINS: dict[str, tuple[float, float]] = {
 }
 
 
+class Flown(NamedTuple):
+    """What the controllers of one plane do now: radians, metres, m/s."""
+
+    roll: float
+    pitch: float
+    bearing: float
+    error: float
+    """of the bearing"""
+    cross_track: float
+    """left of the line, or outside of the circle"""
+    circling: bool
+    turn_distance: float
+    speed_error: float
+    """true airspeed wanted minus flown"""
+    height: float
+    """wanted, over the world's origin"""
+    underspeed: bool
+
+
 class PlaneTargets:
     """Targets of N planes: metres NED of the world, m/s, radians; surfaces as shares of their travel (roll right, nose
     up, nose right), throttle 0 to 1. Speeds are equivalent airspeeds. ``radius`` of a circle is positive clockwise.
@@ -138,6 +158,7 @@ class PlaneTargets:
         self.aileron, self.elevator, self.rudder, self.throttle = row(), row(), row(), row()
         self.p, self.q = row(), row()  # body rates, rad/s
         self.roll, self.pitch = row(), row()
+        self.mixing: Array = np.zeros((2, n))  # shares of aileron and elevator that sticks take over
         self.heading = row()
         self.start: Array = np.zeros((2, n))
         self.end: Array = np.zeros((2, n))  # of a line; the centre of a circle
@@ -150,19 +171,17 @@ class PlaneTargets:
         self.throttle_min, self.throttle_max = row(), row(1.0)
         self.gains: dict[str, Array] = {name: row(low) for name, (low, _) in GAINS.items()}
 
-    def handle(self, index: int) -> PlaneHandle:
-        return PlaneHandle(self, index)
-
 
 class PlaneHandle:
-    """One plane's column of :class:`PlaneTargets`. ``flown``: what its controllers make of it, see
-    :meth:`zmav.sim.control.plane.PlaneControl.flown`.
+    """One plane's column of :class:`PlaneTargets`. ``flown()``: what its controllers make of it; ``eas2tas``: true
+    over equivalent airspeed.
     """
 
-    def __init__(self, table: PlaneTargets, index: int) -> None:
+    def __init__(self, table: PlaneTargets, index: int, flown: Callable[[], Flown], eas2tas: float) -> None:
         self._t = table
         self._i = index
-        self.flown: Any = None
+        self.flown = flown
+        self.eas2tas = eas2tas
 
     def gain(self, name: str, value: float) -> None:
         """Set one of :data:`GAINS`, kept within its bounds."""
@@ -197,12 +216,17 @@ class PlaneHandle:
         """The pilot's rudder: on top of what coordinates turns."""
         self._t.rudder[self._i] = rudder
 
+    def mix(self, aileron: float, elevator: float) -> None:
+        """Sticks on top of what the controllers do, and at their ends instead of it; until the next :meth:`pitch`."""
+        self._t.mixing[:, self._i] = aileron, elevator
+
     def roll(self, angle: float) -> None:
         self._t.lateral[self._i], self._t.roll[self._i] = Lateral.ROLL, angle
         self._t.auto_rudder[self._i] = True
 
     def pitch(self, angle: float) -> None:
         self._t.upright[self._i], self._t.pitch[self._i] = Upright.PITCH, angle
+        self._t.mixing[:, self._i] = 0.0
 
     def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         t, i = self._t, self._i
@@ -232,6 +256,7 @@ class PlaneHandle:
         t, i = self._t, self._i
         t.upright[i], t.auto_throttle[i] = Upright.ENERGY, True
         t.height[i], t.airspeed[i] = height, airspeed
+        t.mixing[:, i] = 0.0
 
     def power(self, throttle: float) -> None:
         self._t.auto_throttle[self._i] = False

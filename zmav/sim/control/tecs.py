@@ -47,6 +47,7 @@ class Tecs:
         self._gain_slow: Array = np.zeros(n)
         self._wanted_slow: Array = np.zeros(n)
         self._height_limited: Array = np.zeros(n)
+        self._height_slow: Array = np.zeros(n)
         self.height_wanted: Array = np.zeros(n)
         self._missing_rate: Array = np.zeros(n)
         self._throttle_i: Array = np.zeros(n)
@@ -119,7 +120,8 @@ class Tecs:
         if not fresh.any():
             return
         t = self._t
-        self._height_limited[fresh] = self.height_wanted[fresh] = height[fresh]
+        for state in (self._height_limited, self._height_slow, self.height_wanted):
+            state[fresh] = height[fresh]
         self.speed_wanted[fresh] = self.speed[fresh]
         for state in (self._throttle_i, self._balance_i, self._kinetic_i, self._missing_rate, self._wanted_slow):
             state[fresh] = 0.0
@@ -160,13 +162,13 @@ class Tecs:
         before = self._height_limited
         self._height_limited = before + clamp(t.height - before, -g["TECS_SINK_MAX"] * dt, up * dt)
         lag = g["TECS_HDEM_TCONST"]
-        slow = self.height_wanted
-        rate = (self._height_limited - slow) / np.maximum(lag, dt)
-        wanted = slow + rate * np.minimum(dt, lag)
+        rate = (self._height_limited - self._height_slow) / np.maximum(lag, dt)
+        self._height_slow = self._height_slow + rate * np.minimum(dt, lag)
         # On a glide slope the lag is made up for.
-        self.height_wanted = wanted
+        self.height_wanted = np.where(landing, self._height_limited, self._height_slow)
         if takeoff.any():
             self._height_limited[takeoff] = self.height_wanted[takeoff] = height[takeoff]
+            self._height_slow[takeoff] = height[takeoff]
             rate[takeoff] = 0.0
         if flare.any():
             rate = self._flare(flare, height, climb, rate, dt)
@@ -187,6 +189,7 @@ class Tecs:
         self._done = done
         self.height_wanted = np.where(flare, height + sink * dt, self.height_wanted)
         self._height_limited = np.where(flare, height, self._height_limited)
+        self._height_slow = np.where(flare, height, self._height_slow)
         result: Array = np.where(flare, sink, rate)
         return result
 

@@ -12,6 +12,7 @@ import numpy as np
 from zmav.errors import BadConfig
 from zmav.sim.arrays import Array, clamp
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
+from zmav.sim.dynamics.battery import Pack
 
 
 class Wheel(msgspec.Struct, frozen=True):
@@ -65,8 +66,7 @@ class Wing(msgspec.Struct, frozen=True, kw_only=True):
     servo_rate: float  # shares of the travel a second
     wheels: tuple[Wheel, ...]
     full_current_a: float
-    battery_mah: float
-    battery_v: float
+    pack: Pack
 
     @property
     def weight_n(self) -> float:
@@ -171,8 +171,7 @@ def _trainer() -> Wing:
             Wheel(-0.70, 0.0, -0.25),  # fin
         ),
         full_current_a=50.0,
-        battery_mah=3300.0,
-        battery_v=12.6,
+        pack=Pack(cells=3, full_v=12.6),
     )
 
 

@@ -13,7 +13,6 @@ from zmav.sim.air import SEA_LEVEL_DENSITY, density
 from zmav.sim.arrays import Array, quat_from_euler
 from zmav.sim.control.plane import PlaneControl
 from zmav.sim.control.planetargets import PlaneHandle, PlaneTargets
-from zmav.sim.dynamics.battery import Pack
 from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.wing import Wing
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
@@ -31,7 +30,7 @@ class PlaneFleet(Fleet):
     def __init__(self, wing: Wing, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
         self.airframe = wing
         dynamics = PlaneDynamics(wing, start, yaw, dt, around.environment.terrain)
-        super().__init__(dynamics, around, Pack(full_v=wing.battery_v))
+        super().__init__(dynamics, around, wing.pack)
         self._air_of_height()
         # Airspeeds that controllers are told are equivalent ones; the ratio is that of the world's origin.
         eas2tas = math.sqrt(SEA_LEVEL_DENSITY / float(density(np.array(around.place.alt_amsl_m))))
@@ -43,9 +42,7 @@ class PlaneFleet(Fleet):
         self.sensors.throttle = self._table[26]
 
     def handle(self, index: int) -> PlaneHandle:
-        handle = self.targets.handle(index)
-        handle.flown = lambda: self.control.flown(index)
-        return handle
+        return PlaneHandle(self.targets, index, lambda: self.control.flown(index), self.control.eas2tas)
 
     def advance(self, steps: int) -> None:
         """One tick: attitude and rates, every fifth time guidance and energy; then ``steps`` steps of the physics, and

@@ -1,0 +1,1 @@
+"""ArduPlane: its modes and what they fly by."""

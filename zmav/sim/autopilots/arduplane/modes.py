@@ -1,0 +1,373 @@
+"""ArduPlane's flight modes, except GUIDED, AUTO and AUTOLAND: one object per mode and vehicle.
+
+Modes: https://ardupilot.org/plane/docs/flight-modes.html
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from zmav.sim.autopilots.ardupilot.mode import Mode
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arduplane.plane import ArduPlane
+
+_INFO = 6
+LOCK_S = 0.5  # of quiet sticks, before CRUISE holds its course
+COURSE_SPEED = 5.0  # m/s: from there on the course over the ground is known
+CRUISE_AHEAD_M = 1000.0
+FLYING_S = 10.0
+TAKEOFF_DONE_M = 2.0
+SETTLED_M = 10.0
+GLIDE = 2  # FS_SHORT_ACTN: fly by wire without power
+CLIMB_FIRST = 16  # of FLIGHT_OPTIONS: climb before turning, in RTL
+
+
+class PlaneMode(Mode):
+    """``fly`` sets the targets, twenty times a second."""
+
+    needs_position: ClassVar[bool] = False
+    armable: ClassVar[bool] = True
+    auto_throttle: ClassVar[bool] = False
+    navigates: ClassVar[bool] = False  # somewhere by itself
+    captures_direction: ClassVar[bool] = False  # the first course flown in it is AUTOLAND's
+
+    def __init__(self, plane: ArduPlane) -> None:
+        super().__init__(plane)
+        self.plane = plane
+
+    def update(self) -> None:
+        if self.plane.on_turn:
+            self.fly()
+
+    def idle(self) -> None:
+        """Disarmed: the surfaces move, the engine does not."""
+        if self.plane.on_turn:
+            self.rest()
+            self.plane.sp.power(0.0)
+
+    def rest(self) -> None:
+        """What is held on the ground, disarmed: level."""
+        self.plane.sp.roll(0.0)
+        self.plane.sp.pitch(0.0)
+
+    def fly(self) -> None:
+        """Set this moment's targets."""
+        raise NotImplementedError
+
+
+class Manual(PlaneMode):
+    number, name, by_pilot, manual_throttle = 0, "MANUAL", True, True
+
+    def fly(self) -> None:
+        plane = self.plane
+        plane.sp.surfaces(plane.stick_roll, plane.stick_pitch, plane.stick_yaw)
+        plane.sp.power(plane.stick_throttle)
+
+    def rest(self) -> None:
+        self.fly()
+
+
+class Circle(PlaneMode):
+    number, name, auto_throttle, navigates = 1, "CIRCLE", True, True
+
+    def enter(self) -> None:
+        self._down = self.plane.sense.down
+        self.plane.way.stay()
+
+    def fly(self) -> None:
+        plane = self.plane
+        plane.sp.roll(math.radians(plane.params["ROLL_LIMIT_DEG"]) / 3.0)
+        plane.fly_height(-self._down, plane.airspeed_wanted)
+
+
+class Stabilize(PlaneMode):
+    number, name, by_pilot, manual_throttle = 2, "STABILIZE", True, True
+    captures_direction = True
+
+    def fly(self) -> None:
+        plane = self.plane
+        plane.sp.roll(0.0)
+        plane.sp.pitch(0.0)
+        plane.sp.mix(plane.stick_roll, plane.stick_pitch)
+        plane.sp.power(plane.stick_throttle)
+
+    def rest(self) -> None:
+        self.fly()
+
+
+class Training(PlaneMode):
+    """By hand, within the limits of bank and pitch."""
+
+    number, name, by_pilot, manual_throttle = 3, "TRAINING", True, True
+    captures_direction = True
+
+    def fly(self) -> None:
+        plane, s = self.plane, self.plane.sense
+        bank = math.radians(plane.params["ROLL_LIMIT_DEG"])
+        up, down = (math.radians(plane.params[f"PTCH_LIM_{end}_DEG"]) for end in ("MAX", "MIN"))
+        roll, pitch = plane.stick_roll, plane.stick_pitch
+        plane.sp.surfaces(roll, pitch, plane.stick_yaw)
+        if abs(s.roll) >= bank and roll * s.roll >= 0.0:
+            plane.sp.roll(math.copysign(bank, s.roll))
+        if s.pitch >= up and pitch >= 0.0:
+            plane.sp.pitch(up)
+        elif s.pitch <= down and pitch <= 0.0:
+            plane.sp.pitch(down)
+        plane.sp.power(plane.stick_throttle)
+
+    def rest(self) -> None:
+        self.fly()
+
+
+class Acro(PlaneMode):
+    """Sticks are rates; in the middle they hold the attitude there is (ACRO_LOCKING)."""
+
+    number, name, by_pilot, manual_throttle = 4, "ACRO", True, True
+    captures_direction = True
+
+    def fly(self) -> None:
+        plane = self.plane
+        roll = plane.stick_roll * math.radians(plane.params["ACRO_ROLL_RATE"])
+        pitch = plane.stick_pitch * math.radians(plane.params["ACRO_PITCH_RATE"])
+        plane.sp.rates(roll, pitch)
+        plane.sp.yaw(plane.stick_yaw)
+        plane.sp.power(plane.stick_throttle)
+
+    def rest(self) -> None:
+        self.fly()
+
+
+class FlyByWireA(PlaneMode):
+    number, name, by_pilot, manual_throttle = 5, "FBWA", True, True
+    captures_direction = True
+
+    def fly(self) -> None:
+        plane, params = self.plane, self.plane.params
+        throttle = plane.stick_throttle
+        pitch = plane.stick_pitch * math.radians(
+            params["PTCH_LIM_MAX_DEG"] if plane.stick_pitch > 0.0 else -params["PTCH_LIM_MIN_DEG"]
+        )
+        # With little power the nose goes down a bit, so that speed is kept (STAB_PITCH_DOWN).
+        cruise = max(params["TRIM_THROTTLE"] * 0.01, 0.01)
+        pitch -= math.radians(params["STAB_PITCH_DOWN"]) * max(1.0 - throttle / cruise, 0.0)
+        roll = plane.stick_roll * math.radians(params["ROLL_LIMIT_DEG"])
+        if plane.rc.lost and int(params["FS_SHORT_ACTN"]) == GLIDE:
+            roll, pitch, throttle = 0.0, 0.0, 0.0
+        lowest, highest = math.radians(params["PTCH_LIM_MIN_DEG"]), math.radians(params["PTCH_LIM_MAX_DEG"])
+        plane.sp.roll(roll)
+        plane.sp.pitch(min(max(pitch, lowest), highest))
+        plane.sp.yaw(plane.stick_yaw)
+        plane.sp.power(throttle)
+
+    def rest(self) -> None:
+        self.fly()
+
+
+class FlyByWireB(PlaneMode):
+    """The stick's pitch climbs, its throttle asks for an airspeed."""
+
+    number, name, by_pilot, auto_throttle = 6, "FBWB", True, True
+    captures_direction = True
+
+    def enter(self) -> None:
+        self._down = self.plane.sense.down
+        self._pushed = 0.0
+
+    def fly(self) -> None:
+        plane = self.plane
+        plane.sp.roll(plane.stick_roll * math.radians(plane.params["ROLL_LIMIT_DEG"]))
+        plane.sp.yaw(plane.stick_yaw)
+        self.keep_height()
+
+    def keep_height(self) -> None:
+        plane, params = self.plane, self.plane.params
+        push = plane.stick_pitch * (-1.0 if params["FBWB_ELEV_REV"] else 1.0)
+        if (push <= 0.0 < self._pushed) or (self._pushed < 0.0 <= push):
+            self._down = plane.sense.down
+        self._pushed = push
+        climb = min(max(params["FBWB_CLIMB_RATE"] * push, -params["TECS_SINK_MAX"]), params["TECS_CLMB_MAX"])
+        self._down -= climb * plane.turn_s
+        slow, fast = params["AIRSPEED_MIN"], params["AIRSPEED_MAX"]
+        speed = plane.airspeed_wanted if plane.rc.lost else slow + (fast - slow) * plane.stick_throttle
+        plane.fly_height(-self._down, speed)
+
+
+class Cruise(FlyByWireB):
+    """As FBWB, and a course is held where the sticks let it."""
+
+    number, name = 7, "CRUISE"
+
+    def enter(self) -> None:
+        super().enter()
+        self._since: float | None = None
+        self._course: float | None = None
+
+    def fly(self) -> None:
+        plane, s = self.plane, self.plane.sense
+        if plane.stick_roll != 0.0 or plane.stick_yaw != 0.0:
+            self._since = self._course = None
+        elif self._course is None and plane.groundspeed >= COURSE_SPEED:
+            self._since = plane.now if self._since is None else self._since
+            if plane.now - self._since > LOCK_S:
+                self._course = math.atan2(s.ve, s.vn)
+                plane.way.direct(plane.here)
+                plane.way.crosstrack = True
+        if self._course is None:
+            plane.sp.roll(plane.stick_roll * math.radians(plane.params["ROLL_LIMIT_DEG"]))
+            plane.sp.yaw(plane.stick_yaw)
+        else:
+            self._hold(self._course)
+        self.keep_height()
+
+    def _hold(self, course: float) -> None:
+        plane, way = self.plane, self.plane.way
+        gone = math.hypot(plane.here[0] - way.start[0], plane.here[1] - way.start[1]) + CRUISE_AHEAD_M
+        way.end = way.start[0] + gone * math.cos(course), way.start[1] + gone * math.sin(course), self._down
+        way.follow()
+
+
+class Rtl(PlaneMode):
+    number, name, auto_throttle, navigates = 11, "RTL", True, True
+
+    def enter(self) -> None:
+        plane = self.plane
+        place = plane.rally.nearest()
+        if place == plane.home_world:
+            height = plane.params["RTL_ALTITUDE"]
+            place = place[0], place[1], plane.sense.down if height < 0 else place[2] - height
+        plane.way.direct(place)
+        self._from = plane.sense.down
+        self._looked = self._climbed = False
+
+    def fly(self) -> None:
+        plane, way = self.plane, self.plane.way
+        radius = plane.params["RTL_RADIUS"]
+        if radius < 0:
+            way.counter_clockwise = True
+        way.circle(radius)
+        plane.fly_height(-way.down, plane.airspeed_wanted)
+        if not self._climbed and self._climbs_first():
+            plane.limit(roll=math.radians(plane.params["LEVEL_ROLL_LIMIT"]))
+        self._look_for_landing()
+
+    def _climbs_first(self) -> bool:
+        """It goes straight on until it is high enough (RTL_CLIMB_MIN)."""
+        plane = self.plane
+        if int(plane.params["FLIGHT_OPTIONS"]) & CLIMB_FIRST:
+            self._climbed = plane.sense.down < plane.way.end[2]
+        else:
+            least = plane.params["RTL_CLIMB_MIN"]
+            self._climbed = least <= 0 or self._from - plane.sense.down > least
+        return not self._climbed
+
+    def _look_for_landing(self) -> None:
+        """Over home it goes on with the mission's landing, where RTL_AUTOLAND says so: 1, or 2 at once."""
+        plane = self.plane
+        wanted = int(plane.params["RTL_AUTOLAND"])
+        there = plane.way.circling and abs(plane.sense.down - plane.way.end[2]) < SETTLED_M
+        if self._looked or not (wanted == 2 or (wanted == 1 and there)):
+            return
+        self._looked = True
+        plane.land_by_mission()
+
+
+class Loiter(PlaneMode):
+    number, name, auto_throttle, navigates = 12, "LOITER", True, True
+
+    def enter(self) -> None:
+        self.plane.way.stay()
+
+    def fly(self) -> None:
+        self.plane.way.circle()
+        self.plane.fly_height(-self.plane.way.down, self.plane.airspeed_wanted)
+
+
+class Takeoff(PlaneMode):
+    """Off the ground straight ahead to TKOFF_ALT, then circles about a point TKOFF_DIST away."""
+
+    number, name, auto_throttle, navigates = 13, "TAKEOFF", True, True
+    captures_direction = True
+
+    def enter(self) -> None:
+        self._climbing, self._set_up = True, False
+
+    @property
+    def rising(self) -> bool:
+        """It is not there yet."""
+        return self._climbing
+
+    def fly(self) -> None:
+        plane = self.plane
+        if not self._set_up:
+            self._set_up = self._prepare()
+        if self._climbing and self._set_up:
+            gone = math.hypot(plane.here[0] - self._start[0], plane.here[1] - self._start[1])
+            if plane.launch.climbed >= plane.params["TKOFF_ALT"] - TAKEOFF_DONE_M or gone >= plane.params["TKOFF_DIST"]:
+                self._climbing = False
+        if not self._set_up:
+            self._roll_out()
+        elif self._climbing:
+            plane.way.circle()
+            plane.launch.climb(-plane.way.end[2])
+        else:
+            plane.way.circle()
+            plane.fly_height(-plane.way.down, plane.airspeed_wanted)
+
+    def _roll_out(self) -> None:
+        """Wings level, until it is fast enough for a course."""
+        plane = self.plane
+        plane.launch.begin(plane.params["TKOFF_ALT"], math.radians(plane.params["TKOFF_LVL_PITCH"]))
+        plane.launch.climb(-plane.sense.down + plane.params["TKOFF_ALT"])
+        plane.sp.roll(0.0)
+
+    def _prepare(self) -> bool:
+        """Where to, once it moves: from its course."""
+        plane, params, s = self.plane, self.plane.params, self.plane.sense
+        height, far, course = params["TKOFF_ALT"], params["TKOFF_DIST"], math.atan2(s.ve, s.vn)
+        above = plane.height
+        if plane.flying and plane.now - plane.flying_since > FLYING_S and plane.groundspeed > 3.0:
+            self._start = plane.here
+            if above >= height:
+                plane.say(_INFO, "Above TKOFF alt - loitering")
+                plane.way.stay()
+                self._climbing = False
+                return True
+            plane.say(_INFO, "Climbing to TKOFF alt then loitering")
+            self._aim(course, far, height - above)
+            plane.launch.begin(height, math.radians(params["TKOFF_LVL_PITCH"]))
+            plane.launch.ground = -s.down - above
+            return True
+        if plane.throttle_suppressed or plane.groundspeed <= COURSE_SPEED:
+            return False
+        self._start = plane.here
+        degrees = math.degrees(course) % 360.0
+        plane.say(_INFO, f"Takeoff to {height:.0f}m for {far:.1f}m heading {degrees:.1f} deg")
+        self._aim(course, far, height)
+        plane.launch.begin(height, math.radians(params["TKOFF_LVL_PITCH"]))
+        return True
+
+    def _aim(self, course: float, far: float, up: float) -> None:
+        here = self.plane.here
+        self.plane.way.direct((here[0] + far * math.cos(course), here[1] + far * math.sin(course), here[2] - up))
+
+
+class AvoidAdsb(Loiter):
+    """There is nobody to avoid: it circles, and takes targets no more than LOITER does."""
+
+    number, name = 14, "AVOID_ADSB"
+
+
+class Initialising(PlaneMode):
+    number, name, auto_throttle, armable = 16, "INITIALISING", True, False
+
+    def fly(self) -> None:
+        self.plane.sp.surfaces(0.0, 0.0, 0.0)
+        self.plane.sp.power(0.0)
+
+    def rest(self) -> None:
+        self.fly()
+
+    def refusal(self) -> str:
+        return "only the boot is in it"

@@ -1,0 +1,182 @@
+"""What ArduPlane does when a failsafe or its fence trips.
+
+https://ardupilot.org/plane/docs/apms-failsafe-function.html; what each says and does follows ArduPlane's events.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from zmav.sim.autopilots.ardupilot.reactions import Reactions
+
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arduplane.plane import ArduPlane
+
+MANUAL, CIRCLE, FBWA, FBWB, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 6, 10, 11, 15, 26
+BY_HAND = {0, 2, 3, 4, 5, 6, 7}
+ON_ERRANDS = {10, 12, 14, 15, 26}
+_WARNING, _NOTICE, _INFO = 4, 5, 6
+# FS_SHORT_ACTN, FS_LONG_ACTN
+SHORT_BEST_GUESS, SHORT_CIRCLE, SHORT_FBWA, SHORT_DISABLED, SHORT_FBWB = range(5)
+LONG_CONTINUE, LONG_RTL, LONG_GLIDE, LONG_PARACHUTE, LONG_AUTO, LONG_AUTOLAND = range(6)
+# BATT_FS_LOW_ACT
+BATTERY_RTL, BATTERY_LAND, BATTERY_TERMINATE, BATTERY_AUTOLAND = 1, 2, 3, 7
+FENCE_RTL, FENCE_GUIDED, FENCE_GUIDED_THROTTLE, FENCE_AUTOLAND = 1, 6, 7, 8
+
+
+class PlaneReactions(Reactions):
+    """Losing the pilot has two steps, short and long; losing the ground station only the long one."""
+
+    BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (3, 5, 6, 4, 2, 7, 1, 0)
+
+    def __init__(self, plane: ArduPlane) -> None:
+        self._plane = plane
+        self.reset()
+
+    def reset(self) -> None:
+        """After a reboot."""
+        self.state = ""  # "short", "long" or "gcs"
+        self._lost_at: float | None = None
+        self._before: int | None = None
+        self._mode_by_short: int | None = None
+        self._pending: str = ""
+
+    # ---- the pilot's radio
+
+    def radio_changed(self, lost: bool) -> None:
+        plane = self._plane
+        plane.say(_WARNING, f"Throttle failsafe {'on' if lost else 'off'}")
+        self._lost_at = plane.now - plane.params["FS_SHORT_TIMEOUT"] if lost else None
+
+    def update(self) -> None:
+        """Ten times a second."""
+        plane = self._plane
+        if self._pending and not plane.taking_off:
+            what, self._pending = self._pending, ""
+            if self.state:
+                self._long(what)
+        lost = plane.rc.lost
+        watched = int(plane.params["FS_SHORT_ACTN"]) != SHORT_DISABLED
+        if self.state == "" and lost and watched and not self._landing:
+            self._short()
+        if self.state == "short" and not lost:
+            self._short_over()
+        if self.state in ("", "short") and lost and not self._landing and self._lost_at is not None:
+            if plane.now - self._lost_at >= plane.params["FS_LONG_TIMEOUT"]:
+                self.state = "long"
+                self._long("RC Long")
+        elif self.state == "long" and not lost:
+            self.state, self._pending = "", ""
+            plane.say(_WARNING, "RC Long Failsafe Cleared")
+
+    @property
+    def _landing(self) -> bool:
+        return self._plane.landing.active or self._plane.mission.landing
+
+    def _short(self) -> None:
+        plane = self._plane
+        self.state, self._before = "short", plane.mode.number
+        action = int(plane.params["FS_SHORT_ACTN"])
+        target = {SHORT_FBWA: FBWA, SHORT_FBWB: FBWB}.get(action, CIRCLE)
+        number = plane.mode.number
+        if number in BY_HAND or (number in ON_ERRANDS and action != SHORT_BEST_GUESS):
+            plane.set_mode(target)
+        if plane.mode.number != self._before:
+            self._mode_by_short = plane.mode.number
+            plane.say(_WARNING, f"RC Short Failsafe: switched to {plane.mode.name}")
+        else:
+            self._mode_by_short = None
+            plane.say(_WARNING, "RC Short Failsafe On")
+
+    def _short_over(self) -> None:
+        plane = self._plane
+        self.state = ""
+        plane.say(_WARNING, "Short Failsafe Cleared")
+        if self._mode_by_short == plane.mode.number and self._before is not None:
+            plane.set_mode(self._before)
+            plane.say(_INFO, f"Flight mode {plane.mode.name} restored")
+
+    def _long(self, what: str) -> None:
+        """``what``: "RC Long" or "GCS"."""
+        plane = self._plane
+        plane.rc.clear_overrides()
+        action, number = int(plane.params["FS_LONG_ACTN"]), plane.mode.number
+        if number in BY_HAND or number in (CIRCLE, 12, 13):
+            if plane.taking_off and action not in (LONG_GLIDE, LONG_PARACHUTE):
+                self._pending = what
+            else:
+                self._act(action, otherwise=RTL)
+        elif number in (AUTO, GUIDED, 14):
+            if not (number == AUTO and self._landing):
+                self._act(action, otherwise=RTL if action == LONG_RTL else None)
+        elif number == RTL and action in (LONG_AUTO, LONG_AUTOLAND):
+            self._act(action, otherwise=None)
+        plane.say(_WARNING, f"{what} Failsafe On: {plane.mode.name}")
+
+    def _act(self, action: int, *, otherwise: int | None) -> None:
+        plane = self._plane
+        if action == LONG_GLIDE:
+            plane.set_mode(FBWA)
+        elif action == LONG_AUTO:
+            plane.set_mode(AUTO)
+        elif action == LONG_AUTOLAND:
+            if not plane.set_mode(AUTOLAND):
+                plane.set_mode(RTL)
+        elif otherwise is not None and action != LONG_PARACHUTE:
+            plane.set_mode(otherwise)
+
+    # ---- the rest
+
+    def gcs_lost(self) -> None:
+        if self.state in ("", "short") and not self._landing:
+            self.state = "gcs"
+            self._long("GCS")
+
+    def gcs_back(self) -> None:
+        if self.state == "gcs":
+            self.state, self._pending = "", ""
+        self._plane.say(_WARNING, "GCS Failsafe Off")
+
+    def battery_failed(self, action: int) -> None:
+        plane = self._plane
+        landing = plane.landing.active or plane.mode.number == AUTOLAND
+        if action == BATTERY_TERMINATE:
+            plane.disarm(forced=True)
+        elif action == BATTERY_LAND and not landing and plane.land_by_mission():
+            return
+        elif action in (BATTERY_RTL, BATTERY_LAND, BATTERY_AUTOLAND) and not landing:
+            lands = action == BATTERY_AUTOLAND and plane.set_mode(AUTOLAND)
+            if not lands:
+                plane.set_mode(RTL)
+
+    def estimate_lost(self) -> None:
+        """A plane goes on flying by what it has."""
+
+    def fence_breached(self, new: int, beyond_m: float) -> None:
+        plane = self._plane
+        action = int(plane.params["FENCE_ACTION"])
+        if not plane.armed or plane.mode_by_fence or plane.landing.flaring:
+            return
+        if action in (FENCE_RTL, FENCE_AUTOLAND):
+            if plane.mode.number == AUTOLAND or (plane.mode.number == AUTO and plane.mission.landing):
+                return
+            if action != FENCE_AUTOLAND or not plane.set_mode(AUTOLAND, by_fence=True):
+                plane.set_mode(RTL, by_fence=True)
+        elif action in (FENCE_GUIDED, FENCE_GUIDED_THROTTLE):
+            plane.set_mode(GUIDED, by_fence=True)
+            plane.guided.fly_to(self._return_point())
+
+    def _return_point(self) -> tuple[float, float, float]:
+        plane, params = self._plane, self._plane.params
+        if params["FENCE_RET_RALLY"]:
+            place = plane.rally.nearest()
+            if place != plane.home_world:
+                return place
+        home = plane.home_world
+        low, high = params["FENCE_ALT_MIN"], params["FENCE_ALT_MAX"]
+        if params["FENCE_RET_ALT"] > 0:
+            height = params["FENCE_RET_ALT"]
+        else:
+            height = params["RTL_ALTITUDE"] if low >= high else 0.5 * (low + high)
+        spot = plane.fence.return_point or home[:2]
+        return spot[0], spot[1], home[2] - height

@@ -1,0 +1,188 @@
+"""What an ArduPlane reports in its own way: one function per message, as :mod:`zmav.sim.protocol.ardupilot.reports`."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from zmav.sim.autopilots.arduplane.plane import INITIALISING, ArduPlane
+from zmav.sim.protocol.ardupilot.reports import status
+from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us, e7
+
+if TYPE_CHECKING:
+    from zmav.sim.protocol.ardupilot.node import MavNode
+
+_ARMED, _MANUAL_INPUT, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
+# MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
+_PRESENT, _ENABLED, _HEALTHY = 0x1361FC1F, 0x1241801F, 0x0311800F
+_AIRSPEED, _GPS, _AHRS, _PREARM = 0x10, 0x20, 0x00200000, 0x10000000
+_CONTROL = 0x01207C00  # what arming enables
+_CONTROL_HEALTHY = 0x7C00
+FULL_RPM = 7000.0
+MOTOR = 2  # of the servo outputs, from 0
+_NO_TEMPERATURE = 32767
+
+
+def _plane(node: MavNode) -> ArduPlane:
+    assert isinstance(node.vehicle, ArduPlane)
+    return node.vehicle
+
+
+def heartbeat(node: MavNode) -> Fields:
+    plane = _plane(node)
+    mode = _STABILIZE | _CUSTOM
+    if plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0:
+        mode |= _MANUAL_INPUT
+    if plane.navigating:
+        mode |= _GUIDED
+    if plane.armed:
+        mode |= _ARMED
+    return {**status.heartbeat(node), "base_mode": mode}
+
+
+def sys_status(node: MavNode) -> Fields:
+    plane = _plane(node)
+    has = plane.boot.has
+    gps, ahrs = _GPS if has("gps") else 0, _AHRS if has("prearm") else 0
+    health = _HEALTHY | gps | ahrs | (_AIRSPEED if has("airspeed") else 0)
+    health |= _PREARM if node.prearm_ok else 0
+    enabled = _ENABLED | gps | ahrs
+    if plane.armed:
+        enabled, health = enabled | _CONTROL, health | _CONTROL_HEALTHY
+    return {
+        **status.sys_status(node),
+        "onboard_control_sensors_present": _PRESENT | gps,
+        "onboard_control_sensors_enabled": enabled,
+        "onboard_control_sensors_health": health,
+    }
+
+
+def vfr_hud(node: MavNode) -> Fields:
+    plane, s = _plane(node), node.vehicle.sense
+    return {
+        "airspeed": plane.eas,
+        "groundspeed": plane.groundspeed,
+        "heading": int(math.degrees(s.yaw)) % 360,
+        "throttle": round(s.throttle * 100) if plane.armed else 0,
+        "alt": plane.position.alt_amsl_m if plane.boot.has("origin") else 0.0,
+        "climb": -s.vd,
+    }
+
+
+def airspeed(node: MavNode) -> Fields:
+    """Of the pitot tube: equivalent, and the pressure behind it in pascals."""
+    eas = _plane(node).eas
+    return {"airspeed": eas, "temperature": _NO_TEMPERATURE, "raw_press": eas * eas / 2.0, "flags": 2}
+
+
+def aoa_ssa(node: MavNode) -> Fields:
+    """Angles of the flow, degrees, from the estimates of wind and attitude; nothing where it does not move."""
+    plane, s = _plane(node), node.vehicle.sense
+    if plane.eas < plane.params["AIRSPEED_MIN"]:
+        return {"time_usec": boot_us(node), "AOA": 0.0, "SSA": 0.0}
+    wind = node.seat.wind
+    north, east, down = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
+    w, x, y, z = s.qw, s.qx, s.qy, s.qz
+    forward = (1 - 2 * (y * y + z * z)) * north + 2 * (x * y + w * z) * east + 2 * (x * z - w * y) * down
+    right = 2 * (x * y - w * z) * north + (1 - 2 * (x * x + z * z)) * east + 2 * (y * z + w * x) * down
+    below = 2 * (x * z + w * y) * north + 2 * (y * z - w * x) * east + (1 - 2 * (x * x + y * y)) * down
+    return {
+        "time_usec": boot_us(node),
+        "AOA": math.degrees(math.atan2(below, forward)),
+        "SSA": math.degrees(math.atan2(right, math.hypot(forward, below))),
+    }
+
+
+def nav_controller_output(node: MavNode) -> Fields | None:
+    """Not in MANUAL. The error of the airspeed is told times 100, as ArduPlane does."""
+    plane = _plane(node)
+    if plane.mode.number == 0:
+        return None
+    flown, way = plane.sp.flown(), plane.way
+    return {
+        "nav_roll": math.degrees(flown.roll),
+        "nav_pitch": math.degrees(flown.pitch),
+        "nav_bearing": int(math.degrees(flown.bearing)),
+        "target_bearing": int(math.degrees(way.bearing)),
+        "wp_dist": min(int(way.distance), 65535),
+        "alt_error": flown.height + plane.sense.down,
+        "aspd_error": flown.speed_error * 100.0 / plane.eas2tas,
+        "xtrack_error": flown.cross_track,
+    }
+
+
+def position_target_global_int(node: MavNode) -> Fields | None:
+    plane = _plane(node)
+    if plane.mode.number == 0:
+        return None
+    there = plane.place(plane.way.end)
+    return {
+        "time_boot_ms": boot_ms(node),
+        "type_mask": 0xFDF8,
+        "lat_int": e7(there.lat_deg),
+        "lon_int": e7(there.lon_deg),
+        "alt": there.alt_amsl_m,
+    }
+
+
+def servo_output_raw(node: MavNode) -> Fields:
+    """Aileron, elevator, throttle and rudder; what DO_SET_SERVO set on the others."""
+    plane = _plane(node)
+    outputs = list(plane.payload.servos)
+    for index, value in enumerate(node.seat.outputs()):
+        outputs[index] = _pulse(plane, index + 1, value)
+    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+
+
+def _pulse(plane: ArduPlane, channel: int, value: float) -> int:
+    low, middle, high = (plane.params[f"SERVO{channel}_{part}"] for part in ("MIN", "TRIM", "MAX"))
+    reverse = bool(plane.params[f"SERVO{channel}_REVERSED"])
+    if channel == MOTOR + 1:
+        return round(high - value * (high - low) if reverse else low + value * (high - low))
+    value = -value if reverse else value
+    return round(middle + value * (high - middle if value > 0 else middle - low))
+
+
+def esc_telemetry(node: MavNode) -> Fields:
+    """The one motor, at the place of its output."""
+    plane, s = _plane(node), node.vehicle.sense
+
+    def motor(value: int) -> list[int]:
+        return [0] * MOTOR + [value, 0]
+
+    return {
+        "temperature": motor(32),
+        "voltage": motor(min(round(plane.voltage * 100), 65535)),
+        "current": motor(min(round(s.current_a * 100), 65535)),
+        "totalcurrent": motor(min(round(plane.consumed_mah), 65535)),
+        "rpm": motor(round(FULL_RPM * math.sqrt(max(s.throttle, 0.0)))),
+        "count": motor(int(plane.uptime * 37) % 65536),
+    }
+
+
+def position_target_local_ned(node: MavNode) -> None:
+    """A plane has none."""
+
+
+def extended_sys_state(node: MavNode) -> Fields:
+    plane = _plane(node)
+    if not plane.flying:
+        return {"landed_state": 1}
+    if plane.taking_off:
+        return {"landed_state": 3}
+    return {"landed_state": 4 if plane.landing.active or plane.mode.is_landing else 2}
+
+
+REPORTS: dict[str, Report] = {
+    "HEARTBEAT": heartbeat,
+    "SYS_STATUS": sys_status,
+    "VFR_HUD": vfr_hud,
+    "AIRSPEED": airspeed,
+    "AOA_SSA": aoa_ssa,
+    "NAV_CONTROLLER_OUTPUT": nav_controller_output,
+    "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
+    "POSITION_TARGET_LOCAL_NED": position_target_local_ned,
+    "SERVO_OUTPUT_RAW": servo_output_raw,
+    "ESC_TELEMETRY_1_TO_4": esc_telemetry,
+    "EXTENDED_SYS_STATE": extended_sys_state,
+}
