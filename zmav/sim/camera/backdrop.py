@@ -18,7 +18,7 @@ from zmav.sim.environment import Terrain
 
 Image = NDArray[np.uint8]
 
-SHARPNESS = 0.78  # texels per pixel, at the middle of a level's range
+SHARPNESS = 0.85  # texels per pixel, at the middle of a level's range
 GRAZING = 0.06  # sine of the angle below which texels grow no longer for the slant
 ONE_LEVEL = 0.85  # powers of two that a level may be off, so that a picture needs only one
 MOST_BLOCK = 400  # tiles of one level in one picture

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zmav.sim.camera.coverage import Grid, box, disc, over, turned
+from zmav.sim.camera.coverage import Grid, box, dashes, disc, over, turned
 from zmav.sim.camera.materials import mean_color, paint, texel_m
 from zmav.sim.camera.scene import GroundKind
 from zmav.sim.camera.spec import PadSpec, bgr
@@ -92,9 +92,10 @@ def _chessboard(ahead: Grid, right: Grid, pad: PadSpec, texel: float, color: Gri
     """Squares of black on the pad's colour, with a white rim of one square where ``size_m`` leaves room for it."""
     across, along = pad.squares
     side = pad.symbol_m / max(across, along)
-    column, row = right / side + across / 2.0, along / 2.0 - ahead / side
     inside = box(ahead, right, along * side / 2.0, across * side / 2.0, texel)
-    dark = (np.floor(column) + np.floor(row)) % 2.0 == 0.0
+    column = dashes(right + across * side / 2.0, 2.0 * side, side, texel)
+    row = dashes(along * side / 2.0 - ahead, 2.0 * side, side, texel)
+    dark = column * row + (1.0 - column) * (1.0 - row)
     over(color, inside, bgr(pad.color))
     over(color, inside * dark, bgr("black"))
     np.maximum(alpha, inside, out=alpha)

@@ -1,7 +1,8 @@
 """Flat pictures with transparency that lie anywhere in the world: pads, silhouettes, roofs; and how they are drawn.
 
-A sprite is kept at halving sizes (a pyramid; Williams, "Pyramidal Parametrics", SIGGRAPH 1983), so that it can be drawn
-from any distance without aliasing; colours are multiplied by their alpha beforehand (Porter and Duff, "Compositing
+A sprite is kept at falling sizes (a pyramid; Williams, "Pyramidal Parametrics", SIGGRAPH 1983), each the last one's
+by the root of 2, so that it can be drawn from any distance: with texels larger than a pixel it would be blurred, with
+much smaller ones its edges would be ragged, and up to a third of a pixel off their place. Colours are multiplied by their alpha beforehand (Porter and Duff, "Compositing
 Digital Images", SIGGRAPH 1984).
 """
 
@@ -19,6 +20,7 @@ from zmav.sim.camera.coverage import Grid
 Image = NDArray[np.uint8]
 NEAR_M = 0.02  # nothing nearer than that to the lens is drawn
 MARGIN = 2  # clear texels around every size of a picture: its edge then fades as any other
+SMALL = 0.12  # of the picture's area
 SHIFT = 6  # bits of a pixel in OpenCV's drawing
 
 
@@ -37,6 +39,8 @@ class Sprite:
         self.placements: list[Array] = []
         """of each size: (3, 3) texel (column, row, 1) -> (ahead, right, 1) in metres"""
         height, width = picture.shape[:2]
+        # The next two sizes: this one's by the root of 2, and its half.
+        following = [_resized(picture, height / math.sqrt(2.0), width / math.sqrt(2.0))]
         while True:
             rows, columns = picture.shape[:2]
             border = (MARGIN, MARGIN, MARGIN, MARGIN)
@@ -47,14 +51,19 @@ class Sprite:
             self.placements.append(np.array([[0.0, -dy, top], [dx, 0.0, left], [0.0, 0.0, 1.0]]))
             if max(rows, columns) <= 2:
                 return
-            size = (max(columns // 2, 1), max(rows // 2, 1))
-            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+            following.append(_resized(picture, rows / 2.0, columns / 2.0))
+            picture = following.pop(0)
 
     def level(self, footprint: float) -> int:
         """The size whose texels are about ``footprint`` metres."""
         if footprint <= self.texel:
             return 0
-        return min(int(math.log2(footprint / self.texel) + 0.35), len(self.levels) - 1)
+        return min(int(2.0 * math.log2(footprint / self.texel) + 0.2), len(self.levels) - 1)
+
+
+def _resized(picture: Image, rows: float, columns: float) -> Image:
+    size = (max(round(columns), 1), max(round(rows), 1))
+    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
 def sprite_of(color: Grid, alpha: Grid, texel: float) -> Sprite:
@@ -112,15 +121,21 @@ def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = N
     if where is None:
         return
     x0, y0, x1, y1 = where
-    level = sprite.level(max(_footprint(plane, seen), blur_m / 2.0))
-    to_picture = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]]) @ plane @ sprite.placements[level]
+    # What is small in the picture is drawn at twice its size and averaged: its edges are then within a hundredth.
+    fine = 2 if (x1 - x0) * (y1 - y0) < SMALL * image.shape[0] * image.shape[1] else 1
+    level = sprite.level(max(_footprint(plane, seen) / fine, blur_m / 2.0))
+    first = 0.5 * (fine - 1)  # of the finer pixels whose middle is the first pixel's
+    window = np.array([[fine, 0.0, first - fine * x0], [0.0, fine, first - fine * y0], [0.0, 0.0, 1.0]])
+    to_picture = window @ plane @ sprite.placements[level]
     if abs(np.linalg.det(to_picture)) < 1e-15:
         return  # seen from its edge
     source = sprite.levels[level]
     if shadow is not None:
         source = np.ascontiguousarray(source[..., 3])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    patch = cv2.warpPerspective(source, np.linalg.inv(to_picture), (x1 - x0, y1 - y0), flags=flags)
+    patch = cv2.warpPerspective(source, np.linalg.inv(to_picture), (fine * (x1 - x0), fine * (y1 - y0)), flags=flags)
+    if fine > 1:
+        patch = cv2.resize(patch, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
     if seen.shape[1] != 4 or seen is not corners:
         patch = cv2.bitwise_and(patch, patch, mask=_mask(seen, where))
     target = image[y0:y1, x0:x1]
