@@ -1,5 +1,5 @@
-"""One vehicle to fly, whatever it is: the embedded simulator under either autopilot's rules, or any link of the
-person's choosing (``make conformance LINK=tcp:127.0.0.1:5760``).
+"""One vehicle to fly or drive, whatever it is: the embedded simulator under each autopilot's rules, or any link of the
+person's choosing (``make conformance LINK=tcp:127.0.0.1:5760``). What it can be asked is in :mod:`.kinds`.
 
 Every check brings the vehicle into the state it needs, so that any of them can be run alone and in any order.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import os
 import socket
 import subprocess
@@ -25,6 +26,7 @@ import zenoh
 
 import zmav
 from agents.demo.processes import free_port
+from tests.conformance.kinds import SIMULATED, Kind, kind_of, named
 from zmav import keys, wire
 from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Packer
@@ -33,13 +35,11 @@ from zmav.session import SessionSettings, open_session
 from zmav.vehicle import Lease, Vehicle
 
 LINK = os.environ.get("ZMAV_LINK", "")
-SIMULATED = ("arducopter", "px4")
 NAME = "dut"
 GCS = (255, 190)
 
 CONNECT_S, READY_S, MOVE_S = 60.0, 180.0, 90.0
 """s: patience with a vehicle that may be booting, waiting for its EKF, or flying a few tens of metres"""
-HEIGHT = 6.0
 PERIOD = 0.1
 """s between setpoints"""
 
@@ -61,12 +61,16 @@ class Flight:
         return self.vehicle.state
 
     @property
-    def px4(self) -> bool:
-        return self.state.autopilot == "px4"
+    def kind(self) -> Kind:
+        """What it can be asked."""
+        return kind_of(self.state)
 
-    @property
-    def copter(self) -> bool:
-        return self.state.kind == "copter"
+    def away(self, place: wire.Vector) -> float:
+        """Metres from a place of the fleet's frame; over the ground alone for what cannot choose its height."""
+        local = self.state.local
+        if local is None:
+            return math.inf
+        return math.dist(local, place) if self.kind.height and self.kind.rests else math.dist(local[:2], place[:2])
 
     async def until(self, true: Callable[[wire.VehicleState], bool], seconds: float, what: str) -> wire.VehicleState:
         """Wait for a state; the failure says what was waited for and what the vehicle said meanwhile."""
@@ -107,16 +111,19 @@ class Flight:
                 await self.vehicle.land()
         await self.until(lambda s: s.armed is False, MOVE_S, "disarmed")
 
-    async def airborne(self) -> None:
-        """Hovering a few metres up near where it took off, in nobody's hands."""
+    async def under_way(self) -> None:
+        """Armed where it can be moved, in nobody's hands: a copter hovers, a rover stands, a plane circles."""
         await self.ready()
-        high = self.state.position and self.state.position.alt_rel > 0.6 * HEIGHT
+        kind = self.kind
+        high = not kind.height or (self.state.position and self.state.position.alt_rel > 0.6 * kind.height)
         if not (self.state.armed and high):
             await self.on_ground()
             await self.vehicle.arm()
-            await self.vehicle.takeoff(HEIGHT)
+            if kind.height:
+                await self.vehicle.takeoff(kind.height)
         await self.vehicle.hold()
-        await self.until(lambda s: _speed(s) < 0.5, 30.0, "hovering")
+        if kind.rests:
+            await self.until(lambda s: speed(s) < 0.5, 30.0, "at rest")
 
     # What a check does.
 
@@ -160,7 +167,8 @@ async def stream(lease: Lease, **point: Any) -> None:
         await asyncio.sleep(PERIOD)
 
 
-def _speed(state: wire.VehicleState) -> float:
+def speed(state: wire.VehicleState) -> float:
+    """m/s over the ground and up."""
     return sum(v * v for v in state.velocity) ** 0.5 if state.velocity else 0.0
 
 
@@ -172,12 +180,10 @@ def _brief(state: wire.VehicleState | None) -> str:
 
 
 @contextlib.contextmanager
-def simulated(rules: str) -> Iterator[str]:
-    """The link URL of a simulated copter under these rules, in a process of its own as any other autopilot."""
-    if rules == "px4":
-        what = ["--px4", "1", "--endpoint", f"onboard:0:{free_port(socket.SOCK_DGRAM)}"]
-    else:
-        what = ["--endpoint", "tcp:127.0.0.1:0"]
+def simulated(kind: Kind) -> Iterator[str]:
+    """The link URL of a simulated vehicle of that kind, in a process of its own as any other autopilot."""
+    onboard = f"onboard:0:{free_port(socket.SOCK_DGRAM)}" if kind.autopilot == "px4" else "tcp:127.0.0.1:0"
+    what = [*kind.simulate, "--endpoint", onboard]
     process = subprocess.Popen([sys.executable, "-m", "zmav", "sim", *what], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -191,7 +197,7 @@ def simulated(rules: str) -> Iterator[str]:
 async def flight(request: pytest.FixtureRequest) -> AsyncIterator[Flight]:
     """The vehicle under test, connected or about to be."""
     with contextlib.ExitStack() as stack:
-        url = LINK or stack.enter_context(simulated(request.param))
+        url = LINK or stack.enter_context(simulated(named(request.param)))
         router = stack.enter_context(open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])))
         (reply,) = router.get(f"@/{router.info.zid()}/router")
         assert reply.ok is not None

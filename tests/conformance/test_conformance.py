@@ -1,4 +1,5 @@
-"""What any vehicle must do under zmav, in the order of a day at the field; each check can be run alone.
+"""What any vehicle must do under zmav, in the order of a day at the field; each check can be run alone. What a check
+means for a kind of vehicle, and what it must refuse, is in :mod:`.kinds`.
 
 ``make conformance LINK=udpin:127.0.0.1:14540`` flies a real autopilot; without LINK the simulated ones are flown.
 """
@@ -13,22 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.conformance.conftest import speed
 from zmav import geo, wire
-from zmav.errors import BadInput, NotHolder
+from zmav.errors import BadInput, NotHolder, Refused, Unsupported
 
 if TYPE_CHECKING:
     from tests.conformance.conftest import Flight
+    from zmav.vehicle import Lease
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(600)]
 
-HEIGHT, REACH = 6.0, 12.0
-"""m that a check flies, up and along"""
-HOVER = 0.5
-"""thrust that about carries it"""
-HARMLESS = {"ardupilot": "WPNAV_RADIUS", "px4": "NAV_ACC_RAD"}
-NEWER_HARMLESS = {"ardupilot": "WP_RADIUS_M"}
-PILOTS_MODE = {"ardupilot": "LOITER", "px4": "HOLD"}
-LOG_MAGIC = {"ardupilot": b"\xa3\x95", "px4": b"ULog\x01\x12\x35"}
 STALE_HOLD_S = 0.6
 """s from the last setpoint to the hold, at worst"""
 
@@ -59,8 +54,7 @@ async def test_params(flight: Flight) -> None:
     assert table.complete and table.count == len(table.params) > 100
     assert (await params.list()).hash == table.hash
     known = {p.name: p for p in table.params}
-    stack = str(flight.state.autopilot)
-    name = next(n for n in (HARMLESS[stack], NEWER_HARMLESS.get(stack, "")) if n in known)
+    name = next(n for n in flight.kind.harmless if n in known)
     before = known[name].value
     assert before is not None
     assert (await params.set(name, before + 1)).value == pytest.approx(before + 1)
@@ -70,23 +64,26 @@ async def test_params(flight: Flight) -> None:
         await params.set("NO_SUCH_PARAM", 1)
 
 
-def square(flight: Flight, count: int) -> list[wire.MissionItem]:
-    """A takeoff and points round a circle about where it stands."""
-    position = flight.state.position
+def round_trip(flight: Flight, count: int) -> list[wire.MissionItem]:
+    """A takeoff, for what has one, and points round a circle about where it stands."""
+    position, kind = flight.state.position, flight.kind
     assert position is not None
     here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=0.0)
-    items = [wire.MissionItem(command="MAV_CMD_NAV_TAKEOFF", x=here.lat_deg, y=here.lon_deg, z=HEIGHT)]
-    for i in range(count - 1):
-        angle = 2.0 * math.pi * i / (count - 1)
-        lat, lon, _ = geo.to_global(here, (REACH * math.cos(angle), REACH * math.sin(angle), 0.0))
-        items.append(wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=lat, y=lon, z=HEIGHT))
+    items = []
+    if kind.height:
+        items = [wire.MissionItem(command="MAV_CMD_NAV_TAKEOFF", x=here.lat_deg, y=here.lon_deg, z=kind.height)]
+    around = count - len(items)
+    for i in range(around):
+        angle = 2.0 * math.pi * i / around
+        lat, lon, _ = geo.to_global(here, (kind.reach * math.cos(angle), kind.reach * math.sin(angle), 0.0))
+        items.append(wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=lat, y=lon, z=kind.height))
     return items
 
 
 async def test_mission(flight: Flight) -> None:
     """A mission goes up and comes down as it was, a bad one leaves the old one in force, and it can be cleared."""
     await flight.ready()
-    missions, items = flight.vehicle.missions, square(flight, 25)
+    missions, items = flight.vehicle.missions, round_trip(flight, 25)
     await missions.upload(items)
     there = await missions.download()
     assert [item.command for item in there.items] == [item.command for item in items]
@@ -111,43 +108,68 @@ async def test_arm(flight: Flight) -> None:
 
 
 async def test_takeoff(flight: Flight) -> None:
-    """It climbs to the height asked for."""
-    await flight.airborne()
+    """It climbs to the height asked for; what cannot leave the ground says so."""
+    await flight.connected()
+    kind = flight.kind
+    if not kind.height:
+        with pytest.raises(Unsupported, match=kind.kind):
+            await flight.vehicle.takeoff(5.0)
+        return
+    await flight.under_way()
     position = flight.state.position
-    assert position and position.alt_rel == pytest.approx(HEIGHT, abs=1.5)
+    assert position and position.alt_rel == pytest.approx(kind.height, abs=max(1.5, 0.4 * kind.height))
+
+
+async def test_hold(flight: Flight) -> None:
+    """On its way to a place it is told to hold: it comes to rest short of it, or circles where it was."""
+    await flight.under_way()
+    kind = flight.kind
+    target = flight.offset(3.0 * kind.reach, 0.0)
+    await flight.vehicle.goto(pos=target, arrive=False)
+    await flight.until(lambda s: speed(s) > 1.0, 20.0, "moving")
+    await flight.vehicle.hold()
+    if kind.rests:
+        await flight.until(lambda s: speed(s) < 0.3, 20.0, "at rest")
+    assert flight.away(target) > kind.reach
 
 
 async def test_position(flight: Flight) -> None:
     """A stream of position setpoints brings it there, and the mode that follows them is entered by itself."""
-    await flight.airborne()
-    target = flight.offset(REACH, 0.0)
+    await flight.under_way()
+    kind = flight.kind
+    target = flight.offset(kind.reach, 0.0)
     async with flight.vehicle.lease("tester") as lease, flight.streaming(lease, pos=target):
-        await flight.until(lambda s: s.local is not None and math.dist(s.local, target) < 1.5, 60.0, "there")
+        await flight.until(lambda s: flight.away(target) < kind.near, kind.patience, "there")
     counts = flight.state.setpoints
     assert counts.get("flown", 0) > 10
 
 
 async def test_goto(flight: Flight) -> None:
     """A goto ends at its place."""
-    await flight.airborne()
-    target = flight.offset(0.0, -REACH)
-    await flight.vehicle.goto(pos=target)
-    assert flight.state.local is not None
-    assert math.dist(flight.state.local, target) < 2.0
+    await flight.under_way()
+    kind = flight.kind
+    target = flight.offset(0.0, -kind.reach)
+    await flight.vehicle.goto(pos=target, tolerance=kind.tolerance)
+    assert flight.away(target) < kind.tolerance + 1.0
 
 
 async def test_velocity(flight: Flight) -> None:
-    """A stream of velocities is flown at that velocity."""
-    await flight.airborne()
-    async with flight.vehicle.lease("tester") as lease, flight.streaming(lease, vel=(0.0, 2.0, 0.0)):
+    """A stream of velocities is flown at that velocity; who takes none says so."""
+    await flight.under_way()
+    wanted = flight.kind.velocity
+    if wanted is None:
+        async with flight.vehicle.lease("tester") as lease:
+            await refused(flight, lease, vel=(0.0, 2.0, 0.0))
+        return
+    async with flight.vehicle.lease("tester") as lease, flight.streaming(lease, vel=wanted):
         await flight.until(
-            lambda s: s.velocity is not None and math.dist(s.velocity, (0.0, 2.0, 0.0)) < 0.4, 20.0, "2 m/s east"
+            lambda s: s.velocity is not None and math.dist(s.velocity, wanted) < 0.4, 20.0, f"{wanted} m/s"
         )
 
 
 async def test_trajectory_segment(flight: Flight) -> None:
     """A segment is flown by the vehicle itself: one message, and it ends at rest where the segment ends."""
-    await flight.airborne()
+    await flight.under_way()
     start, end, t = flight.offset(0.0, 0.0), flight.offset(8.0, 0.0), time.time() + 0.3
     half = flight.offset(4.0, 0.0)
     points = [
@@ -156,37 +178,52 @@ async def test_trajectory_segment(flight: Flight) -> None:
         wire.SegmentPoint(t=t + 8.0, pos=end),
     ]
     async with flight.vehicle.lease("tester", ttl=20.0) as lease:
+        since = len(flight.events)
         lease.segment(points)
-        await flight.until(lambda s: s.local is not None and math.dist(s.local, end) < 1.5, 30.0, "the segment's end")
+        if flight.kind.trajectories:
+            await flight.until(lambda s: flight.away(end) < flight.kind.near, 30.0, "the segment's end")
+        else:
+            await flight.event("traject", since)
 
 
 async def test_attitude(flight: Flight) -> None:
-    """An attitude with thrust is held: it leans as told."""
-    await flight.airborne()
+    """An attitude with thrust is held: it leans as told. A rover turns to its heading, and drives."""
+    await flight.under_way()
+    kind = flight.kind
     yaw = flight.state.attitude.yaw if flight.state.attitude else 0.0
-    lean = math.radians(8.0)
-    point = {"attitude": quaternion(0.0, -lean, yaw), "thrust": HOVER}
+    yaw += math.radians(60.0) if kind.lean is None else 0.0
+    lean = kind.lean or 0.0
+    point = {"attitude": quaternion(kind.bank, -lean, yaw), "thrust": kind.thrust}
+
+    def held(state: wire.VehicleState) -> bool:
+        a = state.attitude
+        if a is None:
+            return False
+        if kind.lean is None:
+            return math.cos(a.yaw - yaw) > math.cos(math.radians(5.0)) and speed(state) > 0.5
+        return abs(a.pitch + lean) < math.radians(3.0) + 0.2 * kind.bank and abs(a.roll - kind.bank) < math.radians(5.0)
+
     async with flight.vehicle.lease("tester") as lease, flight.streaming(lease, **point):
-        await flight.until(
-            lambda s: s.attitude is not None and abs(s.attitude.pitch + lean) < math.radians(3.0), 10.0, "leaning"
-        )
+        await flight.until(held, 15.0, "as told")
 
 
 async def test_hold_on_stale(flight: Flight) -> None:
-    """The stream stops: within STALE_HOLD_S the hold is said, and the vehicle comes to rest."""
-    await flight.airborne()
+    """The stream stops: within STALE_HOLD_S the hold is said, and the vehicle comes to rest, or circles there."""
+    await flight.under_way()
+    kind = flight.kind
     async with flight.vehicle.lease("tester", ttl=10.0) as lease:
-        async with flight.streaming(lease, vel=(2.0, 0.0, 0.0)):
-            await flight.until(lambda s: s.velocity is not None and s.velocity[0] > 1.5, 20.0, "2 m/s north")
+        async with flight.streaming(lease, **motion(flight)):
+            await flight.until(lambda s: speed(s) > 1.5 and follows(s), 20.0, "moving")
         since, stopped = len(flight.events), time.time()
         event = await flight.event("hold", since)
         assert event.t - stopped < STALE_HOLD_S + 0.1  # by the same clock; the tenth is the stream's own period
-        await flight.until(lambda s: s.velocity is not None and math.hypot(*s.velocity) < 0.3, 20.0, "at rest")
+        if kind.rests:
+            await flight.until(lambda s: speed(s) < 0.3, 20.0, "at rest")
 
 
 async def test_lease_conflict(flight: Flight) -> None:
     """One commander at a time; a higher priority preempts, and the first is told by whom."""
-    await flight.airborne()
+    await flight.under_way()
     other = flight.client.vehicle(flight.vehicle.name)
     async with flight.vehicle.lease("first") as first:
         with pytest.raises(NotHolder, match="first"):
@@ -204,36 +241,54 @@ async def test_lease_conflict(flight: Flight) -> None:
 
 async def test_pilot_takes_over(flight: Flight) -> None:
     """A change of mode by anybody else ends the lease at once; nothing is taken back without a new one."""
-    await flight.airborne()
-    mode = PILOTS_MODE[str(flight.state.autopilot)]
+    await flight.under_way()
+    mode, point = flight.kind.pilots_mode, motion(flight)
     async with flight.vehicle.lease("tester") as lease:
-        async with flight.streaming(lease, vel=(1.0, 0.0, 0.0)):
-            await flight.until(
-                lambda s: s.mode != mode and s.velocity is not None and s.velocity[0] > 0.7, 20.0, "1 m/s north"
-            )
+        async with flight.streaming(lease, **point):
+            await flight.until(lambda s: s.mode != mode and speed(s) > 0.7 and follows(s), 20.0, "moving")
         with pytest.raises(NotHolder):
-            async with flight.streaming(lease, vel=(1.0, 0.0, 0.0)):
+            async with flight.streaming(lease, **point):
                 await flight.gcs_mode(mode)
                 await flight.until(lambda s: s.lease is None, 3.0, "no lease")
                 for _ in range(100):
-                    lease.setpoint(vel=(1.0, 0.0, 0.0))
+                    lease.setpoint(**point)
                     await asyncio.sleep(0.1)
     assert flight.state.mode == mode
 
 
 async def test_fly_a_mission(flight: Flight) -> None:
     """A short mission is flown to its last item."""
-    await flight.airborne()
-    await flight.vehicle.missions.upload(square(flight, 4))
+    await flight.under_way()
+    await flight.vehicle.missions.upload(round_trip(flight, 4))
     seen: list[Any] = []
     await flight.vehicle.missions.start(first=1, wait_end=True, progress=seen.append)
     assert seen, "no progress was told"
     await flight.vehicle.hold()
 
 
+async def test_rtl(flight: Flight) -> None:
+    """From some way off it returns: a copter lands and disarms itself, a rover stops, a plane circles there."""
+    await flight.on_ground()
+    await flight.under_way()
+    kind, home = flight.kind, flight.offset(0.0, 0.0)
+    await flight.vehicle.goto(pos=flight.offset(0.7 * kind.reach, 0.0), tolerance=kind.tolerance)
+    await flight.vehicle.rtl()
+    if kind.lands_at_home:
+        assert not flight.onboard.identity.armed
+        return
+    await flight.until(lambda s: math.dist((s.local or home)[:2], home[:2]) < kind.near, kind.patience, "home")
+    assert flight.state.armed
+    if kind.rests:
+        await flight.until(lambda s: speed(s) < 0.3, 20.0, "at rest")
+
+
 async def test_land(flight: Flight) -> None:
-    """It lands and disarms by itself."""
-    await flight.airborne()
+    """It lands and disarms by itself; what is on the ground already says so."""
+    await flight.under_way()
+    if not flight.kind.lands:
+        with pytest.raises((Unsupported, Refused)):
+            await flight.vehicle.land()
+        return
     await flight.vehicle.land()
     assert not flight.onboard.identity.armed
     await flight.until(lambda s: s.armed is False, 10.0, "disarmed")
@@ -251,7 +306,26 @@ async def test_log_download(flight: Flight, tmp_path: Path) -> None:
     file = await flight.vehicle.logs.get(newest.id, tmp_path / "log")
     data = file.read_bytes()
     assert len(data) >= newest.size
-    assert data.startswith(LOG_MAGIC[str(flight.state.autopilot)])
+    assert data.startswith(flight.kind.log_magic)
+
+
+def motion(flight: Flight) -> dict[str, Any]:
+    """A setpoint that keeps it moving: a velocity, or a far place for who takes none."""
+    if flight.kind.velocity is None:
+        return {"pos": flight.offset(3.0 * flight.kind.reach, 0.0)}
+    return {"vel": flight.kind.velocity}
+
+
+def follows(state: wire.VehicleState) -> bool:
+    """It is in the mode that follows setpoints."""
+    return state.mode in ("GUIDED", "OFFBOARD")
+
+
+async def refused(flight: Flight, lease: Lease, **point: Any) -> None:
+    """A setpoint of a level that the vehicle does not take: it is dropped, and that is said."""
+    since = len(flight.events)
+    async with flight.streaming(lease, **point):
+        await flight.event("takes no", since)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> wire.Quaternion:
