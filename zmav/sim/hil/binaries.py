@@ -80,11 +80,12 @@ def ardupilot_job(
     home: Position,
     heading_deg: float,
     directory: Path,
-    own_physics: bool,
+    port: int | None,
     speed: float,
 ) -> Job:
     """Start it as instance ``-I``: MAVLink at TCP 5760+10*i, parameters from the tree's defaults where they are found,
-    then from the file ``frame.parm`` in ``directory``, which is written here.
+    then from the file ``frame.parm`` in ``directory``, which is written here. ``port``: where our physics answer; None:
+    it is to take its own.
     """
     tree = _above(binary, "Tools/autotest")
     found = [tree / "Tools/autotest" / name for name in craft.defaults] if tree else []
@@ -94,7 +95,7 @@ def ardupilot_job(
     defaults = [*(each for each in found if each.is_file()), own]
     command = [
         str(binary),
-        *("--model", craft.model if own_physics else "JSON:127.0.0.1"),
+        *(("--model", craft.model) if port is None else ("--model", "JSON:127.0.0.1", "--sim-port-out", str(port))),
         *("--speedup", f"{speed:g}"),
         *("--home", f"{home.lat_deg:.7f},{home.lon_deg:.7f},{home.alt_amsl_m:.2f},{heading_deg % 360.0:g}"),
         *("--sysid", str(sysid)),

@@ -140,7 +140,7 @@ class Externals:
                 )  # fmt: skip
             return ardupilot_job(
                 binary, frame, instance=i, sysid=vehicle.sysid, home=home, heading_deg=heading, directory=directory,
-                own_physics=stack.own_physics, speed=self._speed,
+                port=vehicle.port if isinstance(vehicle, JsonVehicle) else None, speed=self._speed,
             )  # fmt: skip
 
         self._jobs.append((vehicle, Path(stack.directory) if stack.directory else Path(), job))

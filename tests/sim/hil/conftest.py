@@ -1,0 +1,80 @@
+"""What the tests of external flight stacks share: plants, worlds, and programs that stand in for SITL."""
+
+from __future__ import annotations
+
+import stat
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from zmav.sim import VehicleSpec, World
+from zmav.sim.environment import Environment, Terrain
+from zmav.sim.fleets.base import Surroundings
+from zmav.sim.hil.craft import craft
+from zmav.sim.hil.plant import Plant
+
+HERE = Path(__file__).resolve().parent
+
+
+def plant(
+    name: str = "quad",
+    *,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    yaw: float = 0.0,
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    terrain: Terrain | None = None,
+    noise: str = "none",
+) -> Plant:
+    """One vehicle's body, with ideal sensors unless told otherwise."""
+    around = Surroundings(environment=Environment(wind, terrain), seed=(1,), noise=noise)
+    return Plant(craft(name), start, yaw, 1.0 / 400.0, around)
+
+
+MakeWorld = Callable[..., World]
+
+
+@pytest.fixture
+def make_world() -> Iterator[MakeWorld]:
+    """A world of these vehicles that runs in its thread; as fast as it goes unless told otherwise."""
+    worlds = []
+
+    def make(*vehicles: VehicleSpec, **options: Any) -> World:
+        world = World(vehicles, **{"speed": float("inf"), "epoch_s": 0.0, **options})
+        worlds.append(world)
+        world.start()
+        return world
+
+    yield make
+    for world in worlds:
+        world.close()
+
+
+def until(true: Callable[[], object], wall_s: float = 30.0) -> None:
+    """Wait for what another process or thread does; fails loudly."""
+    end = time.monotonic() + wall_s
+    while not true():
+        assert time.monotonic() < end, "it did not come true"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A source tree whose SITL programs are the protocol peer of :mod:`tests.sim.hil.json_peer`."""
+    folder = tmp_path / "tree"
+    for program in ("arducopter", "ardurover"):
+        path = folder / "build/sitl/bin" / program
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f'#!/bin/sh\nexec {sys.executable} {HERE / "json_peer.py"} "$@"\n', encoding="utf-8")
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    (folder / "Tools/autotest/default_params").mkdir(parents=True)
+    return folder
+
+
+def peer_params(tree: Path, **values: float) -> None:
+    """What the programs of ``tree`` find in their defaults file."""
+    text = "".join(f"{name} {value}\n" for name, value in values.items())
+    (tree / "Tools/autotest/default_params/copter.parm").write_text(text, encoding="ascii")
