@@ -33,6 +33,7 @@ channel = 7
 low = 1700
 high = 2200
 
+``[sim]`` and ``[vehicles.quad1.sim]`` are for the simulator: :mod:`zmav.sim.fleetfile` says what they hold.
 A vehicle's own ``failsafe``, ``geofence`` or ``limits`` table takes the whole place of the fleet's.
 """
 
@@ -40,7 +41,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -128,6 +129,8 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits | None = None
     pilot_switch: PilotSwitch | None = None
     signing: Signing | None = None
+    sim: dict[str, Any] | None = None
+    """how ``zmav sim`` simulates it; None: not at all"""
 
 
 class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -139,6 +142,8 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     geofence: Geofence = Geofence()
     limits: Limits = Limits()
     vehicles: dict[str, VehicleConfig] = {}
+    sim: dict[str, Any] = {}
+    """the world of ``zmav sim``"""
 
     def vehicle(self, name: str) -> VehicleConfig:
         """The table of that vehicle, the fleet's own filled in; raises :class:`BadConfig` naming those there are."""

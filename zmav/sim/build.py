@@ -8,27 +8,38 @@ from collections.abc import Sequence
 import numpy as np
 
 from zmav.mavlink.dialect import Dialect
+from zmav.sim.arrays import Array
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.autopilots.arduplane.plane import ArduPlane
+from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.tuning import rows_for
-from zmav.sim.control.setpoints import SetpointHandle
-from zmav.sim.dynamics.airframe import Airframe, airframe
+from zmav.sim.dynamics.airframe import airframe
+from zmav.sim.dynamics.roverframe import rover_frame
+from zmav.sim.dynamics.wing import wing
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Seat, Sense, Surroundings
 from zmav.sim.fleets.copter import CopterFleet
+from zmav.sim.fleets.plane import PlaneFleet
+from zmav.sim.fleets.rover import RoverFleet
 from zmav.sim.geo import Position
 from zmav.sim.protocol.ardupilot.copter import CopterNode
+from zmav.sim.protocol.ardupilot.plane import PlaneNode
+from zmav.sim.protocol.ardupilot.rover import RoverNode
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.params import ParamStore, defaults
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of
+from zmav.sim.spec import AIRFRAMES, ARDUPLANE, ARDUROVER, PX4, Home, VehicleSpec, airframe_of
 from zmav.sim.vehicle import Autopilot, SimVehicle
+
+AnyFleet = CopterFleet | RoverFleet | PlaneFleet
+ROVERS, PLANES = AIRFRAMES[ARDUROVER], AIRFRAMES[ARDUPLANE]
 
 
 class Squad:
     """The vehicles of one fleet, in the fleet's order."""
 
-    def __init__(self, fleet: CopterFleet) -> None:
+    def __init__(self, fleet: AnyFleet) -> None:
         self.fleet = fleet
         self.vehicles: list[SimVehicle] = []
 
@@ -40,6 +51,7 @@ def build(
     seed: int,
     environment: Environment,
     ready_s: float,
+    noise: str,
     gps_noise_m: float,
     dt: float,
     dialect: Dialect,
@@ -55,47 +67,66 @@ def build(
         yaw = np.radians([specs[i].yaw_deg or 0.0 for i in members])
         # Random numbers from the seed and the kind: adding another kind changes nothing for this one.
         kind_seed = (seed, *f"{autopilot} {kind}".encode("ascii", "replace"))
-        around = Surroundings(environment=environment, place=home.position, seed=kind_seed, gps_noise_m=gps_noise_m)
-        squad = Squad(CopterFleet(airframe(kind), start, yaw, dt, around, px4=autopilot == PX4))
+        around = Surroundings(
+            environment=environment, place=home.position, seed=kind_seed, noise=noise, gps_noise_m=gps_noise_m
+        )
+        squad = Squad(_fleet(kind, autopilot, start, yaw, dt, around))
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
             uid = specs[i].uid
             vehicle = _wire(
                 specs[i],
-                (squad.fleet.airframe, squad.fleet.handle(place), senses[place], home.position, ready_s),
+                (squad.fleet, place, senses[place], home.position, ready_s),
                 dialect,
                 uid=_uid(seed, i) if uid is None else uid,
                 epoch_us=epoch_us,
             )
             vehicle.node.seat = Seat(squad.fleet, place)
             vehicle.brain.plug(vehicle.node.seat.battery)
+            vehicle.brain.sit(vehicle.node.seat)
             squad.vehicles.append(vehicle)
             built[i] = (squad, vehicle)
     return [built[i] for i in range(len(specs))]
 
 
+def _fleet(kind: str, autopilot: str, start: Array, yaw: Array, dt: float, around: Surroundings) -> AnyFleet:
+    """The vehicles of one airframe under one autopilot."""
+    if kind in ROVERS:
+        return RoverFleet(rover_frame(kind), start, yaw, dt, around)
+    if kind in PLANES:
+        return PlaneFleet(wing(kind), start, yaw, dt, around)
+    return CopterFleet(airframe(kind), start, yaw, dt, around, px4=autopilot == PX4)
+
+
 def _wire(
     spec: VehicleSpec,
-    body: tuple[Airframe, SetpointHandle, Sense, Position, float],
+    body: tuple[AnyFleet, int, Sense, Position, float],
     dialect: Dialect,
     *,
     uid: int,
     epoch_us: int,
 ) -> SimVehicle:
-    """An autopilot on a ``body`` (airframe, controllers, senses, origin of the world, seconds to readiness), and its
+    """An autopilot on a ``body`` (fleet and place there, senses, origin of the world, seconds to readiness), and its
     MAVLink face.
     """
-    frame, setpoint, sense, world, ready_s = body
-    params = ParamStore(defaults(spec.autopilot), rows_for(frame) if spec.autopilot == PX4 else ())
+    fleet, place, sense, world, ready_s = body
+    own = rows_for(fleet.airframe) if spec.autopilot == PX4 and isinstance(fleet, CopterFleet) else ()
+    params = ParamStore(defaults(spec.autopilot), own)
     params.preset(spec.params)
     params.set("MAV_SYS_ID" if spec.autopilot == PX4 else "MAV_SYSID", spec.sysid or 1)
     brain: Autopilot
     node: Node
-    if spec.autopilot == PX4:
-        brain = Px4Copter(frame, params, setpoint, sense, world, ready_s)
+    if isinstance(fleet, RoverFleet):
+        brain = ArduRover(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
+        node = RoverNode(brain, dialect, uid=uid, epoch_us=epoch_us)
+    elif isinstance(fleet, PlaneFleet):
+        brain = ArduPlane(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
+        node = PlaneNode(brain, dialect, uid=uid, epoch_us=epoch_us)
+    elif spec.autopilot == PX4:
+        brain = Px4Copter(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
         node = Px4Node(brain, uid=uid, epoch_us=epoch_us)
     else:
-        brain = ArduCopter(frame, params, setpoint, sense, world, ready_s)
+        brain = ArduCopter(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
         node = CopterNode(brain, dialect, uid=uid, epoch_us=epoch_us)
     return SimVehicle(spec, brain, node)
 

@@ -36,7 +36,7 @@ def gather(vehicles: Sequence[VehicleSpec], counts: Mapping[str, int]) -> list[V
     specs = list(vehicles)
     for kind, count in counts.items():
         if count < 0:
-            field = kind if kind == "px4" else f"{kind}s"
+            field = field_of(kind)
             raise BadConfig(f"{count} {field}; expected 0 or more", field=field, value=count, expected="0 or more")
         specs += [KINDS[kind]] * count
     specs = specs or [KINDS["copter"]]
@@ -45,6 +45,11 @@ def gather(vehicles: Sequence[VehicleSpec], counts: Mapping[str, int]) -> list[V
         text = f"{len(specs)} vehicles; expected {expected}: that is how many system ids there are"
         raise BadConfig(text, field="vehicles", value=len(specs), expected=expected)
     return specs
+
+
+def field_of(kind: str) -> str:
+    """What a count of that kind is called as an option."""
+    return kind if kind == "px4" else f"{kind}s"
 
 
 def line_up(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain: Terrain) -> list[VehicleSpec]:

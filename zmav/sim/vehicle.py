@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from zmav.errors import BadInput
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.arduplane.plane import ArduPlane
+from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import SWITCH
 from zmav.sim.endpoints import Endpoint
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel, Outlet
-from zmav.sim.spec import VehicleSpec, airframe_of, kind_of
+from zmav.sim.spec import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, VehicleSpec, airframe_of, kind_of
 from zmav.sim.status import VehicleStatus
 
-Autopilot = ArduCopter | Px4Copter
+Autopilot = ArduCopter | ArduPlane | ArduRover | Px4Copter
 
 
 class SimVehicle:
@@ -28,20 +32,48 @@ class SimVehicle:
         self.endpoints: list[Endpoint] = []
         self.failed: Exception | None = None
         """the defect that stopped its autopilot for good"""
+        self.on_defect: Callable[[Exception], None] = _raise
+        """takes the defects that do not"""
 
     @property
     def copter(self) -> ArduCopter:
-        """The ArduCopter that flies it; BadInput where a PX4 does."""
+        """The ArduCopter that flies it; BadInput where anything else does."""
         if isinstance(self.brain, ArduCopter):
             return self.brain
-        raise BadInput(f"{self.name} is a PX4", field="copter", value="px4", expected="an ArduCopter")
+        raise self._other("copter", "an ArduCopter")
+
+    @property
+    def rover(self) -> ArduRover:
+        """The ArduRover that drives it; BadInput where anything else does."""
+        if isinstance(self.brain, ArduRover):
+            return self.brain
+        raise self._other("rover", "an ArduRover")
+
+    @property
+    def plane(self) -> ArduPlane:
+        """The ArduPlane that flies it; BadInput where anything else does."""
+        if isinstance(self.brain, ArduPlane):
+            return self.brain
+        raise self._other("plane", "an ArduPlane")
+
+    @property
+    def ardupilot(self) -> ArduVehicle:
+        """What every ArduPilot has; BadInput where a PX4 flies it."""
+        if isinstance(self.brain, ArduVehicle):
+            return self.brain
+        raise self._other("ardupilot", "an ArduPilot")
 
     @property
     def px4(self) -> Px4Copter:
-        """The PX4 that flies it; BadInput where an ArduCopter does."""
+        """The PX4 that flies it; BadInput where anything else does."""
         if isinstance(self.brain, Px4Copter):
             return self.brain
-        raise BadInput(f"{self.name} is an ArduCopter", field="px4", value="arducopter", expected="a PX4")
+        raise self._other("px4", "a PX4")
+
+    def _other(self, field: str, expected: str) -> BadInput:
+        names = {ARDUCOPTER: "an ArduCopter", ARDUROVER: "an ArduRover", ARDUPLANE: "an ArduPlane", PX4: "a PX4"}
+        found = self.spec.autopilot
+        return BadInput(f"{self.name} is {names[found]}", field=field, value=found, expected=expected)
 
     @property
     def sysid(self) -> int:
@@ -74,7 +106,11 @@ class SimVehicle:
         self.node.close_channel(channel)
 
     def receive(self, channel: Channel, data: bytes) -> None:
-        self.node.receive(channel, data)
+        """What a client sent. A defect met in answering it costs that answer, not the flight."""
+        try:
+            self.node.receive(channel, data)
+        except Exception as error:
+            self.on_defect(error)
 
     # ---- the pilot
 
@@ -82,21 +118,21 @@ class SimVehicle:
         """The pilot turns the mode switch to ``name``, with a hand on the throttle stick (0..1; its middle holds the
         height).
 
-        Only the modes of FLTMODE1 to FLTMODE6 (COM_FLTMODE1 to 6) are on the switch; BadInput names them. On a PX4 it
-        turns the radio on.
+        Only the modes of FLTMODE1 to FLTMODE6 (MODE1 to 6, COM_FLTMODE1 to 6) are on the switch; BadInput names them.
+        On a PX4 it turns the radio on.
         """
         if isinstance(self.brain, Px4Copter):
             self._turn_px4(self.brain, name, throttle)
             return
-        copter = self.copter
+        vehicle = self.ardupilot
         on_switch = {}
         for position in range(1, 7):
-            mode = copter.modes.get(int(copter.params[f"FLTMODE{position}"]))
+            mode = vehicle.modes.get(int(vehicle.params[f"{vehicle.MODE_PARAM}{position}"]))
             if mode is not None:
                 on_switch[mode.name] = position
         self._check_switch(name, on_switch)
-        copter.pilot.sticks(throttle=throttle)
-        copter.pilot.turn_switch(on_switch[name])
+        vehicle.pilot.sticks(throttle=throttle)
+        vehicle.pilot.turn_switch(on_switch[name])
 
     def _turn_px4(self, px4: Px4Copter, name: str, throttle: float) -> None:
         on_switch = {}
@@ -119,7 +155,7 @@ class SimVehicle:
     def status(self) -> VehicleStatus:
         copter, s = self.brain, self.brain.sense
         params = copter.params
-        capacity = max(params["BATT_CAPACITY"], 1.0) if "BATT_CAPACITY" in params else copter.airframe.battery_mah
+        capacity = params["BATT_CAPACITY"] if "BATT_CAPACITY" in params else copter.power.pack.capacity_mah
         return VehicleStatus(
             name=self.name,
             sysid=self.sysid,
@@ -136,7 +172,11 @@ class SimVehicle:
             height_m=copter.home_world[2] - s.true_down,
             speed_mps=math.sqrt(s.vn * s.vn + s.ve * s.ve + s.vd * s.vd),
             heading_deg=math.degrees(s.yaw) % 360.0,
-            battery_pct=max(round(100.0 * (1.0 - copter.consumed_mah / capacity)), 0),
+            battery_pct=max(round(100.0 * (1.0 - copter.consumed_mah / max(capacity, 1.0))), 0),
             links=len(self.node.channels),
             failed=None if self.failed is None else repr(self.failed),
         )
+
+
+def _raise(error: Exception) -> None:
+    raise error

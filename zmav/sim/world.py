@@ -4,26 +4,26 @@ it.
 
 from __future__ import annotations
 
+import functools
 import math
 import selectors
-import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeout
 from pathlib import Path
 from typing import TypeVar
 
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, build
+from zmav.sim.calls import Calls
 from zmav.sim.camera.cameras import Cameras, SimCamera
 from zmav.sim.camera.scene import Scene
 from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import Wiring, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
+from zmav.sim.faults import Faults, FaultStatus, make_fault
 from zmav.sim.hil.externals import Externals
 from zmav.sim.lineup import gather, line_up
 from zmav.sim.listener import Listener
@@ -59,7 +59,8 @@ class World:
     not faster than clients see it, see :mod:`zmav.sim.lockstep`.
     ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
-    ``gps_noise_m``: standard deviation per axis. ``epoch_s``: UTC at the start. ``scene``: what
+    ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`; ``gps_noise_m``: standard deviation
+    per axis. ``epoch_s``: UTC at the start. ``scene``: what
     cameras see on the ground (:mod:`zmav.sim.camera`).
 
     ``with World(copters=3) as world:`` opens the endpoints and runs it in a thread of its own; :meth:`open` and
@@ -86,6 +87,7 @@ class World:
         terrain: Terrain | None = None,
         lockstep: bool = False,
         ready_s: float = DEFAULT_READY_S,
+        noise: str = "none",
         gps_noise_m: float = 0.0,
         epoch_s: float | None = None,
         scene: Scene | None = None,
@@ -111,17 +113,21 @@ class World:
             seed=seed,
             environment=self.environment,
             ready_s=ready_s,
+            noise=noise,
             gps_noise_m=gps_noise_m,
             dt=1.0 / PHYSICS_HZ,
             dialect=load_dialect("ardupilotmega"),
             epoch_us=int(self.epoch_s * 1e6),
         )
         self.vehicles: list[SimVehicle] = [vehicle for _, vehicle in built]
+        for vehicle in self.vehicles:
+            vehicle.on_defect = functools.partial(self._record, vehicle)
         self.externals = Externals(
             specs, reached, home=self.home, environment=self.environment, seed=seed, epoch_us=int(self.epoch_s * 1e6),
             speed=speed,
         )  # fmt: skip
         """the vehicles that flight stacks outside the simulator fly"""
+        self._faults = Faults(self, seed)
         self._squads: list[Squad] = list({id(squad): squad for squad, _ in built}.values())
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in self._specs):
@@ -133,7 +139,7 @@ class World:
         """takes what a person should know, a line at a time"""
         self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
         self._wiring = Wiring(self._selector, set(), lambda: self.time_s)
-        self._calls: deque[Callable[[], None]] = deque()
+        self._calls = Calls(self._selector)
         self._ticked = threading.Condition()
         self._thread: threading.Thread | None = None
         self._stopping = False
@@ -144,10 +150,6 @@ class World:
         self.on_failure: Callable[[SimVehicle, Exception], None] = lambda vehicle, error: None
         self._listener: Listener | None = None
         self._advancing: Future[WorldStatus] | None = None
-        self._bell, self._ear = socket.socketpair()
-        self._bell.setblocking(False)
-        self._ear.setblocking(False)
-        self._selector.register(self._ear, selectors.EVENT_READ, self._hear)
 
     # ---- life
 
@@ -191,7 +193,7 @@ class World:
     def stop(self) -> None:
         """Ask :meth:`run` to end; any thread, and signal handlers, may."""
         self._stopping = True
-        self._ring()
+        self._calls.ring()
 
     def close(self) -> None:
         """Stop and close everything. Raises what ended the thread, or the first defect of a vehicle."""
@@ -201,8 +203,7 @@ class World:
             self._thread = None
         self._close_endpoints()
         self._selector.close()
-        self._bell.close()
-        self._ear.close()
+        self._calls.close()
         self._advanced(TimedOut("the simulator has ended"))
         failure = self._failure or next((error for _, error in self.failures), None)
         self._failure = None
@@ -290,24 +291,39 @@ class World:
     def _tick(self) -> None:
         self.ticks += 1
         now = self.time_s
+        self._faults.tick(now)
         for squad in self._squads:
-            squad.fleet.advance(STEPS_PER_TICK)
-            for vehicle, sense in zip(squad.vehicles, squad.fleet.senses(), strict=True):
-                if vehicle.failed is not None:
+            try:
+                squad.fleet.advance(STEPS_PER_TICK)
+                senses = squad.fleet.senses()
+            except Exception as error:  # in the physics of one kind: no end of the others
+                self._squads = [each for each in self._squads if each is not squad]
+                for vehicle in squad.vehicles:
+                    self._fail(vehicle, error)
+                continue
+            for vehicle, sense in zip(squad.vehicles, senses, strict=True):
+                if vehicle.failed is not None or vehicle.node.hung:
                     continue
                 try:
                     vehicle.brain.update(now, sense, TICK_S)
                     vehicle.node.tick()
                 except Exception as error:  # a defect in one autopilot is no end of the others' flight
-                    vehicle.failed = error
-                    self._record(vehicle, error)
+                    self._fail(vehicle, error)
         self.externals.grant(now)
         if self.cameras is not None:
             self.cameras.tick(now)
 
+    def _fail(self, vehicle: SimVehicle, error: Exception) -> None:
+        """Its autopilot does nothing from now on."""
+        if vehicle.failed is None:
+            vehicle.failed = error
+            self._record(vehicle, error)
+
     def _record(self, vehicle: SimVehicle, error: Exception) -> None:
-        self.failures.append((vehicle, error))
-        self.on_failure(vehicle, error)
+        """Keep and tell a defect, each once: a client may send what leads to it many times."""
+        if all((vehicle, repr(error)) != (v, repr(e)) for v, e in self.failures):
+            self.failures.append((vehicle, error))
+            self.on_failure(vehicle, error)
 
     def _run_guarded(self) -> None:
         try:
@@ -358,8 +374,7 @@ class World:
         for key, _ in self._selector.select(timeout if math.isfinite(timeout) else None):
             ready: Callable[[], None] = key.data
             ready()
-        while self._calls:
-            self._calls.popleft()()
+        self._calls.do()
 
     def _flush(self) -> None:
         self.externals.flush()
@@ -367,19 +382,6 @@ class World:
         for each in list(waiting):
             if each.flush():
                 waiting.discard(each)
-
-    def _ring(self) -> None:
-        # A full buffer means that it rings already; a closed one, that nobody is left to hear.
-        try:
-            self._bell.send(b"\0")
-        except OSError:
-            return
-
-    def _hear(self) -> None:
-        try:
-            self._ear.recv(4096)
-        except BlockingIOError:
-            return
 
     def _inside(self, function: Callable[[], T]) -> T:
         """Have the world's thread do it, where one runs and it is not this one."""
@@ -390,22 +392,7 @@ class World:
 
         Raises :class:`TimedOut` where the world does not run.
         """
-        future: Future[T] = Future()
-
-        def task() -> None:
-            try:
-                future.set_result(function())
-            except BaseException as error:
-                future.set_exception(error)
-
-        self._calls.append(task)
-        self._ring()
-        try:
-            return future.result(timeout)
-        except FutureTimeout:
-            if future.done():
-                raise  # the function's own
-            raise TimedOut("the simulated world does not run") from None
+        return self._calls.call(function, timeout)
 
     def wait_for(self, true: Callable[[], bool], sim_s: float = 120.0) -> None:
         """Wait until ``true()`` holds, looked at after every tick; :class:`TimedOut` after ``sim_s`` simulated
@@ -423,6 +410,25 @@ class World:
                     raise TimedOut(f"not within {sim_s:g} s of simulated time")
                 if not self._ticked.wait(10.0):
                     raise TimedOut("the simulated world does not run")
+
+    # ---- faults
+
+    def fault(self, vehicle: str, kind: str, *, for_s: float | None = None, **parameters: Any) -> list[FaultStatus]:
+        """Let something go wrong with a vehicle (by name; "all": with each), for so many simulated seconds, or until it
+        is cleared. :mod:`zmav.sim.faults` has the kinds and their parameters. Any thread may.
+
+        Raises :class:`BadInput` naming what is not known, out of bounds, or not to be had by that vehicle.
+        """
+        fault = make_fault(kind, parameters)
+        return self._inside(lambda: self._faults.put(vehicle, fault, for_s))
+
+    def clear(self, vehicle: str | None = None, kind: str | None = None) -> int:
+        """End all faults, or those of one vehicle, of one kind, or of both; gives how many. Any thread may."""
+        return self._inside(lambda: self._faults.clear(vehicle, kind))
+
+    def faults(self) -> list[FaultStatus]:
+        """Those that are on. Any thread may ask."""
+        return self._inside(self._faults.all)
 
     # ---- what there is to see
 

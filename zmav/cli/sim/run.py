@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
+import resource
 import signal
 import sys
 import traceback
@@ -15,15 +15,22 @@ from rich.console import Console
 
 from zmav.cli.sim.line import StatusLine
 from zmav.cli.sim.stacks import STACK_OPTIONS, stack_vehicles
-from zmav.cli.sim.values import parse_home, parse_wind
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
+from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
 from zmav.sim.hil.vehicle import External
+from zmav.sim.lineup import KINDS, field_of
 from zmav.sim.remote import control_path
+from zmav.sim.sensors.noise import PROFILES
+from zmav.sim.values import parse_home, parse_speed, parse_wind
 
 F = TypeVar("F", bound=Callable[..., Any])
 COUNT = click.IntRange(0, 250)
 
 _OPTIONS = (
+    click.option(
+        "--fleet", "fleet_file", metavar="FILE",
+        help="Fleet file (TOML), the one that 'zmav up --file' reads: its vehicles with a sim table, and its world.",
+    ),
     click.option("--copters", type=COUNT, help="How many ArduCopters.  [default: 1 where nothing else is asked for]"),
     click.option("--hexas", default=0, type=COUNT, help="How many ArduCopters on hexarotors."),
     click.option("--rovers", default=0, type=COUNT, help="How many ArduRovers."),
@@ -36,14 +43,15 @@ _OPTIONS = (
         "[default: ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
-    click.option("--spacing", default=10.0, show_default=True, help="Metres between starts."),
+    click.option("--spacing", type=float, metavar="M", help="Metres between starts.  [default: 10]"),
     click.option(
-        "--wind", default="0", metavar="SPEED[@FROM][,GUSTS]",
+        "--wind", metavar="SPEED[@FROM][,GUSTS]",
         help="m/s, the degrees it comes from (270: from the west, the default), and gusty, light, moderate or severe.",
     ),
-    click.option("--speed", default="1", show_default=True, help="Times real time; 0 or max: as fast as it goes."),
+    click.option("--noise", type=click.Choice(list(PROFILES)), help="Of the sensors.  [default: none]"),
+    click.option("--speed", metavar="TIMES", help="Times real time; 0 or max: as fast as it goes.  [default: 1]"),
     click.option("--lockstep", is_flag=True, help="Wait for clients that answer TIMESYNC, as 'zmav up' does."),
-    click.option("--seed", default=0, show_default=True, help="Two worlds of one seed are identical."),
+    click.option("--seed", type=int, help="Two worlds of one seed are identical.  [default: 0]"),
     click.option("--real-boot", is_flag=True, help=f"Be ready as late as the real one ({REALISTIC_READY_S:.0f} s)."),
     click.option(
         "--control", metavar="PATH", help="The control socket: a path or a name.  [default: called after the process]"
@@ -58,29 +66,14 @@ def run_options(command: F) -> F:
     return command
 
 
-def run_world(
-    copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...], home: str | None,
-    spacing: float, wind: str, speed: str, lockstep: bool, seed: int, real_boot: bool, control: str | None,
-    **stacks: Any,
-) -> None:  # fmt: skip
+def run_world(control: str | None, **options: Any) -> None:
     """Make the world and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
-    from zmav.cli.sim.talk import parse_speed
-
-    counts = {"copter": copters or 0, "hexa": hexas, "rover": rovers, "plane": planes}
-    vehicles = stack_vehicles(counts, stacks)
-    if copters is None and not vehicles and not any(counts.values()):
-        counts["copter"] = 1
-    blows, gusts = parse_wind(wind)
     path = control_path(control)
-    world = World(
-        vehicles, copters=counts["copter"], hexas=counts["hexa"], rovers=counts["rover"], planes=counts["plane"],
-        px4=counts["px4"], home=parse_home(home) if home else None,
-        spacing_m=spacing, endpoint=endpoints or None, speed=parse_speed(speed) or math.inf, lockstep=lockstep,
-        seed=seed, wind=blows, gusts=gusts, ready_s=REALISTIC_READY_S if real_boot else DEFAULT_READY_S,
-    )  # fmt: skip
+    world = make_world(**options)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: world.stop())
     try:
+        _allow_files()
         world.open(path)
         announce(world)
         line = StatusLine(world.status, Console(stderr=True))
@@ -94,6 +87,35 @@ def run_world(
             sys.exit(1)
     finally:
         world.close()
+
+
+def make_world(
+    fleet_file: str | None, copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...],
+    home: str | None, spacing: float | None, wind: str | None, noise: str | None, speed: str | None, lockstep: bool,
+    seed: int | None, real_boot: bool, **stacks: Any,
+) -> World:  # fmt: skip
+    """The world that these options ask for: what they do not say, the fleet file says, or a default."""
+    file = load_simulated(fleet_file) if fleet_file else FleetFile(WorldTable(), None, None, [])
+    counts = {"copter": copters or 0, "hexa": hexas, "rover": rovers, "plane": planes}
+    vehicles = [*file.vehicles, *stack_vehicles(counts, stacks)]
+    if copters is None and not vehicles and not any(counts.values()):
+        counts["copter"] = 1
+    table = file.world
+    blows, gusts = parse_wind(table.wind if wind is None else wind)
+    return World(
+        vehicles, **{field_of(kind): counts[kind] for kind in KINDS}, home=parse_home(home) if home else file.home,
+        spacing_m=table.spacing_m if spacing is None else spacing, endpoint=endpoints or None,
+        speed=speed_of(table) if speed is None else parse_speed(speed), lockstep=lockstep or table.lockstep,
+        seed=table.seed if seed is None else seed, wind=blows, gusts=gusts, terrain=table.terrain,
+        noise=noise or table.noise, scene=file.scene,
+        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
+    )  # fmt: skip
+
+
+def _allow_files() -> None:
+    """As many open files as this user may have: a fleet of hundreds has a thousand sockets."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 def announce(world: World) -> None:

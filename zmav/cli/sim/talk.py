@@ -113,4 +113,3 @@ def stop(control: str | None) -> None:
     """End the simulator."""
     with remote(control) as sim:
         sim.stop()
-
