@@ -223,6 +223,11 @@ class Packer:
         self._lock = threading.Lock()
         self._plain: dict[str, tuple[MessageType, dict[str, int]] | None] = {}
 
+    def restart(self) -> None:
+        """Count from 0 again."""
+        with self._lock:
+            self._seq = 0
+
     def pack(self, name: str, /, **fields: Any) -> bytes:
         """The next frame. Raises :class:`BadMessage` as :func:`encode` does; that uses up no sequence number."""
         with self._lock:

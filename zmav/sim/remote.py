@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from zmav.errors import BadConfig, LinkDown, TimedOut, from_code
+from zmav.sim.faults.status import FaultStatus
 from zmav.sim.status import WorldStatus
 
 T = TypeVar("T")
@@ -184,6 +185,22 @@ class Remote:
     def step(self, seconds: float, *, timeout: float = 3600.0) -> WorldStatus:
         """Go on for so many simulated seconds and pause then; returns when they are over."""
         return self._asked(WorldStatus, "step", timeout=timeout, seconds=seconds)
+
+    def fault(
+        self, vehicle: str, kind: str, *, for_s: float | None = None, **parameters: float | str
+    ) -> list[FaultStatus]:
+        """Let something go wrong with a vehicle, or with "all": see :meth:`zmav.sim.World.fault`."""
+        return self._asked(
+            list[FaultStatus], "fault", vehicle=vehicle, kind=kind, for_s=for_s, parameters=parameters
+        )  # fmt: skip
+
+    def clear(self, vehicle: str | None = None, kind: str | None = None) -> int:
+        """End all faults, or those of one vehicle, of one kind, or of both; gives how many."""
+        return self._asked(int, "clear", vehicle=vehicle, kind=kind)
+
+    def faults(self) -> list[FaultStatus]:
+        """The faults that are on."""
+        return self._asked(list[FaultStatus], "faults")
 
     def stop(self) -> None:
         """End the simulator."""

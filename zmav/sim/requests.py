@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import Future
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from zmav.sim.faults import FaultStatus
 from zmav.sim.listener import Offer
 from zmav.sim.status import WorldStatus
 
@@ -31,6 +32,22 @@ class Step(msgspec.Struct, forbid_unknown_fields=True):
     seconds: float
 
 
+class Fault(msgspec.Struct, forbid_unknown_fields=True):
+    """Put a fault on: ``vehicle`` by name or "all"; ``for_s`` simulated seconds, or until it is cleared."""
+
+    vehicle: str
+    kind: str
+    for_s: float | None = None
+    parameters: dict[str, Any] = {}
+
+
+class Clear(msgspec.Struct, forbid_unknown_fields=True):
+    """End faults: all, of one vehicle, of one kind, or of both."""
+
+    vehicle: str | None = None
+    kind: str | None = None
+
+
 def offers(world: World) -> dict[str, Offer]:
     """By name; all of it is called in the world's thread."""
 
@@ -49,7 +66,13 @@ def offers(world: World) -> dict[str, Offer]:
     def step(args: Step) -> Future[WorldStatus]:
         return world.advance(args.seconds)
 
+    def fault(args: Fault) -> list[FaultStatus]:
+        return world.fault(args.vehicle, args.kind, for_s=args.for_s, **args.parameters)
+
     return {
+        "fault": Offer(Fault, fault),
+        "clear": Offer(Clear, lambda args: world.clear(args.vehicle, args.kind)),
+        "faults": Offer(Nothing, lambda _: world.faults()),
         "status": Offer(Nothing, lambda _: world.status()),
         "pause": Offer(Nothing, pause),
         "resume": Offer(Nothing, resume),

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink.dialect import load_dialect
@@ -459,5 +459,5 @@ class World:
             cpu_share=pacer.cpu_share,
             clients=sum(endpoint.clients() for vehicle in self.vehicles for endpoint in vehicle.endpoints),
             lockstep=self.lockstep is not None,
-            vehicles=(*(vehicle.status() for vehicle in self.vehicles), *self.externals.status()),
+            vehicles=self._faults.noted((*(vehicle.status() for vehicle in self.vehicles), *self.externals.status())),
         )

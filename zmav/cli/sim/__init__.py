@@ -20,6 +20,7 @@ VERBS = {
     "speed": "talk",
     "step": "talk",
     "stop": "talk",
+    "fault": "fault",
 }
 HOME_WORDS = 4
 

@@ -5,7 +5,7 @@ it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar, Protocol
 
 from zmav.errors import BadMessage
@@ -71,6 +71,8 @@ class Node(ABC):
         self._epoch_us = epoch_us
         self._router = Router(dialect)
         self._parts: list[Part] = []
+        self.hung = False
+        """a fault: it hears and says nothing"""
         self._ticking: list[Part] = []  # those that do something at a tick
         self._ids = {dialect.by_name[name].id: name for name in reports if name in dialect.by_name}
         self._answers: dict[int, Answer] = {}
@@ -94,6 +96,11 @@ class Node(ABC):
             self._ticking.append(part)
         for name, answer in part.answers().items():
             self.answer(name, answer)
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """All microservices that were added."""
+        return self._parts
 
     # ---- what a subclass says
 
@@ -151,6 +158,8 @@ class Node(ABC):
 
     def tick(self) -> None:
         """Send what is due."""
+        if self.hung:
+            return
         now = self.brain.now
         if self._reboot_at is not None and now >= self._reboot_at:
             self._reboot_at = None
@@ -166,8 +175,11 @@ class Node(ABC):
                 channel.send("TIMESYNC", tc1=0, ts1=self.nanoseconds())
 
     def restart(self) -> None:
-        """Boot the autopilot anew."""
+        """Boot the autopilot anew: what it had been asked to send is forgotten, and all counting starts again."""
         self.brain.power_on()
+        for channel in self.channels:
+            channel.restart(self.brain.now)
+            self.greet(channel)
 
     def report(self, channel: Channel, name: str) -> None:
         """Send one message, unless there is nothing to say yet."""
@@ -197,7 +209,16 @@ class Node(ABC):
     # ---- in
 
     def receive(self, channel: Channel, data: bytes) -> None:
-        """Take bytes that came by ``channel``. Bad ones are counted and dropped; nothing raises."""
+        """Bytes came by ``channel``."""
+        if channel.incoming is None:
+            self.take(channel, data)
+        else:
+            channel.incoming(data)
+
+    def take(self, channel: Channel, data: bytes) -> None:
+        """Understand bytes that came by ``channel``. Bad ones are counted and dropped; nothing raises."""
+        if self.hung:
+            return
         for frame in channel.splitter.feed(data):
             if channel.signing is not None and not channel.signing.accepts(frame):
                 continue

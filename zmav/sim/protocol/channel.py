@@ -6,6 +6,7 @@ room; a link that nobody reads loses whole messages and never holds anything up.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from zmav.mavlink.codec import Packer
@@ -41,7 +42,15 @@ class Channel:
         self.sent = 0
         self.params_next: int | None = None  # index of the next parameter of a running download
         self.signing: Signing | None = None
+        self.incoming: Callable[[bytes], None] | None = None
+        """takes what comes in, before anybody understands it; None: nobody stands between"""
         self._packer = Packer(dialect, sysid, compid)
+
+    def restart(self, now: float) -> None:
+        """The autopilot has started anew: it counts from 0, and sends what nobody has to ask for."""
+        self._packer.restart()
+        self.streams = Streams(now)
+        self.params_next = None
 
     def adopt(self, sysid: int) -> None:
         """Speak with another system id from now on."""

@@ -1,0 +1,14 @@
+"""What can go wrong on command: a fault is put on a vehicle by name, for a time or until it is cleared.
+
+world.fault("copter2", "gps-loss", for_s=10)
+world.fault("copter1", "motor", number=2, efficiency=0.3)
+world.clear("copter1")
+"""
+
+from __future__ import annotations
+
+from zmav.sim.faults.injector import Faults
+from zmav.sim.faults.status import FaultStatus
+from zmav.sim.faults.table import KINDS, describe, fault_from_words, make_fault
+
+__all__ = ["KINDS", "FaultStatus", "Faults", "describe", "fault_from_words", "make_fault"]

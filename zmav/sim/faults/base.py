@@ -1,0 +1,69 @@
+"""What a fault is, and what it happens to."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, ClassVar
+
+import msgspec
+
+from zmav.errors import BadInput
+from zmav.sim.fleets.base import Seat
+
+if TYPE_CHECKING:
+    from zmav.sim.camera.cameras import SimCamera
+    from zmav.sim.vehicle import SimVehicle
+
+Undo = Callable[[], None]
+
+
+class Victim:
+    """A vehicle that faults can be put on.
+
+    ``vehicle`` is None for one that a flight stack outside the simulator flies: its sensors, motors and battery can
+    fail, its autopilot and its links are its own. ``camera`` likewise where it has none. ``seed`` differs from fault to
+    fault and is the same in every run. ``end`` ends the fault from within.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        seat: Seat,
+        vehicle: SimVehicle | None,
+        camera: SimCamera | None,
+        seed: str,
+        end: Callable[[], None],
+    ) -> None:
+        self.name = name
+        self.seat = seat
+        self.camera = camera
+        self.seed = seed
+        self.end = end
+        self._vehicle = vehicle
+
+    @property
+    def vehicle(self) -> SimVehicle:
+        """The simulated autopilot and its links; :class:`BadInput` where there are none."""
+        if self._vehicle is None:
+            raise BadInput(
+                f"{self.name} is flown by a stack of its own: only its body can fail", field="vehicle", value=self.name,
+                expected="a vehicle with a simulated autopilot",
+            )  # fmt: skip
+        return self._vehicle
+
+
+class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all kinds; the fields of one are its parameters, with their units in their names or descriptions."""
+
+    KIND: ClassVar[str] = ""
+    ONCE: ClassVar[bool] = False
+    """It happens and is over."""
+
+    @abstractmethod
+    def begin(self, victim: Victim) -> Undo:
+        """Let it happen; gives what ends it."""
+
+
+def nothing() -> None:
+    """The end of a fault that leaves nothing to be undone."""

@@ -1,0 +1,140 @@
+"""Motors, battery, radio, camera and the autopilot's own computer."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from zmav.errors import BadInput
+from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.dynamics.battery import open_circuit_share
+from zmav.sim.faults.base import Fault, Undo, Victim, nothing
+
+
+class MotorFailure(Fault, frozen=True):
+    """One motor (number: 1 is the first) gives only that share of its thrust: 0 nothing, 1 all of it."""
+
+    KIND: ClassVar[str] = "motor"
+    number: Annotated[int, Meta(ge=1, le=32)] = 1
+    efficiency: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+
+    def begin(self, victim: Victim) -> Undo:
+        seat = victim.seat
+        if self.number > seat.motors:
+            expected = f"1 to {seat.motors}" if seat.motors else "a vehicle whose motors can fail"
+            raise BadInput(
+                f"{victim.name} has no motor {self.number}; expected {expected}", field="number", value=self.number,
+                expected=expected,
+            )  # fmt: skip
+        motor, cause = self.number - 1, f"fault {self.KIND}"
+        seat.weaken_motor(motor, cause, self.efficiency)
+        return lambda: seat.weaken_motor(motor, cause, 1.0)
+
+
+class BatteryCollapse(Fault, frozen=True):
+    """The battery has only so much percent of its charge left, and so many ohms more of resistance (a bad cell or
+    plug: its voltage sags with the current).
+    """
+
+    KIND: ClassVar[str] = "battery"
+    left_percent: Annotated[float, Meta(ge=0.0, le=100.0)] = 5.0
+    ohm: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+
+    def begin(self, victim: Victim) -> Undo:
+        handle = victim.seat.battery
+        battery, i = handle.battery, handle.index
+        charge = float(battery.charge[i])
+        resting = float(open_circuit_share(np.array([charge]))[0]) * float(battery.full_v[i])
+        consumed = float(battery.consumed[i])
+        battery.drain(i, min(self.left_percent / 100.0, charge))
+        lost = float(battery.consumed[i]) - consumed
+        if self.ohm:
+            battery.collapse(i, self.ohm)
+
+        def mend() -> None:
+            if self.ohm:
+                battery.collapse(i, 0.0)
+            battery.fit(i, volts=resting, capacity_mah=float(battery.capacity_mah[i]))
+            battery.consumed[i] -= lost
+
+        return mend
+
+
+class RcLoss(Fault, frozen=True):
+    """The receiver hears the pilot's transmitter no more."""
+
+    KIND: ClassVar[str] = "rc-loss"
+
+    def begin(self, victim: Victim) -> Undo:
+        brain = victim.vehicle.brain
+        if isinstance(brain, Px4Copter):
+            sticks, had = brain.sticks, brain.sticks.radio
+            sticks.radio = False
+
+            def switch_on() -> None:
+                brain.sticks.radio = had
+
+            return switch_on
+        pilot = brain.pilot
+        pilot.lose()
+        return pilot.regain
+
+
+class Frozen(Fault, frozen=True):
+    """The autopilot hangs: it says nothing and hears nothing, and the actuators stay where they are. A watchdog resets
+    it after watchdog_s seconds; 0: it has none.
+    """
+
+    KIND: ClassVar[str] = "frozen"
+    watchdog_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 0.0
+
+    def begin(self, victim: Victim) -> Undo:
+        vehicle, seat = victim.vehicle, victim.seat
+        seat.freeze(True)
+        vehicle.node.hung = True
+
+        def go_on() -> None:
+            vehicle.node.hung = False
+            seat.freeze(False)
+
+        return go_on
+
+    def watch(self, victim: Victim, since_s: float, now: float) -> None:
+        """Let the watchdog reset it where it is time, ``since_s`` seconds after it froze."""
+        if 0.0 < self.watchdog_s <= since_s:
+            victim.end()
+            victim.vehicle.brain.now = now  # its clock has run on
+            victim.vehicle.node.restart()
+
+
+class Reboot(Fault, frozen=True):
+    """The autopilot starts anew, wherever it is: its outputs stop, its clock and its sequence numbers begin again."""
+
+    KIND: ClassVar[str] = "reboot"
+    ONCE: ClassVar[bool] = True
+
+    def begin(self, victim: Victim) -> Undo:
+        victim.vehicle.node.restart()
+        return nothing
+
+
+class CameraBlackout(Fault, frozen=True):
+    """The camera's pictures are black, or show what the last good one did."""
+
+    KIND: ClassVar[str] = "camera-blackout"
+    picture: Literal["black", "frozen"] = "black"
+
+    def begin(self, victim: Victim) -> Undo:
+        camera = victim.camera
+        if camera is None:
+            raise BadInput(
+                f"{victim.name} has no camera", field="vehicle", value=victim.name, expected="a vehicle with a camera"
+            )
+        camera.blackout = self.picture
+
+        def show() -> None:
+            camera.blackout = None
+
+        return show

@@ -1,0 +1,137 @@
+"""The faults that are on in a world, and when they end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from zmav.errors import BadInput
+from zmav.sim.faults.base import Fault, Undo, Victim
+from zmav.sim.faults.body import Frozen
+from zmav.sim.faults.status import FaultStatus
+from zmav.sim.faults.table import KINDS
+from zmav.sim.fleets.base import Seat
+from zmav.sim.status import VehicleStatus
+
+if TYPE_CHECKING:
+    from zmav.sim.camera.cameras import SimCamera
+    from zmav.sim.world import World
+
+ALL = "all"
+
+
+class _On(msgspec.Struct):
+    """A fault that is on."""
+
+    fault: Fault
+    victim: Victim
+    undo: Undo
+    since_s: float
+    until_s: float
+
+
+class Faults:
+    """All of one world. Everything is called in the world's thread; a vehicle has each kind once at most."""
+
+    def __init__(self, world: World, seed: int) -> None:
+        self._world = world
+        self._seed = seed
+        self._on: dict[tuple[str, str], _On] = {}
+        self._count = 0
+
+    def put(self, name: str, fault: Fault, for_s: float | None = None) -> list[FaultStatus]:
+        """Let ``fault`` happen to the vehicle called ``name`` ("all": to each), for ``for_s`` simulated seconds (None:
+        until it is cleared). One of its kind that is on already gives way to it.
+
+        Raises :class:`BadInput` for a vehicle that is not there or cannot have it, and for no time at all.
+        """
+        if for_s is not None and not 0.0 < for_s < math.inf:
+            raise BadInput(f"{for_s} seconds; expected more than 0", field="for_s", value=for_s, expected="more than 0")
+        now = self._world.time_s
+        found = []
+        for each in self._named(name):
+            self._end(each, fault.KIND)
+            victim = self._victim(each, fault.KIND)
+            on = _On(fault, victim, fault.begin(victim), now, math.inf if for_s is None else now + for_s)
+            if not fault.ONCE:
+                self._on[each, fault.KIND] = on
+            found.append(_status(on))
+        return found
+
+    def clear(self, name: str | None = None, kind: str | None = None) -> int:
+        """End all faults, or those of one vehicle, of one kind, or of one kind of one vehicle; gives how many."""
+        if kind is not None and kind not in KINDS:
+            expected = ", ".join(KINDS)
+            raise BadInput(f"no fault {kind!r}; there are {expected}", field="kind", value=kind, expected=expected)
+        names = set(self._named(ALL if name is None else name))
+        chosen = [key for key in self._on if key[0] in names and kind in (None, key[1])]
+        for key in chosen:
+            self._end(*key)
+        return len(chosen)
+
+    def all(self) -> list[FaultStatus]:
+        """Those that are on, oldest first."""
+        return [_status(on) for on in self._on.values()]
+
+    def noted(self, vehicles: Sequence[VehicleStatus]) -> tuple[VehicleStatus, ...]:
+        """The same, with the kinds that are on at each. Every thread may ask."""
+        on = list(self._on)
+        kinds = {name: tuple(kind for vehicle, kind in on if vehicle == name) for name, _ in on}
+        return tuple(
+            msgspec.structs.replace(status, faults=kinds[status.name]) if status.name in kinds else status
+            for status in vehicles
+        )
+
+    def tick(self, now: float) -> None:
+        """End what is over; costs nothing where nothing is on."""
+        if not self._on:
+            return
+        for key, on in list(self._on.items()):
+            if now >= on.until_s - 1e-9:
+                self._end(*key)
+            elif isinstance(on.fault, Frozen):
+                on.fault.watch(on.victim, now - on.since_s, now)
+
+    # ---- vehicles
+
+    def _end(self, name: str, kind: str) -> None:
+        on = self._on.pop((name, kind), None)
+        if on is not None:
+            on.undo()
+
+    def _named(self, name: str) -> list[str]:
+        seats = self._seats()
+        if name == ALL:
+            return list(seats)
+        if name not in seats:
+            expected = ", ".join(seats)
+            raise BadInput(f"no vehicle {name!r}; there are {expected}", field="vehicle", value=name, expected=expected)
+        return [name]
+
+    def _seats(self) -> Mapping[str, Seat]:
+        """The bodies of all vehicles, by name."""
+        own = {vehicle.name: vehicle.node.seat for vehicle in self._world.vehicles}
+        return own | {vehicle.name: Seat(vehicle.plant, 0) for vehicle in self._world.externals.vehicles}
+
+    def _victim(self, name: str, kind: str) -> Victim:
+        self._count += 1
+        seed = f"{self._seed} {name} {kind} {self._count}"
+        vehicle = next((v for v in self._world.vehicles if v.name == name), None)
+        return Victim(name, self._seats()[name], vehicle, self._camera(name), seed, lambda: self._end(name, kind))
+
+    def _camera(self, name: str) -> SimCamera | None:
+        cameras = self._world.cameras
+        return None if cameras is None else next((each for each in cameras.all if each.name == name), None)
+
+
+def _status(on: _On) -> FaultStatus:
+    return FaultStatus(
+        vehicle=on.victim.name,
+        kind=on.fault.KIND,
+        parameters=msgspec.structs.asdict(on.fault),
+        since_s=on.since_s,
+        until_s=on.until_s if math.isfinite(on.until_s) else None,
+    )

@@ -1,0 +1,100 @@
+"""Sensors that fail or lie. What the autopilot makes of it is up to its navigation filter and its failsafes."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from zmav.sim.faults.base import Fault, Undo, Victim
+from zmav.sim.sensors.troubles import FINE, Trouble
+
+Metres = Annotated[float, Meta(ge=-100_000.0, le=100_000.0)]
+Degrees = Annotated[float, Meta(ge=-180.0, le=180.0)]
+
+
+class SensorFault(Fault, frozen=True):
+    """Base of those that are nothing but a sensor's trouble."""
+
+    @abstractmethod
+    def trouble(self) -> Trouble: ...
+
+    def begin(self, victim: Victim) -> Undo:
+        cause = f"fault {self.KIND}"
+        victim.seat.trouble(cause, self.trouble())
+        return lambda: victim.seat.trouble(cause, FINE)
+
+
+class GpsLoss(SensorFault, frozen=True):
+    """The GPS receiver has no solution: jammed, or no view of the sky."""
+
+    KIND: ClassVar[str] = "gps-loss"
+
+    def trouble(self) -> Trouble:
+        return Trouble(gps_lost=True)
+
+
+class GpsGlitch(SensorFault, frozen=True):
+    """The GPS solution jumps aside by so many metres and stays there; its velocity stays true."""
+
+    KIND: ClassVar[str] = "gps-glitch"
+    north: Metres = 50.0
+    east: Metres = 0.0
+    up: Metres = 0.0
+
+    def trouble(self) -> Trouble:
+        return Trouble(gps_shift=(self.north, self.east, -self.up))
+
+
+class CompassError(SensorFault, frozen=True):
+    """The compass reads as if the nose pointed so many degrees farther to the right; or nothing at all (lost)."""
+
+    KIND: ClassVar[str] = "compass"
+    degrees: Degrees = 40.0
+    lost: bool = False
+
+    def trouble(self) -> Trouble:
+        return Trouble(compass_lost=True) if self.lost else Trouble(compass_turn=math.radians(self.degrees))
+
+
+class BaroError(SensorFault, frozen=True):
+    """The barometer reads so many metres too high; or nothing at all (lost)."""
+
+    KIND: ClassVar[str] = "baro"
+    metres: Annotated[float, Meta(ge=-10_000.0, le=10_000.0)] = 5.0
+    lost: bool = False
+
+    def trouble(self) -> Trouble:
+        return Trouble(baro_lost=True) if self.lost else Trouble(baro_shift=self.metres)
+
+
+class RangefinderError(SensorFault, frozen=True):
+    """The downward rangefinder sees nothing; or, with metres, reads so much too far."""
+
+    KIND: ClassVar[str] = "rangefinder"
+    metres: Annotated[float, Meta(ge=-1000.0, le=1000.0)] = 0.0
+
+    def trouble(self) -> Trouble:
+        return Trouble(range_shift=self.metres) if self.metres else Trouble(range_lost=True)
+
+
+class ImuError(SensorFault, frozen=True):
+    """The accelerometers shake by so many m/s^2 (root mean square), and reach their limit so many times a second."""
+
+    KIND: ClassVar[str] = "imu"
+    vibration: Annotated[float, Meta(ge=0.0, le=500.0)] = 40.0
+    clipping: Annotated[float, Meta(ge=0.0, le=1000.0)] = 0.0
+
+    def trouble(self) -> Trouble:
+        return Trouble(vibration=self.vibration, clipping=self.clipping)
+
+
+class PitotLoss(SensorFault, frozen=True):
+    """The pitot tube is blocked: it measures no flow."""
+
+    KIND: ClassVar[str] = "pitot"
+
+    def trouble(self) -> Trouble:
+        return Trouble(pitot_lost=True)
