@@ -25,13 +25,14 @@ from zmav.sim.arrays import (
     thrust_frame,
     wrap_pi,
 )
-from zmav.sim.control.allocation import Allocator
+from zmav.sim.control.allocation import Allocator, Lame
 from zmav.sim.control.reference import Reference
 from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, RATES, TORQUE, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe, throttle_for
 
 VEL_I_MAX = 4.0  # m/s^2
 YAW_P = 2.5  # 1/s, of the turn toward a heading
+FEWEST_ROTORS = 5  # that are left, for another way of carrying on
 IDLE_THROTTLE = 0.10  # MOT_SPIN_ARM
 MIN_THROTTLE = 0.15  # MOT_SPIN_MIN
 YAW_SHARE = 0.2  # of the rotors' thrust that turning may take (MOT_YAW_HEADROOM)
@@ -71,6 +72,15 @@ class Cascade:
         self._idle: Array = np.zeros((len(mix), n))
         self._by_rates: Flags | None = None  # whose body rates or torques are given; None: nobody's
         self._by_torque: Flags | None = None
+        self._lame: dict[int, Lame] = {}  # vehicles that are known to have lost rotors
+
+    def lose(self, index: int, rotors: tuple[int, ...]) -> None:
+        """One vehicle's rotors that are known to have failed; () where all are whole again. Four and fewer rotors leave
+        nothing to choose.
+        """
+        self._lame.pop(index, None)
+        if rotors and len(self.airframe.rotors) - len(rotors) >= FEWEST_ROTORS:
+            self._lame[index] = Lame(self.airframe, rotors)
 
     def outer(self, est: Estimated, dt: float) -> None:
         """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
@@ -202,6 +212,8 @@ class Cascade:
         spread = lean + turn
         lift = np.maximum(np.minimum(self.thrust / len(frame.rotors), most - spread.max(0)), 0.0)
         share = clamp((lift + spread) * (1.0 / most), 0.0, 1.0)
+        for i, lame in self._lame.items():
+            share[:, i] = lame.allocate(float(self.thrust[i]), torque[:, i])
         return np.maximum(throttle_for(share, frame.thrust_expo), MIN_THROTTLE)
 
 

@@ -18,6 +18,7 @@ from zmav.sim.environment import Vector
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 
 OUTER_EVERY = 2  # ticks
+LOST = 0.5  # a rotor of less efficiency counts as failed
 AIR_EVERY = 10  # ticks: the density of the air changes slowly
 
 
@@ -47,6 +48,7 @@ class CopterFleet(Fleet):
         self.cascade = loops(self.airframe, self.setpoints, start, yaw)
         self._dt = dt
         self._ticks = 0
+        self._lost = self.dynamics.efficiency < LOST
         self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
         self.sensors.throttle = self._table[26]
         self.estimate.jumped, self.estimate.turned = self._jumped, self._turned
@@ -62,6 +64,7 @@ class CopterFleet(Fleet):
         self.blow(steps * self._dt)
         if self._ticks % AIR_EVERY == 0:
             dyn.density = density(self.around.place.alt_amsl_m - dyn.pos[2])
+            self._look_at_rotors()
         if self._ticks % OUTER_EVERY == 0:
             self.cascade.outer(est, OUTER_EVERY * steps * self._dt)
         self._ticks += 1
@@ -85,6 +88,14 @@ class CopterFleet(Fleet):
         """A filter has set the heading anew."""
         self.cascade.yaw[index] += by
         self.setpoints.yaw[index] += by
+
+    def _look_at_rotors(self) -> None:
+        """Tell the controllers of rotors that failed, as speed controllers that report do."""
+        lost = self.dynamics.efficiency < LOST
+        for i in np.flatnonzero((lost != self._lost).any(0)).tolist():
+            carries_on = self.setpoints.gains.carries_on[i] > 0
+            self.cascade.lose(i, tuple(np.flatnonzero(lost[:, i]).tolist()) if carries_on else ())
+        self._lost = lost
 
     def outputs(self, index: int) -> list[float]:
         throttles: list[float] = self.dynamics.throttle[:, index].tolist()

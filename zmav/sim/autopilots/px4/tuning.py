@@ -32,6 +32,7 @@ GAINS: dict[str, tuple[str, tuple[int, ...], float]] = {
     "MPC_THR_MAX": ("thrust_max", (), 1.0),
     "MPC_THR_XY_MARG": ("xy_margin", (), 1.0),
     "THR_MDL_FAC": ("curve", (), 1.0),
+    "CA_FAILURE_MODE": ("carries_on", (), 1.0),
     "MC_YAW_WEIGHT": ("yaw_weight", (), 1.0),
     "MC_RR_INT_LIM": ("rate_i_max", (0,), 1.0),
     "MC_PR_INT_LIM": ("rate_i_max", (1,), 1.0),
@@ -86,6 +87,7 @@ def rows_for(airframe: Airframe) -> tuple[tuple[str, float, int], ...]:
     rows: list[tuple[str, float, int]] = [
         ("SYS_AUTOSTART", GENERIC_HEXA_X, _INT),
         ("MAV_TYPE", 13, _INT),
+        ("CA_FAILURE_MODE", 1, _INT),
         ("CA_ROTOR_COUNT", len(airframe.rotors), _INT),
         ("THR_MDL_FAC", airframe.thrust_expo, _FLOAT),
         ("MPC_THR_HOVER", round(airframe.hover_thrust_n / airframe.thrust_max_n, 2), _FLOAT),
