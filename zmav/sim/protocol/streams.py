@@ -10,7 +10,7 @@ HEARTBEAT_PERIOD_S = 1.0
 
 # MAV_DATA_STREAM -> what ArduPilot sends in it, of what is simulated.
 GROUPS: dict[int, tuple[str, ...]] = {
-    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2"),
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "AIRSPEED"),
     2: (
         "SYS_STATUS",
         "POWER_STATUS",
@@ -22,8 +22,9 @@ GROUPS: dict[int, tuple[str, ...]] = {
         "FENCE_STATUS",
     ),
     3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
+    4: ("RC_CHANNELS_SCALED",),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
-    10: ("ATTITUDE", "SIMSTATE", "AHRS2", "ESC_TELEMETRY_1_TO_4"),
+    10: ("ATTITUDE", "SIMSTATE", "AHRS2", "AOA_SSA", "ESC_TELEMETRY_1_TO_4"),
     11: ("VFR_HUD",),
     12: (
         "AHRS",
@@ -41,6 +42,7 @@ RATE_PARAMS = {
     "RAW_SENS": 1,
     "EXT_STAT": 2,
     "RC_CHAN": 3,
+    "RAW_CTRL": 4,
     "POSITION": 6,
     "EXTRA1": 10,
     "EXTRA2": 11,

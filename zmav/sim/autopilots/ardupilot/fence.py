@@ -185,7 +185,8 @@ class Fence:
 
     @property
     def configured(self) -> int:
-        return int(self._vehicle.params["FENCE_TYPE"])
+        params = self._vehicle.params
+        return int(params["FENCE_TYPE"]) & (EVERYTHING if "FENCE_ALT_MAX" in params else CIRCLE | POLYGON)
 
     @property
     def present(self) -> int:
@@ -207,6 +208,15 @@ class Fence:
             active & POLYGON and self._outside_areas(place[0], place[1]) > 0,
         )
         return not any(outside)
+
+    @property
+    def return_point(self) -> Point | None:
+        """Where a plane returns to, north and east in the world; None where none was uploaded."""
+        for seq in range(len(self.items)):
+            item = self.items.read(seq)
+            if isinstance(item, Item) and item.command == RETURN_POINT:
+                return to_ned(Position(item.x * 1e-7, item.y * 1e-7, 0.0), self._vehicle.world)[:2]
+        return None
 
     def enable(self, on: bool, types: int = EVERYTHING) -> bool:
         """Switch fences on or off in flight (DO_FENCE_ENABLE); False where there is none to switch on."""
@@ -236,7 +246,7 @@ class Fence:
         params = self._vehicle.params
         if params["FENCE_ENABLE"] and not self.present:
             return "Fences enabled, but none selected"
-        if not (self.enabled or params["FENCE_AUTOENABLE"]) or not self.configured:
+        if not (self.enabled or params.get("FENCE_AUTOENABLE")) or not self.configured:
             return ""
         if self.configured & (CIRCLE | POLYGON) and not self._vehicle.position_ok:
             return "Fence requires position"
@@ -244,22 +254,22 @@ class Fence:
             return "Invalid Circle FENCE_RADIUS value"
         if self.configured & CIRCLE and params["FENCE_RADIUS"] < params["FENCE_MARGIN"]:
             return "Circle FENCE_MARGIN is greater than FENCE_RADIUS"
-        if params["FENCE_ALT_MAX"] < 0:
+        if params.get("FENCE_ALT_MAX") < 0.0:
             return "Invalid FENCE_ALT_MAX value"
         breached = self.breached
-        if int(params["FENCE_AUTOENABLE"]) == WHEN_ARMED and self.configured & POLYGON:
+        if int(params.get("FENCE_AUTOENABLE")) == WHEN_ARMED and self.configured & POLYGON:
             s = self._vehicle.sense
             breached |= POLYGON * (self._outside_areas(s.north, s.east) > 0)
         if breached:
             return f"Vehicle breaching {names(breached)}"
         if params["FENCE_MARGIN"] < 0:
             return "Invalid FENCE_MARGIN value"
-        if params["FENCE_ALT_MAX"] - params["FENCE_ALT_MIN"] <= 2.0 * params["FENCE_MARGIN"]:
+        if "FENCE_ALT_MAX" in params and params["FENCE_ALT_MAX"] - params["FENCE_ALT_MIN"] <= 2.0 * params["FENCE_MARGIN"]:
             return "FENCE_MARGIN too big"
         return ""
 
     def on_arming(self) -> None:
-        if int(self._vehicle.params["FENCE_AUTOENABLE"]) == WHEN_ARMED:
+        if int(self._vehicle.params.get("FENCE_AUTOENABLE")) == WHEN_ARMED:
             self.enable(True, EVERYTHING & ~FLOOR)
             if self.active:
                 self._vehicle.say(_NOTICE, f"{names(self.active)} auto-enabled")

@@ -20,9 +20,9 @@ IGNORE_RECEIVER, IGNORE_OVERRIDES = 1, 2  # RC_OPTIONS
 NO_PULSES, LOW_THROTTLE = 1, 2  # SIM_RC_FAIL
 NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 FRAME_S = 0.02
-USUAL_TIMEOUT_S = 1.0
 CONFIRMATIONS = 3  # throttle values in a row that start or end the failsafe
 DEBOUNCE_S = 0.2
+USUAL_TIMEOUT_S = 1.0
 SHORTEST, LONGEST = 800, 2200  # microseconds: pulses beyond are none
 LOW, MIDDLE, HIGH = 0, 1, 2
 # RCn_OPTION
@@ -117,9 +117,9 @@ class Radio(Sticks):
 
     @property
     def _timeout(self) -> float:
-        """Seconds without a frame; a plane has no parameter for it."""
+        """Seconds without a frame; for a plane that of its short failsafe, and a rover has none."""
         params = self._vehicle.params
-        return max(params["RC_FS_TIMEOUT"], 0.1) if "RC_FS_TIMEOUT" in params else USUAL_TIMEOUT_S
+        return max(params.get("RC_FS_TIMEOUT", params.get("FS_SHORT_TIMEOUT", USUAL_TIMEOUT_S)), 0.1)
 
     def _read(self, fail: int) -> None:
         if not self._overrides and fail == 0:
@@ -158,6 +158,11 @@ class Radio(Sticks):
         if lost != self.lost:
             self.lost = lost
             self._vehicle.reactions.radio_changed(lost)
+
+    @property
+    def silent_s(self) -> float:
+        """Since the last frame or override, s."""
+        return self._vehicle.now - self._heard
 
     @property
     def valid(self) -> bool:

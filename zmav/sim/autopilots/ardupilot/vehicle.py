@@ -189,6 +189,10 @@ class ArduVehicle(ABC):
         if self.payload.gimbal.present:
             self.payload.gimbal.point(place)
 
+    def forget_mission(self) -> None:
+        """It was disarmed: the mission begins anew."""
+        self.mission.reset()
+
     def save_waypoint(self) -> None:  # noqa: B027 - what is saved depends on the kind
         """The pilot's switch adds where it is to the mission."""
 
@@ -419,7 +423,7 @@ class ArduVehicle(ABC):
         self.landed = True
         self.on_disarm()
         self.say(INFO, self.ARMING_TEXTS[1])
-        self.mission.reset()
+        self.forget_mission()
         return True
 
     # ---- what it does by itself

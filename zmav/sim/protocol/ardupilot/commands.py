@@ -15,7 +15,6 @@ import msgspec
 from zmav.sim.autopilots.ardupilot.targets import Target
 from zmav.sim.autopilots.ardupilot.vehicle import WARNING
 from zmav.sim.protocol.ardupilot.setpoint import point
-from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 
@@ -105,7 +104,7 @@ def enter(number: int) -> Handler:
 
 def _set_interval(node: MavNode, c: Command) -> int:
     name = node.dialect_name(int(c.p1))
-    if name not in REPORTS:
+    if not name:
         return DENIED
     if c.p2 == 0:
         period = HEARTBEAT_PERIOD_S if name == "HEARTBEAT" else 0.0
@@ -118,7 +117,7 @@ def _set_interval(node: MavNode, c: Command) -> int:
 
 def _get_interval(node: MavNode, c: Command) -> int:
     name = node.dialect_name(int(c.p1))
-    if name not in REPORTS:
+    if not name:
         # Protocol: an interval of 0 says that the message is not available.
         c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1) & 0xFFFF)
         return FAILED
@@ -129,7 +128,7 @@ def _get_interval(node: MavNode, c: Command) -> int:
 
 def _request_message(node: MavNode, c: Command) -> int:
     name = node.dialect_name(int(c.p1))
-    if name not in REPORTS:
+    if not name:
         return FAILED
     node.after_ack(c.channel, name)
     return ACCEPTED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav.mavlink.dialect import Dialect
@@ -19,6 +20,7 @@ from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.part import Answer, Sender
+from zmav.sim.protocol.reports import Report
 from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
 PIECE = 50  # characters of a STATUSTEXT
@@ -29,9 +31,10 @@ class MavNode(Node):
 
     SYSID_PARAM: ClassVar[str] = "MAV_SYSID"
     HANDLERS: ClassVar[commands.Handlers] = {**commands.HANDLERS, **DUTIES}
+    REPORTS: ClassVar[Mapping[str, Report]] = REPORTS
 
     def __init__(self, vehicle: ArduVehicle, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
-        super().__init__(vehicle, dialect, REPORTS, uid=uid, epoch_us=epoch_us)
+        super().__init__(vehicle, dialect, self.REPORTS, uid=uid, epoch_us=epoch_us)
         self.vehicle = vehicle
         self._reached: int | None = None
         self._text_id = 0
@@ -73,7 +76,8 @@ class MavNode(Node):
     # ---- out
 
     def fields(self, name: str) -> dict[str, Any] | None:
-        return REPORTS[name](self)
+        report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
+        return None if report is None else report(self)
 
     def greet(self, channel: Channel) -> None:
         """Start the streams of the port's MAV1_, MAV2_ or MAV3_ parameters."""
