@@ -264,7 +264,10 @@ class Fence:
             return f"Vehicle breaching {names(breached)}"
         if params["FENCE_MARGIN"] < 0:
             return "Invalid FENCE_MARGIN value"
-        if "FENCE_ALT_MAX" in params and params["FENCE_ALT_MAX"] - params["FENCE_ALT_MIN"] <= 2.0 * params["FENCE_MARGIN"]:
+        if (
+            "FENCE_ALT_MAX" in params
+            and params["FENCE_ALT_MAX"] - params["FENCE_ALT_MIN"] <= 2.0 * params["FENCE_MARGIN"]
+        ):
             return "FENCE_MARGIN too big"
         return ""
 
