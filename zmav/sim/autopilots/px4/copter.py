@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from zmav.sim.autopilots.px4 import events
+from zmav.sim.autopilots.px4.battery import Battery
+from zmav.sim.autopilots.px4.ekf import Ekf2
 from zmav.sim.autopilots.px4.events import Event
-from zmav.sim.autopilots.px4.failsafe import Failsafe
+from zmav.sim.autopilots.px4.failsafe import Action, Failsafe
+from zmav.sim.autopilots.px4.fence import Fence
 from zmav.sim.autopilots.px4.ground import Ground, Stage
+from zmav.sim.autopilots.px4.health import Health
 from zmav.sim.autopilots.px4.items import FenceItems, RallyItems
 from zmav.sim.autopilots.px4.mission import Mission
-from zmav.sim.autopilots.px4.modes import HOLD, MISSION, OFFBOARD, SWITCH, TERMINATION, Mode
+from zmav.sim.autopilots.px4.modes import HOLD, LAND, OFFBOARD, SWITCH, TERMINATION, Mode
 from zmav.sim.autopilots.px4.navigator import Navigator
 from zmav.sim.autopilots.px4.offboard import Motion, Offboard
 from zmav.sim.autopilots.px4.sticks import Sticks
@@ -18,11 +22,12 @@ from zmav.sim.autopilots.px4.tuning import Tuning
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Sense
+from zmav.sim.fleets.base import Seat, Sense
 from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
 
 REAL_READY_S = 4.0  # from boot to arming, as measured: it is not slower where an ArduPilot beside it is
+CHECK_EVERY, FENCE_EVERY = 10, 20  # ticks
 HOME_SHARE = 0.9  # of that, home is known
 _AUTO_LIMITS = {
     "speed": "MPC_XY_CRUISE",
@@ -70,6 +75,8 @@ class Px4Copter:
         self._ready_s = min(ready_s, REAL_READY_S)
         self.mission = Mission(self)  # what is kept over a reboot, as the parameters are
         self.fence, self.rally = FenceItems(), RallyItems()
+        self.filter = Ekf2(self)
+        self._ticks = 0
         self.power_on()
 
     def power_on(self) -> None:
@@ -81,22 +88,29 @@ class Px4Copter:
         self.cruise_speed: float | None = None
         self.wanted: Mode = HOLD
         self.mode: Mode = HOLD
+        self.intents = 0  # how often a mode was asked for
         self._after_disarm: Mode = HOLD
         self.sticks = Sticks(self)
         self._switch = self.sticks.pilot.switch
         self.offboard = Offboard(self)
         self.navigator = Navigator(self)
-        self.failsafe = Failsafe(self)
         self.ground = Ground(self)
+        self.filter.power_on()
+        self.battery, self.geofence = Battery(self), Fence(self)
+        self.failsafe, self.health = Failsafe(self), Health(self)
         self._stood_since = self.now
         self._flew = False
-        self._stream_reported = False
+        self._fused = True
         self.sp.spool(Spool.OFF)
         self.sp.limit("lean", self.params["MPC_TILTMAX_AIR"] * _DEGREES)
 
     def plug(self, power: BatteryHandle) -> None:
         """Take the battery of the body that it sits in."""
         self.power = power
+
+    def sit(self, seat: Seat) -> None:
+        """Take the sensors of the body that it sits in."""
+        self.filter.attach(seat.belief())
 
     # ---- what it knows
 
@@ -111,9 +125,19 @@ class Px4Copter:
         return self.now - self.booted_at
 
     @property
-    def position_ok(self) -> bool:
-        """The estimator holds a position, and home is set."""
+    def booted(self) -> bool:
+        """All its parts have begun."""
+        return self.uptime >= self._ready_s
+
+    @property
+    def has_home(self) -> bool:
+        """There has been a position since boot: home is set."""
         return self.uptime >= HOME_SHARE * self._ready_s
+
+    @property
+    def position_ok(self) -> bool:
+        """The estimator holds a position."""
+        return self.has_home and self.filter.good
 
     @property
     def landed(self) -> bool:
@@ -140,16 +164,8 @@ class Px4Copter:
 
     @property
     def checks_ok(self) -> bool:
-        """The pre-arm bit: what the mode asked for needs is there, and in flight nothing is lost."""
-        if self.uptime < self._ready_s:
-            return False
-        if self.wanted is OFFBOARD and not self.offboard.alive:
-            return False
-        if self.params["NAV_DLL_ACT"] and self.failsafe.ground_lost:
-            return False
-        if self.wanted is MISSION and not self.mission.able:
-            return False
-        return self.position_ok or not self.wanted.position
+        """The pre-arm bit: nothing stands against arming in the mode asked for."""
+        return self.health.ready_for(self.wanted.bit)
 
     @property
     def system_status(self) -> int:
@@ -165,9 +181,10 @@ class Px4Copter:
         if self.armed and not self._can_fly(mode):
             self.say(2, f"Switching to {mode.name.capitalize()} is currently not available\t")
             return False
-        if self.wanted is TERMINATION:
+        if TERMINATION in (self.wanted, self.mode):
             return False
         self.wanted = mode
+        self.intents += 1
         if mode.arms:
             self._after_disarm = mode
         if not self.failsafe.active:
@@ -175,25 +192,25 @@ class Px4Copter:
         return True
 
     def _can_fly(self, mode: Mode) -> bool:
-        if mode is OFFBOARD:
-            return self.offboard.alive
-        if mode is MISSION and not self.mission.able:
-            return False
-        return (self.position_ok or not mode.position) and (self.sticks.alive or not mode.manual)
+        """A landing is never refused."""
+        return mode is LAND or (self.failsafe.can_run(mode) and (self.sticks.alive or not mode.manual))
 
     def arm(self, *, forced: bool = False) -> bool:
         """Arm the motors; the reason of a refusal goes out as an event."""
         if self.armed:
             return True
-        able = self.checks_ok and self.wanted.arms and (self.sticks.alive or not self.wanted.manual)
-        if not (able or forced):
-            self._tell(events.ARM_DENIED)
+        if self.sticks.killed:
+            self.tell(events.ARM_DENIED_KILLED)
+            return False
+        if not (self.checks_ok or forced):
+            self.tell(events.ARM_DENIED)
             return False
         self.armed, self.armed_at, self._flew = True, self.now, False
         self._stood_since = self.now
         self.home_world = (self.sense.north, self.sense.east, self.sense.down)
         self.failsafe.armed()
-        self._tell(events.ARMED, bytes([events.EXTERNAL]))
+        self.event(events.ARMED, bytes([events.EXTERNAL]))
+        self.say(6, events.ARM_TEXTS[events.EXTERNAL])
         self._fly_in(self.wanted)
         return True
 
@@ -214,6 +231,12 @@ class Px4Copter:
         self.say(6, events.DISARM_TEXTS[reason])
         return True
 
+    def terminate(self) -> None:
+        """Flight termination: the motors stop now, and until a reboot nothing else is flown."""
+        self.wanted = self._after_disarm = TERMINATION
+        self.intents += 1
+        self._fly_in(TERMINATION)
+
     def stop_here(self) -> None:
         """Brake to a stop and stay there, nose as it is."""
         self.sp.raw(False)
@@ -225,20 +248,40 @@ class Px4Copter:
     def update(self, now: float, sense: Sense, dt: float) -> None:
         """One tick of the commander."""
         self.now, self.sense = now, sense
+        self._ticks += 1
         self._follow_switch()
-        self._report_checks()
+        if self._ticks % CHECK_EVERY == 0:
+            self._check(CHECK_EVERY * dt)
         if not self.armed:
             return
         self._take_over()
-        flying = self.failsafe.mode(self.wanted)
+        if self.sticks.killed:
+            self._stay_killed()
+            return
+        flying = self.failsafe.mode
         if flying is None:
-            self.disarm(forced=True)
+            self.disarm(forced=True, reason=events.FAILURE)
             return
         if flying is not self.mode:
             self._fly_in(flying)
         self._control()
         self.ground.update(descends=self._descends())
         self._disarm_idle()
+
+    def _check(self, dt: float) -> None:
+        """Ten times a second: what there is to know, what stands against what, and what to do about it."""
+        self.filter.update(dt)
+        self._report_fusion()
+        self.battery.update()
+        if self._ticks % FENCE_EVERY == 0:
+            self.geofence.update()
+        self.sticks.update()
+        self.failsafe.watch_ground()
+        self.health.update()
+        if self.armed:
+            self.failsafe.update(dt)
+            if self.failsafe.action is Action.TERMINATE:
+                self.wanted = self._after_disarm = TERMINATION
 
     def _fly_in(self, mode: Mode) -> None:
         self.mode = mode
@@ -307,10 +350,16 @@ class Px4Copter:
 
     def _take_over(self) -> None:
         """A pilot who moves the sticks gets POSCTL (COM_RC_OVERRIDE: 1 in AUTO modes, 2 in OFFBOARD)."""
-        bit = 1 if self.wanted.auto else 2 if self.wanted is OFFBOARD else 0
+        bit = 1 if self.mode.auto else 2 if self.wanted is OFFBOARD else 0
         if int(self.params["COM_RC_OVERRIDE"]) & bit and not self.landed and self.sticks.moved:
             self.say(6, "Pilot took over using sticks\t")
             self.set_mode(SWITCH[2])
+
+    def _stay_killed(self) -> None:
+        """The kill switch stops the motors at once, and disarms COM_KILL_DISARM later."""
+        self.sp.spool(Spool.OFF)
+        if self.now - self.sticks.killed_at >= self.params["COM_KILL_DISARM"]:
+            self.disarm(forced=True, reason=events.KILL_SWITCH)
 
     def _disarm_idle(self) -> None:
         """Disarm COM_DISARM_LAND after a landing, COM_DISARM_PRFLT after arming without a takeoff."""
@@ -326,11 +375,11 @@ class Px4Copter:
 
     def took_off(self) -> None:
         self._flew = True
-        self._tell(events.TAKEOFF_DETECTED)
+        self.tell(events.TAKEOFF_DETECTED)
 
     def touched_down(self) -> None:
         self.mission.touched_down()
-        self._tell(events.LANDING_DETECTED)
+        self.tell(events.LANDING_DETECTED)
 
     def takeoff_done(self) -> None:
         """COM_TAKEOFF_ACT 0: hold."""
@@ -340,18 +389,16 @@ class Px4Copter:
         self.event(events.DEFAULT_TAKEOFF, events.float_argument(height))
         self.say(6, f"Using default takeoff altitude: {height:.1f} m\t")
 
-    def failsafe_began(self) -> None:
-        self._tell(events.FAILSAFE, bytes([0, 0, 6, 0, 2]))
+    def _report_fusion(self) -> None:
+        """Armed, it says when it goes on without its GPS, and when it has it again."""
+        fused = self.filter.good
+        if fused is not self._fused:
+            self._fused = fused
+            if self.armed:
+                self.tell(events.GNSS_STARTED if fused else events.GNSS_STOPPED)
 
-    def _report_checks(self) -> None:
-        """The arming report goes out whenever it changes: here, when the stream comes or goes."""
-        alive = self.offboard.alive
-        if alive is not self._stream_reported:
-            self._stream_reported = alive
-            for event, arguments in events.arming_report(offboard_lost=not alive):
-                self.event(event, arguments)
-
-    def _tell(self, event: Event, arguments: bytes = b"") -> None:
+    def tell(self, event: Event, arguments: bytes = b"") -> None:
+        """An event, and its words to ground stations."""
         self.event(event, arguments)
         if event.text:
             self.say(event.severity, event.text)

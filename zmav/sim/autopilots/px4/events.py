@@ -1,7 +1,8 @@
-"""The events (EVENT, 410) that this PX4 sends, with the ids, log levels and arguments of a recorded one.
+"""The events (EVENT, 410) that this PX4 sends, with PX4's ids and log levels, and the words that go beside them.
 
-Protocol: https://mavlink.io/en/services/events.html. The low half of a log level is the one for people outside, the
-high half the autopilot's own; 8 is for protocols only.
+Protocol: https://mavlink.io/en/services/events.html. An id is that of the component in its high byte and the FNV-1a
+hash of the event's name below; ids, levels and arguments agree with a recorded flight. The low half of a log level is
+the one for people outside, the high half the autopilot's own; 8 is for protocols only.
 """
 
 from __future__ import annotations
@@ -9,6 +10,17 @@ from __future__ import annotations
 import struct
 
 import msgspec
+
+_FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193  # of the 32-bit FNV-1a hash
+_AUTOPILOT = 1 << 24
+
+
+def event_id(name: str) -> int:
+    """The id of PX4's event of that name."""
+    value = _FNV_OFFSET
+    for byte in name.encode("ascii"):
+        value = (value ^ byte) * _FNV_PRIME & 0xFFFFFFFF
+    return value & 0xFFFFFF | _AUTOPILOT
 
 
 class Event(msgspec.Struct, frozen=True):
@@ -20,44 +32,62 @@ class Event(msgspec.Struct, frozen=True):
     severity: int = 6
 
 
-ARM_DENIED = Event(0x0102089D, 0x62, "Arming denied: Resolve system health failures first\t", 2)
-ARMED = Event(0x0190CAF3, 0x66, "Armed by external command\t")
-DEFAULT_TAKEOFF = Event(0x013B2FC7, 0x66)
-TAKEOFF_DETECTED = Event(0x01414569, 0x66, "Takeoff detected\t")
-LANDING_DETECTED = Event(0x019638AC, 0x66, "Landing detected\t")
-DISARMED = Event(0x01F46777, 0x66)
-FAILSAFE = Event(0x01DEDBD0, 0x42, "Failsafe activated\t", 2)
-# The report of the arming checks, sent as a whole whenever it changes.
-ARMING_SUMMARY = Event(0x01A893E0, 0x88)
-NO_MISSION = Event(0x0105C2D9, 0x66)
-NO_OFFBOARD_SIGNAL = Event(0x012F1DC7, 0x33)
-NO_GROUND_STATION = Event(0x0106ED29, 0x44)
-HEALTH_SUMMARY = Event(0x011D3727, 0x88)
+def _event(name: str, levels: int, text: str = "", severity: int = 6) -> Event:
+    return Event(event_id(name), levels, text, severity)
 
-EXTERNAL, LANDING, PREFLIGHT = 4, 6, 7  # why it was armed or disarmed
+
+ARM_DENIED = _event(
+    "commander_arm_denied_resolve_failures", 0x62, "Arming denied: Resolve system health failures first\t", 2
+)
+ARM_DENIED_KILLED = _event("commander_arm_denied_kill_switch", 0x62, "Arming denied: kill switch engaged\t", 2)
+ARMED = _event("commander_armed_by", 0x66)
+DEFAULT_TAKEOFF = _event("navigator_takeoff_default_alt", 0x66)
+TAKEOFF_DETECTED = _event("commander_takeoff_detected", 0x66, "Takeoff detected\t")
+LANDING_DETECTED = _event("commander_landing_detected", 0x66, "Landing detected\t")
+DISARMED = _event("commander_disarmed_by", 0x66)
+KILLED = _event("commander_kill_sw_engaged", 0x62, "Kill-switch engaged\t", 2)
+UNKILLED = _event("commander_kill_sw_disengaged", 0x66, "Kill-switch disengaged\t")
+MANUAL_LOST = _event("commander_rc_lost", 0x66, "Manual control lost\t")
+MANUAL_REGAINED = _event("commander_rc_regained", 0x66)
+GCS_LOST = _event("commander_dl_lost", 0x66, "Connection to ground control station lost\t")
+GCS_REGAINED = _event("commander_dl_regained", 0x66, "Ground control station connection regained\t")
+GNSS_STOPPED = _event("check_estimator_gnss_fusion_stopped", 0x63, "GNSS data fusion stopped\t", 4)
+GNSS_STARTED = _event("check_estimator_gnss_fusion_started", 0x66, "GNSS data fusion started\t")
+FENCE_WITHOUT_HOME = _event(
+    "navigator_geofence_invalid_against_home", 0x42, "Geofence invalid, doesn't contain Home position\t", 2
+)
+FENCE_WITHOUT_VEHICLE = _event(
+    "navigator_geofence_invalid_against_cur_pos",
+    0x42,
+    "Geofence invalid, doesn't contain current vehicle position\t",
+    2,
+)
+OUTSIDE_FENCE = _event("navigator_reposition_outside_geofence", 0x63, "Reposition is outside geofence\t", 2)
+# What a failsafe says: with a delay or without, with its cause or without, and where it only warns.
+_ACTIVATED = "Failsafe activated\t"
+FAILSAFE = _event("commander_failsafe_enter_generic", 0x42, _ACTIVATED, 2)
+FAILSAFE_CAUSED = _event("commander_failsafe_enter", 0x42, _ACTIVATED, 2)
+FAILSAFE_HOLD = _event("commander_failsafe_enter_generic_hold", 0x42)
+FAILSAFE_HOLD_CAUSED = _event("commander_failsafe_enter_hold", 0x42)
+FAILSAFE_WARNS = _event("commander_failsafe_enter_generic_warn", 0x44, _ACTIVATED, 2)
+FAILSAFE_WARNS_CAUSED = _event("commander_failsafe_enter_warn", 0x44, _ACTIVATED, 2)
+BATTERY_LOW = _event("commander_failsafe_enter_low_bat", 0x64, _ACTIVATED, 2)
+BATTERY_CRITICAL = _event("commander_failsafe_enter_crit_bat_warn", 0x62, _ACTIVATED, 2)
+BATTERY_EMERGENCY = _event("commander_failsafe_enter_crit_low_bat_warn", 0x60, _ACTIVATED, 2)
+# The report of the arming checks, sent as a whole whenever it changes: its head and its foot.
+ARMING_SUMMARY = _event("commander_arming_check_summary", 0x88)
+HEALTH_SUMMARY = _event("commander_health_summary", 0x88)
+
+EXTERNAL, LANDING, PREFLIGHT, KILL_SWITCH, LOCKDOWN, FAILURE = 4, 6, 7, 8, 9, 10  # why it was armed or disarmed
+ARM_TEXTS = {EXTERNAL: "Armed by external command\t"}
 DISARM_TEXTS = {
     EXTERNAL: "Disarmed by external command\t",
     LANDING: "Disarmed by landing\t",
     PREFLIGHT: "Disarmed by auto preflight disarming\t",
+    KILL_SWITCH: "Disarmed by kill switch\t",
+    LOCKDOWN: "Disarmed by lockdown\t",
+    FAILURE: "Disarmed by failure detector\t",
 }
-
-
-# The summary's bit sets of modes: in error, and those that can arm and run.
-_SUMMARY = bytes.fromhex("000000000080000000b07b7f80b07b7f80")
-_SUMMARY_LOST = bytes.fromhex("000000100080000000b03b7f80b03b7f80")
-
-
-def arming_report(*, offboard_lost: bool) -> list[tuple[Event, bytes]]:
-    """The report as recorded, with or without the stream that OFFBOARD needs."""
-    report = [
-        (ARMING_SUMMARY, _SUMMARY_LOST if offboard_lost else _SUMMARY),
-        (NO_MISSION, bytes.fromhex("0800000014")),
-    ]
-    if offboard_lost:
-        report.append((NO_OFFBOARD_SIGNAL, bytes.fromhex("0040000014")))
-    report.append((NO_GROUND_STATION, bytes.fromhex("ffffffff07")))
-    report.append((HEALTH_SUMMARY, bytes.fromhex("000a0c0238")))
-    return report
 
 
 def float_argument(value: float) -> bytes:

@@ -1,7 +1,8 @@
 """PX4's lists of items: missions, fences and rally points, each replaced as a whole.
 
 A list that is being uploaded takes the place of the old one when its last item has come, and not before. There is no
-item for home. https://docs.px4.io/v1.16/en/advanced/mission_parameters.html, https://mavlink.io/en/services/mission.html
+item for home. https://docs.px4.io/v1.16/en/advanced/mission_parameters.html,
+https://mavlink.io/en/services/mission.html
 """
 
 from __future__ import annotations

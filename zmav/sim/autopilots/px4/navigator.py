@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.px4.modes import LAND, MISSION, RTL, TAKEOFF, Mode
+from zmav.sim.autopilots.px4.modes import DESCEND, LAND, MISSION, ORBIT, RTL, TAKEOFF, Mode
+from zmav.sim.autopilots.px4.orbit import Orbit
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class Navigator:
         self.target: Vector | None = None  # of HOLD and on the way home, world NED
         self.yaw: float | None = None
         self.takeoff_amsl: float | None = None  # asked for by NAV_TAKEOFF
+        self.orbit = Orbit(copter)
         self._leg = ""
         self._wait_until = 0.0
         self._takeoff_down = 0.0
@@ -43,6 +45,8 @@ class Navigator:
             self._plan_return()
         elif mode is MISSION:
             copter.mission.enter()
+        elif mode is ORBIT:
+            self.orbit.begin()
 
     def reposition(self, target: Vector, yaw: float | None, speed: float | None) -> None:
         """HOLD at that place of the world's NED, when HOLD flies."""
@@ -63,7 +67,7 @@ class Navigator:
         mode = self._copter.mode
         if mode is MISSION:
             return self._copter.mission.landing
-        return mode is LAND or (mode is RTL and self._leg == "land")
+        return mode in (LAND, DESCEND) or (mode is RTL and self._leg == "land")
 
     def fly(self) -> None:
         """One tick of the mode."""
@@ -77,8 +81,13 @@ class Navigator:
             self._return()
         elif mode is LAND:
             self.descend()
+        elif mode is DESCEND:
+            copter.sp.lean(0.0, 0.0)  # without a position: level
+            copter.sp.climb(copter.params["MPC_LAND_SPEED"])
         elif mode is MISSION:
             copter.mission.fly()
+        elif mode is ORBIT:
+            self.orbit.fly()
         elif self.target is not None:
             self.go(self.target, self.yaw)
 

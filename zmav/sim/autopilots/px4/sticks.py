@@ -1,6 +1,7 @@
-"""The pilot's sticks: a radio, or MANUAL_CONTROL from a joystick (COM_RC_IN_MODE), and the modes that follow them.
+"""The pilot's sticks: a radio, or MANUAL_CONTROL from a joystick (COM_RC_IN_MODE), the modes that follow them, and the
+kill switch (RC_MAP_KILL_SW).
 
-https://docs.px4.io/v1.16/en/flight_modes_mc/position.html and its neighbours
+https://docs.px4.io/v1.16/en/flight_modes_mc/position.html and its neighbours, .../en/config/safety.html#kill-switch
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.pilot import Pilot
-from zmav.sim.autopilots.px4.modes import ACRO, ALTCTL, POSCTL, Mode
+from zmav.sim.autopilots.px4 import events
+from zmav.sim.autopilots.px4.modes import ACRO, ALTCTL, POSCTL, POSITION_SLOW, Mode
 from zmav.sim.control.setpoints import Axis, Spool
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ RADIO_ONLY, DISABLED = 0, 4  # COM_RC_IN_MODE
 TAKEOVER = 0.12  # of a stick's way: a pilot who moves it more takes an automatic mode over (COM_RC_STICK_OV)
 TAKEOFF_STICK = 0.15
 DEADZONE = 0.05
+_BY_HEIGHT = (ALTCTL, POSCTL, POSITION_SLOW)
 
 
 class Sticks:
@@ -30,7 +33,33 @@ class Sticks:
         self.radio = False
         """the pilot's radio is on and heard"""
         self._joystick: tuple[float, float, float, float] | None = None
-        self._joystick_at = -math.inf
+        self._joystick_at = self._radio_at = -math.inf
+        self.killed = False
+        """the kill switch is on"""
+        self.killed_at = 0.0
+        self._heard = False
+
+    def update(self) -> None:
+        """Ten times a second: hear the radio, look at its kill switch, say when the sticks come and go."""
+        copter = self._copter
+        if self.radio and self.pilot.sending:
+            self._radio_at = copter.now
+            self._look_at_kill_switch()
+        alive = self.alive
+        if alive is not self._heard:
+            self._heard = alive
+            if not alive:
+                copter.tell(events.MANUAL_LOST)
+
+    def _look_at_kill_switch(self) -> None:
+        copter, p = self._copter, self._copter.params
+        channel = int(p["RC_MAP_KILL_SW"])
+        if not 1 <= channel <= len(self.pilot.pwm):
+            return
+        on = (self.pilot.pwm[channel - 1] - 1000) / 1000.0 > p["RC_KILLSWITCH_TH"]
+        if on is not self.killed:
+            self.killed, self.killed_at = on, copter.now
+            copter.tell(events.KILLED if on else events.UNKILLED)
 
     def joystick(self, roll: float, pitch: float, yaw: float, throttle: float) -> None:
         """A MANUAL_CONTROL came."""
@@ -42,7 +71,8 @@ class Sticks:
     def alive(self) -> bool:
         if int(self._copter.params["COM_RC_IN_MODE"]) == DISABLED:
             return False
-        return self.radio or self._copter.now - self._joystick_at <= float(self._copter.params["COM_RC_LOSS_T"])
+        latest = self._copter.now if self.radio and self.pilot.sending else max(self._radio_at, self._joystick_at)
+        return self._copter.now - latest <= float(self._copter.params["COM_RC_LOSS_T"])
 
     @property
     def values(self) -> tuple[float, float, float, float]:
@@ -67,10 +97,10 @@ class Sticks:
 
     def lifts(self, mode: Mode) -> bool:
         """A standing vehicle is asked to fly."""
-        return self.alive and (self.climb > TAKEOFF_STICK if mode in (ALTCTL, POSCTL) else self.values[3] > 0.1)
+        return self.alive and (self.climb > TAKEOFF_STICK if mode in _BY_HEIGHT else self.values[3] > 0.1)
 
     def descends(self, mode: Mode) -> bool:
-        return self.alive and (self.climb < -0.3 if mode in (ALTCTL, POSCTL) else self.values[3] < 0.2)
+        return self.alive and (self.climb < -0.3 if mode in _BY_HEIGHT else self.values[3] < 0.2)
 
     def fly(self, mode: Mode) -> None:
         """One tick of a manual mode; without sticks the vehicle sinks level, as was measured."""
@@ -85,8 +115,8 @@ class Sticks:
         roll, pitch, yaw, throttle = self.values
         sp.turn(yaw * math.radians(p["MPC_MAN_Y_MAX"]))
         lean = math.radians(p["MPC_MAN_TILT_MAX"])
-        if mode is POSCTL:
-            self._by_speed(roll, pitch)
+        if mode in (POSCTL, POSITION_SLOW):
+            self._by_speed(roll, pitch, yaw, slow=mode is POSITION_SLOW)
             return
         if mode is ACRO:
             sp.rates(
@@ -102,18 +132,21 @@ class Sticks:
             hover = copter.hover_thrust
             sp.direct_thrust(throttle * 2 * hover if throttle < 0.5 else hover + (throttle - 0.5) * 2 * (1.0 - hover))
 
-    def _by_speed(self, roll: float, pitch: float) -> None:
-        copter, speed = self._copter, self._copter.params["MPC_VEL_MANUAL"]
+    def _by_speed(self, roll: float, pitch: float, yaw: float, *, slow: bool) -> None:
+        copter, p = self._copter, self._copter.params
+        speed = min(p["MPC_VEL_MANUAL"], p["MC_SLOW_DEF_HVEL"]) if slow else p["MPC_VEL_MANUAL"]
         c, s = math.cos(copter.sense.yaw), math.sin(copter.sense.yaw)
         forward, right = pitch * speed, roll * speed
         vel = (forward * c - right * s, forward * s + right * c, 0.0)
         copter.sp.limit("speed", speed)
         copter.sp.move(vel=vel, horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-        self._by_climb()
+        if slow:
+            copter.sp.turn(yaw * math.radians(min(p["MPC_MAN_Y_MAX"], p["MC_SLOW_DEF_YAWR"])))
+        self._by_climb(p["MC_SLOW_DEF_VVEL"] if slow else math.inf)
 
-    def _by_climb(self) -> None:
+    def _by_climb(self, most: float = math.inf) -> None:
         copter, climb = self._copter, self.climb
-        up, down = copter.params["MPC_Z_VEL_MAX_UP"], copter.params["MPC_Z_VEL_MAX_DN"]
+        up, down = (min(copter.params[name], most) for name in ("MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"))
         copter.sp.limit("speed_up", up)
         copter.sp.limit("speed_down", down)
         copter.sp.climb(-climb * (up if climb > 0 else down))

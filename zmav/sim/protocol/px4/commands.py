@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from zmav.sim.autopilots.px4.modes import BY_NUMBERS, HOLD, LAND, MISSION, RTL, TAKEOFF, Mode
+from zmav.sim.autopilots.px4 import events
+from zmav.sim.autopilots.px4.modes import BY_NUMBERS, HOLD, LAND, MISSION, ORBIT, RTL, TAKEOFF, Mode
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.part import Sender
 from zmav.sim.protocol.px4.setpoint import point
@@ -124,7 +126,48 @@ def _reposition(node: Px4Node, c: Command) -> int:
     if not copter.set_mode(HOLD):
         return TEMPORARILY_REJECTED
     speed = c.p1 if math.isfinite(c.p1) and c.p1 > 0 else None
-    copter.navigator.reposition(place, c.p4 if math.isfinite(c.p4) else None, speed)
+    _go(node, place, c.p4 if math.isfinite(c.p4) else None, speed)
+    return ACCEPTED
+
+
+def _go(node: Px4Node, place: Vector, yaw: float | None, speed: float | None) -> None:
+    """The commander has changed the mode already when the navigator looks at the fence."""
+    copter = node.copter
+    if copter.params["GF_ACTION"] and copter.geofence.at(place):
+        copter.tell(events.OUTSIDE_FENCE)
+    else:
+        copter.navigator.reposition(place, yaw, speed)
+
+
+def _change_altitude(node: Px4Node, c: Command) -> int:
+    """A reposition that only changes the height, above mean sea level."""
+    copter = node.copter
+    if not math.isfinite(c.p1):
+        return DENIED
+    held = copter.navigator.target
+    here = copter.position
+    place = point(copter, here.lat_deg, here.lon_deg, c.p1, 0)
+    if place is None:
+        return DENIED
+    if not copter.set_mode(HOLD):
+        return TEMPORARILY_REJECTED
+    _go(node, place if held is None else (held[0], held[1], place[2]), None, None)
+    return ACCEPTED
+
+
+def _orbit(node: Px4Node, c: Command) -> int:
+    """Round a place; what is NaN is as it is, or as by default."""
+    copter = node.copter
+    here = copter.position
+    lat, lon = (c.lat, c.lon) if math.isfinite(c.lat) and math.isfinite(c.lon) else (here.lat_deg, here.lon_deg)
+    centre = point(copter, lat, lon, c.alt if math.isfinite(c.alt) else here.alt_amsl_m, 0)
+    if centre is None:
+        return DENIED
+    if not copter.set_mode(ORBIT):
+        return TEMPORARILY_REJECTED
+    radius, speed = (value if math.isfinite(value) else None for value in (c.p1, c.p2))
+    behaviour = int(c.p3) if math.isfinite(c.p3) else None
+    copter.navigator.orbit.ask(centre, radius, speed, behaviour)
     return ACCEPTED
 
 
@@ -149,7 +192,11 @@ def _set_home(node: Px4Node, c: Command) -> int:
 
 
 def _terminate(node: Px4Node, c: Command) -> int:
-    return _verdict(c.p1 > 0.5 and node.copter.disarm(forced=True))
+    """The motors stop, and the mode is left by a reboot only."""
+    if not c.p1 > 0.5:
+        return DENIED
+    node.copter.terminate()
+    return ACCEPTED
 
 
 def _reboot(node: Px4Node, c: Command) -> int:
@@ -224,10 +271,12 @@ HANDLERS: dict[int, Handler] = {
     20: _enter(RTL),
     21: _enter(LAND),
     22: _takeoff,
+    34: _orbit,
     _SET_MODE: _set_mode,
     178: _change_speed,
     179: _set_home,
     185: _terminate,
+    186: _change_altitude,
     192: _reposition,
     246: _reboot,
     224: _set_current,  # DO_SET_MISSION_CURRENT
