@@ -18,6 +18,7 @@ from zmav.sim.hil.stream import HilStream
 from zmav.sim.hil.vehicle import External
 
 PORT = 4560
+SEND_BYTES = 32 * 1024  # readings that wait longer are worth nothing
 ROOM = 4096  # bytes that a step's messages may take
 NUDGE_S = 1.0  # of wall time without controls, after which one more reading is sent
 
@@ -108,6 +109,7 @@ class Px4Vehicle(External):
         except OSError:
             return  # it left before it was let in
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         if self._line is not None:
             self._line.close()
         self._line = Line(connection.detach(), self._selector, self._hear, self._leave)

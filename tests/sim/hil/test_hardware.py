@@ -1,0 +1,203 @@
+"""HIL over a serial line: a pseudo-terminal with a protocol peer in place of the flight controller."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+
+from tests.sim.hil.conftest import MakeWorld, until
+from tests.sim.hil.px4_peer import Px4Peer
+from zmav.errors import BadUrl
+from zmav.sim import VehicleSpec, World
+from zmav.sim.hil.hardware import HardwareVehicle, fitting_hz
+from zmav.sim.hil.tty import parse_device
+from zmav.sim.spec import Stack
+
+HIL, ARMED = 32, 128
+
+
+class Board(Px4Peer):
+    """A flight controller on a pty: it beats ten times a second, goes to HIL when asked by SET_MODE (if it is
+    ``willing``), and flies then. ``link`` is the device; :meth:`unplug` takes it away.
+    """
+
+    def __init__(self, link: Path, *, willing: bool = True, base_mode: int = 81) -> None:
+        super().__init__(self._out, lockstep=False)
+        self.link = link
+        self.willing = willing
+        self.base_mode = base_mode
+        self._stop = threading.Event()
+        self.plug()
+        self._thread = threading.Thread(target=self._run, name="board", daemon=True)
+        self._thread.start()
+
+    def plug(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        with contextlib.suppress(FileNotFoundError):
+            self.link.unlink()
+        self.link.symlink_to(os.ttyname(slave))
+        os.close(slave)  # from now on it is the simulator's alone
+
+    def unplug(self) -> None:
+        self.link.unlink()
+        os.close(self._master)
+        self._master = -1
+
+    def _out(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            os.write(self._master, data)
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.0):
+            if self._master < 0:
+                self._stop.wait(0.02)
+                continue
+            self._beat_now_and_then()
+            try:
+                if select.select([self._master], [], [], 0.05)[0]:
+                    self.take(os.read(self._master, 65536))
+            except OSError:
+                self._stop.wait(0.02)  # nobody has the device open
+
+    def _beat_now_and_then(self) -> None:
+        self._beats = getattr(self, "_beats", 0) + 1
+        if self._beats % 20 == 1:
+            self.say(self._mav.heartbeat_encode(2, 12, self.base_mode, 50593792, 3))
+
+    def take(self, data: bytes) -> None:
+        before = self.counts.get("SET_MODE", 0)
+        super().take(data)
+        if self.counts.get("SET_MODE", 0) > before and self.willing:
+            self.base_mode |= self.heard["SET_MODE"][-1].base_mode & HIL
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(10.0)
+        if self._master >= 0:
+            os.close(self._master)
+
+
+MakeBoard = Callable[..., Board]
+
+
+@pytest.fixture
+def make_board(tmp_path: Path) -> Iterator[MakeBoard]:
+    boards = []
+
+    def make(**options: Any) -> Board:
+        boards.append(Board(tmp_path / "ttyACM0", **options))
+        return boards[-1]
+
+    yield make
+    for board in boards:
+        board.close()
+
+
+def hardware(path: Path, baud: int = 921600) -> VehicleSpec:
+    return VehicleSpec(autopilot="px4", endpoints=("tcp:0",), stack=Stack(device=f"{path}:{baud}"))
+
+
+def only(world: World) -> HardwareVehicle:
+    vehicle = world.externals.vehicles[0]
+    assert isinstance(vehicle, HardwareVehicle)
+    return vehicle
+
+
+def test_a_controller_is_put_into_hil_and_flies_in_real_time(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    board = make_board()
+    world = make_world(hardware(board.link), speed=1.0)
+    until(lambda: only(world).in_hil)
+    assert board.heard["SET_MODE"][0].base_mode == 81 | HIL
+    assert board.heard["SET_MODE"][0].custom_mode == 50593792  # the mode it was in
+    until(lambda: world.status().vehicles[0].ned_m[2] < -1.0)
+    assert board.counts["HIL_SENSOR"] > 50
+    assert world.status().vehicles[0].armed
+    asked = board.heard["COMMAND_LONG"][0]
+    assert (asked.command, asked.param1) == (511, 93)
+
+
+def test_a_controller_gets_no_reading_before_it_is_in_hil(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    board = make_board(willing=False)
+    world = make_world(hardware(board.link), speed=1.0)
+    until(lambda: any("SYS_HITL" in note for note in world.externals.notes))
+    assert board.counts["SET_MODE"] >= 5
+    assert "HIL_SENSOR" not in board.counts
+    assert world.status().vehicles[0].mode == "waiting"
+
+
+def test_a_controller_that_is_armed_is_left_alone(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    board = make_board(base_mode=81 | ARMED)
+    world = make_world(hardware(board.link), speed=1.0)
+    until(lambda: any("armed outside HIL" in note for note in world.externals.notes))
+    until(lambda: len(world.externals.notes) >= 2)
+    assert "SET_MODE" not in board.counts
+
+
+def test_the_rest_of_the_line_is_for_ground_stations(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    board = make_board()
+    world = make_world(hardware(board.link), speed=1.0)
+    until(lambda: only(world).in_hil)
+    station = mavutil.mavlink_connection(only(world).urls[0], source_system=255)
+    try:
+        beat = station.recv_match(type="HEARTBEAT", blocking=True, timeout=20)
+        assert (beat.get_srcSystem(), beat.autopilot) == (1, 12)
+        station.mav.command_long_send(1, 1, 520, 0, 1, 0, 0, 0, 0, 0, 0)
+        until(lambda: any(m.command == 520 for m in board.heard.get("COMMAND_LONG", [])))
+        got = next(m for m in board.heard["COMMAND_LONG"] if m.command == 520)
+        assert got.get_srcSystem() == 255
+        # What belongs to the simulation stays on the line.
+        assert station.recv_match(type="HIL_ACTUATOR_CONTROLS", blocking=True, timeout=0.5) is None
+    finally:
+        station.close()
+    assert only(world).stream.controls > 10
+
+
+def test_it_is_unplugged_and_plugged_in_again(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    board = make_board()
+    world = make_world(hardware(board.link), speed=1.0)
+    until(lambda: only(world).stream.controls > 20)
+    board.unplug()
+    until(lambda: any("has gone" in note for note in world.externals.notes))
+    assert not only(world).connected
+    board.base_mode = 81
+    board.plug()
+    until(lambda: only(world).in_hil and only(world).stream.controls > 20)
+
+
+def test_a_device_that_is_not_there_yet_is_waited_for(
+    make_world: MakeWorld, make_board: MakeBoard, tmp_path: Path
+) -> None:
+    world = make_world(hardware(tmp_path / "ttyACM0"), speed=1.0)
+    assert any("waiting for" in note for note in world.externals.notes)
+    make_board()
+    until(lambda: only(world).in_hil)
+
+
+def test_what_is_no_serial_device_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadUrl, match="no serial device"), World([hardware(tmp_path / "file")]):
+        raise AssertionError("opened")
+
+
+@pytest.mark.parametrize("text", ["", ":921600", "/dev/ttyACM0:fast", "/dev/ttyACM0:12345", "/dev/ttyACM0:0"])
+def test_a_device_is_a_path_and_perhaps_a_rate(text: str) -> None:
+    with pytest.raises(BadUrl, match="PATH"):
+        parse_device(text)
+
+
+def test_readings_fit_the_line() -> None:
+    assert parse_device("/dev/ttyUSB0:57600") == ("/dev/ttyUSB0", 57600)
+    assert parse_device("/dev/ttyACM0") == ("/dev/ttyACM0", 921600)
+    assert fitting_hz("/dev/ttyACM0", 57600) == 250.0  # USB takes no notice
+    assert fitting_hz("/dev/ttyUSB0", 921600) == 250.0
+    assert fitting_hz("/dev/ttyUSB0", 115200) == pytest.approx(0.6 * 11520 / 76)
