@@ -21,6 +21,7 @@ from zmav.errors import BadConfig, BadInput, PortInUse, ZmavError
 from zmav.sim.remote import Failure, Reply, Request, answers
 
 LONGEST_LINE = 1 << 20
+MOST_UNREAD = 1 << 20  # bytes of answers that nobody has read: no more is done for such a caller
 
 
 class Offer(NamedTuple):
@@ -101,7 +102,14 @@ class Caller:
         connection.setblocking(False)
         selector.register(connection, selectors.EVENT_READ, self._ready)
 
+    @property
+    def _deaf(self) -> bool:
+        return len(self._out) >= MOST_UNREAD
+
     def _ready(self) -> None:
+        self._flush()
+        if not self._open or self._deaf:
+            return
         try:
             data = self._socket.recv(65536)
         except BlockingIOError:
@@ -112,11 +120,10 @@ class Caller:
             self.close()
             return
         self._in += data or b""
-        self._flush()
         self._next()
 
     def _next(self) -> None:
-        while self._open and not self._busy and b"\n" in self._in:
+        while self._open and not self._busy and not self._deaf and b"\n" in self._in:
             line, _, self._in = self._in.partition(b"\n")
             if line.strip():
                 self._take(line)
@@ -170,7 +177,7 @@ class Caller:
             while self._open and self._out:
                 self._out = self._out[self._socket.send(self._out) :]
         except BlockingIOError:
-            self._watch(selectors.EVENT_READ | selectors.EVENT_WRITE)
+            self._watch(selectors.EVENT_WRITE | (0 if self._deaf else selectors.EVENT_READ))
         except OSError:
             self.close()
         else:

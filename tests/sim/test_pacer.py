@@ -1,0 +1,104 @@
+"""The pacer: when ticks are due, by a wall clock that the tests turn."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from zmav.errors import BadConfig
+from zmav.sim.clock import MOST_BEHIND_S, Pacer
+
+
+class Wall:
+    """A wall clock that goes on only when told; each tick of the world takes ``cost`` seconds of it."""
+
+    def __init__(self, speed: float, cost: float = 0.0) -> None:
+        self.now, self.cpu, self.cost = 1000.0, 0.0, cost
+        self.pacer = Pacer(0.01, speed, lambda: self.now, lambda: self.cpu)
+        self.ticks = 0
+
+    def run(self, seconds: float) -> float:
+        """Tick whenever that is due, for so many wall seconds; gives simulated seconds."""
+        end, before = self.now + seconds, self.ticks
+        while self.now < end - 1e-9:
+            wait = self.pacer.wait_s()
+            if wait > 0.0:
+                self.now = min(self.now + wait, end)
+                continue
+            self.now += self.cost
+            self.cpu += self.cost
+            self.ticks += 1
+            self.pacer.ticked()
+        return (self.ticks - before) * 0.01
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_it_keeps_the_speed_asked_for(speed: float) -> None:
+    wall = Wall(speed, cost=0.001)
+    assert wall.run(10.0) == pytest.approx(10.0 * speed, abs=0.02)
+    assert wall.pacer.reached == pytest.approx(speed, rel=0.02)
+    assert wall.pacer.cpu_share == pytest.approx(0.1 * speed, rel=0.03)
+    assert not wall.pacer.behind
+    assert wall.pacer.given_up_s == 0.0
+
+
+def test_without_a_limit_nothing_is_waited_for() -> None:
+    wall = Wall(math.inf, cost=0.001)
+    assert wall.run(2.0) == pytest.approx(20.0, abs=0.02)
+    assert not wall.pacer.behind
+
+
+def test_too_slow_a_machine_is_behind_and_says_so() -> None:
+    wall = Wall(4.0, cost=0.005)  # it can do two times real time
+    assert wall.run(10.0) == pytest.approx(20.0, abs=0.05)
+    assert wall.pacer.behind
+    assert wall.pacer.reached == pytest.approx(2.0, rel=0.02)
+    assert wall.pacer.given_up_s == pytest.approx(5.0, abs=0.5)
+    wall.cost = 0.001
+    wall.run(3.0)
+    assert not wall.pacer.behind
+
+
+def test_a_short_delay_is_caught_up_with_and_a_long_one_is_not() -> None:
+    wall = Wall(1.0)
+    wall.run(1.0)
+    wall.now += MOST_BEHIND_S * 0.8
+    assert wall.run(1.0) == pytest.approx(1.0 + MOST_BEHIND_S * 0.8, abs=0.02)
+    wall.now += 3600.0  # the computer slept
+    assert wall.run(1.0) == pytest.approx(1.0, abs=0.02)
+    assert wall.pacer.given_up_s == pytest.approx(3600.0, abs=0.1)
+
+
+def test_a_pause_is_not_caught_up_with() -> None:
+    wall = Wall(2.0)
+    wall.run(1.0)
+    wall.pacer.pause()
+    assert wall.pacer.wait_s() == math.inf
+    assert wall.run(5.0) == 0.0
+    assert not wall.pacer.behind
+    wall.pacer.resume()
+    assert wall.run(1.0) == pytest.approx(2.0, abs=0.03)
+    assert wall.pacer.given_up_s == 0.0
+
+
+def test_steps_end_in_a_pause() -> None:
+    wall = Wall(1.0)
+    wall.pacer.pause()
+    wall.pacer.allow(25)
+    assert wall.pacer.stepping
+    assert wall.run(5.0) == pytest.approx(0.25)
+    assert wall.pacer.paused
+    assert not wall.pacer.stepping
+
+
+def test_another_speed_holds_at_once() -> None:
+    wall = Wall(1.0)
+    wall.run(10.0)
+    wall.pacer.set_speed(10.0)
+    assert wall.run(1.0) == pytest.approx(10.0, abs=0.1)
+    wall.pacer.set_speed(1.0)
+    assert wall.run(1.0) == pytest.approx(1.0, abs=0.02)
+    for speed in (0.0, -1.0, math.nan):
+        with pytest.raises(BadConfig, match="more than 0"):
+            wall.pacer.set_speed(speed)
