@@ -46,7 +46,7 @@ class Studio:
 
 
 def pinhole(frame: Frame, camera: SimCamera, points: Array) -> Array:
-    """(2, N): where the camera equation puts (3, N) points NED: K [R | t] and the textbook's distortion, written out."""
+    """(2, N): where the camera equation puts (3, N) points NED: K [R | t], and the textbook's distortion."""
     local = frame.rotation.T @ (points - np.array(frame.position)[:, None])
     x, y = local[0] / local[2], local[1] / local[2]
     k1, k2, p1, p2, k3 = camera.spec.distortion

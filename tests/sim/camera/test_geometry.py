@@ -38,7 +38,7 @@ def found_corners(frame: Frame, expected: Array) -> Array:
     Without the blur the finder itself is off by up to 0.16 px, also in a picture sampled 8 by 8 times a pixel.
     """
     grey = cv2.GaussianBlur(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY), (0, 0), 1.0)
-    start = np.ascontiguousarray(expected.T + [1.3, -1.1], dtype=np.float32).reshape(-1, 1, 2)
+    start = np.ascontiguousarray(expected.T + np.array([1.3, -1.1]), dtype=np.float32).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     found = cv2.cornerSubPix(grey, start, (5, 5), (-1, -1), criteria)
     return np.asarray(found, dtype=float).reshape(-1, 2).T
@@ -172,7 +172,8 @@ def letter(frame: Frame, camera: SimCamera, pad: PadSpec) -> tuple[Array, Array,
 def centroid(weight: Array) -> Array:
     """Column and row."""
     v, u = np.indices(weight.shape)
-    return np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+    middle: Array = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+    return middle
 
 
 PAD = PadSpec(symbol_m=0.25, shape="square", size_m=0.6, color="#f0f0f0", background="#101010")

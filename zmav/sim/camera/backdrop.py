@@ -95,9 +95,11 @@ class Backdrop:
         matrix = np.linalg.inv(shifted)
         part = image[y0:y1, x0:x1]
         if outline.shape[1] == 4 and (x1 - x0, y1 - y0) == (width, rows) and np.ptp(outline[0]) == width + 1.0:
-            cv2.warpPerspective(block, matrix, (width, rows), dst=part, flags=FLAGS, borderMode=cv2.BORDER_REPLICATE)
+            warped = cv2.warpPerspective(block, matrix, (width, rows), flags=FLAGS, borderMode=cv2.BORDER_REPLICATE)
+            cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR, dst=part)
             return
-        band = cv2.warpPerspective(block, matrix, (x1 - x0, y1 - y0), flags=FLAGS, borderMode=cv2.BORDER_REPLICATE)
+        warped = cv2.warpPerspective(block, matrix, (x1 - x0, y1 - y0), flags=FLAGS, borderMode=cv2.BORDER_REPLICATE)
+        band = cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR)
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
         corners = (outline[:2].T - (x0, y0)) * (1 << SHIFT)
         cv2.fillConvexPoly(mask, np.rint(corners).astype(np.int32), (255.0,), cv2.LINE_8, SHIFT)

@@ -32,7 +32,7 @@ Image = NDArray[np.uint8]
 Inside = Callable[[Callable[[], Poses]], Poses]
 DEFAULT_PORT = 8554
 MOST_SUBFRAMES = 16  # of a picture with motion blur
-BLUR_STEP_PX = 1.0  # how far the ground moves from one to the next
+BLUR_STEP_PX = 1.5  # how far the ground moves from one to the next
 
 
 class Frame(NamedTuple):

@@ -42,7 +42,7 @@ def dashes(x: Grid, period: float, length: float, s: float) -> Grid:
 def disc(x: Grid, y: Grid, radius: float, s: float) -> Grid:
     """A disc about the origin; one smaller than a texel counts with its area."""
     blur = max(s, 1e-9)
-    soft = np.clip(0.5 + (radius - np.hypot(x, y)) / blur, 0.0, 1.0)
+    soft = np.clip(0.5 + (radius - np.sqrt(x * x + y * y)) / blur, 0.0, 1.0)
     strength = min(1.0, math.pi * radius * radius / (blur * blur))
     result: Grid = soft * np.float32(strength)
     return result
@@ -50,11 +50,17 @@ def disc(x: Grid, y: Grid, radius: float, s: float) -> Grid:
 
 def turned(north: Grid, east: Grid, center: tuple[float, float], heading: float) -> tuple[Grid, Grid]:
     """Metres along ``heading`` (radians) from ``center``, and across it to the right."""
-    c, sn = math.cos(heading), math.sin(heading)
+    c, sn = np.float32(math.cos(heading)), np.float32(math.sin(heading))
     dn, de = north - np.float32(center[0]), east - np.float32(center[1])
     return dn * c + de * sn, de * c - dn * sn
 
 
 def over(below: Grid, alpha: Grid, color: Grid | tuple[float, float, float]) -> None:
     """Paint ``color`` with ``alpha`` (h, w) over ``below`` (h, w, 3), in place."""
-    below += (np.asarray(color, dtype=np.float32) - below) * alpha[..., None]
+    rows = np.flatnonzero(alpha.any(1))
+    if not rows.size:
+        return
+    part = slice(rows[0], rows[-1] + 1)  # most of the picture is often not painted at all
+    paint = np.asarray(color, dtype=np.float32)
+    paint = paint[part] if paint.ndim == 3 else paint
+    below[part] += (paint - below[part]) * alpha[part, :, None]

@@ -12,7 +12,7 @@ from zmav.sim.camera.coverage import Grid, box, dashes, disc, over, turned
 from zmav.sim.camera.materials import mean_color, paint, texel_m
 from zmav.sim.camera.scene import GroundKind
 from zmav.sim.camera.spec import PadSpec, bgr
-from zmav.sim.camera.sprites import Sprite, grid_of, sprite_of
+from zmav.sim.camera.sprites import Sprite, blank, grid_of, sprite_of
 from zmav.sim.dynamics.airframe import Rotor
 
 PAD_TEXELS = 1024
@@ -50,9 +50,8 @@ def pad_sprite(pad: PadSpec) -> Sprite:
     half = 0.5 * max(_extent(pad), pad.size_m if pad.shape != "none" else 0.0)
     texel = 2.0 * half / PAD_TEXELS
     ahead, right = grid_of(half, half, texel)
-    color = np.empty((*ahead.shape, 3))
+    color, alpha = blank(ahead, right)
     color[:] = bgr(pad.background)
-    alpha = np.zeros_like(ahead)
     paint_color = bgr(pad.color)
     if pad.shape in ("disc", "ring"):
         alpha = disc(ahead, right, pad.size_m / 2.0, texel)
@@ -133,7 +132,7 @@ def _copter_sprite(rotors: tuple[Rotor, ...], arm: float, radius: float, turning
     half = arm + radius + 0.02
     texel = 2.0 * half / FIGURE_TEXELS
     ahead, right = grid_of(half, half, texel)
-    color, alpha = np.zeros((*ahead.shape, 3)), np.zeros_like(ahead)
+    color, alpha = blank(ahead, right)
     for rotor in rotors:
         angle = math.atan2(rotor.right_m, rotor.forward_m)
         along, across = turned(ahead, right, (rotor.forward_m / 2.0, rotor.right_m / 2.0), angle)
@@ -158,7 +157,7 @@ def plane_figure(span: float, pad: PadSpec | None = None) -> Figure:
     half = 0.55 * span
     texel = 2.0 * half / FIGURE_TEXELS
     ahead, right = grid_of(half, half, texel)
-    color, alpha = np.zeros((*ahead.shape, 3)), np.zeros_like(ahead)
+    color, alpha = blank(ahead, right)
     white, red = (236.0, 238.0, 238.0), (40.0, 40.0, 205.0)
     _put(color, alpha, box(ahead + 0.08 * length, right, length / 2.0, 0.035 * span, texel), white)
     _put(color, alpha, box(ahead - 0.08 * length, right, 0.075 * span, span / 2.0, texel), white)
@@ -176,11 +175,11 @@ def roof_sprite(ground: GroundKind, size: tuple[float, float], seed: int) -> Spr
     texel = max(max(size) / ROOF_TEXELS, 0.004)
     ahead, right = grid_of(size[0] / 2.0, size[1] / 2.0, texel)
     level = max(round(math.log2(texel / texel_m(0))), 0)
-    color = paint(ground, seed + 1, level, 0, 0, ahead.shape[1], ahead.shape[0])
+    color = paint(ground, seed + 1, level, 0, 0, right.shape[1], len(ahead))
     rim = 1.0 - box(ahead, right, size[0] / 2.0 - 0.15, size[1] / 2.0 - 0.15, texel)
     base = mean_color(ground)
     over(color, rim, (0.62 * base[0], 0.62 * base[1], 0.62 * base[2]))
-    return sprite_of(color, np.ones_like(ahead), texel)
+    return sprite_of(color, np.ones(color.shape[:2], dtype=np.float32), texel)
 
 
 def _put(color: Grid, alpha: Grid, cover: Grid, paint_color: Vector) -> None:

@@ -10,6 +10,7 @@ import threading
 from collections import OrderedDict
 from itertools import pairwise
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +22,7 @@ Image = NDArray[np.uint8]
 
 TILE = 256  # texels
 TOP = 15  # the coarsest level: 33 m a texel
-MOST_TILES = 384  # 75 MB
+MOST_TILES = 384  # 100 MB
 PAINT = (222.0, 226.0, 226.0)  # of lines on roads
 LINE_M = 0.12
 DASH_M, DASH_PERIOD_M = 3.0, 9.0
@@ -46,15 +47,15 @@ class Ground:
         return mean_color(self.scene.ground)
 
     def block(self, level: int, x: int, y: int, columns: int, rows: int) -> Image:
-        """(rows * TILE, columns * TILE, 3) BGR: tiles ``x`` and on to the east, ``y`` and on to the south."""
-        out = np.empty((rows * TILE, columns * TILE, 3), dtype=np.uint8)
+        """(rows * TILE, columns * TILE, 4): tiles ``x`` and on to the east, ``y`` and on to the south."""
+        out = np.empty((rows * TILE, columns * TILE, 4), dtype=np.uint8)
         for j in range(rows):
             for i in range(columns):
                 out[j * TILE : (j + 1) * TILE, i * TILE : (i + 1) * TILE] = self.tile(level, x + i, y + j)
         return out
 
     def tile(self, level: int, x: int, y: int) -> Image:
-        """(TILE, TILE, 3) BGR."""
+        """(TILE, TILE, 4) BGR and a byte that is not used: OpenCV warps four bytes in half the time that three take."""
         key = (level, x, y)
         with self._lock:
             found = self._tiles.get(key)
@@ -91,8 +92,9 @@ class Ground:
             if min(_distance(a, b) for a, b in pairwise(points)) < near + road.width_m:
                 surface = paint(road.ground, self.seed, level, x, y, TILE, TILE)
                 _draw_road(road, points, picture, north, east, s, surface)
-        result: Image = np.clip(np.rint(picture), 0.0, 255.0).astype(np.uint8)
-        return result
+        np.clip(picture, 0.0, 255.0, out=picture)
+        tile: Image = cv2.cvtColor(np.rint(picture).astype(np.uint8), cv2.COLOR_BGR2BGRA).astype(np.uint8, copy=False)
+        return tile
 
 
 def _area(area: Area, center: tuple[float, float], north: Grid, east: Grid, s: float) -> Grid:

@@ -2,8 +2,8 @@
 
 A sprite is kept at falling sizes (a pyramid; Williams, "Pyramidal Parametrics", SIGGRAPH 1983), each the last one's
 by the root of 2, so that it can be drawn from any distance: with texels larger than a pixel it would be blurred, with
-much smaller ones its edges would be ragged, and up to a third of a pixel off their place. Colours are multiplied by their alpha beforehand (Porter and Duff, "Compositing
-Digital Images", SIGGRAPH 1984).
+much smaller ones its edges would be ragged, and up to a third of a pixel off their place. Colours are multiplied by
+their alpha beforehand (Porter and Duff, "Compositing Digital Images", SIGGRAPH 1984).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ Image = NDArray[np.uint8]
 NEAR_M = 0.02  # nothing nearer than that to the lens is drawn
 MARGIN = 2  # clear texels around every size of a picture: its edge then fades as any other
 SMALL = 0.12  # of the picture's area
+EDGE_ON = 1e-6  # determinant of a plane's projection below which nothing is seen of it
 SHIFT = 6  # bits of a pixel in OpenCV's drawing
 
 
@@ -68,16 +69,24 @@ def _resized(picture: Image, rows: float, columns: float) -> Image:
 
 def sprite_of(color: Grid, alpha: Grid, texel: float) -> Sprite:
     """From (h, w, 3) BGR 0 to 255 and (h, w) alpha 0 to 1."""
-    picture = np.dstack([color * alpha[..., None], alpha * 255.0])
-    return Sprite(np.clip(np.rint(picture), 0.0, 255.0).astype(np.uint8), texel)
+    picture = np.empty((*alpha.shape, 4), dtype=np.float32)
+    np.multiply(color, alpha[..., None], out=picture[..., :3])
+    picture[..., 3] = 255.0 * alpha
+    return Sprite(cv2.convertScaleAbs(picture).astype(np.uint8, copy=False), texel)  # rounds, and cuts off at 255
 
 
 def grid_of(half_ahead: float, half_right: float, texel: float) -> tuple[Grid, Grid]:
-    """Metres ahead and to the right of every texel's middle, of a picture that reaches so far."""
+    """(h, 1) metres ahead and (1, w) to the right of the texels' middles, of a picture that reaches so far."""
     rows, columns = max(round(2.0 * half_ahead / texel), 1), max(round(2.0 * half_right / texel), 1)
     ahead = ((rows - 1) / 2.0 - np.arange(rows, dtype=np.float64)) * texel
     right = (np.arange(columns, dtype=np.float64) - (columns - 1) / 2.0) * texel
-    return np.repeat(ahead[:, None], columns, 1), np.repeat(right[None, :], rows, 0)
+    return ahead.astype(np.float32)[:, None], right.astype(np.float32)[None, :]
+
+
+def blank(ahead: Grid, right: Grid) -> tuple[Grid, Grid]:
+    """Colours (h, w, 3) and alpha (h, w) of nothing yet, for the grid's texels."""
+    size = len(ahead), right.shape[1]
+    return np.zeros((*size, 3), dtype=np.float32), np.zeros(size, dtype=np.float32)
 
 
 def clip_near(points: Array, near: float = NEAR_M) -> Array:
@@ -118,7 +127,7 @@ def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = N
     corners = plane @ np.array([[a, a, -a, -a], [-r, r, r, -r], [1.0, 1.0, 1.0, 1.0]])
     seen = clip_near(corners)
     where = region(seen, (image.shape[1], image.shape[0]))
-    if where is None:
+    if where is None or abs(np.linalg.det(plane)) < EDGE_ON:
         return
     x0, y0, x1, y1 = where
     # What is small in the picture is drawn at twice its size and averaged: its edges are then within a hundredth.
@@ -127,11 +136,9 @@ def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = N
     first = 0.5 * (fine - 1)  # of the finer pixels whose middle is the first pixel's
     window = np.array([[fine, 0.0, first - fine * x0], [0.0, fine, first - fine * y0], [0.0, 0.0, 1.0]])
     to_picture = window @ plane @ sprite.placements[level]
-    if abs(np.linalg.det(to_picture)) < 1e-15:
-        return  # seen from its edge
     source = sprite.levels[level]
     if shadow is not None:
-        source = np.ascontiguousarray(source[..., 3])
+        source = cv2.extractChannel(source, 3).astype(np.uint8, copy=False)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     patch = cv2.warpPerspective(source, np.linalg.inv(to_picture), (fine * (x1 - x0), fine * (y1 - y0)), flags=flags)
     if fine > 1:
@@ -142,9 +149,9 @@ def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = N
     if shadow is not None:
         darken(target, patch.astype(np.uint8, copy=False), shadow)
         return
-    alpha = cv2.cvtColor(255 - patch[..., 3], cv2.COLOR_GRAY2BGR)
+    alpha = cv2.cvtColor(255 - cv2.extractChannel(patch, 3), cv2.COLOR_GRAY2BGR)
     cv2.multiply(target, alpha, dst=target, scale=1.0 / 255.0)
-    cv2.add(target, patch[..., :3], dst=target)
+    cv2.add(target, cv2.cvtColor(patch, cv2.COLOR_BGRA2BGR), dst=target)
 
 
 def darken(target: Image, cover: Image, share: float) -> None:
@@ -192,9 +199,8 @@ def _fixed(points: Array) -> NDArray[np.int32]:
 
 def _footprint(plane: Array, seen: Array) -> float:
     """Metres of the plane that a pixel about the middle of the points ``seen`` (3, N) takes."""
-    inverse = np.linalg.pinv(plane)
     center = seen.mean(1)
-    at = inverse @ np.array([center[0] / center[2], center[1] / center[2], 1.0])
+    at = np.linalg.inv(plane) @ np.array([center[0] / center[2], center[1] / center[2], 1.0])
     ahead, right = at[0] / at[2], at[1] / at[2]
     u, v, w = plane @ np.array([ahead, right, 1.0])
     j = (plane[:2, :2] - np.outer([u / w, v / w], plane[2, :2])) / w
