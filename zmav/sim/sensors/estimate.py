@@ -54,7 +54,7 @@ class Estimator:
         self.led: set[int] = set()  # vehicles whose filter has a say
         self._twist: Array | None = None
         self._vel_error: Array | None = None
-        self._settle()
+        self.settle()
         self.euler: Array = euler_from_quat(dynamics.q)
         self.force: Array = np.zeros((3, n))
         self.refresh()
@@ -76,7 +76,7 @@ class Estimator:
         """Once a tick: errors, Euler angles (3, N) and accelerometer reading ``force`` (3, N) m/s^2 body."""
         if self._sensors.tick(dt) and self._believes:
             self._belief.step()
-            self._settle()
+            self.settle()
         if self._astray:
             self._wander(dt)
         self.euler = euler_from_quat(self.q)
@@ -114,9 +114,9 @@ class Estimator:
             self.led.add(index)
         else:
             self.led.discard(index)
-        self._settle()
+        self.settle()
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
         """See what differs from the truth, after a change."""
         self._astray = bool(self.led) or self._sensors.wanders or self._baro_height
         self._vel_error = self._belief.value[:3] + self.slip if self._believes or self.slip.any() else None
@@ -201,7 +201,7 @@ class Belief:
     def slide(self, north: float, east: float) -> None:
         """The velocity is off by that, m/s; without a GPS to follow the position goes with it."""
         self._estimate.slip[:2, self._index] = north, east
-        self._estimate._settle()
+        self._estimate.settle()
 
     def reset_position(self) -> None:
         """Take the GPS's solution for true at once; velocity as well."""
@@ -211,6 +211,7 @@ class Belief:
         self.slide(0.0, 0.0)
         est.offset[:2, i] = est.target()[:2, i]
         north, east = (est.offset[:2, i] - before).tolist()
+        est.refresh()  # so that controllers see no error between the old place and the new target
         est.jumped(i, (north, east, 0.0))
 
     def reset_height(self) -> None:
@@ -219,6 +220,7 @@ class Belief:
         before = float(est.offset[2, i])
         self.follow_height()
         est.offset[2, i] = est.target()[2, i]
+        est.refresh()
         est.jumped(i, (0.0, 0.0, float(est.offset[2, i]) - before))
 
     def turn(self, error: float, *, reset: bool = False) -> None:
@@ -226,6 +228,7 @@ class Belief:
         est, i = self._estimate, self._index
         by = error - float(est.yaw_error[i])
         est.yaw_error[i] = error
-        est._settle()
+        est.settle()
+        est.refresh()
         if reset and by:
             est.turned(i, by)

@@ -135,8 +135,15 @@ class SensorSuite:
         pos = self._body.pos + self.gps_error + row[:3] * noise.gps_white_m
         vel = self._body.vel + row[3:] * noise.gps_speed_mps
         self._epochs.append(_Epoch(self.time_s, pos, vel))
-        while len(self._epochs) > 1 and self._epochs[1].time_s <= self.time_s - noise.gps_delay_s:
+        while len(self._epochs) > 1 and self._epochs[1].time_s <= self.time_s - noise.gps_delay_s + 1e-6:
             self._epochs.popleft()
+
+    def _latest(self) -> _Epoch:
+        """The last solution that has come out by now."""
+        for epoch in reversed(self._epochs):
+            if epoch.time_s <= self.time_s - self.noise.gps_delay_s + 1e-6:
+                return epoch
+        return self._epochs[0]
 
     def _trouble(self, index: int) -> None:
         lost = bool(self.troubles.gps_lost[index])
@@ -263,7 +270,7 @@ class SensorSuite:
         """The latest solution of one receiver; without one, the fix type says so and the place is the last known."""
         troubles, noise = self.troubles, self.noise
         if self._epochs:
-            time_s, where, speed = self._epochs[0]
+            time_s, where, speed = self._latest()
             pos, vel = where[:, index].tolist(), speed[:, index].tolist()
         else:
             time_s = self.time_s
