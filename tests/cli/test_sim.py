@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import io
+import os
 import re
+import signal
 import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
+from rich.console import Console
 
+from tests.cli.conftest import Here
+from zmav.cli.sim.line import StatusLine, world_words
 from zmav.mavlink import Splitter, decode, load_dialect
 from zmav.mavlink.dialect import Dialect
+from zmav.sim import VehicleStatus, WorldStatus
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Here, StartProcess
+    from tests.cli.conftest import StartProcess
     from tests.conftest import Net
 
 PATIENCE_S = 30.0
@@ -59,6 +71,204 @@ def test_sim_says_what_cannot_be(start: StartProcess, here: type[Here]) -> None:
         assert sim.wait() == 1
         assert f"127.0.0.1:{number} is in use by another program" in sim.stderr
     assert "expected ardupilot, tcp, tcp:[HOST:]PORT" in str(here().fails("sim", "--endpoint", "serial:0").error)
+
+
+# ---- words to a running simulator
+
+
+@pytest.fixture
+def sim(start: StartProcess, tmp_path: Path) -> Sim:
+    """A simulator of two copters and a PX4 at ten times real time, with a control socket of its own."""
+    return Sim(start, tmp_path / "one.sock", "--copters", "2", "--px4", "1", "--speed", "10")
+
+
+class Sim:
+    """A simulator's process, and the verbs that talk to it."""
+
+    def __init__(self, start: StartProcess, control: Path, *arguments: str) -> None:
+        self.control = control
+        self.process = start("sim", *arguments, "--endpoint", "tcp:0", "--control", str(control))
+        self.process.expect("(system id ")
+        self.zmav = Here("--control", str(control))
+
+    def status(self) -> dict[str, Any]:
+        (line,) = self.zmav("sim", "status", "--json").lines
+        return line
+
+
+def test_the_clock_is_told_from_outside(sim: Sim) -> None:
+    assert re.fullmatch(r"\d+\.\d s simulated, paused\n", sim.zmav("sim", "pause").out)
+    before = sim.status()
+    assert before["paused"]
+    sim.zmav("sim", "step", "2.5")
+    after = sim.status()
+    assert after["time_s"] == pytest.approx(before["time_s"] + 2.5)
+    assert "(max)" in sim.zmav("sim", "speed", "max").out + sim.zmav("sim", "resume").out
+    assert sim.status()["speed"] is None
+    sim.zmav("sim", "speed", "3")
+    assert sim.status()["speed"] == 3.0
+    assert not sim.status()["paused"]
+    sim.zmav("sim", "stop")
+    assert sim.process.wait() == 0
+    assert not sim.control.exists()
+
+
+def test_the_status_is_a_table_and_json(sim: Sim) -> None:
+    vehicles = sim.status()["vehicles"]
+    assert [(v["name"], v["sysid"], v["kind"], v["autopilot"]) for v in vehicles] == [
+        ("copter1", 1, "copter", "arducopter"),
+        ("copter2", 2, "copter", "arducopter"),
+        ("px4-1", 3, "px4", "px4"),
+    ]
+    table = sim.zmav("sim", "status").out
+    assert all(v["name"] in table and v["url"] in table and v["mode"] in table for v in vehicles)
+    assert "s simulated at ×" in table.splitlines()[-1]
+
+
+def test_two_simulators_are_told_apart(sim: Sim, start: StartProcess, tmp_path: Path) -> None:
+    other = Sim(start, tmp_path / "two.sock", "--rovers", "1")
+    assert [v["kind"] for v in other.status()["vehicles"]] == ["rover"]
+    assert len(sim.status()["vehicles"]) == 3
+    third = start("sim", "--endpoint", "tcp:0", "--control", str(sim.control))
+    assert third.wait() == 1
+    assert f"another simulator has the control socket {sim.control}" in third.stderr
+    sim.process.popen.kill()
+    sim.process.wait()
+    assert "no simulator listens" in str(Here("--control", str(sim.control)).fails("sim", "status").error)
+    again = Sim(start, sim.control)  # what the killed one left is no hindrance
+    assert len(again.status()["vehicles"]) == 1
+    assert again.process.stop(2) == 0
+    assert not sim.control.exists()
+
+
+def test_words_that_make_no_sense(sim: Sim, here: type[Here]) -> None:
+    assert "expected a number" in str(sim.zmav.fails("sim", "speed", "fast").error)
+    assert "expected 0.01 to" in str(sim.zmav.fails("sim", "step", "0").error)
+    for words in (("sim", "dance"), ("sim", "--speed", "3", "pause"), ("sim", "--copters", "251")):
+        here().misused(*words)
+    assert sim.status()["vehicles"]
+
+
+def test_what_is_asked_of_a_world_is_checked_first(here: type[Here], tmp_path: Path) -> None:
+    file = tmp_path / "fleet.toml"
+    file.write_text('[vehicles.q]\nlink = "tcp:127.0.0.1:5760"\nsim = { airfraem = "hexa" }\n')
+    for words, expected in (
+        (("--home", "47,8"), "expected LAT,LON,AMSL,HEADING"),
+        (("--wind", "strong"), "expected SPEED"),
+        (("--speed", "fast"), "expected a number"),
+        (("--fleet", str(file)), f"{file}: Object contains unknown field `airfraem` (at vehicles.q.sim)"),
+        (("--fleet", str(tmp_path / "none.toml")), "none.toml"),
+    ):
+        assert expected in str(here().fails("sim", *words).error)
+
+
+def test_one_file_starts_the_simulator_and_says_where_agents_find_it(start: StartProcess, tmp_path: Path) -> None:
+    file = tmp_path / "fleet.toml"
+    file.write_text(
+        f"""
+        [sim]
+        speed = 5
+        [vehicles.quad1]
+        link = "{tmp_path}/tty,57600"
+        sysid = 7
+        sim = {{ airframe = "hexa" }}
+        [vehicles.real]
+        link = "/dev/ttyACM0"
+        """
+    )
+    control = str(tmp_path / "s")
+    sim = start("sim", "--fleet", str(file), "--px4", "1", "--endpoint", "tcp:0", "--control", control)
+    assert sim.expect("quad1 (system id 7): ").endswith(f"{tmp_path}/tty,57600")
+    sim.expect("px4-1 (system id 2): tcp:127.0.0.1:")
+    (status,) = Here("--control", control)("sim", "status", "--json").lines
+    assert [(v["name"], v["airframe"]) for v in status["vehicles"]] == [("quad1", "hexa"), ("px4-1", "sih")]
+    assert status["speed"] == 5.0
+    assert sim.stop() == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"fleet.toml"}
+
+
+@pytest.mark.parametrize("words", [("47.4", "8.5", "488", "-90"), ("47.4,8.5,488,-90",)])
+def test_home_in_four_words_or_one(start: StartProcess, tmp_path: Path, words: tuple[str, ...]) -> None:
+    sim = Sim(start, tmp_path / "one.sock", "--home", *words, "--planes", "1")
+    (plane,) = sim.status()["vehicles"]
+    assert plane["heading_deg"] == pytest.approx(270.0, abs=1.0)
+
+
+def test_it_flies_on_when_nobody_reads_what_it_says(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    control = tmp_path / "one.sock"
+    command = (sys.executable, "-m", "zmav", "sim", "--endpoint", "tcp:0", "--control", str(control))
+    with subprocess.Popen(command, stdout=writer, stderr=subprocess.PIPE, text=True) as sim:
+        os.close(writer)
+        try:
+            while not control.exists():
+                assert sim.poll() is None
+            assert Here("--control", str(control))("sim", "status", "--json").lines
+        finally:
+            sim.send_signal(signal.SIGTERM)
+        _, said = sim.communicate(timeout=PATIENCE_S)
+        assert (sim.returncode, said) == (0, "")
+
+
+# ---- the live line
+
+
+def test_one_line_says_it_all(make_status: Callable[..., WorldStatus]) -> None:
+    words = world_words(make_status())
+    assert words.startswith(
+        "61 s simulated at ×3.9, BEHIND the ×4 asked for | 2 copter, 1 rover | 2 armed, 1 flying | "
+    )
+    assert "GUIDED 2, HOLD 1 | 5 clients | faults quad2: gps-loss | FAILED ugv | CPU 42 %, load " in words
+    assert "in lock step" in world_words(make_status(lockstep=True))
+    assert world_words(make_status(paused=True)).startswith("61.0 s simulated, paused | ")
+    assert world_words(make_status(speed=None, behind=False)).startswith("61 s simulated at ×3.9 (max) | ")
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_it_is_shown_while_the_world_runs(
+    make_status: Callable[..., WorldStatus], monkeypatch: pytest.MonkeyPatch, terminal: bool
+) -> None:
+    monkeypatch.setattr("zmav.cli.sim.line.PLAIN_EVERY_S", 0.01)
+    shown = threading.Event()
+
+    class Screen(io.StringIO):
+        def write(self, text: str) -> int:
+            if "61 s simulated" in text:
+                shown.set()
+            return super().write(text)
+
+    screen = Screen()
+    with StatusLine(make_status, Console(file=screen, force_terminal=terminal, width=400)) as line:
+        assert shown.wait(PATIENCE_S)
+        line.say("[copter1] has failed")
+    assert "[copter1] has failed" in screen.getvalue()
+    assert ("\x1b[" in screen.getvalue()) == terminal
+
+
+@pytest.fixture
+def make_status() -> Callable[..., WorldStatus]:
+    def make(**changes: Any) -> WorldStatus:
+        usual = VehicleStatus(
+            name="quad1", sysid=1, kind="copter", autopilot="arducopter", airframe="quad", url="", mode="GUIDED",
+            armed=True, landed=False, ready=True, ned_m=(0.0, 0.0, 0.0), height_m=0.0, speed_mps=0.0, heading_deg=0.0,
+            battery_pct=100, links=1,
+        )  # fmt: skip
+        replace = msgspec.structs.replace
+        world = WorldStatus(
+            time_s=61.0, speed=4.0, speed_reached=3.9, behind=True, cpu_share=0.42, clients=5,
+            vehicles=(
+                usual,
+                replace(usual, name="quad2", landed=True, faults=("gps-loss",)),
+                replace(usual, name="ugv", kind="rover", mode="HOLD", armed=False, failed="a defect"),
+            ),
+        )  # fmt: skip
+        return replace(world, **changes)
+
+    return make
+
+
+# ---- recordings
 
 
 def test_replay_plays_a_recording_to_its_end(start: StartProcess, net: Net, shared_data: Path) -> None:

@@ -155,7 +155,8 @@ class SimVehicle:
     def status(self) -> VehicleStatus:
         copter, s = self.brain, self.brain.sense
         params = copter.params
-        capacity = params["BATT_CAPACITY"] if "BATT_CAPACITY" in params else copter.power.pack.capacity_mah
+        told = "BATT_CAPACITY" in params
+        capacity = params["BATT_CAPACITY"] if told else copter.power.pack.capacity_mah
         return VehicleStatus(
             name=self.name,
             sysid=self.sysid,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from rich.console import Console
 from rich.live import Live
+from rich.text import Text
 
 from zmav.sim.status import WorldStatus
 
@@ -72,7 +73,7 @@ class StatusLine:
     def __enter__(self) -> StatusLine:
         if self._console.is_terminal:
             self._live = Live(
-                get_renderable=lambda: world_words(self._status()), console=self._console,
+                get_renderable=self._line, console=self._console,
                 refresh_per_second=REFRESH_HZ, transient=True,
             )  # fmt: skip
             self._live.start()
@@ -80,6 +81,9 @@ class StatusLine:
             self._thread = threading.Thread(target=self._write, name="zmav-sim-line", daemon=True)
             self._thread.start()
         return self
+
+    def _line(self) -> Text:
+        return Text(world_words(self._status()), no_wrap=True, overflow="ellipsis")
 
     def _write(self) -> None:
         while not self._over.wait(PLAIN_EVERY_S):
