@@ -9,7 +9,7 @@ import math
 import selectors
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +19,9 @@ from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, build
 from zmav.sim.calls import Calls
 from zmav.sim.camera.cameras import Cameras, SimCamera
+from zmav.sim.camera.cast import cast, equip
 from zmav.sim.camera.scene import Scene
+from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import Wiring, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
@@ -61,7 +63,7 @@ class World:
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
     ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`; ``gps_noise_m``: standard deviation
     per axis. ``epoch_s``: UTC at the start. ``scene``: what
-    cameras see on the ground (:mod:`zmav.sim.camera`).
+    cameras see on the ground (:mod:`zmav.sim.camera`); ``cameras``, ``pads``: more of them, by vehicles' names.
 
     ``with World(copters=3) as world:`` opens the endpoints and runs it in a thread of its own; :meth:`open` and
     :meth:`run` do so in the caller's; :meth:`step` advances without any clock. Raises :class:`BadConfig`,
@@ -91,6 +93,8 @@ class World:
         gps_noise_m: float = 0.0,
         epoch_s: float | None = None,
         scene: Scene | None = None,
+        cameras: Mapping[str, CameraSpec] | None = None,
+        pads: Mapping[str, PadSpec] | None = None,
     ) -> None:
         numbers = {"spacing_m": spacing_m, "ready_s": ready_s, "gps_noise_m": gps_noise_m, "wind": sum(map(abs, wind))}
         for field, value in numbers.items():
@@ -102,6 +106,7 @@ class World:
         counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
         self.environment = Environment(wind, terrain, gusts)
         specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
+        specs = equip(specs, cameras or {}, pads or {})
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
         reached = addresses([_first_of(spec.endpoints, default, usual(spec)) for spec in specs])
         own = [i for i, spec in enumerate(specs) if spec.stack is None]
@@ -130,10 +135,9 @@ class World:
         self._faults = Faults(self, seed)
         self._squads: list[Squad] = list({id(squad): squad for squad, _ in built}.values())
         self.cameras: Cameras | None = None
-        if any(spec.camera is not None for spec in self._specs):
-            self.cameras = Cameras(
-                self.vehicles, scene or Scene(), self.environment.terrain, seed, self.epoch_s, self._inside
-            )
+        if any(spec.camera is not None for spec in specs):
+            actors = cast(specs, self.vehicles, self.externals.vehicles)
+            self.cameras = Cameras(actors, scene or Scene(), self.environment.terrain, seed, self.epoch_s, self._inside)
         self._selector = selectors.DefaultSelector()
         self.say: Callable[[str], None] = lambda text: None
         """takes what a person should know, a line at a time"""

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from zmav.errors import BadConfig, BadInput
 from zmav.sim.arrays import Array, Flags
+from zmav.sim.camera.cast import Actor
 from zmav.sim.camera.poses import Poses
 from zmav.sim.camera.projection import View, camera_matrix, camera_rotation, quat_matrix
 from zmav.sim.camera.scene import Scene, check_scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
+from zmav.sim.dynamics.body import Body
 from zmav.sim.environment import Terrain
 from zmav.sim.fleets.base import Fleet
-from zmav.sim.vehicle import SimVehicle
 
 if TYPE_CHECKING:
     from zmav.sim.camera.figures import Figure
@@ -170,7 +171,7 @@ class Cameras:
     """
 
     def __init__(
-        self, vehicles: Sequence[SimVehicle], scene: Scene, terrain: Terrain, seed: int, epoch_s: float, inside: Inside
+        self, actors: Sequence[Actor], scene: Scene, terrain: Terrain, seed: int, epoch_s: float, inside: Inside
     ) -> None:
         if importlib.util.find_spec("cv2") is None:
             raise BadConfig(
@@ -182,11 +183,10 @@ class Cameras:
         self.terrain = terrain
         self.seed = seed
         self.epoch_s = epoch_s
-        specs = [(i, v.name, v.spec.camera) for i, v in enumerate(vehicles)]
-        self.all = [SimCamera(name, i, spec, self) for i, name, spec in specs if spec is not None]
-        self._vehicles = vehicles
+        self.all = [SimCamera(a.name, i, a.camera, self) for i, a in enumerate(actors) if a.camera is not None]
+        self._actors = actors
         self._inside = inside
-        self._fleets = _columns(vehicles)
+        self._fleets = _columns(actors)
         self._lock = threading.Lock()
         self._ground: Ground | None = None
         self._figures: list[Figure] | None = None
@@ -211,7 +211,7 @@ class Cameras:
 
     def snapshot(self) -> Poses:
         """Where everything is now."""
-        n = len(self._vehicles)
+        n = len(self._actors)
         pos, vel, q, rate = np.empty((3, n)), np.empty((3, n)), np.empty((4, n)), np.empty((3, n))
         spinning: Flags = np.zeros(n, dtype=bool)
         for fleet, seats, columns in self._fleets:
@@ -261,35 +261,34 @@ class Cameras:
             if self._figures is None:
                 known: dict[tuple[int, PadSpec | None], Figure] = {}
                 self._figures = []
-                for vehicle in self._vehicles:
-                    pad, fleet = vehicle.spec.pad, vehicle.node.seat.fleet
-                    key = id(fleet), pad
+                for actor in self._actors:
+                    key = id(actor.fleet), actor.pad
                     if key not in known:
-                        known[key] = _figure(fleet, pad)
+                        known[key] = _figure(actor.fleet.dynamics, actor.pad)
                     self._figures.append(known[key])
             return self._figures
 
 
-def _columns(vehicles: Sequence[SimVehicle]) -> list[tuple[Fleet, list[int], list[int]]]:
+def _columns(actors: Sequence[Actor]) -> list[tuple[Fleet, list[int], list[int]]]:
     """Each fleet with its columns, and whose they are in the world's order."""
     found: dict[int, tuple[Fleet, list[int], list[int]]] = {}
-    for i, vehicle in enumerate(vehicles):
-        seat = vehicle.node.seat
-        _, seats, columns = found.setdefault(id(seat.fleet), (seat.fleet, [], []))
-        seats.append(seat.index)
+    for i, actor in enumerate(actors):
+        _, seats, columns = found.setdefault(id(actor.fleet), (actor.fleet, [], []))
+        seats.append(actor.column)
         columns.append(i)
     return list(found.values())
 
 
-def _figure(fleet: Fleet, pad: PadSpec | None) -> Figure:
+def _figure(body: Body, pad: PadSpec | None) -> Figure:
     from zmav.sim.camera.figures import copter_figure, plane_figure, rover_figure
-    from zmav.sim.dynamics.airframe import Airframe
-    from zmav.sim.dynamics.roverframe import RoverFrame
+    from zmav.sim.dynamics.copter import CopterDynamics
+    from zmav.sim.dynamics.plane import PlaneDynamics
+    from zmav.sim.dynamics.rover import RoverDynamics
 
-    frame = getattr(fleet, "airframe", None)
-    if isinstance(frame, RoverFrame):
-        size = (frame.length_m, frame.width_m, frame.height_m)
-        return rover_figure(size, frame.wheelbase_m, frame.track_m, pad)
-    if isinstance(frame, Airframe):
-        return copter_figure(frame.rotors, pad)
-    return plane_figure(getattr(frame, "span_m", 1.9), pad)
+    if isinstance(body, RoverDynamics):
+        frame = body.frame
+        return rover_figure((frame.length_m, frame.width_m, frame.height_m), frame.wheelbase_m, frame.track_m, pad)
+    if isinstance(body, PlaneDynamics):
+        return plane_figure(body.wing.span_m, pad)
+    assert isinstance(body, CopterDynamics), body
+    return copter_figure(body.airframe.rotors, pad)
