@@ -30,7 +30,11 @@ def options() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("-I", type=int, default=0, dest="instance")
     parser.add_argument("--defaults", default="")
     parser.add_argument("--sim-port-out", type=int, default=9002)
-    return parser.parse_known_args()
+    words = sys.argv[1:]
+    if "--home" in words:  # a southern latitude looks like an option
+        at = words.index("--home")
+        words[at : at + 2] = [f"--home={words[at + 1]}"]
+    return parser.parse_known_args(words)
 
 
 def params(files: str) -> dict[str, float]:

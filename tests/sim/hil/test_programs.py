@@ -1,0 +1,247 @@
+"""Users' own flight stacks: found, started, watched and ended. Their place is taken by a protocol peer that flies."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from tests.sim.hil.conftest import MakeWorld, peer_params, until
+from zmav.cli.sim.stacks import stack_vehicles
+from zmav.errors import BadConfig
+from zmav.sim import Home, VehicleSpec, World
+from zmav.sim.geo import Position
+from zmav.sim.hil.binaries import find_ardupilot, find_px4, px4_job
+from zmav.sim.hil.craft import craft
+from zmav.sim.spec import Stack
+
+
+def flown(tree: Path, name: str | None = None, directory: Path | None = None, **stack: Any) -> VehicleSpec:
+    kept = str(directory) if directory else None
+    return VehicleSpec(name=name, stack=Stack(program=str(tree), port=0, directory=kept, **stack))
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def started(directory: Path) -> Any:
+    return json.loads((directory / "started.json").read_text(encoding="ascii"))
+
+
+class TestFlight:
+    def test_programs_of_a_tree_fly_one_a_vehicle(self, make_world: MakeWorld, tree: Path, tmp_path: Path) -> None:
+        peer_params(tree, PEER_RATE=200)
+        home = Home(47.0, 8.0, 400.0, 90.0)
+        world = make_world(
+            flown(tree, directory=tmp_path, instance=7),
+            flown(tree, directory=tmp_path, instance=8),
+            home=home,
+        )
+        until(lambda: all(v.ned_m[2] < -4.0 for v in world.status().vehicles))
+        first, second = started(tmp_path / "copter1"), started(tmp_path / "copter2")
+        assert Path(first["cwd"]) == tmp_path / "copter1"
+        argv = first["argv"]
+        assert argv[argv.index("--home") + 1] == "47.0000000,8.0000000,400.00,90"
+        assert argv[argv.index("--sysid") + 1] == "1"
+        assert "-I7" in argv and "-I8" in second["argv"]
+        assert second["argv"][second["argv"].index("--sysid") + 1] == "2"
+        # Ten metres to the east of the first: its home is its own start.
+        assert second["argv"][second["argv"].index("--home") + 1].startswith("47.0000000,8.00013")
+        assert [v.url for v in world.status().vehicles] == ["tcp:127.0.0.1:5830", "tcp:127.0.0.1:5840"]
+
+    def test_the_frame_is_told_after_the_trees_own_defaults(
+        self, make_world: MakeWorld, tree: Path, tmp_path: Path
+    ) -> None:
+        peer_params(tree, PEER_RATE=123, FRAME_CLASS=99)
+        make_world(flown(tree, directory=tmp_path))
+        log = tmp_path / "copter1/output.log"
+        until(lambda: b"starts with" in log.read_bytes())
+        assert "'PEER_RATE': 123.0, 'FRAME_CLASS': 1.0" in log.read_text()
+
+    def test_files_nobody_keeps_are_gone_at_the_end(self, make_world: MakeWorld, tree: Path) -> None:
+        world = make_world(flown(tree))
+        until(lambda: world.status().vehicles[0].mode == "external")
+        directory = Path(f"/proc/{world.externals.pids()['copter1']}/cwd").readlink()
+        assert directory.is_dir()
+        world.close()
+        assert not directory.exists()
+
+    def test_own_physics_are_only_started(self, make_world: MakeWorld, tree: Path, tmp_path: Path) -> None:
+        world = make_world(flown(tree, directory=tmp_path, own_physics=True), speed=4.0)
+        until(lambda: (tmp_path / "copter1/started.json").exists())
+        until(lambda: started(tmp_path / "copter1"))
+        argv = started(tmp_path / "copter1")["argv"]
+        assert argv[argv.index("--model") + 1] == "+"
+        assert argv[argv.index("--speedup") + 1] == "4"
+        assert world.status().vehicles[0].mode == "external"
+
+
+class TestEnds:
+    def test_one_that_dies_is_said_and_the_others_fly_on(
+        self, make_world: MakeWorld, tree: Path, tmp_path: Path
+    ) -> None:
+        other = tmp_path / "other"
+        shutil.copytree(tree, other)
+        peer_params(other, PEER_DIES=50)
+        peer_params(tree, PEER_RATE=200)
+        world = make_world(flown(other, "doomed"), flown(tree, "other"))
+        until(lambda: world.status().vehicles[1].ned_m[2] < -4.0)
+        until(lambda: any("doomed" in note and "exit status 3" in note for note in world.externals.notes))
+        (said,) = [note for note in world.externals.notes if "has ended" in note]
+        assert "peer dies as it was told" in said
+        doomed, other_one = world.status().vehicles
+        assert (doomed.mode, doomed.armed, doomed.failed) == ("ended", False, "exit status 3")
+        assert (other_one.mode, other_one.failed) == ("external", None)
+
+    def test_they_end_with_the_world(self, make_world: MakeWorld, tree: Path) -> None:
+        world = make_world(flown(tree), flown(tree))
+        until(lambda: all(v.mode == "external" for v in world.status().vehicles))
+        pids = list(world.externals.pids().values())
+        assert all(alive(pid) for pid in pids)
+        world.close()
+        assert not any(alive(pid) for pid in pids)
+
+    def test_they_end_with_a_simulator_that_is_killed(self, tree: Path, tmp_path: Path) -> None:
+        code = (
+            "import sys, time\n"
+            "from zmav.sim import VehicleSpec, World\n"
+            "from zmav.sim.spec import Stack\n"
+            f"stack = Stack(program={str(tree)!r}, port=0, directory={str(tmp_path)!r})\n"
+            "with World([VehicleSpec(stack=stack)], epoch_s=0.0):\n"
+            "    time.sleep(60)\n"
+        )
+        simulator = subprocess.Popen([sys.executable, "-c", code])
+        try:
+            file = tmp_path / "copter1/started.json"
+            until(lambda: file.exists() and file.read_text())
+            pid = started(tmp_path / "copter1")["pid"]
+            assert alive(pid)
+        finally:
+            simulator.send_signal(signal.SIGKILL)
+            simulator.wait()
+        until(lambda: not alive(pid))
+
+
+class TestFinding:
+    def test_a_program_is_found_by_itself_and_in_its_trees(self, tree: Path) -> None:
+        binary = tree / "build/sitl/bin/arducopter"
+        for path in (binary, tree, tree / "build/sitl", tree / "build/sitl/bin"):
+            assert find_ardupilot(path, "arducopter") == binary
+
+    def test_px4_too(self, tmp_path: Path) -> None:
+        binary = tmp_path / "build/px4_sitl_default/bin/px4"
+        binary.parent.mkdir(parents=True)
+        binary.write_text("#!/bin/sh\n")
+        binary.chmod(0o755)
+        for path in (tmp_path, tmp_path / "build/px4_sitl_default", binary):
+            assert find_px4(path) == binary
+
+    def test_what_is_missing_is_said_before_anything_is_opened(self, tree: Path, tmp_path: Path) -> None:
+        with pytest.raises(BadConfig, match=r"arduplane.*build/sitl/bin/arduplane.*waf"):
+            find_ardupilot(tree, "arduplane")
+        with pytest.raises(BadConfig, match=r"no px4: .*make px4_sitl_default"):
+            find_px4(tmp_path)
+        with pytest.raises(BadConfig, match="there is no"):
+            World([flown(tmp_path / "nowhere")])
+        with pytest.raises(BadConfig, match="is ardurover"):
+            find_ardupilot(tree / "build/sitl/bin/ardurover", "arducopter")
+
+    def test_a_file_that_may_not_be_executed_is_said(self, tree: Path) -> None:
+        binary = tree / "build/sitl/bin/arducopter"
+        binary.chmod(stat.S_IRUSR)
+        with pytest.raises(BadConfig, match="may not be executed"):
+            find_ardupilot(tree, "arducopter")
+
+    def test_a_program_that_cannot_run_is_said_with_its_reason(self, make_world: MakeWorld, tree: Path) -> None:
+        (tree / "build/sitl/bin/arducopter").write_text("#!/no/such/interpreter\n")
+        world = make_world(flown(tree))
+        until(lambda: any("has ended" in note for note in world.externals.notes))
+        assert any("No such file" in note for note in world.externals.notes)
+
+    def test_px4_is_started_with_its_instance_and_home(self, tmp_path: Path) -> None:
+        job = px4_job(
+            tmp_path / "bin/px4", craft("sih"), instance=3, sysid=4, home=Position(47.0, 8.0, 400.0), heading_deg=-90.0,
+            own_physics=False, speed=2.0,
+        )  # fmt: skip
+        assert job.command == [str(tmp_path / "bin/px4"), "-i", "3"]
+        assert job.urls == ("udpin:127.0.0.1:14543",)
+        told = job.environment
+        assert (told["PX4_SIM_MODEL"], told["PX4_SYS_AUTOSTART"]) == ("none_iris", "10016")
+        assert (told["PX4_HOME_LAT"], told["PX4_HOME_ALT"], told["PX4_HOME_YAW"]) == ("47.0000000", "400.00", "270")
+        assert (told["PX4_SIM_SPEED_FACTOR"], told["PX4_SIM_HOST_ADDR"]) == ("2", "127.0.0.1")
+        assert "PX4_PARAM_MAV_SYS_ID" not in told
+
+    def test_px4_has_no_sitl_frame_for_our_hexarotor(self, tmp_path: Path) -> None:
+        with pytest.raises(BadConfig, match="'sih'"):
+            px4_job(
+                tmp_path, craft("hexa"), instance=0, sysid=1, home=Position(0.0, 0.0, 0.0), heading_deg=0.0,
+                own_physics=False, speed=1.0,
+            )  # fmt: skip
+
+
+NOTHING: dict[str, Any] = {
+    "px4": (), "ardupilot": None, "stacks": (), "devices": (), "own_physics": False, "instance": None, "keep": None,
+}  # fmt: skip
+
+
+class TestOptions:
+    def vehicles(self, given: dict[str, Any], **counts: int) -> tuple[list[VehicleSpec], dict[str, int]]:
+        all_counts = {"copter": 0, "hexa": 0, "rover": 0, "plane": 0, **counts}
+        return stack_vehicles(all_counts, {**NOTHING, **given}), all_counts
+
+    def test_a_number_of_px4s_is_of_embedded_ones_and_a_path_flies_them(self) -> None:
+        assert self.vehicles({"px4": ("2",)}) == ([], {"copter": 0, "hexa": 0, "rover": 0, "plane": 0, "px4": 2})
+        specs, counts = self.vehicles({"px4": ("/px4", "3")})
+        assert counts["px4"] == 0
+        assert [(s.autopilot, s.stack and s.stack.program) for s in specs] == [("px4", "/px4")] * 3
+        assert len(self.vehicles({"px4": ("/px4",)})[0]) == 1
+
+    def test_an_ardupilot_flies_what_is_counted_and_else_what_it_is_for(self) -> None:
+        specs, counts = self.vehicles({"ardupilot": "/a", "instance": 5}, copter=2, rover=1)
+        assert [(s.autopilot, s.stack and s.stack.instance) for s in specs] == [
+            ("arducopter", 5),
+            ("arducopter", 6),
+            ("ardurover", 7),
+        ]
+        assert not any(counts.values())
+        assert [s.autopilot for s in self.vehicles({"ardupilot": "/a/ardurover"})[0]] == ["ardurover"]
+
+    def test_others_may_connect_by_themselves_or_by_a_serial_line(self) -> None:
+        specs, _ = self.vehicles({"stacks": ("ardupilot:hexa", "px4"), "devices": ("/dev/ttyACM0",)})
+        assert [(s.autopilot, s.airframe) for s in specs] == [("arducopter", "hexa"), ("px4", None), ("px4", None)]
+        assert [s.stack and s.stack.device for s in specs] == [None, None, "/dev/ttyACM0"]
+
+    @pytest.mark.parametrize(
+        ("given", "message"),
+        [
+            ({"px4": ("/a", "/b")}, "one path"),
+            ({"px4": ("900",)}, "at most"),
+            ({"stacks": ("betaflight",)}, "ardupilot or px4"),
+            ({"stacks": ("ardupilot:boat",)}, "hexa"),
+            ({"own_physics": True}, "--ardupilot PATH"),
+        ],
+    )
+    def test_what_makes_no_sense_is_said(self, given: dict[str, Any], message: str) -> None:
+        with pytest.raises(BadConfig, match=message):
+            self.vehicles(given)
+
+    def test_the_command_line_says_what_is_missing(self, tmp_path: Path) -> None:
+        from zmav.cli.sim import command
+
+        result = CliRunner().invoke(command, ["--ardupilot", str(tmp_path)])
+        assert isinstance(result.exception, BadConfig)
+        assert "build/sitl/bin/arducopter" in str(result.exception)
