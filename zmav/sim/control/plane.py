@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp
+from zmav.sim.arrays import Array, Flags, clamp, wrap_pi
 from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.l1 import L1
 from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, RATE, ROLL, Flown, PlaneTargets
@@ -90,7 +90,8 @@ class PlaneControl:
         by_path = t.lateral >= LINE
         steep = np.cos(clamp(euler[1], -math.pi / 3.0, math.pi / 3.0))
         bank = np.arctan(self.l1.accel / (GRAVITY * steep))
-        self.roll = clamp(np.where(by_path, bank, t.roll), -t.roll_limit, t.roll_limit)
+        wanted = np.where(by_path, bank, t.roll)
+        self.roll = np.where(t.lateral >= ROLL, clamp(wanted, -t.roll_limit, t.roll_limit), wanted)
         self._keep_flying(airspeed)
         load = 1.0 / np.cos(clamp(np.abs(self.roll), 0.0, math.radians(85.0)))
         self.tecs.update(-est.pos[2], -est.vel[2], euler[1], euler[0], load, self.eas2tas, dt)
@@ -114,7 +115,9 @@ class PlaneControl:
         scale = clamp(g["SCALING_SPEED"] / eas, low, high)
         by_energy = t.upright == ENERGY
         self.pitch = np.where(by_energy, self.tecs.pitch, t.pitch)
-        roll_rate = clamp((self.roll - euler[0]) / g["RLL2SRV_TCONST"], *_rates(g["RLL2SRV_RMAX"], g["RLL2SRV_RMAX"]))
+        roll_rate = clamp(
+            wrap_pi(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *_rates(g["RLL2SRV_RMAX"], g["RLL2SRV_RMAX"])
+        )
         roll_rate = np.where(t.lateral == RATE, t.p, roll_rate)
         pitch_rate = self._pitch_rate(euler, airspeed)
         idle = t.idle

@@ -20,10 +20,11 @@ class Lateral(enum.IntEnum):
 
     DIRECT = 0  # the aileron, as given
     RATE = 1
-    ROLL = 2
-    LINE = 3  # from one place to another
-    CIRCLE = 4  # about a place
-    HEADING = 5
+    BANK = 2  # without limits
+    ROLL = 3
+    LINE = 4  # from one place to another
+    CIRCLE = 5  # about a place
+    HEADING = 6
 
 
 class Upright(enum.IntEnum):
@@ -220,8 +221,9 @@ class PlaneHandle:
         """Sticks on top of what the controllers do, and at their ends instead of it; until the next :meth:`pitch`."""
         self._t.mixing[:, self._i] = aileron, elevator
 
-    def roll(self, angle: float) -> None:
-        self._t.lateral[self._i], self._t.roll[self._i] = Lateral.ROLL, angle
+    def roll(self, angle: float, *, hard: bool = False) -> None:
+        """Hold a bank; ``hard``: any, whatever the limits and the airspeed."""
+        self._t.lateral[self._i], self._t.roll[self._i] = Lateral.BANK if hard else Lateral.ROLL, angle
         self._t.auto_rudder[self._i] = True
 
     def pitch(self, angle: float) -> None:

@@ -25,7 +25,7 @@ from zmav.sim.environment import Terrain
 SINK_M = 0.01  # how far a wheel presses into the ground under a third of the weight
 GROUND_DAMPING = 0.7  # damping ratio of a vertical bounce
 FRICTION = 0.7  # Coulomb coefficient across a wheel, and of everything that is no wheel
-ROLLING = 0.05  # along a wheel
+ROLLING = 0.12  # along a wheel, on grass
 SLIP_SPEED = 0.2  # m/s below which friction is taken as viscous
 STEERING = 0.3  # rad, of the nose wheel at full rudder
 CONTACT_REACH_M = 1.5  # wheels are looked at below this height
@@ -95,12 +95,14 @@ class PlaneDynamics:
 
     @property
     def stand_m(self) -> float:
-        """How high the centre of mass is over level ground, standing on the wheels."""
+        """How high the centre of mass is over the ground, standing on the wheels. Positions are told of the point
+        that far below it, so that a standing plane is where the ground is.
+        """
         return max(w.down_m for w in self.wing.wheels if w.rolls)
 
     def _height(self) -> Array:
         """Of the wheels of an upright plane over the ground, metres."""
-        result: Array = self.terrain.down(self.pos[0], self.pos[1]) - self.pos[2] - self.stand_m
+        result: Array = self.terrain.down(self.pos[0], self.pos[1]) - self.pos[2]
         return result
 
     def _stand(self) -> None:
@@ -199,7 +201,7 @@ class PlaneDynamics:
         pos = self.pos[:, index]
         up = np.array(self.terrain.normal)
         ground = self.terrain.down(pos[0] + points[0], pos[1] + points[1])
-        depth = (points[2] + pos[2] - ground) * -up[2]
+        depth = (points[2] + pos[2] - self.stand_m - ground) * -up[2]
         touching = depth > 0.0
         now = touching.any(0)
         first = now & ~self.contact[index]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.ardupilot.sensorchecks import sensor_faults
+
 if TYPE_CHECKING:
     from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
@@ -22,9 +24,7 @@ def mandatory_faults(vehicle: ArduVehicle) -> list[str]:
 
 def prearm_faults(vehicle: ArduVehicle) -> list[str]:
     """What the checks that always run find, in the mode it is in; empty: the pre-arm bit of SYS_STATUS is set."""
-    faults = mandatory_faults(vehicle)
-    if not faults and not vehicle.boot.has("prearm"):
-        faults = ["AHRS not healthy"]
+    faults = vehicle.waking_faults()
     if not faults and not vehicle.armed:
         faults = _state_faults(vehicle)
     return faults
@@ -40,6 +40,7 @@ def _state_faults(vehicle: ArduVehicle) -> list[str]:
     enabled, lowest = vehicle.RADIO_PARAMS
     if params[enabled] and vehicle.rc.pwm[2] < params[lowest]:
         found.append("Throttle below failsafe")
+    found += sensor_faults(vehicle)
     found += vehicle.battery.faults()
     if vehicle.rc.lost:
         found.append("Radio failsafe on")

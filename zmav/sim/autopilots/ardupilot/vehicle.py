@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.arming import arming_faults, prearm_faults
+from zmav.sim.autopilots.ardupilot.arming import arming_faults, mandatory_faults, prearm_faults
 from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Flag, Stage
 from zmav.sim.autopilots.ardupilot.ekf import Ekf3
 from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
@@ -36,6 +36,7 @@ from zmav.sim.protocol.params import ParamStore
 EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)  # MAV_SEVERITY
 
 PREARM_REMINDER_S = 30.0
+TICK_S = 0.01
 FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
 NAV_WAYPOINT = 16  # MAV_CMD
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
@@ -188,6 +189,11 @@ class ArduVehicle(ABC):
         """Look at a point of the world's NED with what can be turned; None: no longer."""
         if self.payload.gimbal.present:
             self.payload.gimbal.point(place)
+
+    def waking_faults(self) -> list[str]:
+        """What is not ready yet after a boot, as arming is told."""
+        faults = mandatory_faults(self)
+        return faults if faults or self.boot.has("prearm") else ["AHRS not healthy"]
 
     def forget_mission(self) -> None:
         """It was disarmed: the mission begins anew."""
@@ -435,11 +441,11 @@ class ArduVehicle(ABC):
             self._wake(stage)
         self.rc.update()
         self.follow_switch()
-        self._ticks += 1
+        self._ticks += max(round(dt / TICK_S), 1)
         if self._ticks % FENCE_EVERY == 0:
             self.fence.update()
         if self._ticks % SLOW_EVERY == 0:
-            self.watch(dt * SLOW_EVERY)
+            self.watch(TICK_S * SLOW_EVERY)
         if not self.armed:
             self._remind()
             self.mode.idle()

@@ -49,8 +49,8 @@ class Leg(ABC):
 
     @property
     def place(self) -> Vector:
-        """What the item leaves open is where the plane is."""
-        return self.plane.place_of(self.item, self.plane.here)
+        """Without a place of its own an item means where the plane is."""
+        return self.plane.place_of(self.item, self.plane.here if self.item.here else None)
 
 
 class Takeoff(Leg):
@@ -58,7 +58,7 @@ class Takeoff(Leg):
 
     def begin(self) -> None:
         plane = self.plane
-        self._height = -plane.place_of(self.item, plane.here)[2]
+        self._height = -self.place[2]
         pitch = math.radians(self.item.p1) if self.item.p1 > 0 else NO_PITCH
         plane.launch.begin(self._height + plane.home_world[2], pitch)
         plane.way.end = *plane.here[:2], -self._height
@@ -139,6 +139,11 @@ class LoiterForever(Leg):
     def begin(self) -> None:
         self.plane.way.go(self.place)
         self.plane.way.counter_clockwise |= self._radius < 0
+
+    @property
+    def place(self) -> Vector:
+        """Where and how high the plane is, for what the item leaves open."""
+        return self.plane.place_of(self.item, self.plane.here)
 
     @property
     def _radius(self) -> float:

@@ -29,6 +29,7 @@ class PlaneMode(Mode):
 
     needs_position: ClassVar[bool] = False
     armable: ClassVar[bool] = True
+    throttle_to_arm: ClassVar[float] = 1.0
     auto_throttle: ClassVar[bool] = False
     navigates: ClassVar[bool] = False  # somewhere by itself
     captures_direction: ClassVar[bool] = False  # the first course flown in it is AUTOLAND's
@@ -127,11 +128,24 @@ class Acro(PlaneMode):
     number, name, by_pilot, manual_throttle = 4, "ACRO", True, True
     captures_direction = True
 
+    def enter(self) -> None:
+        self._held: tuple[float, float] = (self.plane.sense.roll, self.plane.sense.pitch)
+
+    def _lock(self, roll: float, pitch: float) -> None:
+        plane, s = self.plane, self.plane.sense
+        self._held = (self._held[0] if roll == 0.0 else s.roll, self._held[1] if pitch == 0.0 else s.pitch)
+        if roll == 0.0:
+            plane.sp.roll(self._held[0], hard=True)
+        if pitch == 0.0:
+            plane.sp.pitch(self._held[1])
+
     def fly(self) -> None:
         plane = self.plane
         roll = plane.stick_roll * math.radians(plane.params["ACRO_ROLL_RATE"])
         pitch = plane.stick_pitch * math.radians(plane.params["ACRO_PITCH_RATE"])
         plane.sp.rates(roll, pitch)
+        if plane.params["ACRO_LOCKING"]:
+            self._lock(roll, pitch)
         plane.sp.yaw(plane.stick_yaw)
         plane.sp.power(plane.stick_throttle)
 
@@ -229,7 +243,7 @@ class Cruise(FlyByWireB):
 
 
 class Rtl(PlaneMode):
-    number, name, auto_throttle, navigates = 11, "RTL", True, True
+    number, name, auto_throttle, navigates, armable = 11, "RTL", True, True, False
 
     def enter(self) -> None:
         plane = self.plane

@@ -130,6 +130,25 @@ class ArduPlane(ArduVehicle):
             self._flying = 0.0
         return done
 
+    def waking_faults(self) -> list[str]:
+        """In ArduPlane's words and order."""
+        has = self.boot.has
+        if not has("initialised"):
+            return ["System not initialised"]
+        if has("prearm"):
+            return [] if self.mode.allows_arming() else [f"{self.mode.name} mode not armable"]
+        checks = (
+            (True, "Gyros inconsistent" if has("aligned") else "Accels inconsistent"),
+            (not has("ekf_started"), "AHRS: waiting for home"),
+            (not has("airspeed"), "Airspeed: 1 pre-flight calibration in progress"),
+        )
+        return [text for failed, text in checks if failed]
+
+    def forget_mission(self) -> None:
+        """In AUTO it goes on where it was."""
+        if self.mode is not self.auto:
+            self.mission.reset()
+
     def param_changed(self, name: str, value: float) -> None:
         if name in GAINS:
             self.sp.gain(name, value)
@@ -279,6 +298,7 @@ class ArduPlane(ArduVehicle):
             self.throttle_suppressed = True
         mode.enter()
         self.beat()
+        self.fence.mode_changed()
 
     def land_by_mission(self) -> bool:
         """Go on with the nearest DO_LAND_START of the mission; False where there is none."""

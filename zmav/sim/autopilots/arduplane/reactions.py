@@ -46,7 +46,7 @@ class PlaneReactions(Reactions):
     def radio_changed(self, lost: bool) -> None:
         plane = self._plane
         plane.say(_WARNING, f"Throttle failsafe {'on' if lost else 'off'}")
-        self._lost_at = plane.now - plane.params["FS_SHORT_TIMEOUT"] if lost else None
+        self._lost_at = plane.now - plane.rc.silent_s if lost else None
 
     def update(self) -> None:
         """Ten times a second."""
@@ -75,7 +75,7 @@ class PlaneReactions(Reactions):
 
     def _short(self) -> None:
         plane = self._plane
-        self.state, self._before = "short", plane.mode.number
+        self.state, self._before, self._lost_at = "short", plane.mode.number, plane.now
         action = int(plane.params["FS_SHORT_ACTN"])
         target = {SHORT_FBWA: FBWA, SHORT_FBWB: FBWB}.get(action, CIRCLE)
         number = plane.mode.number

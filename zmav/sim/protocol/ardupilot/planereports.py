@@ -173,7 +173,14 @@ def extended_sys_state(node: MavNode) -> Fields:
     return {"landed_state": 4 if plane.landing.active or plane.mode.is_landing else 2}
 
 
+def fence_status(node: MavNode) -> Fields | None:
+    """What is done about a breach is not told."""
+    fields = status.fence_status(node)
+    return None if fields is None else {**fields, "breach_mitigation": 0}
+
+
 REPORTS: dict[str, Report] = {
+    "FENCE_STATUS": fence_status,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
     "VFR_HUD": vfr_hud,
