@@ -157,6 +157,16 @@ class Belief:
         return math.hypot(*self._sensors.field[:2])
 
     @property
+    def field_difference_mg(self) -> float:
+        """Between the field that the compass shows, by the estimate's attitude, and the one there should be: the larger
+        of its parts to the north and the east, milligauss.
+        """
+        angle = self.yaw_error - self.compass_turn
+        north, east, _ = self._sensors.field
+        c, s = math.cos(angle), math.sin(angle)
+        return 1000.0 * max(abs(north * c - east * s - north), abs(north * s + east * c - east))
+
+    @property
     def compass_turn(self) -> float:
         return float(self._sensors.troubles.compass_turn[self._index])
 

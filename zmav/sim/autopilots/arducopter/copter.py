@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from zmav.sim.autopilots.arducopter.auto import Auto
+from zmav.sim.autopilots.arducopter.crash import ANGLE_ERROR_DEG, CrashCheck
 from zmav.sim.autopilots.arducopter.guided import Guided
 from zmav.sim.autopilots.arducopter.heading import Heading
 from zmav.sim.autopilots.arducopter.modes import AltHold, Brake, Land, Loiter, Rtl, Stabilize
@@ -85,6 +86,7 @@ class ArduCopter(ArduVehicle):
     def on_power(self) -> None:
         self._quiet_since: float | None = None
         self._idle_since = self._landed_at = self.now
+        self.crash_check = CrashCheck(self)
         self._choose_speeds()
         self.sp.spool(Spool.OFF)
 
@@ -193,6 +195,7 @@ class ArduCopter(ArduVehicle):
 
     def watch(self, dt: float) -> None:
         super().watch(dt)
+        self.crash_check.update(dt)
         if self.armed:
             if self.rc.throttle > 0.03:
                 self.auto_armed = True
@@ -211,7 +214,8 @@ class ArduCopter(ArduVehicle):
                 self.landed = False
                 self._quiet_since = None
             return
-        if sense.contact and sense.throttle < LOW_THRUST_SHARE * self.airframe.hover_throttle and abs(sense.vd) < 1.0:
+        quiet = sense.throttle < LOW_THRUST_SHARE * self.airframe.hover_throttle and abs(sense.vd) < 1.0
+        if sense.contact and quiet and self.crash_check.off_deg <= ANGLE_ERROR_DEG:
             self._quiet_since = self.now if self._quiet_since is None else self._quiet_since
             if self.now - self._quiet_since >= LANDED_AFTER_S:
                 self.landed = True

@@ -32,7 +32,7 @@ class CrashCheck:
         if not copter.armed or copter.landed or not copter.params["FS_CRASH_CHECK"] or copter.mode.number == _ACRO:
             self._lasting = 0.0
             return
-        off = self._off_deg()
+        off = self.off_deg
         lean = math.degrees(math.acos(min(max(math.cos(s.roll) * math.cos(s.pitch), -1.0), 1.0)))
         speed = math.sqrt(s.vn * s.vn + s.ve * s.ve + s.vd * s.vd)
         crashed = self._accel < ACCEL_MAX and lean > LEAN_DEG and off > ANGLE_ERROR_DEG and speed < SPEED_MAX
@@ -44,7 +44,8 @@ class CrashCheck:
             )
             copter.disarm(forced=True)
 
-    def _off_deg(self) -> float:
+    @property
+    def off_deg(self) -> float:
         """Between the attitude and the one asked for."""
         s = self._copter.sense
         dot = s.qw * s.want_qw + s.qx * s.want_qx + s.qy * s.want_qy + s.qz * s.want_qz

@@ -49,6 +49,11 @@ class Ekf3:
         """Steer the estimate of the body that the vehicle sits in."""
         self._belief = belief
 
+    @property
+    def belief(self) -> Belief | None:
+        """What it steers, once it sits in a body."""
+        return self._belief
+
     def power_on(self) -> None:
         """Start from nothing."""
         now = self._vehicle.now
@@ -101,9 +106,15 @@ class Ekf3:
         return flags | Flag.GPS_GLITCHING if self.glitching else flags
 
     @property
+    def threshold(self) -> float:
+        """FS_EKF_THRESH; 0 for a kind that has none."""
+        params = self._vehicle.params
+        return params["FS_EKF_THRESH"] if "FS_EKF_THRESH" in params else 0.0  # noqa: SIM401 - it is no dict
+
+    @property
     def beyond(self) -> bool:
         """Two of compass, velocity and position are beyond FS_EKF_THRESH, or velocity alone by twice that."""
-        limit = self._vehicle.params["FS_EKF_THRESH"]
+        limit = self.threshold
         if limit <= 0:
             return False
         velocity = self.ratios["velocity"]

@@ -1,0 +1,277 @@
+"""Motors, battery, radio, links, and autopilots that hang or start anew: from a ground station's desk."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import pytest
+
+from tests.sim.conftest import Desk, MakeDesk
+from zmav.errors import BadInput
+from zmav.sim import VehicleSpec
+
+GUIDED, LAND, RTL, STABILIZE = 4, 9, 6, 0
+
+
+@pytest.fixture
+def aloft(make_desk: MakeDesk) -> Desk:
+    desk = make_desk()
+    desk.take_off(10.0)
+    desk.clear()
+    return desk
+
+
+class TestMotor:
+    def test_a_quadrotor_without_one_comes_down(self, aloft: Desk) -> None:
+        aloft.world.fault("copter1", "motor", number=2)
+        lean = 0.0
+        for _ in range(15):
+            aloft.world.step(0.1)
+            sense = aloft.vehicle.brain.sense
+            lean = max(lean, abs(sense.roll), abs(sense.pitch))
+        assert lean > 1.0
+        aloft.world.step(12.0)
+        texts = aloft.texts()
+        assert any(text.startswith("SIM Hit ground at ") for text in texts)
+        assert any(text.startswith("Crash: Disarming: AngErr=") for text in texts)
+        assert aloft.last("HEARTBEAT")["base_mode"] & 128 == 0
+
+    def test_a_weak_one_is_made_up_for(self, aloft: Desk) -> None:
+        aloft.world.fault("copter1", "motor", number=1, efficiency=0.85)
+        aloft.world.step(5.0)
+        assert aloft.near(0.0, 0.0, -10.0, within=1.0)
+        outputs = aloft.last("SERVO_OUTPUT_RAW")
+        assert outputs["servo1_raw"] > outputs["servo2_raw"] + 20
+        aloft.world.clear()
+        aloft.world.step(5.0)
+        outputs = aloft.last("SERVO_OUTPUT_RAW")
+        assert abs(outputs["servo1_raw"] - outputs["servo2_raw"]) < 20
+
+    def test_sitls_own_parameters_do_the_same(self, aloft: Desk) -> None:
+        aloft.send("PARAM_SET", param_id="SIM_ENGINE_MUL", param_value=0.9, param_type=9)
+        aloft.send("PARAM_SET", param_id="SIM_ENGINE_FAIL", param_value=4, param_type=9)
+        assert aloft.vehicle.node.seat.fleet.efficiency[:, 0].tolist() == [1.0, 1.0, pytest.approx(0.9), 1.0]
+        aloft.send("PARAM_SET", param_id="SIM_ENGINE_FAIL", param_value=0, param_type=9)
+        assert aloft.vehicle.node.seat.fleet.efficiency.min() == 1.0
+
+    def test_there_is_no_fifth(self, aloft: Desk) -> None:
+        with pytest.raises(BadInput, match="no motor 5; expected 1 to 4") as refused:
+            aloft.world.fault("copter1", "motor", number=5)
+        assert refused.value.detail["field"] == "number"
+        assert aloft.world.faults() == []
+
+
+class TestBattery:
+    def test_a_collapse_trips_the_failsafe(self, make_desk: MakeDesk) -> None:
+        params = {"BATT_FS_LOW_ACT": 2, "BATT_LOW_VOLT": 11.0, "BATT_LOW_TIMER": 2}
+        desk = make_desk([VehicleSpec(params=params)])
+        desk.take_off(10.0)
+        before = desk.last("SYS_STATUS")["voltage_battery"]
+        desk.world.fault("copter1", "battery", left_percent=2.0)
+        desk.world.step(3.0)
+        assert desk.last("SYS_STATUS")["voltage_battery"] < 11_000 < before
+        assert any(text.startswith("Battery 1 is low") for text in desk.texts())
+        assert desk.last("HEARTBEAT")["custom_mode"] == RTL
+
+    def test_it_is_mended_by_another_pack(self, aloft: Desk) -> None:
+        before = aloft.last("SYS_STATUS")["voltage_battery"]
+        aloft.world.fault("copter1", "battery", left_percent=10.0)
+        aloft.world.step(1.0)
+        assert aloft.last("SYS_STATUS")["voltage_battery"] < before - 500
+        aloft.world.clear()
+        aloft.world.step(1.0)
+        assert aloft.last("SYS_STATUS")["voltage_battery"] == pytest.approx(before, abs=60)
+
+    def test_a_bad_plug_sags_with_the_current(self, aloft: Desk) -> None:
+        before = aloft.last("SYS_STATUS")["voltage_battery"]
+        aloft.world.fault("copter1", "battery", left_percent=100.0, ohm=0.02)
+        aloft.world.step(1.0)
+        status = aloft.last("SYS_STATUS")
+        assert before - status["voltage_battery"] == pytest.approx(0.02 * status["current_battery"] * 10, abs=80)
+
+
+class TestRadio:
+    def test_the_failsafe_follows_and_ends(self, make_desk: MakeDesk) -> None:
+        desk = make_desk()
+        desk.take_off(10.0)
+        desk.world.fault("copter1", "rc-loss", for_s=3.0)
+        desk.world.step(2.0)
+        assert "Radio Failsafe" in desk.texts()
+        assert desk.last("HEARTBEAT")["custom_mode"] == RTL
+        desk.world.step(2.0)
+        assert "Radio Failsafe Cleared" in desk.texts()
+
+
+class TestFrozen:
+    def test_it_says_and_hears_nothing_and_holds_its_outputs(self, aloft: Desk) -> None:
+        outputs = aloft.vehicle.node.seat.outputs()
+        uptime = aloft.last("SYSTEM_TIME")["time_boot_ms"]
+        aloft.world.fault("copter1", "frozen")
+        aloft.clear()
+        aloft.send("COMMAND_LONG", command=176, param1=1, param2=LAND)
+        aloft.goto(50.0, 0.0, -10.0)
+        aloft.world.step(3.0)
+        assert aloft.frames == []
+        assert aloft.vehicle.node.seat.outputs() == outputs
+        assert aloft.world.clear("copter1", "frozen") == 1
+        aloft.world.step(1.0)
+        assert aloft.all("HEARTBEAT")
+        assert aloft.last("HEARTBEAT")["custom_mode"] == GUIDED
+        assert aloft.last("SYSTEM_TIME")["time_boot_ms"] >= uptime + 3900  # its clock has run on
+        assert aloft.vehicle.copter.armed
+
+    def test_the_watchdog_resets_it(self, aloft: Desk) -> None:
+        aloft.world.fault("copter1", "frozen", watchdog_s=1.5)
+        aloft.world.step(1.4)
+        assert aloft.frames == []
+        aloft.world.step(1.0)
+        assert "ArduPilot Ready" in aloft.texts()
+        assert aloft.world.faults() == []
+        assert aloft.last("SYSTEM_TIME")["time_boot_ms"] < 1100
+        assert not aloft.vehicle.copter.armed
+
+
+class TestReboot:
+    def test_in_flight_it_falls_and_starts_anew(self, aloft: Desk) -> None:
+        aloft.send("COMMAND_LONG", command=511, param1=30.0, param2=1e5)
+        aloft.world.step(1.0)
+        last = aloft.frames[-1].seq
+        assert last > 5
+        aloft.clear()
+        assert [f.kind for f in aloft.world.fault("copter1", "reboot")] == ["reboot"]
+        assert aloft.world.faults() == []
+        aloft.world.step(0.1)
+        assert [frame.seq for frame in aloft.frames[:3]] == [0, 1, 2]
+        assert aloft.last("HEARTBEAT")["base_mode"] & 128 == 0
+        assert aloft.last("HEARTBEAT")["custom_mode"] != GUIDED
+        assert aloft.vehicle.node.seat.outputs() == [0.0] * 4
+        aloft.clear()
+        aloft.world.step(2.5)
+        assert aloft.all("ATTITUDE") == []  # nobody has asked for it since
+        assert any(text.startswith("SIM Hit ground at 1") for text in aloft.texts())
+        assert "EKF3 IMU0 is using GPS" in aloft.texts()
+
+    def test_a_px4_likewise(self, make_desk: MakeDesk) -> None:
+        desk = make_desk([VehicleSpec(autopilot="px4")], ready_s=0.5)
+        desk.world.step(2.0)
+        count = len(desk.frames)
+        assert count > 100
+        desk.clear()
+        desk.world.fault(desk.vehicle.name, "reboot")
+        desk.world.step(0.1)
+        assert desk.frames[0].seq == 0
+        assert desk.vehicle.px4.uptime == pytest.approx(0.1, abs=0.02)
+
+
+class TestLinks:
+    def streaming(self, make_desk: MakeDesk, **options: Any) -> Desk:
+        desk = make_desk(**options)
+        desk.until(lambda: desk.vehicle.copter.position_ok)
+        desk.send("COMMAND_LONG", command=511, param1=30.0, param2=2e4)
+        desk.world.step(1.0)
+        desk.clear()
+        desk.splitter.counters.lost = desk.splitter.counters.bad_crc = 0
+        return desk
+
+    def test_loss(self, make_desk: MakeDesk) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-loss", percent=30.0, direction="down")
+        desk.world.step(20.0)
+        assert len(desk.all("ATTITUDE")) == pytest.approx(700, abs=60)
+        assert desk.splitter.counters.lost == pytest.approx(300, abs=70)
+
+    def test_cut_both_ways_and_back(self, make_desk: MakeDesk) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-cut")
+        desk.send("COMMAND_LONG", command=176, param1=1, param2=GUIDED)
+        desk.world.step(2.0)
+        assert desk.frames == []
+        assert desk.vehicle.copter.mode.number == STABILIZE
+        desk.world.clear()
+        assert desk.command(176, 1, GUIDED) == 0
+
+    @pytest.mark.parametrize(("direction", "heard", "obeyed"), [("up", True, False), ("down", False, True)])
+    def test_one_direction(self, make_desk: MakeDesk, direction: str, heard: bool, obeyed: bool) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-cut", direction=direction)
+        desk.send("COMMAND_LONG", command=176, param1=1, param2=GUIDED)
+        desk.world.step(1.0)
+        assert bool(desk.all("ATTITUDE")) is heard
+        assert (desk.vehicle.copter.mode.number == GUIDED) is obeyed
+
+    def test_delay_both_ways(self, make_desk: MakeDesk) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-delay", ms=300.0)
+        start = desk.world.time_s
+        desk.send("TIMESYNC", tc1=0, ts1=77)
+        desk.until(lambda: bool([m for m in desk.all("TIMESYNC") if m["ts1"] == 77]))
+        assert desk.world.time_s - start == pytest.approx(0.6, abs=0.1)
+        ages = [desk.vehicle.copter.uptime * 1000 - m["time_boot_ms"] for m in desk.all("ATTITUDE")[-1:]]
+        assert ages[0] == pytest.approx(300.0, abs=120.0)
+        assert desk.splitter.counters.lost == 0
+
+    def test_jitter_lets_frames_overtake_each_other(self, make_desk: MakeDesk) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-delay", ms=200.0, jitter_ms=150.0)
+        desk.world.step(3.0)
+        numbers = [frame.seq for frame in desk.frames]
+        assert any((b - a) % 256 > 128 for a, b in itertools.pairwise(numbers))
+        desk.world.clear()
+        desk.world.step(1.0)
+        desk.clear()
+        desk.world.step(1.0)
+        numbers = [frame.seq for frame in desk.frames]
+        assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
+
+    def test_duplication(self, make_desk: MakeDesk) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-duplication", percent=100.0)
+        desk.world.step(2.0)
+        numbers = [frame.seq for frame in desk.frames]
+        assert numbers[::2] == numbers[1::2]
+
+    def test_corruption_is_caught_by_the_checksum(self, make_desk: MakeDesk) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-corruption", percent=20.0, direction="down")
+        desk.world.step(10.0)
+        counters = desk.splitter.counters
+        assert 300 < len([frame for frame in desk.frames if frame.verified]) < 480
+        assert counters.bad_crc > 20
+
+    def test_a_link_that_opens_later_suffers_too(self, make_desk: MakeDesk, another_desk: type[Desk]) -> None:
+        desk = self.streaming(make_desk)
+        desk.world.fault("copter1", "link-cut")
+        late = another_desk(desk.world, desk.vehicle)
+        desk.world.step(2.0)
+        assert late.frames == []
+        desk.world.clear()
+        desk.world.step(2.0)
+        assert late.all("HEARTBEAT")
+
+    def test_a_lost_ground_station_trips_its_failsafe(self, make_desk: MakeDesk) -> None:
+        desk = make_desk([VehicleSpec(params={"FS_GCS_ENABLE": 1})])
+        desk.take_off(5.0)
+        desk.send("HEARTBEAT", type=6, autopilot=8)
+        desk.world.fault("copter1", "link-cut", for_s=8.0)
+        for _ in range(9):
+            desk.send("HEARTBEAT", type=6, autopilot=8)
+            desk.world.step(1.0)
+        assert desk.vehicle.copter.mode.number == RTL
+        desk.send("HEARTBEAT", type=6, autopilot=8)
+        desk.world.step(1.0)
+        assert "GCS Failsafe Cleared" in desk.texts()
+
+
+def test_frozen_copter_falls_or_climbs_with_its_last_outputs(aloft: Desk) -> None:
+    """Full throttle at the wrong moment stays full throttle."""
+    aloft.fly(0.0, 0.0, -2.0)
+    aloft.world.step(0.5)
+    outputs = aloft.vehicle.node.seat.outputs()
+    aloft.world.fault("copter1", "frozen", for_s=2.0)
+    aloft.world.step(1.0)
+    assert aloft.vehicle.node.seat.outputs() == outputs
+    assert math.isfinite(aloft.vehicle.brain.sense.down)
+    aloft.world.step(1.5)
+    assert aloft.vehicle.node.seat.outputs() != outputs
