@@ -57,13 +57,22 @@ class RoverDynamics:
         self._down = -np.array(self.terrain.normal)[:, None] * np.ones((1, n))
         self._level = self.terrain.slope_north == 0.0 == self.terrain.slope_east
         self._steep = float(self._down[2, 0])  # cosine of the slope
-        self._lag = 1.0 - float(np.exp(-dt / frame.motor_tau_s))
         self.q: Array = thrust_frame(self._down, self.yaw)
         self._axes()
 
     @property
     def n(self) -> int:
         return int(self.pos.shape[1])
+
+    @property
+    def dt(self) -> float:
+        """Seconds of one step; an external flight stack may change them from step to step."""
+        return self._dt
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        self._dt = dt
+        self._lag = 1.0 - float(np.exp(-dt / self.frame.motor_tau_s))
 
     def step(self) -> None:
         """Advance every rover by ``dt`` seconds."""

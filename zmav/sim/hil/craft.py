@@ -14,6 +14,10 @@ from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.dynamics.battery import Pack
 from zmav.sim.dynamics.body import Body
 from zmav.sim.dynamics.copter import CopterDynamics
+from zmav.sim.dynamics.plane import PlaneDynamics
+from zmav.sim.dynamics.rover import RoverDynamics
+from zmav.sim.dynamics.roverframe import rover_frame
+from zmav.sim.dynamics.wing import wing
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Fleet
 
@@ -101,12 +105,58 @@ def _settle_copter(fleet: Fleet, seconds: float) -> None:
     fleet.sensors.throttle[:] = body.throttle.mean(0)
 
 
+def _rover(name: str) -> MakeBody:
+    def make(start: Array, yaw: Array, dt: float, environment: Environment) -> Body:
+        return RoverDynamics(rover_frame(name), start, yaw, dt, environment.terrain)
+
+    return make
+
+
+def _drive_rover(body: Body, values: Sequence[float]) -> None:
+    assert isinstance(body, RoverDynamics)
+    first, second = np.array([values[0]]), np.array([values[1]])
+    if body.frame.skid:
+        body.left, body.right, body.throttle = first, second, 0.5 * (first + second)
+    else:
+        body.steering, body.throttle = first, second
+
+
+def _settle_rover(fleet: Fleet, seconds: float) -> None:
+    body = fleet.dynamics
+    assert isinstance(body, RoverDynamics)
+    frame = body.frame
+    force = np.minimum(np.abs(body.drive) / (0.5 * frame.stall_accel), 1.0)
+    duty = np.abs(np.stack([body.left, body.right]) if frame.skid else np.stack([body.throttle, body.throttle]))
+    fleet.battery.step(frame.idle_current_a + frame.stall_current_a * (force * duty).mean(0), seconds)
+    fleet.sensors.throttle[:] = np.abs(body.throttle)
+
+
+def _make_plane(start: Array, yaw: Array, dt: float, environment: Environment) -> Body:
+    return PlaneDynamics(wing("plane"), start, yaw, dt, environment.terrain)
+
+
+def _drive_plane(body: Body, values: Sequence[float]) -> None:
+    assert isinstance(body, PlaneDynamics)
+    aileron, elevator, throttle, rudder = values
+    body.surface = np.array([[aileron], [elevator], [rudder]])
+    body.throttle = np.array([throttle])
+
+
+def _settle_plane(fleet: Fleet, seconds: float) -> None:
+    body = fleet.dynamics
+    assert isinstance(body, PlaneDynamics)
+    fleet.battery.step(body.wing.full_current_a * body.throttle * body.throttle, seconds)
+    body.density = density(fleet.around.place.alt_amsl_m - body.pos[2])
+    fleet.sensors.throttle[:] = body.throttle
+
+
 def _rotors(*numbers: int) -> tuple[Channel, ...]:
     return tuple(Channel(number) for number in numbers)
 
 
 # Motor numbers: ardupilot.org, "Connect ESCs and Motors"; docs.px4.io, "Airframes Reference". Rotors here are in the
 # order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
+_ROVER_PARAMS = ("default_params/rover.parm",)
 _COPTER_PARAMS = ("default_params/copter.parm",)
 _QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
 
@@ -151,6 +201,43 @@ def _crafts() -> list[Craft]:
             params={"FRAME_CLASS": 1, "FRAME_TYPE": 1, "MOT_THST_EXPO": 0.0, "MOT_THST_HOVER": 0.49},
             px4=_QUAD_X,
             px4_airframe=10016,
+        ),
+        Craft(
+            name="rover",
+            make=_rover("rover"),
+            drive=_drive_rover,
+            settle=_settle_rover,
+            pack=rover_frame("rover").pack,
+            channels=(Channel(0, both_ways=True), Channel(2, both_ways=True)),
+            program="ardurover",
+            model="rover",
+            defaults=_ROVER_PARAMS,
+        ),
+        Craft(
+            name="rover-skid",
+            make=_rover("rover-skid"),
+            drive=_drive_rover,
+            settle=_settle_rover,
+            pack=rover_frame("rover-skid").pack,
+            channels=(Channel(0, both_ways=True), Channel(2, both_ways=True)),
+            program="ardurover",
+            model="rover-skid",
+            defaults=(*_ROVER_PARAMS, "default_params/rover-skid.parm"),
+            params={"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
+        ),
+        Craft(
+            name="plane",
+            make=_make_plane,
+            drive=_drive_plane,
+            settle=_settle_plane,
+            pack=wing("plane").pack,
+            channels=(Channel(0, both_ways=True), Channel(1, both_ways=True), Channel(2), Channel(3, both_ways=True)),
+            program="arduplane",
+            model="plane",
+            defaults=("models/plane.parm",),
+            # The elevator up, and the rudder to the right, by longer pulses.
+            params={"SERVO2_REVERSED": 0, "SERVO4_REVERSED": 0},
+            air_data=True,
         ),
     ]
 
