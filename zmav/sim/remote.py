@@ -206,8 +206,8 @@ class Remote:
         """End the simulator."""
         self.call("stop")
 
-    def _asked(self, kind: type[T], verb: str, *, timeout: float | None = None, **args: Any) -> T:
-        return msgspec.convert(self.call(verb, timeout=timeout, **args), kind)
+    def _asked(self, result: type[T], verb: str, /, *, timeout: float | None = None, **args: Any) -> T:
+        return msgspec.convert(self.call(verb, timeout=timeout, **args), result)
 
 
 def _choose(control: str | Path | None) -> Path:
