@@ -221,7 +221,7 @@ class Packer:
         self.version = version
         self._seq = 0
         self._lock = threading.Lock()
-        self._plain: dict[str, tuple[MessageType, dict[str, int]] | None] = {}
+        self._plans: dict[str, _Plan] = {}
 
     def restart(self) -> None:
         """Count from 0 again."""
@@ -231,34 +231,60 @@ class Packer:
     def pack(self, name: str, /, **fields: Any) -> bytes:
         """The next frame. Raises :class:`BadMessage` as :func:`encode` does; that uses up no sequence number."""
         with self._lock:
-            data = self._pack_numbers(name, fields) or _encode(
+            data = self._pack_fast(name, fields) or _encode(
                 self.dialect, name, fields, self.sysid, self.compid, self._seq, self.version, default=0
             )
             self._seq = (self._seq + 1) & 0xFF
         return data
 
-    def _pack_numbers(self, name: str, fields: dict[str, Any]) -> bytes | None:
-        """The fast path: a message of single numbers, given as numbers. None: :func:`_encode` will do it, or say what
+    def _pack_fast(self, name: str, fields: dict[str, Any]) -> bytes | None:
+        """The fast path: numbers, whole arrays of numbers and plain text. None: :func:`_encode` will do it, or say what
         is wrong with it.
         """
-        if name not in self._plain:
-            self._plain[name] = _numbers_of(self.dialect.message(name)) if self.version == 2 else None
-        plain = self._plain[name]
-        if plain is None:
+        if self.version != 2:
             return None
-        message, zeros = plain
-        values_by_name = {**zeros, **fields}
-        if len(values_by_name) != len(zeros):
+        plan = self._plans.get(name)
+        if plan is None:
+            plan = self._plans[name] = _Plan(self.dialect.message(name))
+        given = {**plan.zeros, **fields}
+        if len(given) != len(plan.zeros):
             return None
         try:
-            payload = message.struct.pack(*values_by_name.values())
-        except (struct.error, OverflowError, TypeError):
+            payload = plan.message.struct.pack(*(plan.flat(given) if plan.sizes else given.values()))
+        except (struct.error, OverflowError, TypeError, ValueError):
             return None
-        return build_frame(message, payload, self.sysid, self.compid, self._seq)
+        return build_frame(plan.message, payload, self.sysid, self.compid, self._seq)
 
 
-def _numbers_of(message: MessageType) -> tuple[MessageType, dict[str, int]] | None:
-    """A message without arrays and text, and what its fields are where they are not given, in the payload's order."""
-    if any(field.length or field.type == "char" for field in message.wire_fields):
-        return None
-    return message, {f.name: _MAVLINK_VERSION if f.name == "mavlink_version" else 0 for f in message.wire_fields}
+class _Plan:
+    """How a message is packed: what its fields are where they are not given, in the payload's order, and where it has
+    arrays or texts the length of each field (0: a single number, negative: a text's).
+    """
+
+    def __init__(self, message: MessageType) -> None:
+        self.message = message
+        self.zeros: dict[str, Any] = {}
+        sizes = []
+        for field in message.wire_fields:
+            text = field.type == "char"
+            size = -(field.length or 1) if text else field.length
+            sizes.append(size)
+            zero: Any = "" if text else [0] * size if size else 0
+            self.zeros[field.name] = _MAVLINK_VERSION if field.name == "mavlink_version" else zero
+        self.sizes = tuple(sizes) if any(sizes) else ()
+
+    def flat(self, given: dict[str, Any]) -> list[Any]:
+        """The arguments for struct; ValueError for what takes more care."""
+        found: list[Any] = []
+        for value, size in zip(given.values(), self.sizes, strict=True):
+            if size == 0:
+                found.append(value)
+            elif size > 0:
+                if type(value) is not list or len(value) != size:
+                    raise ValueError
+                found += value
+            elif type(value) is str and value.isascii() and len(value) <= -size:
+                found.append(value.encode("ascii"))
+            else:
+                raise ValueError
+        return found

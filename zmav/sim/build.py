@@ -43,6 +43,11 @@ class Squad:
         self.fleet = fleet
         self.vehicles: list[SimVehicle] = []
 
+    @property
+    def hurries(self) -> bool:
+        """Somebody hears one of them more often than its autopilot thinks, and is to hear new numbers each time."""
+        return any(vehicle.node.hurries for vehicle in self.vehicles)
+
 
 def build(
     specs: Sequence[VehicleSpec],

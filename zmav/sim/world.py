@@ -299,17 +299,24 @@ class World:
         for squad in self._squads:
             try:
                 squad.fleet.advance(STEPS_PER_TICK)
-                senses = squad.fleet.senses()
+                thinks = self.ticks % squad.fleet.THINKS_EVERY == 0
+                senses = squad.fleet.senses() if thinks or squad.hurries else None
             except Exception as error:  # in the physics of one kind: no end of the others
                 self._squads = [each for each in self._squads if each is not squad]
                 for vehicle in squad.vehicles:
                     self._fail(vehicle, error)
                 continue
-            for vehicle, sense in zip(squad.vehicles, senses, strict=True):
+            for index, vehicle in enumerate(squad.vehicles):
                 if vehicle.failed is not None or vehicle.node.hung:
                     continue
+                brain = vehicle.brain
                 try:
-                    vehicle.brain.update(now, sense, TICK_S)
+                    if senses is None:
+                        brain.now = now
+                    elif thinks:
+                        brain.update(now, senses[index], TICK_S * squad.fleet.THINKS_EVERY)
+                    else:
+                        brain.now, brain.sense = now, senses[index]
                     vehicle.node.tick()
                 except Exception as error:  # a defect in one autopilot is no end of the others' flight
                     self._fail(vehicle, error)

@@ -61,9 +61,10 @@ class Lame:
         wrench = airframe.wrench_matrix()
         wrench[:, list(lost)] = 0.0
         self._wrench = wrench
-        self._carry: Array = np.linalg.pinv(wrench[:3])
+        carry: Array = np.linalg.pinv(wrench[:3]).astype(np.float64)
+        self._carry = carry
         # Turns and does nothing else: what is left of the yaw row once the others are kept as they are.
-        free = np.eye(wrench.shape[1]) - self._carry @ wrench[:3]
+        free = np.eye(wrench.shape[1]) - carry @ wrench[:3]
         turn = free @ wrench[3]
         gain = float(wrench[3] @ turn)
         self._turn: Array = turn / gain if abs(gain) > EPSILON else np.zeros_like(turn)

@@ -93,6 +93,9 @@ class Fleet(ABC):
     ACTUATORS: ClassVar[tuple[str, ...]] = ("throttle",)
     """the inputs of the dynamics, (..., N) each, which controllers set anew before each step"""
 
+    THINKS_EVERY: ClassVar[int] = 1
+    """ticks between two updates of its autopilots"""
+
     dynamics: Body
 
     def __init__(self, dynamics: Body, around: Surroundings, pack: Pack | None = None) -> None:

@@ -4,6 +4,8 @@ each autopilot.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from zmav.sim.air import density
@@ -26,6 +28,8 @@ class CopterFleet(Fleet):
     """N copters of one airframe. ``start`` (3, N) metres NED of the world, ``yaw`` (N,) radians. ``px4``: their loops
     are PX4's, else ArduCopter's.
     """
+
+    THINKS_EVERY: ClassVar[int] = 2  # just before the outer loops, which are what it steers
 
     dynamics: CopterDynamics
 

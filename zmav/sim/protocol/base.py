@@ -23,6 +23,7 @@ from zmav.sim.sensors.magnetic import earth_field
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 REBOOT_DELAY_S = 0.2
+THINKING_S = 0.019  # between two thoughts of an autopilot, and a little less
 _NO_NUMBER = (BadMessage, ArithmeticError, ValueError)
 
 
@@ -156,6 +157,11 @@ class Node(ABC):
 
     # ---- out
 
+    @property
+    def hurries(self) -> bool:
+        """A stream is quicker than autopilots think."""
+        return any(channel.streams.fastest < THINKING_S for channel in self.channels)
+
     def tick(self) -> None:
         """Send what is due."""
         if self.hung:
@@ -165,10 +171,12 @@ class Node(ABC):
             self._reboot_at = None
             self.restart()
         for channel in self.channels:
-            for name in channel.streams.due(now):
-                self.report(channel, name)
+            if now >= channel.streams.next_due:
+                for name in channel.streams.due(now):
+                    self.report(channel, name)
         for part in self._ticking:
-            part.tick(now)
+            if now >= part.due:
+                part.tick(now)
         if now >= self._next_timesync:
             self._next_timesync = now + self.TIMESYNC_PERIOD_S
             for channel in self.channels:

@@ -109,6 +109,7 @@ class ParamProtocol(Part):
 
     def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         channel.params_next = 0
+        self.due = -math.inf
         self._banner(channel)
 
     def request_read(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
@@ -133,8 +134,11 @@ class ParamProtocol(Part):
             self._send(each, name, NO_INDEX)
 
     def tick(self, now: float) -> None:
+        self.due = math.inf
         for channel in self._everyone():
             self._feed(channel)
+            if channel.params_next is not None:
+                self.due = -math.inf
 
     def _feed(self, channel: Channel) -> None:
         """Go on with a download where the channel has room."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,6 +19,9 @@ class Part:
 
     A node takes it with :meth:`zmav.sim.protocol.base.Node.add`.
     """
+
+    due = -math.inf
+    """when :meth:`tick` has something to do next, simulated seconds; a part that sets it is called then, not before"""
 
     def answers(self) -> Mapping[str, Answer]:
         """Who answers which message, by the message's name."""

@@ -6,6 +6,8 @@ REQUEST_DATA_STREAM, with ArduPilot's groups: https://ardupilot.org/dev/docs/mav
 
 from __future__ import annotations
 
+import math
+
 HEARTBEAT_PERIOD_S = 1.0
 
 # MAV_DATA_STREAM -> what ArduPilot sends in it, of what is simulated.
@@ -57,7 +59,9 @@ class Streams:
     def __init__(self, now: float) -> None:
         self._period: dict[str, float] = {}
         self._due: dict[str, float] = {}
-        self._next = now
+        self.next_due = now
+        self.fastest = math.inf
+        """the shortest period, s"""
         self.set_period("HEARTBEAT", HEARTBEAT_PERIOD_S, now)
 
     def set_period(self, name: str, period: float, now: float) -> None:
@@ -65,10 +69,12 @@ class Streams:
         if period <= 0.0:
             self._period.pop(name, None)
             self._due.pop(name, None)
+            self.fastest = min(self._period.values(), default=math.inf)
             return
         self._period[name] = period
         self._due[name] = now
-        self._next = min(self._next, now)
+        self.next_due = min(self.next_due, now)
+        self.fastest = min(self._period.values())
 
     def set_group(self, group: int, rate_hz: float, now: float) -> None:
         """ArduPilot's REQUEST_DATA_STREAM: a whole group (0: every one) at a rate; 0 stops it."""
@@ -82,7 +88,7 @@ class Streams:
 
     def due(self, now: float) -> list[str]:
         """Names to send now. Their next times keep the rate on average, whatever the step of the clock."""
-        if now < self._next - 1e-9:
+        if now < self.next_due:
             return []
         ready = []
         for name, when in self._due.items():
@@ -91,5 +97,5 @@ class Streams:
                 following = when + self._period[name]
                 # After a pause there is nothing to catch up with.
                 self._due[name] = following if following > now - self._period[name] else now + self._period[name]
-        self._next = min(self._due.values(), default=float("inf"))
+        self.next_due = min(self._due.values(), default=math.inf) - 1e-9
         return ready

@@ -27,6 +27,7 @@ from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
 
 REAL_READY_S = 4.0  # from boot to arming, as measured: it is not slower where an ArduPilot beside it is
+TICK_S = 0.01
 CHECK_EVERY, FENCE_EVERY = 10, 20  # ticks
 HOME_SHARE = 0.9  # of that, home is known
 _AUTO_LIMITS = {
@@ -248,10 +249,10 @@ class Px4Copter:
     def update(self, now: float, sense: Sense, dt: float) -> None:
         """One tick of the commander."""
         self.now, self.sense = now, sense
-        self._ticks += 1
+        self._ticks += max(round(dt / TICK_S), 1)
         self._follow_switch()
         if self._ticks % CHECK_EVERY == 0:
-            self._check(CHECK_EVERY * dt)
+            self._check(CHECK_EVERY * TICK_S)
         if not self.armed:
             return
         self._take_over()
