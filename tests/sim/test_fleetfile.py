@@ -11,7 +11,9 @@ import pytest
 from zmav.config import load_fleet
 from zmav.errors import BadConfig
 from zmav.sim import Home, World
+from zmav.sim.endpoints import addresses
 from zmav.sim.environment import Terrain
+from zmav.sim.faults.table import describe
 from zmav.sim.fleetfile import FleetFile, load_simulated, speed_of
 from zmav.sim.lineup import gather, line_up
 
@@ -163,3 +165,26 @@ def test_a_world_is_made_of_it(read: Read) -> None:
     assert [v.name for v in world.vehicles] == ["quad1"]
     assert world.vehicles[0].copter.params["FS_GCS_ENABLE"] == 1.0
     world.close()
+
+
+class TestGuide:
+    """docs/simulator.md says what is true."""
+
+    guide = (Path(__file__).parent.parent.parent / "docs" / "simulator.md").read_text(encoding="utf-8")
+
+    def test_its_fleet_file_is_one(self, read: Read) -> None:
+        file = read(self.guide.partition("```toml\n")[2].partition("```")[0])
+        assert [spec.name for spec in file.vehicles] == ["quad1", "ugv1", "wing1", "scout1"]
+        world = World(file.vehicles, home=file.home, terrain=file.world.terrain, scene=file.scene)
+        assert [v.status().kind for v in world.vehicles] == ["hexa", "rover", "plane", "px4"]
+        world.close()
+
+    def test_it_lists_every_fault(self) -> None:
+        for fault in describe():
+            (row,) = [line for line in self.guide.splitlines() if line.startswith(f"| `{fault.kind}` |")]
+            assert fault.text in row
+
+    def test_its_endpoints_can_be_written_so(self) -> None:
+        for text in ("ardupilot", "px4", "pty:/tmp/quad1+@57600", "tcp", "serial1", "serial2"):
+            assert f"`{text}`" in self.guide or f" {text} " in self.guide
+            assert addresses([[text]])

@@ -52,7 +52,10 @@ class Address(msgspec.Struct, frozen=True):
     """of a pseudo-terminal; 0: no limit"""
 
     def __str__(self) -> str:
-        return f"pty:{self.path}" if self.kind == "pty" else f"{self.kind}:{self.host}:{self.local or self.port}"
+        if self.kind == "pty":
+            return f"pty:{self.path}"
+        kind = "tcp" if self.kind in _SERIAL_PORTS else self.kind
+        return f"{kind}:{self.host}:{self.local or self.port}"
 
 
 def expand(texts: Sequence[str]) -> list[str]:
