@@ -23,6 +23,7 @@ TURN_RATE_MIN = math.radians(1.0)
 STOPPED_FOR_S = 0.3  # a rover that has stopped is taken for stopped so long
 PLACE_GAIN, SPEED_GAIN = 0.8, 3.0  # 1/s, of the moving point's way to a place
 PLACE_DONE_M = 0.01
+ASTERN = 0.05  # m/s^2
 
 
 class Estimated(Protocol):
@@ -165,11 +166,14 @@ class RoverControl:
         across = self._vel_sum[1] * c - self._vel_sum[0] * s  # what is ahead is the speed loop's
         self._vel_sum = np.stack([-s * across, c * across])
         acc = self._vel_error * k["vel_p"] + self._vel_sum + self.point_acc
-        lateral = np.where(stopping, 0.0, acc[1] * c - acc[0] * s)
+        lateral = acc[1] * c - acc[0] * s
+        forward = wanted[0] * c + wanted[1] * s
+        # Exactly astern there is no side to turn to. Noise decides on a real rover; here, it is the right.
+        astern = (np.where(sp.reversed, -forward, forward) < 0.0) & (np.abs(lateral) < ASTERN)
+        lateral = np.where(stopping, 0.0, np.where(astern, ASTERN, lateral))
         # In a turn it goes no slower than it can take with half the lateral acceleration it may.
         least = np.sqrt(np.maximum(0.5 * k["lateral"] * k["turn_radius"], 0.0)) * (not self.skid)
         least = np.minimum(np.sqrt((wanted * wanted).sum(0)), least) * ~stopping
-        forward = wanted[0] * c + wanted[1] * s
         backing = np.where(stopping, forward, np.minimum(-least, forward))
         pace = np.where(sp.reversed, backing, np.where(stopping, forward, np.maximum(least, forward)))
         pace = self._limited(pace, self._begun(ahead), dt)

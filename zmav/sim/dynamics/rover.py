@@ -21,6 +21,8 @@ from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.environment import Terrain
 
+SLIPS_ABOVE = 0.05  # m/s: slower, a turn needs no grip worth the name
+
 
 class RoverDynamics:
     """State of N rovers: ``pos`` and ``vel`` (3, N) NED metres, ``q`` (4, N), ``rate`` (3, N) rad/s body, ``yaw`` (N,)
@@ -53,10 +55,12 @@ class RoverDynamics:
         self.contact: Flags = np.ones(n, dtype=bool)
         self.impact: Array = np.zeros(n)
         self._spin: Array = np.zeros(n)  # yaw rate about the normal
-        self._sides: Array = np.zeros((2, n))  # speeds over the ground of the left and the right wheels
         self._down = -np.array(self.terrain.normal)[:, None] * np.ones((1, n))
         self._level = self.terrain.slope_north == 0.0 == self.terrain.slope_east
         self._steep = float(self._down[2, 0])  # cosine of the slope
+        self._grip = frame.friction * GRAVITY * self._steep
+        self._drag = 0.5 * AIR_DENSITY * frame.drag_area_m2 / frame.mass_kg
+        self._gravity: Array = np.zeros((2, n))
         self.q: Array = thrust_frame(self._down, self.yaw)
         self._axes()
 
@@ -78,38 +82,43 @@ class RoverDynamics:
         """Advance every rover by ``dt`` seconds."""
         before, spin = self.speed, self._spin
         self._push()
-        grip = self.frame.friction * GRAVITY * self._steep
         asked = self._turn_skid() if self.frame.skid else self._turn_wheels()
         # Of the friction circle: what the drive leaves, less what holds the rover on a cross slope.
-        driven = clamp(self.drive.sum(0), -grip, grip)
-        side = np.sqrt(np.maximum(grip * grip - driven * driven, 0.0))
-        across = self._gravity[1]
-        wanted = asked * self.speed - across
-        held = clamp(wanted, -side, side) + across
-        fast = np.abs(self.speed) > 0.05
-        self._spin = np.where(fast & (held != asked * self.speed), held / np.where(fast, self.speed, 1.0), asked)
+        grip = self._grip
+        driven = clamp(self.drive[0] + self.drive[1], -grip, grip)
+        side = np.sqrt(grip * grip - driven * driven)
+        turning = asked * self.speed
+        wanted = turning if self._level else turning - self._gravity[1]
+        held = clamp(wanted, -side, side)
+        slips = held != wanted
+        if slips.any():
+            held = held if self._level else held + self._gravity[1]
+            slips &= np.abs(self.speed) > SLIPS_ABOVE
+            self._spin = np.where(slips, held / np.where(slips, self.speed, 1.0), asked)
+        else:
+            self._spin = asked
         self._move(before, spin)
 
     def _push(self) -> None:
         """Forward acceleration: motors, slope, air, and what resists."""
-        frame, dt = self.frame, self.dt
+        frame, dt, grip = self.frame, self.dt, self._grip
         if frame.skid:
-            order = np.stack([self.left, self.right])
             turning = 0.5 * frame.effective_track_m * self._spin
-            sides = np.stack([self.speed + turning, self.speed - turning])
+            order = clamp(np.array([self.left, self.right]), -1.0, 1.0)
+            sides = np.array([self.speed + turning, self.speed - turning])
         else:
-            order = np.stack([self.throttle, self.throttle])
-            sides = np.stack([self.speed, self.speed])
-        wanted = 0.5 * frame.stall_accel * (clamp(order, -1.0, 1.0) - sides / frame.free_speed) * self.efficiency
+            order, sides = clamp(self.throttle, -1.0, 1.0), self.speed
+        wanted = self.efficiency * ((order - sides * (1.0 / frame.free_speed)) * (0.5 * frame.stall_accel))
         self.drive = self.drive + (wanted - self.drive) * self._lag
-        grip = frame.friction * GRAVITY * self._steep
-        air = self.speed - (self._forward * self.wind).sum(0)
-        drag = 0.5 * AIR_DENSITY * frame.drag_area_m2 / frame.mass_kg * np.abs(air) * air
-        push = clamp(self.drive.sum(0), -grip, grip) + self._gravity[0] - drag
+        forward = self._forward
+        air = self.speed - (forward[0] * self.wind[0] + forward[1] * self.wind[1])
+        push = clamp(self.drive[0] + self.drive[1], -grip, grip) - self._drag * np.abs(air) * air
+        if not self._level:
+            push = push + self._gravity[0]
         moved = self.speed + push * dt
         # Coulomb's: it takes away speed and never gives any, so that who stands stays.
         resist = frame.rolling * GRAVITY * self._steep * dt
-        self.speed = np.sign(moved) * np.maximum(np.abs(moved) - resist, 0.0)
+        self.speed = np.copysign(np.maximum(np.abs(moved) - resist, 0.0), moved)
 
     def _turn_wheels(self) -> Array:
         """Yaw rate that the front wheels ask for; they turn at a limited rate."""
@@ -117,7 +126,8 @@ class RoverDynamics:
         most = frame.steering_rate * self.dt
         target = clamp(self.steering, -1.0, 1.0) * frame.steering_max
         self.wheel = self.wheel + clamp(target - self.wheel, -most, most)
-        return self.speed * np.tan(self.wheel) / frame.wheelbase_m
+        asked: Array = self.speed * np.tan(self.wheel) * (1.0 / frame.wheelbase_m)
+        return asked
 
     def _turn_skid(self) -> Array:
         """Yaw rate of two sides that go at different speeds; the scrubbing wheels resist."""
@@ -126,36 +136,46 @@ class RoverDynamics:
         # Each side has half the mass to move; the wheels of both scrub while it turns.
         moved: Array = half * self._spin + (self.drive[0] - self.drive[1]) * dt
         scrub = frame.scrub * GRAVITY * self._steep * dt
-        moved = np.sign(moved) * np.maximum(np.abs(moved) - scrub, 0.0)
+        moved = np.copysign(np.maximum(np.abs(moved) - scrub, 0.0), moved)
         return moved / half
 
     def _move(self, before: Array, spin: Array) -> None:
         dt = self.dt
-        mean, turned = 0.5 * (before + self.speed), 0.5 * (spin + self._spin) * dt
-        # Along the chord of the arc: exact where speed and yaw rate stay.
-        chord = mean * dt * np.sinc(turned / (2.0 * np.pi))
-        self.yaw = self.yaw + 0.5 * turned
+        turned = (spin + self._spin) * (0.5 * dt)
+        # Along the chord of the arc; its length is that of the arc but for a few millionths.
+        way = (before + self.speed) * (0.5 * dt)
+        middle = self.yaw + 0.5 * turned
+        pos = self.pos.copy()
+        if self._level:
+            pos[0] += np.cos(middle) * way
+            pos[1] += np.sin(middle) * way
+        else:
+            self.yaw = middle
+            self._axes()
+            pos += self._forward * way
+            pos[2] = self.terrain.down(pos[0], pos[1])
+        self.pos = pos
+        self.yaw = wrap_pi(middle + 0.5 * turned)
         self._axes()
-        self.pos = self.pos + self._forward * chord
-        self.yaw = wrap_pi(self.yaw + 0.5 * turned)
-        self._axes()
-        if not self._level:
-            self.pos[2] = self.terrain.down(self.pos[0], self.pos[1])
         self.vel = self._forward * self.speed
         self.accel = self._forward * ((self.speed - before) / dt) + self._right * (self.speed * self._spin)
-        self.rate[2] = self._spin
+        rate = np.zeros_like(pos)
+        rate[2] = self._spin
+        self.rate = rate
 
     def _axes(self) -> None:
         """Attitude, the body's forward and right in the world, and gravity along them, m/s^2."""
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         if self._level:
-            zero = np.zeros_like(cos)
-            self._forward, self._right = np.stack([cos, sin, zero]), np.stack([-sin, cos, zero])
-            self._gravity = np.zeros((2, self.n))
+            forward, right, q = np.zeros((3, self.n)), np.zeros((3, self.n)), np.zeros((4, self.n))
+            forward[0] = right[1] = np.cos(self.yaw)
+            forward[1] = np.sin(self.yaw)
+            np.negative(forward[1], out=right[0])
             half = 0.5 * self.yaw
-            self.q = np.stack([np.cos(half), zero, zero, np.sin(half)])
+            np.cos(half, out=q[0])
+            np.sin(half, out=q[3])
+            self._forward, self._right, self.q = forward, right, q
             return
         self.q = thrust_frame(self._down, self.yaw)
         rotation = rotation_matrix(self.q)
         self._forward, self._right = rotation[:, 0], rotation[:, 1]
-        self._gravity = GRAVITY * np.stack([self._forward[2], self._right[2]])
+        self._gravity = GRAVITY * np.array([self._forward[2], self._right[2]])

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from zmav.sim.arrays import Array, clamp, dot
+from zmav.sim.arrays import Array, dot
 from zmav.sim.control.rover import RoverControl
 from zmav.sim.control.roversetpoints import RoverHandle, RoverSetpoints
 from zmav.sim.dynamics.rover import RoverDynamics
@@ -101,8 +101,10 @@ class RoverFleet(Fleet):
         the throttle says.
         """
         frame, dyn = self.airframe, self.dynamics
-        force = np.abs(dyn.drive) / (0.5 * frame.stall_accel)
-        duty = np.abs(np.stack([dyn.left, dyn.right]) if frame.skid else np.stack([dyn.throttle, dyn.throttle]))
-        share = (clamp(force, 0.0, 1.0) * clamp(duty, 0.0, 1.0)).mean(0)
-        result: Array = frame.idle_current_a + frame.stall_current_a * share
+        if frame.skid:
+            force = np.abs(dyn.drive) * np.abs(np.array([dyn.left, dyn.right]))
+            share = (force[0] + force[1]) / frame.stall_accel
+        else:
+            share = np.abs(dyn.drive[0] * dyn.throttle) * (2.0 / frame.stall_accel)
+        result: Array = frame.idle_current_a + frame.stall_current_a * np.minimum(share, 1.0)
         return result

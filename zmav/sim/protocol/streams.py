@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 HEARTBEAT_PERIOD_S = 1.0
+RAW_CONTROLLER = 4  # MAV_DATA_STREAM: who asks for all does not get it
 
 # MAV_DATA_STREAM -> what ArduPilot sends in it, of what is simulated.
 GROUPS: dict[int, tuple[str, ...]] = {
@@ -79,7 +80,7 @@ class Streams:
     def set_group(self, group: int, rate_hz: float, now: float) -> None:
         """ArduPilot's REQUEST_DATA_STREAM: a whole group (0: every one) at a rate; 0 stops it."""
         for number, names in GROUPS.items():
-            if group in (0, number):
+            if group == number or (group == 0 and number != RAW_CONTROLLER):
                 for name in names:
                     self.set_period(name, 1.0 / rate_hz if rate_hz > 0.0 else 0.0, now)
 

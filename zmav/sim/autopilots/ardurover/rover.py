@@ -35,7 +35,7 @@ from zmav.sim.control.roversetpoints import BY_PARAM, Point, RoverHandle
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
+from zmav.sim.protocol.params import ParamStore, defaults
 
 MAV_TYPE_GROUND_ROVER = 10
 CALIBRATING, STANDBY, ACTIVE, CRITICAL_STATE = 2, 3, 4, 5  # MAV_STATE
@@ -44,7 +44,15 @@ HOME_EVERY_S, HOME_MOVED_M = 1.0, 0.5
 RADIO_EVERY = 2  # ticks
 MIDDLE = 1500
 TWO_PADDLES, SAME_WAY_BACK = 1, 3  # PILOT_STEER_TYPE
-SKID_SERVOS = {"SERVO1_FUNCTION": 73.0, "SERVO3_FUNCTION": 74.0}  # throttle left and right
+# How who builds a skid-steered rover sets it up: throttle left and right, its speeds, and the turn rate's feed-forward.
+SKID = {
+    "SERVO1_FUNCTION": 73.0,
+    "SERVO3_FUNCTION": 74.0,
+    "CRUISE_SPEED": 2.0,
+    "CRUISE_THROTTLE": 46.0,
+    "WP_SPEED": 2.0,
+    "ATC_STR_RAT_FF": 0.2,
+}
 
 _TEXTS: dict[str, tuple[str, ...]] = {
     "initialised": ("Beginning INS calibration. Do not move vehicle", "ArduPilot Ready", "AHRS: DCM active"),
@@ -84,8 +92,10 @@ class ArduRover(ArduVehicle):
         self.FRAME = ""
         self.sp = setpoint
         if frame.skid:
-            for name, function in SKID_SERVOS.items():
-                params.set(name, function)
+            stock = {name: value for name, value, _ in defaults("ardurover")}
+            for name, value in SKID.items():
+                if abs(params[name] - stock[name]) < 1e-6:  # nobody chose another
+                    params.set(name, value)
         super().__init__(params, sense, world, ready_s)
         for name in BY_PARAM:
             self.param_changed(name, params[name])
@@ -228,8 +238,6 @@ class ArduRover(ArduVehicle):
             return False
         self.armed, self.ever_armed, self.landed = True, True, False
         self._armed_at = self.now
-        if not self._home_locked:
-            self.move_home(None)
         self.say(INFO, self.ARMING_TEXTS[0])
         self.sp.power(True)
         self.track.begin()
