@@ -13,9 +13,11 @@ from typing import Any, TypeVar
 import click
 from rich.console import Console
 
+from zmav.cli.sim.cameras import CAMERA_OPTIONS, parse_cameras, serve_cameras
 from zmav.cli.sim.line import StatusLine
 from zmav.cli.sim.stacks import STACK_OPTIONS, stack_vehicles
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
+from zmav.sim.camera import PadSpec, load_scene
 from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
 from zmav.sim.hil.vehicle import External
 from zmav.sim.lineup import KINDS, field_of
@@ -36,6 +38,7 @@ _OPTIONS = (
     click.option("--rovers", default=0, type=COUNT, help="How many ArduRovers."),
     click.option("--planes", default=0, type=COUNT, help="How many ArduPlanes."),
     *STACK_OPTIONS,
+    *CAMERA_OPTIONS,
     click.option(
         "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
@@ -66,7 +69,7 @@ def run_options(command: F) -> F:
     return command
 
 
-def run_world(control: str | None, **options: Any) -> None:
+def run_world(control: str | None, camera_port: int, **options: Any) -> None:
     """Make the world and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
     path = control_path(control)
     world = make_world(**options)
@@ -75,6 +78,7 @@ def run_world(control: str | None, **options: Any) -> None:
     try:
         _allow_files()
         world.open(path)
+        serve_cameras(world, camera_port)
         announce(world)
         line = StatusLine(world.status, Console(stderr=True))
         world.say = line.say
@@ -92,7 +96,8 @@ def run_world(control: str | None, **options: Any) -> None:
 def make_world(
     fleet_file: str | None, copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...],
     home: str | None, spacing: float | None, wind: str | None, noise: str | None, speed: str | None, lockstep: bool,
-    seed: int | None, real_boot: bool, **stacks: Any,
+    seed: int | None, real_boot: bool, cameras: tuple[str, ...], pads: tuple[str, ...], scene: str | None,
+    **stacks: Any,
 ) -> World:  # fmt: skip
     """The world that these options ask for: what they do not say, the fleet file says, or a default."""
     file = load_simulated(fleet_file) if fleet_file else FleetFile(WorldTable(), None, None, [])
@@ -107,7 +112,8 @@ def make_world(
         spacing_m=table.spacing_m if spacing is None else spacing, endpoint=endpoints or None,
         speed=speed_of(table) if speed is None else parse_speed(speed), lockstep=lockstep or table.lockstep,
         seed=table.seed if seed is None else seed, wind=blows, gusts=gusts, terrain=table.terrain,
-        noise=noise or table.noise, scene=file.scene,
+        noise=noise or table.noise, scene=file.scene if scene is None else load_scene(scene),
+        cameras=parse_cameras(cameras), pads={name: PadSpec() for name in pads},
         ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
     )  # fmt: skip
 
