@@ -228,6 +228,18 @@ def test_what_is_refused_says_why(stack: int, mav_type: int, refused: set[str]) 
             assert autopilot.setpoint(target)
 
 
+def test_torques_go_to_the_px4_that_says_it_takes_them() -> None:
+    px4 = of(PX4, COPTER).told(0xE8FF | 0x400)
+    fields = sent(px4, Target(torque=(0.1, -0.2, 0.3), thrust=0.5))
+    assert (fields["name"], fields["group_mlx"]) == ("SET_ACTUATOR_CONTROL_TARGET", 0)
+    assert fields["controls"] == pytest.approx([0.1, -0.2, 0.3, 0.5, 0, 0, 0, 0])
+    assert px4.guided_for(LEVELS["torque"]) == "OFFBOARD"
+    with pytest.raises(Unsupported, match=r"1\.14 dropped"):
+        px4.told(0xE8FF).setpoint(LEVELS["torque"])
+    with pytest.raises(Unsupported):
+        of(ARDUPILOT, COPTER).told(0x400).setpoint(LEVELS["torque"])
+
+
 def test_the_mode_that_follows() -> None:
     for stack, mode in ((ARDUPILOT, "GUIDED"), (PX4, "OFFBOARD")):
         autopilot = of(stack, COPTER)

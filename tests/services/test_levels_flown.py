@@ -113,6 +113,22 @@ async def test_every_level_is_flown(net: Net, onboard: StartOnboard, rules: str)
             await sticks(vehicle, rules)
 
 
+async def test_torques_are_flown_by_the_px4_that_takes_them(net: Net, onboard: StartOnboard) -> None:
+    port = free_udp_port()
+    spec = VehicleSpec(autopilot="px4", sysid=1, firmware="1.13", endpoints=(f"onboard:0:{port}",))
+    with World([spec], speed=2.0, ready_s=0.5) as world:
+        session, endpoint = net.router()
+        await onboard(session, f"udpin:127.0.0.1:{port}", origin=ORIGIN)
+        async with zmav.open(connect=[endpoint]) as z:
+            vehicle = z.vehicle("quad1")
+            await vehicle.wait_until(lambda s: bool(s.ready and s.local and s.firmware), PATIENCE_S)
+            await vehicle.arm()
+            await vehicle.takeoff(5.0)
+            # The nose turns on and on: nothing but the torque holds it.
+            await fly_until(vehicle, turned(0.7), {"torque": (0.0, 0.0, 0.02), "thrust": 0.5})
+            assert vehicle.state.mode == "OFFBOARD"
+
+
 async def sticks(vehicle: Vehicle, rules: str) -> None:
     """Sticks act in the mode the vehicle is in: PX4 enters a pilot's mode only where there are sticks already;
     ArduPilot must take us for its ground station.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.base import Action, Autopilot, Command, Latest, Level, Message, Mode, Need, Target
 from zmav.autopilots.generic import Generic
@@ -32,7 +34,7 @@ _KINDS = {
 }
 """MAV_TYPE numbers by kind"""
 _KIND_OF = {mav_type: kind for kind, types in _KINDS.items() for mav_type in types}
-_STACKS = {3: ArduPilot, 12: Px4}
+_STACKS: Mapping[int, Callable[[str], Autopilot]] = {3: ArduPilot, 12: Px4}
 
 
 def kind_of(mav_type: int) -> str:

@@ -161,6 +161,10 @@ class Autopilot(ABC):
     def __init__(self, kind: str) -> None:
         self.kind = kind
 
+    def told(self, capabilities: int) -> Autopilot:
+        """The rules of one that says it has these: AUTOPILOT_VERSION's MAV_PROTOCOL_CAPABILITY."""
+        return self
+
     @property
     def on_surface(self) -> bool:
         """It keeps to the ground or the water: where it is has no height of its own choosing."""

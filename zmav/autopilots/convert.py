@@ -123,6 +123,13 @@ def rates(target: Target) -> list[Action]:
     return [_attitude(LEVEL, target.rates, ATTITUDE, target.thrust)]
 
 
+def torques(target: Target) -> list[Action]:
+    """SET_ACTUATOR_CONTROL_TARGET: roll, pitch and yaw torque and thrust, as PX4's control group 0 has them."""
+    roll, pitch, yaw = target.torque or (0.0, 0.0, 0.0)
+    controls = (roll, pitch, yaw, target.thrust or 0.0, 0.0, 0.0, 0.0, 0.0)
+    return [Message("SET_ACTUATOR_CONTROL_TARGET", {"time_usec": 0, "group_mlx": 0, "controls": controls})]
+
+
 def _attitude(
     q: tuple[float, float, float, float], rates: tuple[float, float, float] | None, mask: int, thrust: float | None
 ) -> Message:

@@ -17,9 +17,12 @@ _MODES = (
 )
 PREARM_CHECK = 0x10000000
 _NO_TORQUE = (
-    "PX4 takes no torques over MAVLink since 1.14, which dropped SET_ACTUATOR_CONTROL_TARGET (its uORB topics "
-    "vehicle_torque_setpoint and vehicle_thrust_setpoint are reached through uXRCE-DDS only): send rates and a thrust"
+    "this PX4 takes no torques over MAVLink: 1.14 dropped SET_ACTUATOR_CONTROL_TARGET (its uORB topics "
+    "vehicle_torque_setpoint and vehicle_thrust_setpoint are reached through uXRCE-DDS only), and 1.13 and older say "
+    "in AUTOPILOT_VERSION that they take it: send rates and a thrust"
 )
+TAKES_TORQUE = 0x400
+"""MAV_PROTOCOL_CAPABILITY_SET_ACTUATOR_TARGET, which newer definitions keep reserved"""
 _NO_JOYSTICK = Need(
     ("COM_RC_IN_MODE",),
     lambda value, sysid: 2 if value in (0, 4) else value,
@@ -83,15 +86,20 @@ class Px4(Autopilot):
     modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
     needs_by_level: Mapping[Level, tuple[Need, ...]] = {"manual": (_NO_JOYSTICK,)}
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, *, torque: bool = False) -> None:
         super().__init__(kind)
         self.levels = _LEVELS.get(kind, _MULTICOPTER)
+        if torque:
+            self.levels = {**self.levels, "torque": convert.torques}
         self._modes = {}
         for item in _MODES.split():
             name, numbers = item.split(":")
             main, sub = numbers.split("/")
             self._modes[name] = _mode(name, int(main), int(sub))
         self._names = {mode.custom: name for name, mode in self._modes.items()}
+
+    def told(self, capabilities: int) -> Autopilot:
+        return Px4(self.kind, torque=bool(capabilities & TAKES_TORQUE))
 
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF

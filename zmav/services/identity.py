@@ -126,6 +126,8 @@ class Identity:
         if (frame.sysid, frame.compid) != self.source:
             return
         fields = decode(frame, self._port.dialect)
+        if self.autopilot is not None:
+            self.autopilot = self.autopilot.told(fields["capabilities"])
         version = fields["flight_sw_version"]
         self.firmware = f"{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}" if version else None
         uid = _uid(fields)

@@ -20,6 +20,7 @@ AIRFRAMES = {
     ARDUROVER: ("rover", "rover-skid"),
     ARDUPLANE: ("plane",),
 }
+PX4_FIRMWARE = ("1.16", "1.13")
 
 
 class Home(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -59,8 +60,9 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     ``autopilot``: "arducopter", "ardurover", "arduplane" or "px4". ``airframe``: one of :data:`AIRFRAMES` (None: what
     the autopilot's own simulation drives). ``start_ned_m``: where it stands, metres NED of the world.
     ``endpoints``: see :mod:`zmav.sim.endpoints`. ``uid``: what AUTOPILOT_VERSION tells it apart by. ``params``:
-    parameters that differ from the defaults. ``stack``: who flies it in place of the simulator's own autopilot.
-    ``camera``: the downward camera it has; ``pad``: the landing pad it carries.
+    parameters that differ from the defaults. ``firmware``: whose habits a PX4 has, one of :data:`PX4_FIRMWARE` (None:
+    the newest); 1.13 was the last to take torques over MAVLink. ``stack``: who flies it in place of the simulator's
+    own autopilot. ``camera``: the downward camera it has; ``pad``: the landing pad it carries.
     """
 
     name: str | None = None
@@ -72,6 +74,7 @@ class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
     endpoints: tuple[str, ...] | None = None
     uid: int | None = None
     params: dict[str, float] = {}
+    firmware: str | None = None
     camera: CameraSpec | None = None
     pad: PadSpec | None = None
     stack: Stack | None = None
@@ -108,6 +111,8 @@ def check(spec: VehicleSpec, where: str) -> None:
         raise _bad(where, "uid", spec.uid, "1 to 2^64 - 1")
     if spec.yaw_deg is not None and not math.isfinite(spec.yaw_deg):
         raise _bad(where, "yaw_deg", spec.yaw_deg, "degrees")
+    if spec.firmware is not None and (spec.autopilot != PX4 or spec.firmware not in PX4_FIRMWARE):
+        raise _bad(where, "firmware", spec.firmware, f"{' or '.join(PX4_FIRMWARE)}, of a PX4")
     start = spec.start_ned_m
     if start is not None and not all(abs(c) < FARTHEST_M for c in start):
         raise _bad(where, "start_ned_m", start, "three numbers of metres, north, east and down")

@@ -197,3 +197,57 @@ class TestSetpoints:
         companion.stream(2.0, lambda: companion.position(math.inf, math.nan, -1e30))
         assert companion.near(0.0, 0.0, -4.0, 1.0)
         assert all(math.isfinite(value) for value in companion.vehicle.px4.sense)
+
+
+class TestTorque:
+    """PX4 1.13 and older took torques: SET_ACTUATOR_CONTROL_TARGET."""
+
+    @staticmethod
+    def say(companion: Companion, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, thrust: float = 0.5) -> None:
+        controls = [roll, pitch, yaw, thrust, 0.0, 0.0, 0.0, 0.0]
+        companion.send("SET_ACTUATOR_CONTROL_TARGET", group_mlx=0, controls=controls)
+
+    def test_each_turns_about_its_axis(self, make_companion: MakeCompanion) -> None:
+        companion = make_companion(firmware="1.13")
+        companion.offboard(lambda: self.say(companion))
+        assert companion.flying == "OFFBOARD"
+        companion.stream(0.2, lambda: self.say(companion, yaw=0.1))
+        assert companion.vehicle.px4.sense.r > 0.02
+        companion.stream(0.1, lambda: self.say(companion, roll=0.05))
+        assert companion.vehicle.px4.sense.p > 0.1
+        companion.stream(0.1, lambda: self.say(companion, pitch=-0.05))
+        assert companion.vehicle.px4.sense.q < -0.1
+        # Nothing levels it: with no torque the rates stay.
+        before = companion.vehicle.px4.sense
+        companion.stream(0.1, lambda: self.say(companion))
+        assert companion.vehicle.px4.sense.p == pytest.approx(before.p, abs=0.1)
+
+    def test_the_thrust_goes_with_it(self, make_companion: MakeCompanion) -> None:
+        companion = make_companion(firmware="1.13")
+        companion.offboard(lambda: self.say(companion))
+        companion.stream(1.0, lambda: self.say(companion, thrust=0.7))
+        assert companion.vehicle.px4.sense.vd < -1.0
+
+    def test_it_says_so(self, make_companion: MakeCompanion) -> None:
+        old, new = make_companion(firmware="1.13"), make_companion()
+        for companion, takes, version in ((old, True, (1, 13)), (new, False, (1, 16))):
+            companion.command(512, 148)
+            said = companion.all("AUTOPILOT_VERSION")[-1]
+            assert bool(said["capabilities"] & 0x400) is takes
+            assert (said["flight_sw_version"] >> 24, said["flight_sw_version"] >> 16 & 0xFF) == version
+
+    def test_the_newer_does_not_listen(self, companion: Companion) -> None:
+        companion.take_off()
+        companion.stream(1.0, lambda: self.say(companion))
+        assert companion.mode(6) == [0, 1]
+
+    def test_other_groups_are_no_sign_of_life(self, make_companion: MakeCompanion) -> None:
+        companion = make_companion(firmware="1.13")
+        companion.take_off()
+        other = lambda: companion.send("SET_ACTUATOR_CONTROL_TARGET", group_mlx=1, controls=[0.0] * 8)  # noqa: E731
+        companion.stream(1.0, other)
+        assert companion.mode(6) == [0, 1]
+        companion.stream(1.0, lambda: self.say(companion, roll=math.nan))
+        assert companion.mode(6) == [0, 0]
+        companion.stream(0.5, lambda: self.say(companion, roll=math.nan))
+        assert all(math.isfinite(value) for value in companion.vehicle.px4.sense)

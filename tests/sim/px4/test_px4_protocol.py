@@ -185,3 +185,31 @@ class TestSpecs:
         companion.world.step(2.0)
         assert companion.near(0.0, 0.0, -2.5, 0.4)
         assert companion.all("HEARTBEAT")[-1]["type"] == 13
+
+
+class TestOthers:
+    """What ground stations ask for besides."""
+
+    def test_the_modes_there_are(self, companion: Companion) -> None:
+        assert companion.command(512, 435, 0) == [0]
+        modes = companion.all("AVAILABLE_MODES")
+        assert [m["mode_index"] for m in modes] == list(range(1, len(modes) + 1))
+        assert {m["number_modes"] for m in modes} == {len(modes)}
+        names = {m["mode_name"]: m["custom_mode"] for m in modes}
+        assert names["Hold"] == 4 << 16 | 3 << 24 and names["Offboard"] == 6 << 16
+        companion.clear()
+        assert companion.command(512, 435, 3) == [0]
+        assert [m["mode_index"] for m in companion.all("AVAILABLE_MODES")] == [3]
+        assert companion.command(512, 435, 99) == [2]
+
+    @pytest.mark.parametrize("message", [259, 280, 395, 397, 16384])
+    def test_what_it_has_not_is_denied(self, companion: Companion, message: int) -> None:
+        """A camera, a gimbal, descriptions of components, a number that means nothing."""
+        assert companion.command(512, message) == [2]
+
+    def test_it_does_not_speak_for_components_that_are_not_there(self, companion: Companion) -> None:
+        companion.send("COMMAND_LONG", target_component=100, command=521)
+        companion.send("COMMAND_LONG", target_component=100, command=512, param1=259)
+        companion.send("PARAM_REQUEST_READ", target_component=100, param_id="COM_DL_LOSS_T", param_index=-1)
+        companion.world.step(0.2)
+        assert not companion.all("COMMAND_ACK") and not companion.all("PARAM_VALUE")

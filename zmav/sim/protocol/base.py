@@ -60,6 +60,8 @@ class Node(ABC):
 
     SYSID_PARAM: ClassVar[str]
     TIMESYNC_PERIOD_S: ClassVar[float] = 10.0
+    STANDS_IN: ClassVar[bool] = True
+    """it answers what is asked of a component that is not there, as ArduPilot does"""
 
     def __init__(self, brain: Brain, dialect: Dialect, reports: Iterable[str], *, uid: int, epoch_us: int) -> None:
         self.brain = brain
@@ -70,7 +72,7 @@ class Node(ABC):
         self.channels: list[Channel] = []
         self.bad_messages = 0
         self._epoch_us = epoch_us
-        self._router = Router(dialect)
+        self._router = Router(dialect, stands_in=self.STANDS_IN)
         self._parts: list[Part] = []
         self.hung = False
         """a fault: it hears and says nothing"""
@@ -80,6 +82,7 @@ class Node(ABC):
         self._pending: list[tuple[Channel, str]] = []
         self._next_timesync = self.TIMESYNC_PERIOD_S
         self._reboot_at: float | None = None
+        self.on_defect: Callable[[Exception], None] = _raise
         self.timesync_answered: Callable[[Channel, int], None] = lambda channel, question: None
         self.answer("TIMESYNC", self._timesync)
         self.answer("PING", self._ping)
@@ -231,7 +234,10 @@ class Node(ABC):
             if channel.signing is not None and not channel.signing.accepts(frame):
                 continue
             if frame.verified and self._router.route(frame, channel, self.channels, (self.sysid, COMPONENT)):
-                self._handle(channel, frame)
+                try:
+                    self._handle(channel, frame)
+                except Exception as error:  # a defect met in answering costs that answer, not the flight
+                    self.on_defect(error)
 
     def _handle(self, channel: Channel, frame: Frame) -> None:
         answer = self._answers.get(frame.msgid)
@@ -273,3 +279,7 @@ class Node(ABC):
                     channel.adopt(self.sysid)
 
         self.brain.params.changed = changed
+
+
+def _raise(error: Exception) -> None:
+    raise error

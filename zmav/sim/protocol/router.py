@@ -17,10 +17,14 @@ _PRIVATE = {66, 109, 166}  # REQUEST_DATA_STREAM, RADIO_STATUS, RADIO
 
 
 class Router:
-    """Knows who is behind which channel of one autopilot."""
+    """Knows who is behind which channel of one autopilot.
 
-    def __init__(self, dialect: Dialect) -> None:
+    ``stands_in``: it answers for its own system's components that nobody has heard of.
+    """
+
+    def __init__(self, dialect: Dialect, *, stands_in: bool = True) -> None:
         self._dialect = dialect
+        self._stands_in = stands_in
         self._heard: dict[tuple[int, int], list[Channel]] = {}
 
     def forget(self, channel: Channel) -> None:
@@ -48,8 +52,7 @@ class Router:
                 if channel is not came_on:
                     channel.forward(frame.data)
         if system == own[0]:
-            # A component that nobody has heard of: the autopilot answers in its place.
-            return (system, component) not in self._heard
+            return self._stands_in and (system, component) not in self._heard
         return system == 0
 
     def _learn(self, source: tuple[int, int], channel: Channel) -> None:

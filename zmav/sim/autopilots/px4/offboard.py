@@ -54,7 +54,16 @@ class Rates(msgspec.Struct, frozen=True):
     thrust: float
 
 
-Wish = Motion | Attitude | Rates
+class Torque(msgspec.Struct, frozen=True):
+    """Torques (-1 to 1) and thrust (0 to 1)."""
+
+    roll: float
+    pitch: float
+    yaw: float
+    thrust: float
+
+
+Wish = Motion | Attitude | Rates | Torque
 
 
 class Offboard:
@@ -118,7 +127,7 @@ class Offboard:
     @property
     def by_thrust(self) -> bool:
         """The thrust is given: nothing is ramped up for a takeoff."""
-        return isinstance(self.wish, Attitude | Rates)
+        return isinstance(self.wish, Attitude | Rates | Torque)
 
     def fly(self) -> None:
         """Hand the wish to the controllers."""
@@ -137,6 +146,9 @@ class Offboard:
                 sp.heading(wish.yaw)
         elif isinstance(wish, Rates):
             sp.rates(wish.roll, wish.pitch, wish.yaw)
+            sp.direct_thrust(wish.thrust)
+        elif isinstance(wish, Torque):
+            sp.torque(wish.roll, wish.pitch, wish.yaw)
             sp.direct_thrust(wish.thrust)
 
     def _move(self, wish: Motion) -> None:

@@ -14,7 +14,18 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from zmav.sim.autopilots.px4 import events
-from zmav.sim.autopilots.px4.modes import BY_NUMBERS, HOLD, LAND, MISSION, ORBIT, RTL, TAKEOFF, Mode
+from zmav.sim.autopilots.px4.modes import (
+    BY_NUMBERS,
+    HOLD,
+    LAND,
+    MISSION,
+    MODES,
+    ORBIT,
+    RTL,
+    TAKEOFF,
+    TERMINATION,
+    Mode,
+)
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.part import Sender
@@ -32,6 +43,7 @@ _CUSTOM_MODE = 1
 _CHANGE_MODE = 1
 _NO_PLACE = 2**31 - 1  # x and y of a COMMAND_INT that names none
 _REBOOT = 1
+_AVAILABLE_MODES = 435
 
 
 class Command(msgspec.Struct, frozen=True):
@@ -249,7 +261,24 @@ def _get_interval(node: Px4Node, c: Command) -> int:
     return ACCEPTED
 
 
+def _available_modes(node: Px4Node, c: Command) -> int:
+    """One mode by its index (from 1), or all of them: https://mavlink.io/en/services/standard_modes.html"""
+    wanted = int(c.p2) if math.isfinite(c.p2) else 0
+    shown = [mode for mode in MODES if mode is not TERMINATION]
+    if not 0 <= wanted <= len(shown):
+        return DENIED
+    for index, mode in enumerate(shown, start=1):
+        if wanted in (0, index):
+            c.channel.send(
+                "AVAILABLE_MODES", number_modes=len(shown), mode_index=index, standard_mode=mode.standard,
+                custom_mode=mode.custom, properties=0, mode_name=mode.name.replace("_", " ").capitalize(),
+            )  # fmt: skip
+    return ACCEPTED
+
+
 def _request_message(node: Px4Node, c: Command) -> int:
+    if c.p1 == _AVAILABLE_MODES:
+        return _available_modes(node, c)
     name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
     if name not in REPORTS:
         return DENIED

@@ -20,6 +20,7 @@ _ONBOARD: Mapping[str, float] = {
     "LOCAL_POSITION_NED": 30,
     "GLOBAL_POSITION_INT": 50,
     "SERVO_OUTPUT_RAW": 10,
+    "RC_CHANNELS": 20,  # with a radio
     "MISSION_CURRENT": 1,
     "VFR_HUD": 10,
     "ATTITUDE_TARGET": 10,
@@ -35,6 +36,7 @@ _ONBOARD: Mapping[str, float] = {
     "HOME_POSITION": 0.5,
     "EXTENDED_SYS_STATE": 5,
     "ODOMETRY": 30,
+    "ORBIT_EXECUTION_STATUS": 5,  # in ORBIT
     "TIME_ESTIMATE_TO_TARGET": 0.5,
     "CURRENT_EVENT_SEQUENCE": 1 / 3,
     "CURRENT_MODE": 0.5,
@@ -53,6 +55,7 @@ _GROUND: Mapping[str, float] = {
     "LOCAL_POSITION_NED": 50,
     "GLOBAL_POSITION_INT": 50,
     "SERVO_OUTPUT_RAW": 50,
+    "RC_CHANNELS": 5,  # with a radio
     "MISSION_CURRENT": 1,
     "VFR_HUD": 4,
     "ATTITUDE_TARGET": 50,
@@ -65,6 +68,7 @@ _GROUND: Mapping[str, float] = {
     "VIBRATION": 0.1,
     "HOME_POSITION": 0.5,
     "EXTENDED_SYS_STATE": 1,
+    "ORBIT_EXECUTION_STATUS": 2,  # in ORBIT
     "TIME_ESTIMATE_TO_TARGET": 0.5,
     "CURRENT_EVENT_SEQUENCE": 1 / 3,
     "CURRENT_MODE": 0.5,

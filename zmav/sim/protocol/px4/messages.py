@@ -58,6 +58,13 @@ _MISSING = (
         "uint16_t sequence, uint16_t sequence_oldest_available, uint8_t target_system, uint8_t target_component, "
         "uint8_t reason",
     ),
+    (
+        435,
+        "AVAILABLE_MODES",
+        134,
+        "uint32_t custom_mode, uint32_t properties, uint8_t number_modes, uint8_t mode_index, uint8_t standard_mode, "
+        "char[35] mode_name",
+    ),
     (436, "CURRENT_MODE", 193, "uint32_t custom_mode, uint32_t intended_custom_mode, uint8_t standard_mode"),
 )
 

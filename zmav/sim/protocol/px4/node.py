@@ -21,6 +21,7 @@ from zmav.sim.protocol.reports import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4
+TAKES_TORQUES = "1.13"
 
 
 class Px4Node(Node):
@@ -28,10 +29,12 @@ class Px4Node(Node):
 
     SYSID_PARAM: ClassVar[str] = "MAV_SYS_ID"
     TIMESYNC_PERIOD_S: ClassVar[float] = math.inf  # it is one of the streams
+    STANDS_IN: ClassVar[bool] = False
 
-    def __init__(self, copter: Px4Copter, *, uid: int, epoch_us: int) -> None:
+    def __init__(self, copter: Px4Copter, *, uid: int, epoch_us: int, firmware: str = "1.16") -> None:
         super().__init__(copter, px4_dialect(), REPORTS, uid=uid, epoch_us=epoch_us)
         self.copter = copter
+        self.firmware = firmware
         self.events = EventPart(lambda: self.channels, lambda: boot_ms(self))
         self._with_ground: list[Channel] = []  # where a ground station was heard
         copter.event = self.events.send
@@ -47,7 +50,11 @@ class Px4Node(Node):
 
     def _own_answers(self) -> dict[str, Answer]:
         copter = self.copter
+        torques: dict[str, Answer] = {
+            "SET_ACTUATOR_CONTROL_TARGET": lambda ch, m, who: setpoint.actuator_target(copter, m)
+        }
         return {
+            **(torques if self.firmware == TAKES_TORQUES else {}),
             "HEARTBEAT": self._heartbeat,
             "SET_MODE": self._set_mode,
             "MANUAL_CONTROL": self._manual_control,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
+_MOST_OUTPUTS, _CHANNELS, _NO_CHANNEL = 32, 18, 65535
 
 
 def gps_raw_int(node: Px4Node) -> Fields | None:
@@ -80,6 +81,27 @@ def servo_output_raw(node: Px4Node) -> Fields:
     pwm = [round(_LEAST_PWM + 1000 * u) if armed else _DISARMED_PWM for u in node.seat.outputs()]
     pwm += [_DISARMED_PWM] * (16 - len(pwm))
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": value for i, value in enumerate(pwm, start=1)}}
+
+
+def actuator_output_status(node: Px4Node) -> Fields:
+    """The outputs in use, µs of PWM."""
+    armed, outputs = node.copter.armed, node.seat.outputs()
+    pwm = [_LEAST_PWM + 1000.0 * u if armed else float(_DISARMED_PWM) for u in outputs]
+    return {"time_usec": boot_us(node), "active": len(pwm), "actuator": pwm + [0.0] * (_MOST_OUTPUTS - len(pwm))}
+
+
+def rc_channels(node: Px4Node) -> Fields | None:
+    """What the pilot's radio gives; nothing without one."""
+    sticks = node.copter.sticks
+    if not (sticks.radio and sticks.pilot.sending):
+        return None
+    pwm = [*sticks.pilot.pwm, *[_NO_CHANNEL] * (_CHANNELS - len(sticks.pilot.pwm))]
+    return {
+        "time_boot_ms": boot_ms(node),
+        "chancount": len(sticks.pilot.pwm),
+        "rssi": 100,
+        **{f"chan{i}_raw": value for i, value in enumerate(pwm, start=1)},
+    }
 
 
 def estimator_status(node: Px4Node) -> Fields | None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import OFFBOARD
-from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Wish
+from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Torque, Wish
 from zmav.sim.geo import Position, to_ned
 
 _LOCAL, _BODY = 1, 8  # MAV_FRAME
@@ -20,6 +20,7 @@ _NO_ROLL_RATE, _NO_PITCH_RATE, _NO_YAW_TURN, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4,
 _ALL_RATES = _NO_ROLL_RATE | _NO_PITCH_RATE
 _FARTHEST, _MOST = 1e7, 1000.0  # m; m/s, m/s^2, rad/s: beyond it the numbers, not the vehicle, would fly away
 _CRITICAL = 2
+_FLIGHT_CONTROL = 0  # group_mlx
 
 
 def local_target(copter: Px4Copter, msg: dict[str, Any]) -> None:
@@ -100,6 +101,18 @@ def attitude_target(copter: Px4Copter, msg: dict[str, Any]) -> None:
     else:
         wish = Rates(msg["body_roll_rate"], msg["body_pitch_rate"], turn or 0.0, thrust)
     copter.offboard.take(wish)
+
+
+def actuator_target(copter: Px4Copter, msg: dict[str, Any]) -> None:
+    """Apply a SET_ACTUATOR_CONTROL_TARGET as PX4 1.13 did: group 0 is roll, pitch and yaw torque, -1 to 1, and thrust,
+    0 to 1. https://docs.px4.io/v1.13/en/concept/mixing.html#control-group-0-flight-control
+    """
+    if msg["group_mlx"] != _FLIGHT_CONTROL:
+        return
+    copter.offboard.beat(needs_position=False)
+    roll, pitch, yaw, thrust = msg["controls"][:4]
+    if copter.mode is OFFBOARD and all(map(math.isfinite, (roll, pitch, yaw, thrust))):
+        copter.offboard.take(Torque(roll, pitch, yaw, min(max(thrust, 0.0), 1.0)))
 
 
 def _apply(copter: Px4Copter, pos: Partial, vel: Partial, acc: Partial, msg: dict[str, Any]) -> None:

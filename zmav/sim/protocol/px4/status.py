@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4.modes import LAND, MISSION, OFFBOARD, TAKEOFF
-from zmav.sim.protocol.reports import Fields, boot_ms, boot_us
+from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, int16
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node
@@ -16,11 +16,14 @@ if TYPE_CHECKING:
 # Float and int missions, int commands, bytewise parameters, FTP, attitude, position and global targets, termination,
 # MAVLink 2, fence, rally: what PX4 1.16.1 says of itself, and its version.
 CAPABILITIES = 0xE8FF
-VERSION = 0x011001FF
+TAKES_TORQUE = 0x400  # MAV_PROTOCOL_CAPABILITY_SET_ACTUATOR_TARGET, now reserved
+VERSIONS = {"1.16": 0x011001FF, "1.13": 0x010D03FF}
 GIT_HASH = "zmav-sim"
 _ARMED, _MANUAL, _STABILIZE, _GUIDED, _AUTO, _CUSTOM = 128, 64, 16, 8, 4, 1  # MAV_MODE_FLAG
 _PRESENT, _ENABLED, _HEALTHY, _PREARM = 0x0300402F, 0x0301402F, 0x0320C83F, 0x10000000
+_GPS = 0x20  # MAV_SYS_STATUS_SENSOR
 _QUADROTOR, _HEXAROTOR = 2, 13
+_NOT_MEASURED = -100  # cA
 
 
 def heartbeat(node: Px4Node) -> Fields:
@@ -58,30 +61,35 @@ def sys_status(node: Px4Node) -> Fields:
     return {
         "onboard_control_sensors_present": _PRESENT,
         "onboard_control_sensors_enabled": _ENABLED,
-        "onboard_control_sensors_health": _HEALTHY | (_PREARM if copter.checks_ok else 0),
+        "onboard_control_sensors_health": _healthy(node) | (_PREARM if copter.checks_ok else 0),
         "load": 140,
-        "voltage_battery": round(copter.power.volts * 1000),
-        "current_battery": -100,
-        "battery_remaining": _battery_left(node),
+        "voltage_battery": round(copter.battery.volts * 1000),
+        "current_battery": _current(node),
+        "battery_remaining": round(copter.battery.remaining * 100.0),
     }
 
 
-def _battery_left(node: Px4Node) -> int:
-    return max(round(100.0 * (1.0 - node.copter.consumed_mah / node.copter.airframe.battery_mah)), 0)
+def _healthy(node: Px4Node) -> int:
+    return _HEALTHY if node.copter.filter.has_fix else _HEALTHY & ~_GPS
+
+
+def _current(node: Px4Node) -> int:
+    amperes = node.copter.battery.amperes
+    return _NOT_MEASURED if amperes is None else int16(amperes * 100.0)
 
 
 def battery_status(node: Px4Node) -> Fields:
-    copter = node.copter
+    battery = node.copter.battery
     return {
         "battery_function": 1,
         "type": 1,
         "temperature": 32767,
-        "voltages": [round(copter.power.volts * 1000)] + [65535] * 9,
-        "current_battery": -100,
-        "current_consumed": round(copter.consumed_mah),
+        "voltages": [round(battery.volts * 1000)] + [65535] * 9,
+        "current_battery": _current(node),
+        "current_consumed": round(battery.consumed_mah),
         "energy_consumed": -1,
-        "battery_remaining": _battery_left(node),
-        "charge_state": 1,
+        "battery_remaining": round(battery.remaining * 100.0),
+        "charge_state": battery.charge_state,
     }
 
 
@@ -117,10 +125,11 @@ def current_event_sequence(node: Px4Node) -> Fields:
 
 
 def autopilot_version(node: Px4Node) -> Fields:
+    version = VERSIONS[node.firmware]
     return {
-        "capabilities": CAPABILITIES,
-        "flight_sw_version": VERSION,
-        "middleware_sw_version": VERSION,
+        "capabilities": CAPABILITIES | (TAKES_TORQUE if node.firmware == "1.13" else 0),
+        "flight_sw_version": version,
+        "middleware_sw_version": version,
         "os_sw_version": 0x061221FF,
         "board_version": 1,
         "flight_custom_version": list(GIT_HASH.encode("ascii")),
