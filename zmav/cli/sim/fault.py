@@ -60,7 +60,7 @@ def _show(found: list[FaultStatus], as_json: bool) -> None:
     if not found:
         click.echo("no faults")
     for each in found:
-        words = " ".join(f"{name}={value}" for name, value in each.parameters.items() if value != "")
+        words = " ".join(f"{name}={value}" for name, value in each.parameters.items())
         until = "" if each.until_s is None else f" until {each.until_s:.1f} s"
         click.echo(f"{each.vehicle}: {' '.join(filter(None, [each.kind, words]))}, since {each.since_s:.1f} s{until}")
 

@@ -19,18 +19,19 @@ from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.protocol.part import Part
 
 Direction = Literal["both", "down", "up"]
+Link = Literal["all", "tcp", "serial0", "serial1", "serial2", "udp", "udp-listen", "pty", "onboard", "ground"]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 Milliseconds = Annotated[float, Meta(ge=0.0, le=600_000.0)]
 MOST_WAITING = 20_000  # frames that a delay keeps; what is more is lost
 
 
 class LinkFault(Fault, frozen=True):
-    """Base of what happens to frames. ``direction``: "down" from the vehicle, "up" to it, or "both"; ``link``: the kind
-    of endpoint as its URL begins ("tcp", "udp", "onboard", ...; empty: all).
+    """Base of what happens to frames. ``direction``: "down" from the vehicle, "up" to it, or "both"; ``link``: those
+    of one kind of endpoint (:mod:`zmav.sim.endpoints`).
     """
 
     direction: Direction = "both"
-    link: str = ""
+    link: Link = "all"
 
     def begin(self, victim: Victim) -> Undo:
         weather = weather_of(victim.vehicle.node)
@@ -38,7 +39,7 @@ class LinkFault(Fault, frozen=True):
         return lambda: weather.take(self)
 
     def concerns(self, link: str, direction: str) -> bool:
-        return self.direction in ("both", direction) and self.link in ("", link)
+        return self.direction in ("both", direction) and self.link in ("all", link)
 
     def travel(self, data: bytes, chance: random.Random) -> list[tuple[float, bytes]]:
         """What arrives of a frame, and how many seconds later."""
