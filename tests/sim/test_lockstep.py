@@ -76,6 +76,35 @@ def test_setpoints_hold_at_the_greatest_speed() -> None:
         client.link.close()
 
 
+def test_offboard_holds_at_the_greatest_speed() -> None:
+    """PX4 leaves OFFBOARD a second after the last setpoint."""
+    spec = VehicleSpec(autopilot="px4", endpoints=("tcp:0",))
+    with World([spec], speed=math.inf, lockstep=True, ready_s=0.5) as world:
+        px4 = world.vehicles[0].px4
+        client = Client(world.vehicles[0])
+        while not px4.position_ok:
+            client.next("HEARTBEAT")
+        for command in ((176, 1, 4, 3), (400, 1), (176, 1, 4, 2)):  # HOLD, arm, TAKEOFF
+            assert client.command(*command) == 0
+        while client.next("LOCAL_POSITION_NED").z > -2.0:
+            pass
+        for _ in range(30):  # a second of stream before the mode
+            client.next("LOCAL_POSITION_NED")
+            client.velocity(1.0)
+        assert client.command(176, 1, 6) == 0
+        speeds, modes = [], set()
+        for n in range(300):
+            speeds.append(client.next("LOCAL_POSITION_NED").vx)
+            client.velocity(1.0)
+            if n > 60:
+                modes.add(px4.mode.name)
+        assert modes == {"OFFBOARD"}
+        assert speeds[150:] == pytest.approx([1.0] * 150, abs=0.2)
+        while px4.mode.name == "OFFBOARD":  # and without a stream, as soon as ever
+            client.next("LOCAL_POSITION_NED")
+        client.link.close()
+
+
 def test_without_it_the_world_runs_away_from_them() -> None:
     with World([VehicleSpec(endpoints=("tcp:0",))], speed=math.inf, ready_s=0.5) as world:
         client = Client(world.vehicles[0])
