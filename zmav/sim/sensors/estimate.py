@@ -38,7 +38,6 @@ class Estimator:
         n, noise = dynamics.n, sensors.noise
         self.jumped: Callable[[int, Vector], None] = lambda index, by: None
         self.turned: Callable[[int, float], None] = lambda index, by: None
-        self.offset: Array = sensors.gps_error.copy()  # of the position, m
         self.slip: Array = np.zeros((3, n))  # of the velocity, m/s
         self.yaw_error: Array = np.zeros(n)
         self.taken: Array = np.zeros((3, n))  # how much of the solution's shift the filter has taken for true
@@ -51,6 +50,7 @@ class Estimator:
             SLOW_PERIOD_S,
         )
         self._baro_height = noise.baro_drift_m > 0.0
+        self.offset: Array = self.target()  # of the position, m
         self.led: set[int] = set()  # vehicles whose filter has a say
         self._twist: Array | None = None
         self._vel_error: Array | None = None
