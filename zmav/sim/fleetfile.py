@@ -64,6 +64,7 @@ class WorldTable(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, froze
     speed: float = 1.0
     """times real time; 0: as fast as it goes"""
     lockstep: bool = False
+    tick_hz: int = 100
     seed: int = 0
     real_boot: bool = False
     scene: str | None = None

@@ -37,9 +37,9 @@ from zmav.sim.vehicle import SimVehicle
 
 T = TypeVar("T")
 
-PHYSICS_HZ = 200
-STEPS_PER_TICK = 2
-TICK_S = STEPS_PER_TICK / PHYSICS_HZ
+LEAST_PHYSICS_HZ = 200
+TICK_HZ, MOST_TICK_HZ = 100, 1000
+TICK_S = 1.0 / TICK_HZ
 DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
 STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
@@ -62,7 +62,8 @@ class World:
     ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
     ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`; ``gps_noise_m``: standard deviation
-    per axis. ``epoch_s``: UTC at the start. ``scene``: what
+    per axis. ``tick_hz``: how often links are served, 100 to 1000 in hundreds: no stream is quicker, and a controller
+    outside hears and is heard that often (each tick costs as much). ``epoch_s``: UTC at the start. ``scene``: what
     cameras see on the ground (:mod:`zmav.sim.camera`); ``cameras``, ``pads``: more of them, by vehicles' names.
 
     ``with World(copters=3) as world:`` opens the endpoints and runs it in a thread of its own; :meth:`open` and
@@ -91,6 +92,7 @@ class World:
         ready_s: float = DEFAULT_READY_S,
         noise: str = "none",
         gps_noise_m: float = 0.0,
+        tick_hz: int = TICK_HZ,
         epoch_s: float | None = None,
         scene: Scene | None = None,
         cameras: Mapping[str, CameraSpec] | None = None,
@@ -100,9 +102,15 @@ class World:
         for field, value in numbers.items():
             if not 0.0 <= value < MOST:
                 raise BadConfig(f"{field} {value}; expected 0 or more", field=field, value=value, expected="0 or more")
+        if tick_hz not in range(TICK_HZ, MOST_TICK_HZ + 1, TICK_HZ):
+            expected = f"{TICK_HZ} to {MOST_TICK_HZ} in hundreds"
+            text = f"tick_hz {tick_hz}; expected {expected}"
+            raise BadConfig(text, field="tick_hz", value=tick_hz, expected=expected)
         self.home = home or Home()
         self.ticks = 0
-        self.pacer = Pacer(TICK_S, speed)
+        self.tick_s = 1.0 / tick_hz
+        self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
+        self.pacer = Pacer(self.tick_s, speed)
         counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
         self.environment = Environment(wind, terrain, gusts)
         specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
@@ -120,13 +128,13 @@ class World:
             ready_s=ready_s,
             noise=noise,
             gps_noise_m=gps_noise_m,
-            dt=1.0 / PHYSICS_HZ,
+            dt=self.tick_s / self._steps,
             dialect=load_dialect("ardupilotmega"),
             epoch_us=int(self.epoch_s * 1e6),
         )
         self.vehicles: list[SimVehicle] = [vehicle for _, vehicle in built]
         for vehicle in self.vehicles:
-            vehicle.on_defect = functools.partial(self._record, vehicle)
+            vehicle.node.on_defect = functools.partial(self._met, vehicle)
         self.externals = Externals(
             specs, reached, home=self.home, environment=self.environment, seed=seed, epoch_us=int(self.epoch_s * 1e6),
             speed=speed,
@@ -134,6 +142,8 @@ class World:
         """the vehicles that flight stacks outside the simulator fly"""
         self._faults = Faults(self, seed)
         self._squads: list[Squad] = list({id(squad): squad for squad, _ in built}.values())
+        for squad in self._squads:
+            squad.fleet.pace = self._pace
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in specs):
             actors = cast(specs, self.vehicles, self.externals.vehicles)
@@ -232,19 +242,19 @@ class World:
     @property
     def time_s(self) -> float:
         """Simulated seconds since the start."""
-        return self.ticks * TICK_S
+        return self.ticks * self.tick_s
 
     @property
     def speed(self) -> float:
         """Times real time; infinite: as fast as it goes."""
         return self.pacer.speed
 
-    def step(self, seconds: float = TICK_S) -> None:
-        """Advance by whole ticks without a clock; only where no thread runs the world. Raises the defect of a vehicle
-        that fails meanwhile.
+    def step(self, seconds: float = 0.0) -> None:
+        """Advance by whole ticks (at least one) without a clock; only where no thread runs the world. Raises the defect
+        of a vehicle that fails meanwhile.
         """
         known = len(self.failures)
-        for _ in range(max(round(seconds / TICK_S), 1)):
+        for _ in range(max(round(seconds / self.tick_s), 1)):
             self._tick()
         if len(self.failures) > known:
             _, error = self.failures.pop()
@@ -271,10 +281,10 @@ class World:
         they are over, or when somebody pauses the world before. :class:`BadInput` for no time, or more than a million
         seconds.
         """
-        if not TICK_S / 2 <= seconds <= MOST:
-            expected = f"{TICK_S} to {MOST:.0f}"
+        if not self.tick_s / 2 <= seconds <= MOST:
+            expected = f"{self.tick_s:.3g} to {MOST:.0f}"
             raise BadInput(f"{seconds} seconds; expected {expected}", field="seconds", value=seconds, expected=expected)
-        return self._inside(lambda: self._advance(round(seconds / TICK_S)))
+        return self._inside(lambda: self._advance(round(seconds / self.tick_s)))
 
     def _advance(self, ticks: int) -> Future[WorldStatus]:
         self._advanced()
@@ -298,8 +308,8 @@ class World:
         self._faults.tick(now)
         for squad in self._squads:
             try:
-                squad.fleet.advance(STEPS_PER_TICK)
-                thinks = self.ticks % squad.fleet.THINKS_EVERY == 0
+                squad.fleet.advance(self._steps)
+                thinks = self.ticks % (squad.fleet.THINKS_EVERY * self._pace) == 0
                 senses = squad.fleet.senses() if thinks or squad.hurries else None
             except Exception as error:  # in the physics of one kind: no end of the others
                 self._squads = [each for each in self._squads if each is not squad]
@@ -329,6 +339,12 @@ class World:
         if vehicle.failed is None:
             vehicle.failed = error
             self._record(vehicle, error)
+
+    def _met(self, vehicle: SimVehicle, error: Exception) -> None:
+        """A defect that does not stop the autopilot; in a stepped world it comes out where it was met."""
+        if self._runner is None:
+            raise error
+        self._record(vehicle, error)
 
     def _record(self, vehicle: SimVehicle, error: Exception) -> None:
         """Keep and tell a defect, each once: a client may send what leads to it many times."""

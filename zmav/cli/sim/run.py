@@ -54,6 +54,10 @@ _OPTIONS = (
     click.option("--noise", type=click.Choice(list(PROFILES)), help="Of the sensors.  [default: none]"),
     click.option("--speed", metavar="TIMES", help="Times real time; 0 or max: as fast as it goes.  [default: 1]"),
     click.option("--lockstep", is_flag=True, help="Wait for clients that answer TIMESYNC, as 'zmav up' does."),
+    click.option(
+        "--tick-hz", type=int, metavar="HZ",
+        help="How often links are served: no stream is quicker. 100 to 1000 in hundreds.  [default: 100]",
+    ),
     click.option("--seed", type=int, help="Two worlds of one seed are identical.  [default: 0]"),
     click.option("--real-boot", is_flag=True, help=f"Be ready as late as the real one ({REALISTIC_READY_S:.0f} s)."),
     click.option(
@@ -97,7 +101,7 @@ def make_world(
     fleet_file: str | None, copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...],
     home: str | None, spacing: float | None, wind: str | None, noise: str | None, speed: str | None, lockstep: bool,
     seed: int | None, real_boot: bool, cameras: tuple[str, ...], pads: tuple[str, ...], scene: str | None,
-    **stacks: Any,
+    tick_hz: int | None = None, **stacks: Any,
 ) -> World:  # fmt: skip
     """The world that these options ask for: what they do not say, the fleet file says, or a default."""
     file = load_simulated(fleet_file) if fleet_file else FleetFile(WorldTable(), None, None, [])
@@ -113,6 +117,7 @@ def make_world(
         speed=speed_of(table) if speed is None else parse_speed(speed), lockstep=lockstep or table.lockstep,
         seed=table.seed if seed is None else seed, wind=blows, gusts=gusts, terrain=table.terrain,
         noise=noise or table.noise, scene=file.scene if scene is None else load_scene(scene),
+        tick_hz=table.tick_hz if tick_hz is None else tick_hz,
         cameras=parse_cameras(cameras), pads={name: PadSpec() for name in pads},
         ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
     )  # fmt: skip

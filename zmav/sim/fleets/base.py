@@ -101,6 +101,8 @@ class Fleet(ABC):
     def __init__(self, dynamics: Body, around: Surroundings, pack: Pack | None = None) -> None:
         self.dynamics = dynamics
         self.around = around
+        self.pace = 1
+        """ticks of the world for one at 100 Hz, by which slower loops are counted"""
         self.dynamics.wind[:] = np.array(around.environment.wind)[:, None]
         self.air = around.environment.air(dynamics.n, around.generator("air"), dynamics.dt)
         self.battery = Battery(pack or Pack(), dynamics.n)

@@ -66,11 +66,12 @@ class CopterFleet(Fleet):
         """
         est, dyn = self.estimate, self.dynamics
         self.blow(steps * self._dt)
-        if self._ticks % AIR_EVERY == 0:
+        if self._ticks % (AIR_EVERY * self.pace) == 0:
             dyn.density = density(self.around.place.alt_amsl_m - dyn.pos[2])
             self._look_at_rotors()
-        if self._ticks % OUTER_EVERY == 0:
-            self.cascade.outer(est, OUTER_EVERY * steps * self._dt)
+        outer_every = OUTER_EVERY * self.pace
+        if self._ticks % outer_every == 0:
+            self.cascade.outer(est, outer_every * steps * self._dt)
         self._ticks += 1
         self.cascade.level(est)
         for _ in range(steps):

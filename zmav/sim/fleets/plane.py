@@ -51,11 +51,12 @@ class PlaneFleet(Fleet):
         est, dyn, control = self.estimate, self.dynamics, self.control
         tick = steps * self._dt
         self.blow(tick)
-        if self._ticks % AIR_EVERY == 0:
+        if self._ticks % (AIR_EVERY * self.pace) == 0:
             self._air_of_height()
         control.level(est, est.euler, est.force, dyn.airspeed, tick)
-        if self._ticks % NAVIGATE_EVERY == 0:
-            control.navigate(est, est.euler, dyn.airspeed, NAVIGATE_EVERY * tick)
+        navigate_every = NAVIGATE_EVERY * self.pace
+        if self._ticks % navigate_every == 0:
+            control.navigate(est, est.euler, dyn.airspeed, navigate_every * tick)
         self._ticks += 1
         dyn.surface, dyn.throttle = control.surface, control.throttle
         self.overrule()

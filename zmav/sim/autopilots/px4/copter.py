@@ -141,6 +141,12 @@ class Px4Copter:
         return self.has_home and self.filter.good
 
     @property
+    def flies(self) -> bool:
+        """OFFBOARD has the vehicle, off the ground."""
+        flying = self.armed and self.mode is OFFBOARD and self.ground.stage is Stage.FLYING
+        return flying and not self.sticks.killed
+
+    @property
     def landed(self) -> bool:
         return self.ground.landed
 

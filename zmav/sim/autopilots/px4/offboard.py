@@ -101,8 +101,10 @@ class Offboard:
         return fresh and (copter.position_ok or not self.needs_position)
 
     def take(self, wish: Wish) -> None:
-        """Fly this from now on, where OFFBOARD flies."""
+        """Fly this from now on, where OFFBOARD flies; what goes to the inner loops, at once."""
         self.wish = wish
+        if self.by_thrust and self._copter.flies:
+            self.fly()
 
     def enter(self) -> None:
         """Until a setpoint comes the vehicle stays where it is."""
