@@ -59,7 +59,7 @@ class Feed:
         self.closed = False
         self.rendered = 0
         self._next: Poses | None = None
-        self._due = poses.time_s
+        self._due = poses.time_s + 1.0 / camera.spec.rate_hz
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=f"zmav-camera-{camera.name}", daemon=True)
         self._thread.start()

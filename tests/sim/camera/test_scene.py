@@ -1,0 +1,139 @@
+"""Scene files, cameras and pads in specifications: what is taken, and what is said of the rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from zmav.errors import BadConfig, BadInput
+from zmav.sim import VehicleSpec, World
+from zmav.sim.camera import Area, CameraSpec, Light, PadSpec, PlacedPad, Road, Roof, Scene, load_scene
+from zmav.sim.camera import scene as scene_module
+
+FULL = """
+ground = "sand"
+haze_m = 3000.0
+
+[light]
+sun_azimuth_deg = 200.0
+brightness = 0.5
+
+[[roads]]
+points = [[0.0, -50.0], [0.0, 50.0], [30.0, 80.0]]
+width_m = 4.0
+center_line = "none"
+
+[[areas]]
+ground = "tiles"
+center = [20.0, 0.0]
+size = [10.0, 15.0]
+
+[[pads]]
+position = [20.0, 1]
+heading_deg = 30.0
+pad = { symbol_m = 1.0, shape = "ring", size_m = 2.0, color = "yellow", background = "#102030" }
+
+[[roofs]]
+center = [0.0, 20.0]
+size = [6.0, 12.0]
+height_m = 5.0
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_scene_file(tmp_path: Path) -> None:
+    pad = PadSpec(symbol_m=1.0, shape="ring", size_m=2.0, color="yellow", background="#102030")
+    assert load_scene(write(tmp_path, FULL)) == Scene(
+        ground="sand",
+        haze_m=3000.0,
+        light=Light(sun_azimuth_deg=200.0, brightness=0.5),
+        roads=(Road(points=((0.0, -50.0), (0.0, 50.0), (30.0, 80.0)), width_m=4.0, center_line="none"),),
+        areas=(Area(ground="tiles", center=(20.0, 0.0), size=(10.0, 15.0)),),
+        pads=(PlacedPad(position=(20.0, 1.0), heading_deg=30.0, pad=pad),),
+        roofs=(Roof(center=(0.0, 20.0), size=(6.0, 12.0), height_m=5.0),),
+    )
+
+
+def test_the_example_in_the_documentation_is_one(tmp_path: Path) -> None:
+    _, _, example = (scene_module.__doc__ or "").partition("\n\n")
+    scene = load_scene(write(tmp_path, example))
+    assert (len(scene.roads), len(scene.areas), len(scene.pads), len(scene.roofs)) == (1, 1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ('ground = "lawn"', "ground"),
+        ("grund = 1", "grund"),
+        ("[[roads]]\npoints = [[0.0, 0.0]]", "roads"),
+        ("[[roofs]]\ncenter = [0.0, 0.0]\nsize = [0.0, 1.0]", "size"),
+        ("[[roofs]]\ncenter = [0.0, nan]\nsize = [1.0, 1.0]", "center"),
+        ('[[pads]]\nposition = [0, 0]\npad = { color = "mauve" }', "mauve"),
+        ("[[pads]]\nposition = [0, 0]\npad = { stroke_ratio = 0.4 }", "stroke_ratio"),
+        ("[light]\nsun_elevation_deg = -3.0", "sun_elevation_deg"),
+        ("ground = \nhaze_m = 1.0", "line 1"),
+    ],
+)
+def test_what_cannot_be_is_named_with_its_file(tmp_path: Path, text: str, named: str) -> None:
+    with pytest.raises(BadConfig, match=named) as caught:
+        load_scene(write(tmp_path, text))
+    assert "scene.toml" in str(caught.value)
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(BadConfig, match=r"nowhere\.toml"):
+        load_scene(tmp_path / "nowhere.toml")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"width": 3}, "width"),
+        ({"focal_px": float("nan")}, "focal_px"),
+        ({"rate_hz": 0.0}, "rate_hz"),
+        ({"fov_deg": 170.0}, "fov_deg"),
+        ({"distortion": (0.0, 0.0)}, "distortion"),
+        ({"center_px": (float("inf"), 0.0)}, "center_px"),
+        ({"jpeg_quality": 0}, "jpeg_quality"),
+    ],
+)
+def test_a_camera_that_cannot_be(options: dict[str, Any], named: str) -> None:
+    with pytest.raises(BadConfig, match=rf"vehicle 1: camera.*{named}"):
+        World([VehicleSpec(camera=CameraSpec(**options))])
+
+
+def test_a_pad_that_cannot_be() -> None:
+    with pytest.raises(BadConfig, match=r"vehicle 1: pad\.background"):
+        World([VehicleSpec(pad=PadSpec(background="no colour"))])
+
+
+def test_a_scene_that_cannot_be() -> None:
+    scene = Scene(roads=(Road(points=((0.0, 0.0), (1.0, 0.0)), width_m=-1.0),))
+    with pytest.raises(BadConfig, match="width_m"):
+        World([VehicleSpec(camera=CameraSpec())], scene=scene)
+
+
+def test_cameras_and_pads_by_names() -> None:
+    world = World(copters=2, rovers=1, cameras={"copter2": CameraSpec(width=320)}, pads={"rover1": PadSpec(size_m=0.7)})
+    assert world.camera("copter2").spec.width == 320
+    assert [vehicle.spec.pad for vehicle in world.vehicles] == [None, None, PadSpec(size_m=0.7)]
+    with pytest.raises(BadInput, match="copter1 has no camera; these have: copter2"):
+        world.camera("copter1")
+    world.close()
+    with pytest.raises(BadConfig, match="one of copter1, rover1"):
+        World(copters=1, rovers=1, cameras={"quad9": CameraSpec()})
+
+
+def test_a_world_without_cameras() -> None:
+    world = World(copters=1)
+    assert world.cameras is None
+    with pytest.raises(BadInput, match="no vehicle has a camera"):
+        world.camera("copter1")
+    world.close()
