@@ -55,8 +55,8 @@ def test_says_where_it_goes(yard: Yard) -> None:
 
 def test_a_place_is_held_for_ever(yard: Yard) -> None:
     yard.ready()
-    yard.goto(60.0, 0.0)
-    yard.desk.until(lambda: yard.place[0] > 58.0, 40.0)
+    yard.goto(20.0, 0.0)
+    yard.desk.until(lambda: yard.place[0] > 18.0, 40.0)
     assert QUIET not in yard.desk.texts()
 
 
@@ -88,7 +88,7 @@ def test_velocity_and_its_timeout(yard: Yard) -> None:
 
 def test_no_faster_than_it_may(yard: Yard) -> None:
     yard.ready()
-    yard.keep(12.0, lambda: yard.goto(0.0, 0.0, mask=VELOCITY, vx=15.0, vy=0.0))
+    yard.keep(9.0, lambda: yard.goto(0.0, 0.0, mask=VELOCITY, vx=15.0, vy=0.0))
     assert yard.speed == pytest.approx(yard.rover.params["WP_SPEED"], rel=0.1)
 
 

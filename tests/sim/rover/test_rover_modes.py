@@ -16,10 +16,10 @@ AUTO, RTL, SMART_RTL, GUIDED, INITIALISING = 10, 11, 12, 15, 16
 
 def test_wakes_up(make_yard: MakeYard) -> None:
     """INITIALISING for the boot, then the mode of the switch; state and flags as recorded."""
-    yard = make_yard(ready_s=41.4)
+    yard = make_yard(ready_s=12.0)
     seen: list[tuple[int, int, int]] = []
-    for _ in range(45):
-        yard.desk.world.step(1.0)
+    for _ in range(28):
+        yard.desk.world.step(0.5)
         beat = yard.desk.all("HEARTBEAT")[-1]
         step = (beat["custom_mode"], beat["base_mode"], beat["system_status"])
         if seen[-1:] != [step]:
@@ -79,7 +79,7 @@ def test_arming(yard: Yard) -> None:
 
 
 def test_needs_a_position_only_where_it_must(make_yard: MakeYard) -> None:
-    yard = make_yard(ready_s=40.0)
+    yard = make_yard(ready_s=8.0)
     yard.desk.until(lambda: yard.rover.boot.has("prearm"))
     assert yard.mode(GUIDED) == 0
     assert yard.desk.command(400, 1) == 4
@@ -140,7 +140,7 @@ def test_acro_holds_speed_and_turn_rate(yard: Yard) -> None:
 
 def test_steering_holds_lateral_acceleration(yard: Yard) -> None:
     yard.ready(STEERING)
-    yard.keep(10.0, lambda: yard.sticks(1970, 1650))
+    yard.keep(7.0, lambda: yard.sticks(1970, 1650))
     lateral = yard.speed * yard.rover.sense.r
     assert lateral == pytest.approx(0.6 * 9.80665, rel=0.15)  # ATC_TURN_MAX_G
 
@@ -184,7 +184,7 @@ def test_circle(make_yard: MakeYard) -> None:
     """To the edge, then round it clockwise at WP_SPEED, or what the lateral acceleration allows."""
     yard = make_yard(params={"CIRC_RADIUS": 8.0, "CIRC_SPEED": 3.0})
     yard.ready(CIRCLE)
-    yard.desk.world.step(25.0)
+    yard.desk.world.step(16.0)
     assert math.hypot(*yard.place) == pytest.approx(8.0, abs=1.0)
     assert yard.speed == pytest.approx(3.0, abs=0.5)
     assert yard.rover.sense.r == pytest.approx(3.0 / 8.0, rel=0.2)

@@ -281,11 +281,11 @@ class Travel:
             parts.append((self._last.along, gone - self._last.profile.length, speed, accel))
         if self._next is not None:
             parts.append((self._next.along, *self._next.motion()))
-        pace = max(self._pace, 0.0)
         corner = leg.end
         north, east = (corner[i] + sum(part[0][i] * part[1] for part in parts) for i in (0, 1))
-        vn, ve = (pace * sum(part[0][i] * part[2] for part in parts) for i in (0, 1))
-        an, ae = (pace * pace * sum(part[0][i] * part[3] for part in parts) for i in (0, 1))
+        # However slowly the point goes on, it asks for the speed of the plan: that is what draws the rover along.
+        vn, ve = (sum(part[0][i] * part[2] for part in parts) for i in (0, 1))
+        an, ae = (sum(part[0][i] * part[3] for part in parts) for i in (0, 1))
         self._rover.sp.follow((north, east), (vn, ve), (an, ae))
 
 
