@@ -347,6 +347,112 @@ class TestClock:
             Client(url)
 
 
+class TestPause:
+    def test_clients_are_answered_and_nothing_is_caught_up_with(self) -> None:
+        """A clock that stands still is told truly, and what was asked in a pause does not arrive afterwards."""
+        with World(copters=1, endpoint="tcp:0", speed=20.0, ready_s=0.5) as world:
+            client = Client(world.urls[0])
+            assert client.command(511, 30, 1e5) == 0
+            world.pause()
+            stamps = []
+            for question in (1, 2):
+                client.send("TIMESYNC", tc1=0, ts1=question)
+                stamps.append(client.next("TIMESYNC"))
+            assert [s["ts1"] for s in stamps] == [1, 2]
+            assert stamps[0]["tc1"] == stamps[1]["tc1"]
+            assert client.command(512, 148) == 0
+            before = world.time_s
+            world.resume()
+            times = [client.next("ATTITUDE")["time_boot_ms"] for _ in range(10)]
+            assert np.diff(np.array(times, dtype=float)) == pytest.approx([100.0] * 9, abs=11.0)
+            assert world.time_s > before
+            client.close()
+
+    def test_so_many_seconds_and_no_more(self) -> None:
+        with World(copters=1, endpoint="tcp:0", speed=50.0) as world:
+            world.pause()
+            before = world.time_s
+            found = world.advance(3.0).result(PATIENCE_S)
+            assert found.paused
+            assert world.time_s == pytest.approx(before + 3.0)
+            assert [world.call(lambda: world.time_s) for _ in range(3)] == [world.time_s] * 3
+            for seconds in (0.0, -1.0, float("nan"), 1e9):
+                with pytest.raises(BadInput, match=r"expected 0\.01 to 1000000"):
+                    world.advance(seconds)
+
+    def test_the_end_is_told_to_who_waits(self) -> None:
+        with World(copters=1, endpoint="tcp:0", speed=1.0) as world:
+            waiting = world.advance(1e5)
+        with pytest.raises(TimedOut, match="has ended"):
+            waiting.result(PATIENCE_S)
+
+
+class TestDefects:
+    """A defect of the simulator is loud, and costs no more than the vehicle that has it."""
+
+    @pytest.fixture
+    def world(self) -> Iterator[World]:
+        world = World(copters=2, rovers=1, endpoint="tcp:0", speed=20.0, ready_s=0.5)
+        world.start()
+        yield world
+        world.failures.clear()
+        world.close()
+
+    def fail(self, *_: object) -> None:
+        raise RuntimeError("a defect")
+
+    def until(self, world: World, sim_s: float) -> None:
+        """Wait for so many simulated seconds, whoever has failed."""
+        end = world.time_s + sim_s
+        while world.call(lambda: world.time_s) < end:
+            pass
+
+    def test_of_an_autopilot(self, world: World) -> None:
+        told: list[str] = []
+        world.on_failure = lambda vehicle, error: told.append(f"{vehicle.name}: {error}")
+        dead, well = Client(world.urls[0]), Client(world.urls[1])
+        dead.next("HEARTBEAT")
+        world.call(lambda: setattr(world.vehicles[0].brain, "update", self.fail))
+        self.until(world, 5.0)
+        for _ in range(3):
+            assert well.next("HEARTBEAT")
+        assert told == ["copter1: a defect"]
+        assert [v.failed for v in world.status().vehicles] == ["RuntimeError('a defect')", None, None]
+        with pytest.raises(TimedOut, match="copter1 has failed"):
+            world.wait_for(lambda: False)
+        dead.close()
+        well.close()
+
+    def test_of_the_physics_of_one_kind(self, world: World) -> None:
+        squad = next(squad for squad in world._squads if len(squad.vehicles) == 2)
+        client = Client(world.urls[2])
+        world.call(lambda: setattr(squad.fleet, "advance", self.fail))
+        self.until(world, 3.0)
+        assert [bool(v.failed) for v in world.status().vehicles] == [True, True, False]
+        assert client.next("HEARTBEAT")
+        client.close()
+
+    def test_in_answering_a_client(self, world: World) -> None:
+        vehicle = world.vehicles[0]
+        world.call(lambda: vehicle.node.answer("PING", self.fail))
+        client = Client(vehicle.url)
+        for _ in range(20):
+            client.send("PING", seq=1, target_system=0, target_component=0)
+        assert client.command(512, 148) == 0  # it goes on, and so does the link
+        assert client.next("HEARTBEAT")
+        assert [(v.name, str(e)) for v, e in world.failures] == [("copter1", "a defect")]  # once
+        assert world.status().vehicles[0].failed is None
+        client.close()
+
+    def test_in_a_stepped_world_it_comes_out(self, make_desk: MakeDesk) -> None:
+        desk = make_desk(2)
+        desk.vehicle.copter.update = self.fail  # type: ignore[method-assign,assignment]
+        with pytest.raises(RuntimeError, match="a defect"):
+            desk.world.step(1.0)
+        assert desk.world.time_s == pytest.approx(1.0)
+        desk.world.step(1.0)  # said once
+
+
 def test_the_status_tells_what_a_live_line_shows(make_desk: MakeDesk) -> None:
     desk = make_desk()
     desk.take_off(3.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from zmav.errors import BadInput
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
@@ -32,8 +31,6 @@ class SimVehicle:
         self.endpoints: list[Endpoint] = []
         self.failed: Exception | None = None
         """the defect that stopped its autopilot for good"""
-        self.on_defect: Callable[[Exception], None] = _raise
-        """takes the defects that do not"""
 
     @property
     def copter(self) -> ArduCopter:
@@ -106,11 +103,7 @@ class SimVehicle:
         self.node.close_channel(channel)
 
     def receive(self, channel: Channel, data: bytes) -> None:
-        """What a client sent. A defect met in answering it costs that answer, not the flight."""
-        try:
-            self.node.receive(channel, data)
-        except Exception as error:
-            self.on_defect(error)
+        self.node.receive(channel, data)
 
     # ---- the pilot
 
@@ -177,7 +170,3 @@ class SimVehicle:
             links=len(self.node.channels),
             failed=None if self.failed is None else repr(self.failed),
         )
-
-
-def _raise(error: Exception) -> None:
-    raise error
