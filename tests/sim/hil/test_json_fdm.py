@@ -190,3 +190,54 @@ def test_a_controller_hovers_by_the_answers_alone() -> None:
     assert (north, east, down) == pytest.approx((0.0, 0.0, -5.0), abs=1.0)
     assert body.truth().euler[2] == pytest.approx(0.7, abs=0.05)
     assert body.battery.current[0] == pytest.approx(28.3, rel=0.15)
+
+
+def test_a_rover_steers_by_its_first_output_and_drives_by_its_third() -> None:
+    body = plant("rover")
+    fdm = JsonFdm(body)
+    pwm = [1500, 0, 1700, *[0] * 13]
+    for i in range(400):
+        step(fdm, packet(i, pwm, rate=400))
+    assert body.truth().vel[0] > 1.0
+    assert body.truth().rate[2] == pytest.approx(0.0)
+    pwm[0] = 1800
+    for i in range(400, 500):
+        step(fdm, packet(i, pwm, rate=400))
+    assert body.truth().rate[2] > 0.5  # to the right
+    pwm[2] = 1100
+    for i in range(500, 1600):
+        step(fdm, packet(i, pwm, rate=400))
+    ahead, _, _ = body.truth().to_body(*body.truth().vel)
+    assert ahead < -1.0
+
+
+def test_a_skid_steered_rover_has_a_throttle_for_each_side() -> None:
+    body = plant("rover-skid")
+    fdm = JsonFdm(body)
+    for i in range(400):
+        step(fdm, packet(i, [1600, 0, 1400, *[0] * 13], rate=400))
+    assert body.truth().rate[2] > 0.2  # the left side pushes ahead: to the right
+    assert craft("rover-skid").params == {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74}
+
+
+@pytest.mark.parametrize(("output", "axis"), [(0, 0), (1, 1), (3, 2)])
+def test_a_planes_longer_pulses_roll_right_pitch_up_and_yaw_right(output: int, axis: int) -> None:
+    def rates(width: int) -> list[float]:
+        body = plant("plane", start=(0.0, 0.0, -200.0))
+        body.dynamics.vel[0] = 20.0
+        pwm = [1500, 1500, 1400, 1500, *[0] * 12]
+        pwm[output] = width
+        fdm = JsonFdm(body)
+        for i in range(60):
+            step(fdm, packet(i, pwm, rate=400))
+        return body.truth().rate
+
+    assert rates(1700)[axis] - rates(1300)[axis] > 0.1
+
+
+def test_a_planes_throttle_begins_at_1000_and_its_pitot_tube_is_told() -> None:
+    body = plant("plane", start=(0.0, 0.0, -200.0), wind=(-5.0, 0.0, 0.0))
+    body.dynamics.vel[0] = 15.0
+    found = step(JsonFdm(body), packet(0, [1500, 1500, 1000, 1500, *[0] * 12]))
+    assert body.values[2] == 0.0
+    assert found["airspeed"] == pytest.approx(20.0, abs=0.1)

@@ -56,6 +56,7 @@ class Externals:
         self._seed = seed
         self._dialect = load_dialect("ardupilotmega")
         self._epoch_us = epoch_us
+        self._asked_speed = speed
         self._speed = speed if math.isfinite(speed) else 1.0
         self._listener: Callable[[str], None] | None = None
         self._notes: list[str] = []
@@ -105,6 +106,9 @@ class Externals:
         plant = self._plant(spec, frame)
         vehicle: External
         if stack.device is not None:
+            if self._asked_speed != 1.0:
+                text = f"{name}: real hardware flies in real time, not at {self._asked_speed:g} times that"
+                raise BadConfig(text, field="speed", value=self._asked_speed, expected="1")
             vehicle = HardwareVehicle(
                 name, sysid, plant, self.say, self._dialect, self._epoch_us, stack.device, addresses
             )
