@@ -6,6 +6,7 @@ with World(copters=3, speed=4) as world:
 
 from __future__ import annotations
 
+from zmav.sim.remote import Remote
 from zmav.sim.spec import Home, VehicleSpec
 from zmav.sim.status import VehicleStatus, WorldStatus
 from zmav.sim.vehicle import SimVehicle
@@ -15,6 +16,7 @@ __all__ = [
     "DEFAULT_READY_S",
     "REALISTIC_READY_S",
     "Home",
+    "Remote",
     "SimVehicle",
     "VehicleSpec",
     "VehicleStatus",
