@@ -46,7 +46,7 @@ class TestGroundStation:
         return desk
 
     @pytest.mark.parametrize(
-        ("action", "expected"), [(0, GUIDED), (1, RTL), (2, RTL), (3, RTL), (4, LAND), (5, LAND), (7, BRAKE), (9, RTL)]
+        ("action", "expected"), [(0, GUIDED), (1, RTL), (2, RTL), (3, 21), (4, 21), (5, LAND), (7, BRAKE), (9, RTL)]
     )
     def test_does_what_fs_gcs_enable_says(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = self.silent(make_desk, FS_GCS_ENABLE=action)
@@ -297,7 +297,7 @@ class TestFence:
         assert "Max Alt fence breached" in desk.texts()
         assert desk.last("FENCE_STATUS")["breach_type"] == 2
 
-    @pytest.mark.parametrize(("action", "expected"), [(1, RTL), (2, LAND), (3, RTL), (4, BRAKE), (5, LAND)])
+    @pytest.mark.parametrize(("action", "expected"), [(1, RTL), (2, LAND), (3, RTL), (4, BRAKE), (5, 21)])
     def test_does_what_fence_action_says(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = make_desk([VehicleSpec(params={"FENCE_ACTION": action})])
         self.square(desk)

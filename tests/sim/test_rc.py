@@ -152,7 +152,7 @@ class TestLoss:
         desk.world.step(0.1)
         assert desk.vehicle.copter.mode.number == LOITER
 
-    @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL), (3, LAND), (4, RTL), (5, LAND), (7, 17)])
+    @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL), (3, LAND), (4, 21), (5, 21), (7, 17)])
     def test_does_what_fs_thr_enable_says(self, make_desk: MakeDesk, action: int, mode: int) -> None:
         desk = self.lost(make_desk, FS_THR_ENABLE=action)
         assert desk.vehicle.copter.mode.number == mode

@@ -9,6 +9,7 @@ from zmav.sim.autopilots.arducopter.heading import Look
 from zmav.sim.autopilots.arducopter.legs import (
     LEGS,
     Delay,
+    GuidedBounds,
     GuidedEnable,
     LandAt,
     Leg,
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 CRITICAL, WARNING = 2, 4
 ALLOW_ARMING, ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2  # AUTO_OPTIONS
 SPEEDS = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}  # SPEED_TYPE
+AUTO_RTL = 27  # the mode that AUTO calls itself on the way to a landing
+GUIDED_LIMITS = 222  # MAV_CMD_DO_GUIDED_LIMITS
 CONDITION_DELAY, CONDITION_DISTANCE, CONDITION_YAW = 112, 114, 115
 # Commands that go on with the way there is; the others set their own targets.
 KEEPS_WAY = (Waypoint, LoiterForever, LoiterTime, LoiterToAlt, LandAt, LoiterTurns, Delay)
@@ -53,6 +56,7 @@ class Auto(AutoMode):
         self._changes = 0
         self._wait_until = 0.0
         self._wait_distance = 0.0
+        self.bounds = GuidedBounds()
 
     # ---- the mode
 
@@ -79,7 +83,27 @@ class Auto(AutoMode):
     def on_arming(self) -> None:
         """The mission runs already; arming changes nothing about it."""
 
+    def come_back(self) -> bool:
+        """AUTO RTL: join the mission at its DO_LAND_START; False, with the reason said, where it has none."""
+        copter = self.copter
+        here = (copter.sense.north, copter.sense.east, copter.sense.down)
+        start = copter.mission.landing_start(lambda item: math.dist(copter.place_of(item, here), here))
+        if start == 0:
+            text = "No return path or landing sequence found"
+            copter.say(WARNING, f"Mode change to AUTO RTL failed: {text}")
+            return False
+        if copter.mode is not self and not copter.set_mode(3):
+            return False
+        self.waiting = False
+        copter.mission.resume()
+        copter.mission.set_current(start)
+        self._note_mission()
+        self.number, self.name = AUTO_RTL, "AUTO RTL"
+        copter.beat()
+        return True
+
     def leave(self) -> None:
+        self.number, self.name = 3, "AUTO"
         if self.copter.mission.state is State.RUNNING:
             self.copter.mission.stop()
         self.leg = None
@@ -201,6 +225,8 @@ class Auto(AutoMode):
             copter.region_of_interest(None if item.here and item.z == 0 else copter.place_of(item, None))
         elif item.command in (188, 189):
             return True
+        elif item.command == GUIDED_LIMITS:
+            self.bounds.limit(item.p1, item.p2, item.p3, item.p4)
         else:
             return copter.payload.perform(item)
         return True

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from zmav.sim.autopilots.arducopter.auto import Auto
+from zmav.sim.autopilots.arducopter.auto import AUTO_RTL, Auto
+from zmav.sim.autopilots.arducopter.circle import Circle
 from zmav.sim.autopilots.arducopter.crash import ANGLE_ERROR_DEG, CrashCheck
 from zmav.sim.autopilots.arducopter.guided import Guided
 from zmav.sim.autopilots.arducopter.heading import Heading
 from zmav.sim.autopilots.arducopter.modes import AltHold, Brake, Land, Loiter, Rtl, Stabilize
+from zmav.sim.autopilots.arducopter.motortest import MotorTest
 from zmav.sim.autopilots.arducopter.reactions import CopterReactions
+from zmav.sim.autopilots.arducopter.smartrtl import Breadcrumbs, SmartRtl
+from zmav.sim.autopilots.arducopter.sticks import Acro, Drift, PosHold, Sport
 from zmav.sim.autopilots.arducopter.travel import Travel
 from zmav.sim.autopilots.ardupilot.mode import Mode
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
@@ -48,7 +52,9 @@ class ArduCopter(ArduVehicle):
     """Flies one multirotor of the :class:`~zmav.sim.fleets.copter.CopterFleet`."""
 
     FIRMWARE: ClassVar[str] = "ArduCopter"
-    SWITCH_MODES: ClassVar[dict[int, int]] = {4: 6, 16: 3, 18: 9, 33: 17, 55: 4, 56: 5, 68: 0, 70: 2}
+    SWITCH_MODES: ClassVar[dict[int, int]] = {
+        4: 6, 16: 3, 18: 9, 33: 17, 42: 21, 52: 1, 55: 4, 56: 5, 68: 0, 69: 16, 70: 2, 72: 7, 73: 11, 99: AUTO_RTL,
+    }  # fmt: skip
 
     auto: Auto
     guided: Guided
@@ -70,6 +76,7 @@ class ArduCopter(ArduVehicle):
         self.sp = setpoint
         self.speeds: dict[str, float] = {}  # chosen for this mode: limits of the cascade, m/s
         self.heading = Heading(setpoint)
+        self.crumbs, self.motor_test = Breadcrumbs(self), MotorTest(self)
         super().__init__(params, sense, world, ready_s)
         for name in _LIMITS:
             self.param_changed(name, params[name])
@@ -77,8 +84,10 @@ class ArduCopter(ArduVehicle):
     def make_modes(self) -> list[Mode]:
         self.travel = Travel(self)
         self.guided, self.auto, self.land, self.rtl = Guided(self), Auto(self), Land(self), Rtl(self)
-        modes: list[Mode] = [m(self) for m in (Stabilize, AltHold, Loiter, Brake)]
-        return [*modes, self.guided, self.auto, self.land, self.rtl]
+        self.smart_rtl = SmartRtl(self)
+        kinds = (Stabilize, Acro, AltHold, Loiter, Circle, Drift, Sport, PosHold, Brake)
+        modes: list[Mode] = [kind(self) for kind in kinds]
+        return [*modes, self.guided, self.auto, self.land, self.rtl, self.smart_rtl]
 
     def make_reactions(self) -> Reactions:
         return CopterReactions(self)
@@ -88,7 +97,8 @@ class ArduCopter(ArduVehicle):
         self._idle_since = self._landed_at = self.now
         self.crash_check = CrashCheck(self)
         self._choose_speeds()
-        self.sp.spool(Spool.OFF)
+        self.crumbs.points = []
+        self.on_disarm()
 
     # ---- what it knows
 
@@ -164,12 +174,22 @@ class ArduCopter(ArduVehicle):
             self.mission.add(Item(command=NAV_TAKEOFF, z=max(self.height, 1.0)))
         self.mission.add(place)
 
+    def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
+        if number == AUTO_RTL:
+            return self.auto.come_back()
+        return super().set_mode(number, by_fence=by_fence)
+
     def arm(self, *, forced: bool = False) -> bool:
-        if not self.armed:
-            self._idle_since = self.now
-        return super().arm(forced=forced)
+        if self.armed:
+            return True
+        self._idle_since = self.now
+        done = super().arm(forced=forced)
+        if done:
+            self.crumbs.begin()
+        return done
 
     def on_disarm(self) -> None:
+        self.motor_test.stop()
         self.sp.spool(Spool.OFF)
 
     def take_off(self, height: float) -> bool:
@@ -187,6 +207,13 @@ class ArduCopter(ArduVehicle):
     # ---- what it does by itself
 
     def update(self, now: float, sense: Sense, dt: float) -> None:
+        if self.motor_test.running:
+            # No mode flies then: the state machine takes it for disarmed.
+            self.armed = False
+            super().update(now, sense, dt)
+            self.armed = self.motor_test.running
+            self.motor_test.update()
+            return
         super().update(now, sense, dt)
         if sense.impact > HARD_TOUCH:
             self.say(INFO, f"SIM Hit ground at {sense.impact:.6f} m/s")
@@ -197,6 +224,8 @@ class ArduCopter(ArduVehicle):
         super().watch(dt)
         self.crash_check.update(dt)
         if self.armed:
+            if self.mode is not self.smart_rtl:
+                self.crumbs.note()
             if self.rc.throttle > 0.03:
                 self.auto_armed = True
             elif self.mode.manual_throttle and self.rc.valid:
@@ -225,11 +254,12 @@ class ArduCopter(ArduVehicle):
 
     def _disarm_idle(self) -> None:
         """Disarm after a landing, and after DISARM_DELAY of standing armed with the throttle down."""
-        if not self.landed or self.taking_off or self.rc.throttle > 0.05:
+        lands = isinstance(self.mode, (Land, Rtl, SmartRtl))  # whatever the throttle stick says
+        if not self.landed or self.taking_off or (self.rc.throttle > 0.05 and not lands):
             self._idle_since = self.now
             return
         delay = self.params["DISARM_DELAY"]
-        if isinstance(self.mode, (Land, Rtl)):
+        if lands:
             delay = LANDED_AFTER_S
         elif delay <= 0:
             return

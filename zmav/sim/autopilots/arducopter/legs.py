@@ -15,6 +15,7 @@ from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.auto import Auto
+    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 INFO = 6
 EDGE_M = 3.0  # so near to its centre, circling begins at once
@@ -319,18 +320,42 @@ class Delay(Leg):
         return self.copter.now > self._end
 
 
+class GuidedBounds:
+    """DO_GUIDED_LIMITS: how long and how far somebody outside may steer in a mission; a zero is no limit."""
+
+    def __init__(self) -> None:
+        self.limit(0.0, 0.0, 0.0, 0.0)
+        self._since, self._from = 0.0, (0.0, 0.0)
+
+    def limit(self, seconds: float, lowest: float, highest: float, away: float) -> None:
+        """Seconds; metres above the EKF's origin; metres over the ground."""
+        self._seconds, self._lowest, self._highest, self._away = seconds, lowest, highest, away
+
+    def begin(self, copter: ArduCopter) -> None:
+        self._since, self._from = copter.now, copter.local[:2]
+
+    def passed(self, copter: ArduCopter) -> bool:
+        north, east, down = copter.local
+        if self._seconds > 0.0 and copter.now - self._since >= self._seconds:
+            return True
+        if (self._lowest != 0.0 and -down < self._lowest) or (self._highest != 0.0 and -down > self._highest):
+            return True
+        return self._away > 0.0 and math.dist((north, east), self._from) > self._away
+
+
 class GuidedEnable(Leg):
-    """Targets from outside are taken as in GUIDED, until somebody sets another item."""
+    """Targets from outside are taken as in GUIDED, until somebody sets another item or DO_GUIDED_LIMITS are passed."""
 
     def begin(self) -> None:
         if self.item.p1 > 0:
             self.copter.guided.enter()
+            self.auto.bounds.begin(self.copter)
 
     def run(self) -> None:
         self.copter.guided.update()
 
     def done(self) -> bool:
-        return self.item.p1 == 0
+        return self.item.p1 == 0 or self.auto.bounds.passed(self.copter)
 
 
 LEGS: dict[int, type[Leg]] = {

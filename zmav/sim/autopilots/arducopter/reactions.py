@@ -15,7 +15,7 @@ from zmav.sim.autopilots.ardupilot.reactions import Reactions
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
-_STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE = 0, 2, 6, 9, 17
+_STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE, _SMART_RTL, _AUTO_RTL = 0, 2, 6, 9, 17, 21, 27
 _CRITICAL, _WARNING = 2, 4
 # FS_OPTIONS
 RADIO_AUTO, GCS_AUTO, RADIO_GUIDED, LANDING, GCS_BY_PILOT = 1, 2, 4, 8, 16
@@ -40,7 +40,7 @@ _LAND_URGENCY = 1
 
 
 class CopterReactions(Reactions):
-    """Where SMART_RTL is meant, its stand-ins do its work: there is none here."""
+    """By the numbers and texts of ArduCopter."""
 
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (5, 1, 2, 4, 3, 0)
 
@@ -128,7 +128,7 @@ class CopterReactions(Reactions):
         elif action == BRAKE_OR_LAND:
             tries = (_BRAKE, _LAND)
         elif action == SMART_RTL_OR_LAND:
-            tries = (_LAND,)  # there is no SMART_RTL here
+            tries = (_SMART_RTL, _LAND)
         else:
             tries = (_RTL, _LAND)
         for number in tries:
@@ -156,6 +156,8 @@ class CopterReactions(Reactions):
             self._land_with_pause()
         elif action == Action.RTL:
             self._return_or_land()
+        elif action in (Action.SMART_RTL, Action.SMART_RTL_OR_LAND) and copter.set_mode(_SMART_RTL):
+            return
         elif action == Action.SMART_RTL:
             copter.say(_WARNING, "SmartRTL Unavailable, Trying RTL Mode")
             self._return_or_land()
@@ -164,6 +166,8 @@ class CopterReactions(Reactions):
             self._land_with_pause()
         elif action == Action.TERMINATE:
             copter.disarm(forced=True)
+        elif action == Action.LAND_START and copter.set_mode(_AUTO_RTL):
+            return
         elif action == Action.LAND_START:
             copter.say(_WARNING, "Trying RTL Mode")
             self._return_or_land()

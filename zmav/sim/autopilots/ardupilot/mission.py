@@ -256,6 +256,18 @@ class Mission(ItemStore):
         running = self.state is State.RUNNING and self.nav is not None and 0 < self.nav.seq < len(self._items)
         return running and self.nav is not None and self.set_current(self.nav.seq)
 
+    def landing_start(self, distance: Callable[[Item], float]) -> int:
+        """Number of the nearest DO_LAND_START, by its own place or that of what is flown to after it; 0 for none."""
+        found = []
+        for index in range(1, len(self._items)):
+            if self._items[index].command == LAND_START:
+                item: Item | None = self._items[index]
+                if item is not None and item.here:
+                    item = self.next_navigation(index)
+                if item is not None:
+                    found.append((distance(item), index))
+        return min(found)[1] if found else 0
+
     def jump_to_tag(self, tag: int) -> bool:
         index = self._index_of_tag(tag)
         return index > 0 and self.set_current(index)

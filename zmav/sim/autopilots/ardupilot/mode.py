@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 class Mode(ABC):
     """``update`` runs at every tick while armed."""
 
-    number: ClassVar[int]
-    name: ClassVar[str]
+    number: int
+    name: str
     needs_position: ClassVar[bool] = True
     armable: ClassVar[bool] = False
     by_pilot: ClassVar[bool] = False

@@ -42,6 +42,12 @@ def _condition_yaw(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
+def _motor_test(node: MavNode, c: Command) -> int:
+    if not all(math.isfinite(p) for p in (c.p3, c.p4, c.x)):
+        return DENIED
+    return verdict(_copter(node).motor_test.start(int(c.p1), int(c.p2), c.p3, c.p4, int(c.x)))
+
+
 COMMANDS: Handlers = {
     17: enter(_LOITER),  # NAV_LOITER_UNLIM
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
@@ -50,6 +56,7 @@ COMMANDS: Handlers = {
     84: _takeoff,  # NAV_VTOL_TAKEOFF
     85: enter(_LAND),  # NAV_VTOL_LAND
     115: _condition_yaw,
+    209: _motor_test,  # DO_MOTOR_TEST
 }
 
 

@@ -103,6 +103,18 @@ def _set_relay(node: MavNode, c: Command) -> int:
     return verdict(node.vehicle.payload.set_relay(int(c.p1), int(c.p2)))
 
 
+def _repeat_servo(node: MavNode, c: Command) -> int:
+    if not (math.isfinite(c.p3) and math.isfinite(c.p4)):
+        return DENIED
+    return verdict(node.vehicle.payload.repeat_servo(int(c.p1), min(max(int(c.p2), 0), 65535), int(c.p3), c.p4))
+
+
+def _repeat_relay(node: MavNode, c: Command) -> int:
+    if not math.isfinite(c.p3):
+        return DENIED
+    return verdict(node.vehicle.payload.repeat_relay(int(c.p1), int(c.p2), c.p3))
+
+
 def _region_of_interest(node: MavNode, c: Command) -> int:
     x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
     where: Vector | None = None
@@ -172,7 +184,9 @@ def _stop_capture(node: MavNode, c: Command) -> int:
 
 DUTIES: Handlers = {
     181: _set_relay,
+    182: _repeat_relay,
     183: _set_servo,
+    184: _repeat_servo,
     193: _pause_continue,
     195: _region_of_interest,
     197: _no_region_of_interest,
