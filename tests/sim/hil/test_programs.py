@@ -115,6 +115,15 @@ class TestEnds:
         world.close()
         assert not any(alive(pid) for pid in pids)
 
+    def test_one_that_will_not_end_is_killed(self, make_world: MakeWorld, tree: Path, tmp_path: Path) -> None:
+        binary = tree / "build/sitl/bin/arducopter"
+        binary.write_text("#!/bin/sh\ntrap '' TERM\necho deaf > ready\nwhile :; do sleep 0.1; done\n")
+        world = make_world(flown(tree, directory=tmp_path))
+        until(lambda: (tmp_path / "copter1/ready").exists())
+        pid = world.externals.pids()["copter1"]
+        world.close()
+        assert not alive(pid)
+
     def test_they_end_with_a_simulator_that_is_killed(self, tree: Path, tmp_path: Path) -> None:
         code = (
             "import sys, time\n"

@@ -210,6 +210,8 @@ class TestServer:
         after(world, 0.5)
         peer.mute = True
         until(lambda: only(world).stalls >= 1)
+        before = peer.counts["HIL_SENSOR"]
+        until(lambda: peer.counts["HIL_SENSOR"] > before)  # a reading a second, lest both wait for ever
         assert any("stopped answering" in note for note in world.externals.notes)
 
     def test_without_lock_step_readings_do_not_wait(self, world: World, make_peer: MakePeer) -> None:

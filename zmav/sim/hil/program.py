@@ -14,7 +14,7 @@ from zmav.errors import BadConfig
 
 LOG = "output.log"
 LAST_LINES, LAST_BYTES = 10, 4096
-GRACE_S = 3.0  # between being asked to end and being killed
+GRACE_S = 2.0  # between being asked to end and being killed
 
 
 class Program:
