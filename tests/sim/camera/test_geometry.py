@@ -12,7 +12,7 @@ from tests.sim.camera.conftest import PLAIN, pinhole, turned
 from zmav.errors import BadConfig
 from zmav.sim import VehicleSpec
 from zmav.sim.arrays import Array
-from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Scene
+from zmav.sim.camera import Area, CameraSpec, PadSpec, PlacedPad, Scene
 from zmav.sim.camera.cameras import Frame, SimCamera
 from zmav.sim.camera.spec import bgr
 from zmav.sim.environment import Terrain
@@ -105,6 +105,18 @@ class TestGround:
         frame = studio.take((-0.8, 0.0, -3.0, 2.0, -3.0, 5.0))
         assert studio.camera.matrix[0, 0] == pytest.approx(400 / np.tan(np.radians(40)))
         check_corners(frame, studio.camera, np.array([north, east, np.zeros_like(north)]))
+
+    @pytest.mark.parametrize("height", [3.0, 7.0, 20.0])
+    def test_what_is_drawn_into_the_ground_is_at_its_place(self, make_studio: MakeStudio, height: float) -> None:
+        """A bright rectangle of 0.4 by 0.6 of the height."""
+        area = Area(center=(0.05 * height, -0.1 * height), size=(0.4 * height, 0.6 * height), ground="sand")
+        scene = Scene(ground="asphalt", light=PLAIN.light, areas=(area,))
+        studio = make_studio(AT_FEET, scene=scene)
+        smooth = cv2.GaussianBlur(_grey(studio.take((0.0, 0.0, -height)).image), (0, 0), 2.0)
+        halfway = (smooth[:100].mean() + smooth[150:280, 150:380].mean()) / 2
+        bright = smooth > halfway
+        assert centroid(bright.astype(float)) == pytest.approx([319.5 - 52.0, 239.5 - 26.0], abs=WITHIN_PX)
+        assert bright.sum() == pytest.approx(0.4 * 520.0 * 0.6 * 520.0, rel=0.005)
 
     def test_the_texture_itself_moves_as_the_camera_does(self, make_studio: MakeStudio) -> None:
         """Two pictures of bare ground, from two places: the one warped to the other falls on it."""

@@ -11,6 +11,7 @@ from zmav.errors import BadConfig, BadInput
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import Area, CameraSpec, Light, PadSpec, PlacedPad, Road, Roof, Scene, load_scene
 from zmav.sim.camera import scene as scene_module
+from zmav.sim.spec import Stack
 
 FULL = """
 ground = "sand"
@@ -129,6 +130,15 @@ def test_cameras_and_pads_by_names() -> None:
     world.close()
     with pytest.raises(BadConfig, match="one of copter1, rover1"):
         World(copters=1, rovers=1, cameras={"quad9": CameraSpec()})
+
+
+def test_a_vehicle_that_a_real_autopilot_flies_has_a_camera_and_is_seen() -> None:
+    real = VehicleSpec(name="real", stack=Stack(), camera=CameraSpec(), pad=PadSpec(), start_ned_m=(4.0, 5.0, 0.0))
+    own = VehicleSpec(name="own", camera=CameraSpec(), start_ned_m=(4.0, 4.0, 0.0))
+    world = World([real, own], epoch_s=0.0)
+    assert world.camera("real").frame().position == pytest.approx((4.0, 5.0, -0.1))
+    assert world.camera("own").frame().position == pytest.approx((4.0, 4.0, -0.1))
+    world.close()
 
 
 def test_a_world_without_cameras() -> None:

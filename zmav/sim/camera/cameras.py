@@ -79,12 +79,16 @@ class SimCamera:
         """A picture of now."""
         return self.capture(self._cameras.look())
 
+    def prepare(self) -> None:
+        """Draw what every picture is made from, else the first one does. :class:`BadConfig` for a lens that folds."""
+        with self._lock:
+            self._made()
+
     def capture(self, poses: Poses) -> Frame:
         """A picture of the world at ``poses``."""
         with self._lock:
             sequence, self._sequence = self._sequence, self._sequence + 1
-            image = self._image(poses, sequence)
-        return self._frame(image, poses, sequence)
+            return self._frame(self._image(poses, sequence), poses, sequence)
 
     def encode(self, frame: Frame) -> bytes:
         """As JPEG of the camera's quality."""
@@ -231,12 +235,15 @@ class Cameras:
 
     def serve(self, port: int = DEFAULT_PORT, host: str = "127.0.0.1") -> dict[str, str]:
         """Serve every camera by HTTP (:mod:`zmav.sim.camera.serve`); gives the URL of each one's pictures. Port 0: any
-        free one. Raises :class:`PortInUse`, :class:`BadInput` where they are served already.
+        free one. Raises :class:`PortInUse`, :class:`BadInput` where they are served already, and :class:`BadConfig`
+        for a lens that cannot be.
         """
         from zmav.sim.camera.serve import CameraServer
 
         if self._server is not None:
             raise BadInput("the cameras are served already", field="port", value=port, expected="one call of serve")
+        for camera in self.all:
+            camera.prepare()
         server = CameraServer(self.all, host, port, self.look())
         self._server = server
         return {camera.name: f"{server.url}/{camera.name}.mjpeg" for camera in self.all}

@@ -15,6 +15,7 @@ import socket
 import threading
 from collections.abc import Callable, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socketserver import TCPServer
 from typing import Any, NamedTuple
 
 import cv2
@@ -87,6 +88,14 @@ class Feed:
     # ---- its own thread
 
     def _run(self) -> None:
+        try:
+            self._render()
+        finally:
+            with self._changed:  # also where a defect ends it: nobody is to wait for pictures that will not come
+                self.closed = True
+                self._changed.notify_all()
+
+    def _render(self) -> None:
         while True:
             with self._changed:
                 while self._next is None and not self.closed:
@@ -178,6 +187,12 @@ class CameraServer:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+
+    def server_bind(self) -> None:
+        """Without asking the network for this machine's name, which may take seconds."""
+        TCPServer.server_bind(self)
+        host, port = self.server_address[:2]
+        self.server_name, self.server_port = str(host), int(port)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that vanishes is nobody's error."""
