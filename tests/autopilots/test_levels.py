@@ -201,6 +201,16 @@ def test_px4_multicopter() -> None:
     assert sent(px4, LEVELS["rates"])["type_mask"] == 0x80
 
 
+def test_a_px4_on_its_way_in_hold_is_stopped_by_a_reposition_to_nowhere() -> None:
+    """It flies a reposition in HOLD: entering HOLD again would let it fly on."""
+    px4 = of(PX4, COPTER)
+    assert px4.hold()[0] == "HOLD"
+    assert px4.pause is not None
+    assert (px4.pause.name, px4.pause.params[1]) == ("MAV_CMD_DO_REPOSITION", 1.0)
+    assert all(math.isnan(p) for p in px4.pause.params[3:])
+    assert of(ARDUPILOT, COPTER).pause is None
+
+
 @pytest.mark.parametrize(
     ("stack", "mav_type", "refused"),
     [

@@ -51,6 +51,8 @@ class Flight:
         self.client, self.onboard = client, onboard
         self.vehicle: Vehicle = client.vehicle(NAME)
         self.events: list[wire.Event] = []
+        self.home: wire.Vector | None = None
+        """where it was armed last, as far as that is known"""
         client.session.declare_subscriber(keys.EVENT.key("demo", NAME), self._on_event)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
@@ -118,6 +120,7 @@ class Flight:
         high = not kind.height or (self.state.position and self.state.position.alt_rel > 0.6 * kind.height)
         if not (self.state.armed and high):
             await self.on_ground()
+            self.home = self.offset(0.0, 0.0)
             await self.vehicle.arm()
             if kind.height:
                 await self.vehicle.takeoff(kind.height)

@@ -72,7 +72,7 @@ KINDS = (
         lean=0.0, bank=math.radians(20.0), thrust=0.6, lands_at_home=False, patience=90.0,
     ),
 )  # fmt: skip
-SIMULATED = ("arducopter", "px4", "ardurover")
+SIMULATED = ("arducopter", "px4", "ardurover", "arduplane")
 
 
 def named(name: str) -> Kind:

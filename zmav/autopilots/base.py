@@ -222,6 +222,9 @@ class Autopilot(ABC):
     def hold(self) -> tuple[str, Message | None]:
         """The mode, and the message then sent, that stop the vehicle where it is."""
 
+    pause: ClassVar[Command | None] = None
+    """what stops it on its way to a place in the mode of :meth:`hold`, where entering that again changes nothing"""
+
     @abstractmethod
     def land(self) -> str:
         """The mode that lands the vehicle where it is."""

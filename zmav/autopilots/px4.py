@@ -149,6 +149,8 @@ class Px4(Autopilot):
             raise self.unsupported(f"{what} without a global position")
         return float(position["alt"] - position["relative_alt"]) / 1000.0
 
+    pause: ClassVar[Command | None] = Command("MAV_CMD_DO_REPOSITION", (-1.0, 1.0, 0.0, NAN, NAN, NAN, NAN))
+
     def hold(self) -> tuple[str, Message | None]:
         return "HOLD", None
 

@@ -133,8 +133,12 @@ class Flight:
     async def hold(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Stop where the vehicle is."""
         async with self._do.move():
-            mode, message = self._do.autopilot().hold()
+            autopilot = self._do.autopilot()
+            mode, message = autopilot.hold()
+            there = self._identity.mode == mode
             await self._do.enter(mode)
+            if there and autopilot.pause:
+                await self._do.give(autopilot.pause)
             if message:
                 for _ in range(STOPS):
                     await self._do.give(message)
