@@ -160,7 +160,7 @@ def test_the_short_period_has_the_derivatives_of_linear_theory() -> None:
     speed, frame = 22.0, TRAINER
 
     def slopes(dalpha: float, rate: float) -> tuple[float, float]:
-        dyn, alpha = trimmed(speed, frame)
+        dyn, _ = trimmed(speed, frame)
         dyn.vel[0], dyn.vel[2] = speed * math.cos(-dalpha), -speed * math.sin(-dalpha)
         dyn.rate[1] = rate
         dyn.step()

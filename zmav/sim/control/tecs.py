@@ -84,7 +84,6 @@ class Tecs:
         if fresh.any():
             self.speed[fresh] = np.maximum(airspeed[fresh], SLOWEST)
             self._speed_bias[fresh] = 0.0
-            self._gain_slow[fresh] = gain[fresh]
 
     def update(
         self, height: Array, climb: Array, pitch: Array, roll: Array, load: Array, eas2tas: float, dt: float

@@ -128,8 +128,9 @@ class Wing(msgspec.Struct, frozen=True, kw_only=True):
 def _trainer() -> Wing:
     # A Skywalker-class trainer of 2 kg, as ArduPilot's simulation flies: planform, lift, drag, damping and weathercock
     # coefficients are the ones of the Skywalker 2013 that G. Zogopoulos-Papaliakos identified for "last_letter"
-    # (github.com/Georacer/last_letter). Ours: a stall at 12 degrees, a balance that needs no elevator at 22 m/s, a
-    # propeller with a top speed, and wheels. Moments of inertia are the ones the stock gains are tuned to.
+    # (github.com/Georacer/last_letter), sideslip's moments with the lever of a centre of mass 15 cm ahead of the side
+    # force and 5 cm over it. Ours: a stall at 12 degrees, a balance that needs no elevator at 22 m/s, a propeller with
+    # a top speed, and wheels. Moments of inertia are the ones that the stock gains are tuned to.
     return Wing(
         name="plane",
         mass_kg=2.0,
@@ -145,7 +146,7 @@ def _trainer() -> Wing:
         drag_0=0.10,
         side_beta=-0.98,
         side_rudder=-0.16,
-        roll_beta=-0.12,
+        roll_beta=-0.146,
         roll_p=-1.0,
         roll_r=0.14,
         roll_aileron=0.20,
@@ -154,7 +155,7 @@ def _trainer() -> Wing:
         pitch_alpha=-2.8,
         pitch_q=-20.0,
         pitch_elevator=0.8,
-        yaw_beta=0.25,
+        yaw_beta=0.33,
         yaw_p=0.022,
         yaw_r=-1.0,
         yaw_rudder=0.08,

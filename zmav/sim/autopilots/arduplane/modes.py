@@ -104,6 +104,9 @@ class Training(PlaneMode):
     number, name, by_pilot, manual_throttle = 3, "TRAINING", True, True
     captures_direction = True
 
+    def update(self) -> None:
+        self.fly()  # a stick at its end reaches a limit too fast for less
+
     def fly(self) -> None:
         plane, s = self.plane, self.plane.sense
         bank = math.radians(plane.params["ROLL_LIMIT_DEG"])

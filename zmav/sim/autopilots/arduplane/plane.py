@@ -136,7 +136,7 @@ class ArduPlane(ArduVehicle):
         if not has("initialised"):
             return ["System not initialised"]
         if has("prearm"):
-            return [] if self.mode.allows_arming() else [f"{self.mode.name} mode not armable"]
+            return [] if self.armed or self.mode.allows_arming() else [f"{self.mode.name} mode not armable"]
         checks = (
             (True, "Gyros inconsistent" if has("aligned") else "Accels inconsistent"),
             (not has("ekf_started"), "AHRS: waiting for home"),
@@ -374,7 +374,9 @@ class ArduPlane(ArduVehicle):
             self.say(_INFO, f"SIM Hit ground at {sense.impact:.6f} m/s")
         if self._ticks % FLYING_EVERY == 0:
             self._believe_flying()
-        self.sp.flying(self.armed and (self._flying > 0.0 or self.stick_throttle > 0.0 or not self.throttle_suppressed))
+        if self.on_turn:
+            moves = self._flying > 0.0 or not self.throttle_suppressed or self.rc.throttle > 0.0
+            self.sp.flying(self.armed and moves)
 
     def watch_ground(self) -> None:
         """The engine stays off until the launch; AUTOLAND's direction is that of the first course flown."""

@@ -1,0 +1,192 @@
+"""Missions of an ArduPlane in AUTO."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.sim.plane.conftest import ARM, AUTO, GUIDED, LOITER, RTL
+from tests.sim.plans import Fields, at, do, download, reached, upload
+
+if TYPE_CHECKING:
+    from tests.sim.plane.conftest import Field
+
+TAKEOFF, WAYPOINT, FOREVER, TURNS, TIME, HOME, LAND, CHANGE_ALT, TO_ALT, LAND_START = (
+    22,
+    16,
+    17,
+    18,
+    19,
+    20,
+    21,
+    30,
+    31,
+    189,
+)
+
+
+def takeoff(up: float) -> Fields:
+    return {"command": TAKEOFF, "frame": 6, "z": up, "param1": 15.0}
+
+
+def start(field: Field, items: list[Fields]) -> None:
+    """In the air, in AUTO with that mission."""
+    assert upload(field.desk, items) == 0
+    field.desk.clear()
+    assert field.mode(AUTO) == 0
+
+
+def test_a_mission_from_the_ground_and_back_to_it(field: Field) -> None:
+    field.set("LAND_DISARMDELAY", 2)
+    field.ready()
+    items = [takeoff(35), at(WAYPOINT, 300, 0, 45), at(WAYPOINT, 300, -250, 45), at(LAND, 0, -250)]
+    assert upload(field.desk, items) == 0
+    assert field.mode(AUTO) == 0
+    assert field.desk.command(ARM, 1) == 0
+    assert field.desk.last("MISSION_CURRENT")["mission_state"] == 3
+    field.desk.until(lambda: not field.plane.armed, 150.0)
+    assert reached(field.desk) == [1, 2, 3]
+    assert field.away(0.0, -250.0) < 60.0
+    texts = field.desk.texts()
+    for text in ("Mission: 1 Takeoff", "Holding course", "Takeoff complete at 35", "Reached waypoint #2 dist",
+                 "Mission: 4 Land", "Landing approach start at ", "Flare ", "Auto disarmed"):  # fmt: skip
+        assert any(each.startswith(text) for each in texts), text
+    assert field.plane.mode.number == AUTO
+    # In AUTO disarming does not begin the mission anew.
+    field.wait(1.0)
+    assert field.plane.mission.current == 4
+
+
+def test_waypoints_are_turned_at_early_and_lines_are_kept(flying: Field) -> None:
+    start(flying, [at(WAYPOINT, 250, 0, 60), at(WAYPOINT, 250, 400, 60), at(FOREVER, 250, 900, 60)])
+    flying.desk.until(lambda: reached(flying.desk) == [1])
+    assert 20.0 < flying.away(250.0, 0.0) < 60.0  # WP_RADIUS, or the turn's distance
+    flying.wait(13.0)
+    assert abs(flying.plane.sense.north - 250.0) < 6.0
+    assert flying.plane.height == pytest.approx(60.0, abs=3.0)
+    flying.desk.until(lambda: reached(flying.desk) == [1, 2])
+    assert flying.away(250.0, 400.0) < 20.0  # straight on: no turn to begin early
+
+
+def test_an_acceptance_radius_and_a_passing_distance(flying: Field) -> None:
+    start(flying, [at(WAYPOINT, 300, 0, 60, 0, 15), at(WAYPOINT, 300, 300, 60, 0, 0, 40), at(FOREVER, 0, 300, 60)])
+    assert [(item["param2"], item["param3"]) for item in download(flying.desk)[1:3]] == [(15.0, 0.0), (0.0, 40.0)]
+    flying.desk.until(lambda: reached(flying.desk) == [1])
+    assert flying.away(300.0, 0.0) < 20.0
+    flying.desk.until(lambda: reached(flying.desk) == [1, 2])
+    assert flying.plane.sense.east > 335.0
+
+
+def test_loiters_by_turns_time_and_height(flying: Field) -> None:
+    start(
+        flying,
+        [
+            at(TURNS, 150, 0, 60, 1, 0, -60),
+            at(TIME, 150, 0, 60, 4),
+            at(TO_ALT, 150, 0, 72, 0, 70),
+            at(FOREVER, 150, 0, 72),
+        ],
+    )
+    flying.desk.until(lambda: flying.plane.way.turned > 0.5)
+    s = flying.plane.sense
+    assert (s.north - 150.0) * s.ve - s.east * s.vn < 0.0  # counter-clockwise
+    flying.desk.until(lambda: reached(flying.desk) == [1, 2, 3], 90.0)
+    assert flying.plane.height == pytest.approx(72.0, abs=6.0)
+    texts = flying.desk.texts()
+    assert [t for t in texts if t.startswith("Loiter")] == [
+        "Loiter orbits complete",
+        "Loiter time complete",
+        "Loiter to alt complete",
+    ]
+
+
+def test_speeds_jumps_and_the_end_of_the_mission(flying: Field) -> None:
+    start(
+        flying, [do(178, 0, 26, 0), at(WAYPOINT, 150, 0, 60), do(177, 2, 1), do(178, 0, -2), at(CHANGE_ALT, 0, 0, 66)]
+    )
+    flying.desk.until(lambda: flying.plane.mode.number == RTL, 60.0)
+    texts = flying.desk.texts()
+    assert "Set airspeed 26 m/s" in texts
+    assert texts.count("Mission: 2 WP") == 2
+    assert "Mission: 3 Jump 1/1" in texts
+    assert "Mission complete, changing mode to RTL" in texts
+    assert flying.plane.airspeed_wanted == 22.0
+
+
+def test_it_goes_on_where_it_was_left(flying: Field) -> None:
+    start(flying, [at(WAYPOINT, 150, 0, 60), at(WAYPOINT, 600, 0, 60), at(FOREVER, 800, 0, 60)])
+    flying.desk.until(lambda: flying.plane.mission.current == 2)
+    assert flying.mode(LOITER) == 0
+    flying.wait(3.0)
+    assert flying.mode(AUTO) == 0
+    assert flying.plane.mission.current == 2
+    assert flying.desk.command(224, 3) == 0
+    flying.wait(0.3)
+    assert flying.plane.mission.current == 3
+
+
+def test_a_return_in_the_mission_and_a_landing_that_rtl_finds(flying: Field) -> None:
+    start(flying, [do(HOME)])
+    flying.wait(0.3)
+    assert flying.plane.mode.number == RTL
+    items = [do(HOME), do(LAND_START), at(WAYPOINT, -300, 0, 50), at(LAND, 0, 0)]
+    assert upload(flying.desk, items) == 0
+    flying.set("RTL_AUTOLAND", 2)
+    assert flying.mode(GUIDED) == 0
+    assert flying.mode(RTL) == 0
+    flying.wait(0.3)
+    assert flying.plane.mode.number == AUTO
+    assert flying.plane.mission.current == 3
+    assert flying.plane.mission.landing
+    assert flying.mode(LOITER) == 0
+    assert flying.desk.command(LAND_START) == 0
+    assert flying.plane.mode.number == AUTO
+    assert flying.plane.mission.current == 3
+
+
+def test_a_landing_is_given_up_for_its_approach(flying: Field) -> None:
+    start(flying, [at(WAYPOINT, 150, 0, 60), at(LAND, 800, 0)])
+    assert flying.desk.command(191) == 4
+    flying.desk.until(lambda: flying.plane.landing.active)
+    flying.wait(6.0)
+    assert flying.desk.command(191) == 0
+    flying.wait(0.2)
+    assert flying.plane.mission.current == 1
+    assert not flying.plane.landing.active
+
+
+def test_a_landing_comes_down_its_slope(flying: Field) -> None:
+    start(flying, [at(WAYPOINT, 120, 0, 50), at(LAND, 620, 0)])
+    flying.desk.until(lambda: int(flying.plane.landing.leg) >= 1)
+    flying.wait(6.0)
+    for _ in range(4):
+        flying.wait(1.0)
+        if flying.plane.landing.flaring:
+            break
+        wanted = flying.plane.sp.flown().height
+        assert flying.plane.height == pytest.approx(wanted + flying.plane.home_world[2], abs=4.0)
+    flying.desk.until(lambda: flying.plane.landing.flaring)
+    assert flying.plane.landing.height < 9.0
+    assert 50.0 < flying.plane.way.distance < 130.0  # recorded: 90 m
+    assert flying.plane.eas == pytest.approx(16.0, abs=1.5)
+
+
+def test_heights_between_places_change_on_a_slope(flying: Field) -> None:
+    start(flying, [at(WAYPOINT, 150, 0, 60), at(WAYPOINT, 750, 0, 100), at(FOREVER, 900, 0, 100)])
+    flying.desk.until(lambda: flying.plane.mission.current == 2)
+    flying.desk.until(lambda: flying.plane.way.share > 0.5)
+    assert flying.plane.height == pytest.approx(80.0, abs=6.0)
+
+
+def test_auto_without_a_mission_returns(flying: Field) -> None:
+    assert flying.mode(AUTO) == 0
+    assert flying.plane.mode.number == RTL
+
+
+def test_a_nameless_place_is_here(flying: Field) -> None:
+    start(flying, [{"command": FOREVER, "frame": 6, "x": 0, "y": 0, "z": 0.0}])
+    here = flying.plane.here
+    assert math.hypot(flying.plane.way.end[0] - here[0], flying.plane.way.end[1] - here[1]) < 3.0
+    assert flying.plane.way.end[2] == pytest.approx(here[2], abs=1.0)
