@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.test_recording import Message, from_tlog, rates
+from tests.sim.yardstick.reading import Message, from_tlog, rates
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim import REALISTIC_READY_S

@@ -68,6 +68,8 @@ class Cascade:
         self._mix_lean, self._mix_turn = mix[:, 1:3], mix[:, 3:]
         self._torque_nm = Allocator(airframe).torque_nm[:, None]
         self._rate: Array = np.zeros((3, n))  # body rates asked for
+        self.want_vel: Array = np.zeros((3, n))  # what the velocity loop follows and gives
+        self.want_acc: Array = np.zeros((3, n))
         self._flying: Flags = np.zeros(n, dtype=bool)
         self._idle: Array = np.zeros((len(mix), n))
         self._by_rates: Flags | None = None  # whose body rates or torques are given; None: nobody's
@@ -121,6 +123,7 @@ class Cascade:
         acc = ref.acc + error * gains.vel_p + self._vel_i
         acc[:2] = limit_length(acc[:2], GRAVITY * np.tan(sp.limits.lean))
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
+        self.want_vel, self.want_acc = want_vel, acc
         self._lean_and_lift(est, acc, by_hand, ballistic)
 
     def _below_attitude(self, est: Estimated) -> None:
@@ -176,6 +179,11 @@ class Cascade:
             lift[by_hand] = (frame.mass_kg * pull[2] / np.maximum(actual_down[2], 0.5))[by_hand]
         full = frame.thrust_max_n * len(frame.rotors)
         self.thrust = np.where(ballistic, sp.thrust * full, clamp(lift, 0.0, full))
+
+    @property
+    def want_rate(self) -> Array:
+        """(3, N) rad/s: body rates asked for."""
+        return self._rate
 
     def level(self, est: Estimated) -> None:
         """Attitude loop, once a tick: sets the body rates to hold."""

@@ -70,6 +70,7 @@ class Px4Cascade(Cascade):
         self._vel_dot += ((est.vel - self._vel_before) / dt - self._vel_dot) * share
         self._vel_before = est.vel.copy()
         acc = ref.acc + error * g.vel_p + self._vel_i - self._vel_dot * g.vel_d
+        self.want_vel, self.want_acc = want, acc
         thrust = self._fit(self._thrust_vector(acc))
         self._integrate_velocity(error, acc, thrust, dt)
         self._vel_i[:2] *= ~by_hand

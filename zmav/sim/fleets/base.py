@@ -82,6 +82,14 @@ class Sense(NamedTuple):
     true_down: float
 
 
+class Wanted(NamedTuple):
+    """What the loops of one vehicle are asked for: m/s and m/s^2 NED, rad/s about the body's axes."""
+
+    vel: Vector
+    acc: Vector
+    rate: Vector
+
+
 class Fleet(ABC):
     """N vehicles of one airframe; the order of vehicles is that of the columns of every array.
 
@@ -133,6 +141,11 @@ class Fleet(ABC):
     def rotor_speeds(self, index: int) -> list[float]:
         """Of one vehicle's rotors, as shares of the highest; none where there are none."""
         return []
+
+    def wanted(self, index: int) -> Wanted:
+        """What the loops of one vehicle are asked for now; nothing where there are no such loops."""
+        still = (0.0, 0.0, 0.0)
+        return Wanted(still, still, still)
 
     def weaken(self, index: int, motor: int, cause: str, left: float) -> None:
         """For a certain cause a motor of one vehicle gives the share ``left`` (0..1) of its thrust; 1: it is whole."""
@@ -190,6 +203,9 @@ class Seat:
 
     def rotor_speeds(self) -> list[float]:
         return self.fleet.rotor_speeds(self.index)
+
+    def wanted(self) -> Wanted:
+        return self.fleet.wanted(self.index)
 
     def readings(self) -> Readings:
         return self.fleet.readings(self.index)

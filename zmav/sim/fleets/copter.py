@@ -17,7 +17,7 @@ from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.environment import Vector
-from zmav.sim.fleets.base import Fleet, Sense, Surroundings
+from zmav.sim.fleets.base import Fleet, Sense, Surroundings, Wanted
 
 OUTER_EVERY = 2  # ticks
 LOST = 0.5  # a rotor of less efficiency counts as failed
@@ -109,6 +109,11 @@ class CopterFleet(Fleet):
     def rotor_speeds(self, index: int) -> list[float]:
         speeds: list[float] = self.dynamics.rotor[:, index].tolist()
         return speeds
+
+    def wanted(self, index: int) -> Wanted:
+        loops = self.cascade
+        vel, acc, rate = (rows[:, index].tolist() for rows in (loops.want_vel, loops.want_acc, loops.want_rate))
+        return Wanted(tuple(vel), tuple(acc), tuple(rate))
 
     def senses(self) -> list[Sense]:
         """One row of plain floats per vehicle; a touch of the ground is reported once."""

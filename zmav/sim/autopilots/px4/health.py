@@ -28,7 +28,7 @@ _MANUAL = sum(mode.bit for mode in MODES if mode.manual)
 _BY_POSITION = sum(mode.bit for mode in MODES if mode.position)
 # Health components, as numbers of bits.
 _GPS, _REMOTE, _BATTERY, _LINKS, _LOCAL, _SYSTEM, _GLOBAL = 3, 7, 11, 12, 17, 20, 24
-_PRESENT = 0x38020C0A
+_PRESENT, _LOGGING = 0x3802080A, 10
 _EMERGENCY, _CRITICAL, _ERROR, _WARNING, _INFO = 0x00, 0x22, 0x33, 0x44, 0x66
 
 
@@ -154,7 +154,9 @@ class Health:
         """Events with their arguments, in the order in which PX4 sends them."""
         error = warning = 0
         can_arm = can_run = _POSSIBLE | _MANUAL | MISSION.bit
-        present = _PRESENT | (self._copter.sticks.alive << _REMOTE) | (not self._copter.failsafe.ground_lost) << _LINKS
+        copter = self._copter
+        present = _PRESENT | copter.armed << _LOGGING | copter.sticks.alive << _REMOTE
+        present |= (not copter.failsafe.ground_lost) << _LINKS
         checks = []
         for check in found:
             severity = check.levels & 0xF

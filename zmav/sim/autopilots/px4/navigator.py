@@ -55,6 +55,25 @@ class Navigator:
             self._copter.cruise_speed = speed
 
     @property
+    def goal(self) -> Vector:
+        """Where the mode goes, in the world's NED."""
+        copter, sense = self._copter, self._copter.sense
+        if copter.mode is TAKEOFF:
+            return sense.north, sense.east, self._takeoff_down
+        return self.target or (sense.north, sense.east, sense.down)
+
+    @property
+    def way_home_s(self) -> float:
+        """Seconds that a return to home would take, by its legs and with PX4's margins."""
+        copter, sense, p = self._copter, self._copter.sense, self._copter.params
+        north, east, down = copter.home_world
+        away, height = math.hypot(north - sense.north, east - sense.east), down - sense.down
+        up = max(self._return_height() - height, 0.0) if away > CLOSE_M else 0.0
+        slow = p["MPC_LAND_SPEED"]
+        takes = up / p["MPC_Z_V_AUTO_UP"] + away / p["MPC_XY_CRUISE"] + max(height + up, 0.0) / max(slow, 0.1)
+        return float(takes * p["RTL_TIME_FACTOR"] + p["RTL_TIME_MARGIN"])
+
+    @property
     def lifts(self) -> bool:
         """A standing vehicle is to leave the ground."""
         mission = self._copter.mission
@@ -134,6 +153,12 @@ class Navigator:
     def _plan_return(self) -> None:
         """Climb to where the cone over home (RTL_CONE_ANG) or RTL_RETURN_ALT begins, never down."""
         copter, sense = self._copter, self._copter.sense
+        self._leg = "climb"
+        self.target = (sense.north, sense.east, copter.home_world[2] - self._return_height())
+
+    def _return_height(self) -> float:
+        """Above home, m."""
+        copter, sense = self._copter, self._copter.sense
         north, east, down = copter.home_world
         away = math.hypot(north - sense.north, east - sense.east)
         height = float(copter.params["RTL_RETURN_ALT"])
@@ -142,9 +167,7 @@ class Navigator:
             height = 0.0
         elif 0.0 < cone < math.pi / 2 - 0.01:
             height = min(height, max(away / math.tan(cone), 2.0 * float(copter.params["NAV_ACC_RAD"])))
-        height = max(height, down - sense.down)
-        self._leg = "climb"
-        self.target = (sense.north, sense.east, down - height)
+        return max(height, down - sense.down)
 
     def _return(self) -> None:
         copter, sense = self._copter, self._copter.sense

@@ -64,7 +64,7 @@ def vfr_hud(node: MavNode) -> Fields:
         "groundspeed": plane.groundspeed,
         "heading": int(math.degrees(s.yaw)) % 360,
         "throttle": round(s.throttle * 100) if plane.armed else 0,
-        "alt": plane.position.alt_amsl_m if plane.boot.has("origin") else 0.0,
+        "alt": plane.position.alt_amsl_m if plane.boot.has("gps") else 0.0,
         "climb": -s.vd,
     }
 

@@ -218,11 +218,12 @@ def sys_status(node: MavNode) -> Fields:
 
 
 def vfr_hud(node: MavNode) -> Fields:
-    """There is no airspeed; a throttle backwards is one too."""
+    """The airspeed is the speed over the ground, without a sensor of its own; a throttle backwards is one too."""
     rover, s = _rover(node), node.vehicle.sense
+    speed = math.hypot(s.vn, s.ve)
     return {
-        "airspeed": 0.0,
-        "groundspeed": math.hypot(s.vn, s.ve),
+        "airspeed": speed,
+        "groundspeed": speed,
         "heading": int(math.degrees(s.yaw)) % 360,
         "throttle": round(abs(s.throttle) * 100) if rover.armed else 0,
         "alt": rover.position.alt_amsl_m if rover.boot.has("origin") else 0.0,

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4.ground import Stage
-from zmav.sim.autopilots.px4.modes import OFFBOARD, ORBIT
+from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD, ORBIT
 from zmav.sim.autopilots.px4.offboard import Motion
 from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
 
@@ -171,38 +171,51 @@ def open_drone_id_system(node: Px4Node) -> Fields | None:
 
 
 def attitude_target(node: Px4Node) -> Fields:
-    s = node.copter.sense
-    standing = not node.copter.armed or node.copter.ground.stage in (Stage.STANDING, Stage.TOUCHED)
+    s, copter = node.copter.sense, node.copter
+    standing = not copter.armed or copter.ground.stage in (Stage.STANDING, Stage.TOUCHED)
+    p, q, r = (0.0, 0.0, 0.0) if standing else node.seat.wanted().rate
     return {
         "time_boot_ms": boot_ms(node),
         "q": [s.want_qw, s.want_qx, s.want_qy, s.want_qz],
+        "body_roll_rate": p,
+        "body_pitch_rate": q,
+        "body_yaw_rate": r,
         "thrust": 0.0 if standing else s.throttle,
     }
 
 
+_NO = math.nan
+_STANDING: Fields = {"vx": _NO, "vy": _NO, "vz": _NO, "afz": 100.0}  # so that it does not try to lift itself
+
+
+def _loops(node: Px4Node) -> Fields:
+    """Velocity and acceleration that the loops are asked for, and the heading."""
+    vel, _, _ = wanted = node.seat.wanted()
+    names = ("vx", "vy", "vz", "afx", "afy", "afz")
+    return {**dict(zip(names, (*vel, *wanted.acc), strict=True)), "yaw": node.copter.sense.want_yaw}
+
+
 def position_target_local_ned(node: Px4Node) -> Fields | None:
-    """What the position controller follows; nothing where attitude or rates are streamed."""
+    """What the position controller follows; nothing where attitude, rates or torques are streamed."""
     copter = node.copter
     wish = copter.offboard.wish if copter.armed and copter.mode is OFFBOARD else None
     if wish is not None and not isinstance(wish, Motion):
         return None
-    fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1, "yaw": copter.sense.want_yaw}
-    no = math.nan
+    fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1}
+    nowhere = {"x": _NO, "y": _NO, "z": _NO}
     if not copter.armed or copter.ground.stage in (Stage.STANDING, Stage.TOUCHED):
-        return {**fields, "type_mask": 63, "x": no, "y": no, "z": no, "vx": no, "vy": no, "vz": no, "afz": 100.0}
+        return {**fields, **nowhere, **_STANDING, "type_mask": 63, "yaw": copter.sense.want_yaw}
+    fields.update(_loops(node))
     if copter.failsafe.active and copter.mode.manual:
-        return {**fields, "type_mask": 31, "x": no, "y": no, "z": no, "vx": no, "vy": no, "vz": copter.sense.vd}
+        return {**fields, **nowhere, "type_mask": 31, "vx": _NO, "vy": _NO, "afx": 0.0, "afy": 0.0}
     if wish is None:
         x, y, z = copter.local
-        return {**fields, "x": x, "y": y, "z": z, "vx": copter.sense.ref_vn, "vy": copter.sense.ref_ve}
-    mask = 0
-    about = copter.origin_world
+        return {**fields, "x": x, "y": y, "z": z}
+    mask, about = 0, copter.origin_world
     for axis, name in enumerate("xyz"):
-        pos, vel, acc = wish.pos[axis], wish.vel[axis], wish.acc[axis]
+        pos = wish.pos[axis]
         mask |= (pos is None) << axis
-        fields[name] = no if pos is None else pos - about[axis]
-        fields[f"v{name}"] = 0.0 if vel is None else vel
-        fields[f"af{name}"] = 0.0 if acc is None else acc
+        fields[name] = _NO if pos is None else pos - about[axis]
     return {**fields, "type_mask": mask}
 
 
@@ -223,16 +236,18 @@ def orbit_execution_status(node: Px4Node) -> Fields | None:
 
 
 def position_target_global_int(node: Px4Node) -> Fields | None:
-    """Where an AUTO mode goes."""
+    """Where an AUTO mode goes; a landing has no altitude of its own."""
     copter = node.copter
     if not copter.armed or not copter.mode.auto:
         return None
-    s = copter.sense
-    place = copter.place(copter.navigator.target or (s.north, s.east, s.down))
+    place = copter.place(copter.navigator.goal)
+    standing = copter.ground.stage in (Stage.STANDING, Stage.TOUCHED)
+    loops = {**_STANDING, "yaw": copter.sense.want_yaw} if standing else _loops(node)
     return {
         "time_boot_ms": boot_ms(node),
         "coordinate_frame": 5,
         "lat_int": e7(place.lat_deg),
         "lon_int": e7(place.lon_deg),
-        "alt": place.alt_amsl_m,
+        "alt": 0.0 if copter.mode is LAND else place.alt_amsl_m,
+        **loops,
     }

@@ -35,6 +35,8 @@ class Px4Node(Node):
         super().__init__(copter, px4_dialect(), REPORTS, uid=uid, epoch_us=epoch_us)
         self.copter = copter
         self.firmware = firmware
+        self.imu_seen = (-1, -1)
+        """numbers of the compass's and the barometer's last samples that were sent"""
         self.events = EventPart(lambda: self.channels, lambda: boot_ms(self))
         self._with_ground: list[Channel] = []  # where a ground station was heard
         copter.event = self.events.send

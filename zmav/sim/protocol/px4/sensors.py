@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
+_INERTIAL, _MAG, _BARO = 0x3F, 0x1C0, 0x1A00  # HIGHRES_IMU_UPDATED_FLAGS
+_MAG_HZ, _BARO_HZ = 14.25, 10.0  # as recorded
 _MOST_OUTPUTS, _CHANNELS, _NO_CHANNEL = 32, 18, 65535
 
 
@@ -42,6 +44,10 @@ def gps_raw_int(node: Px4Node) -> Fields | None:
 def highres_imu(node: Px4Node) -> Fields:
     seen = node.seat.readings()
     (ax, ay, az), (p, q, r), (mx, my, mz) = seen.accel, seen.gyro, seen.mag
+    # A compass and a barometer are slower than the messages: these say what is new.
+    now = node.copter.uptime
+    sampled, node.imu_seen = node.imu_seen, (int(now * _MAG_HZ), int(now * _BARO_HZ))
+    fresh = [_MAG * (sampled[0] != node.imu_seen[0]), _BARO * (sampled[1] != node.imu_seen[1])]
     return {
         "time_usec": boot_us(node),
         "xacc": ax,
@@ -53,10 +59,10 @@ def highres_imu(node: Px4Node) -> Fields:
         "xmag": mx,
         "ymag": my,
         "zmag": mz,
-        "abs_pressure": seen.pressure_hpa,
+        "abs_pressure": seen.pressure_hpa * 100.0,  # PX4 puts pascals into this field of hectopascals
         "pressure_alt": seen.pressure_alt_m,
         "temperature": 15.0,
-        "fields_updated": 0x1FF,
+        "fields_updated": _INERTIAL | sum(fresh),
     }
 
 

@@ -62,6 +62,7 @@ def sys_status(node: Px4Node) -> Fields:
         "onboard_control_sensors_present": _PRESENT,
         "onboard_control_sensors_enabled": _ENABLED,
         "onboard_control_sensors_health": _healthy(node) | (_PREARM if copter.checks_ok else 0),
+        "onboard_control_sensors_health_extended": 1,
         "load": 140,
         "voltage_battery": round(copter.battery.volts * 1000),
         "current_battery": _current(node),
@@ -117,7 +118,9 @@ def link_node_status(node: Px4Node) -> Fields:
 
 
 def time_estimate_to_target(node: Px4Node) -> Fields:
-    return {"safe_return": 0, "land": -1, "mission_next_item": -1, "mission_end": -1, "commanded_action": -1}
+    copter = node.copter
+    home = 0 if copter.landed or not copter.has_home else round(copter.navigator.way_home_s)
+    return {"safe_return": home, "land": -1, "mission_next_item": -1, "mission_end": -1, "commanded_action": -1}
 
 
 def current_event_sequence(node: Px4Node) -> Fields:

@@ -66,6 +66,8 @@ class FlightLog(Part):
         info = {"sys_name": "PX4", "ver_hw": "PX4_SITL", "ver_sw": "zmav-sim"}
         writer = UlogWriter(TOPICS, self._time_us, MOST_ONE, info=info, params=values)
         self._writer, self._log = writer, self._store.begin(writer.data, self._unix_us() / 1e6)
+        if self._log is not None:
+            self._copter.say(6, f"[logger] .{LOGS}/{_name(self._log)}\t")
         self._status, self._next_attitude, self._next_position = (-1, -1, -1), now, now
         return writer
 

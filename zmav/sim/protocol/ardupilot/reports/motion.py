@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def global_position_int(node: MavNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
-    if not vehicle.boot.has("origin"):
+    if not vehicle.boot.has("gps"):
         return {"time_boot_ms": boot_ms(node), "hdg": centidegrees(s.yaw)}
     here = vehicle.position
     return {
@@ -41,7 +41,7 @@ def vfr_hud(node: MavNode) -> Fields:
         "groundspeed": speed,
         "heading": int(math.degrees(s.yaw)) % 360,
         "throttle": round(s.throttle * 100) if vehicle.armed else 0,
-        "alt": vehicle.position.alt_amsl_m if vehicle.boot.has("origin") else 0.0,
+        "alt": vehicle.position.alt_amsl_m if vehicle.boot.has("gps") else 0.0,
         "climb": -s.vd,
     }
 
@@ -168,7 +168,7 @@ def ahrs2(node: MavNode) -> Fields | None:
     vehicle, s = node.vehicle, node.vehicle.sense
     if not vehicle.boot.has("ekf_started"):
         return None
-    here = vehicle.position if vehicle.boot.has("origin") else Position(0.0, 0.0, 0.0)
+    here = vehicle.position if vehicle.boot.has("gps") else Position(0.0, 0.0, 0.0)
     return {
         "roll": s.roll,
         "pitch": s.pitch,

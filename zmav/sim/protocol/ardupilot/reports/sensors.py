@@ -122,7 +122,7 @@ def distance_sensor(node: MavNode) -> Fields | None:
 def terrain_report(node: MavNode) -> Fields | None:
     """The flat ground, as one who has no terrain data says it."""
     vehicle = node.vehicle
-    if not vehicle.boot.has("origin"):
+    if not vehicle.boot.has("gps"):
         return {"spacing": 100, "pending": 56}
     here = vehicle.position
     return {"lat": e7(here.lat_deg), "lon": e7(here.lon_deg), "current_height": here.alt_amsl_m, "pending": 504}
