@@ -70,7 +70,11 @@ class Airframe(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def hover_throttle(self) -> float:
         """Throttle (0..1) that hovers in still air: the thrust curve solved for the weight."""
-        return float(throttle_for(np.asarray(self.hover_thrust_n / self.thrust_max_n), self.thrust_expo))
+        share, expo = self.hover_thrust_n / self.thrust_max_n, self.thrust_expo
+        if expo < 1e-6:
+            return share
+        linear = 1.0 - expo
+        return (math.sqrt(linear * linear + 4.0 * expo * share) - linear) / (2.0 * expo)
 
     def at(self, density: float) -> Airframe:
         """As its owner knows it who hovers in air of that density (kg/m^3) with a fresh battery: the autopilots are

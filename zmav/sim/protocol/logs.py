@@ -100,7 +100,7 @@ class LogProtocol(Part):
         }
 
     def tick(self, now: float) -> None:
-        if self._refused(None):
+        if (self._task is None and not self._warned) or self._refused(None):
             return
         for _ in range(PER_TICK):
             task = self._task
