@@ -38,7 +38,7 @@ class Px4Peer:
         self.counts: dict[str, int] = {}
         self._observer: Observer | None = None
         self._origin: tuple[float, float] | None = None
-        self._last_us = 0
+        self._last_us = self._first_us = 0
         self._mag = (0.0, 0.0, 0.0)
         self._first_fix: tuple[float, float] | None = None
 
@@ -92,8 +92,11 @@ class Px4Peer:
                 controls[:4] = steer(CROSS, observer.state, self.target, 0.5)
                 mode = ARMED
         self._last_us = m.time_usec
+        self._first_us = self._first_us or m.time_usec
         if not self.mute:
-            self.say(self._mav.hil_actuator_controls_encode(m.time_usec, controls, mode, self.flags))
+            # PX4's time begins with its first reading.
+            stamp = m.time_usec - self._first_us
+            self.say(self._mav.hil_actuator_controls_encode(stamp, controls, mode, self.flags))
 
 
 class TcpPeer(Px4Peer):

@@ -27,13 +27,15 @@ HIL, ARMED = 32, 128
 
 class Board(Px4Peer):
     """A flight controller on a pty: it beats ten times a second, goes to HIL when asked by SET_MODE (if it is
-    ``willing``), and flies then. ``link`` is the device; :meth:`unplug` takes it away.
+    ``willing``), and flies then. ``shy``: it says nothing before it hears a heartbeat, as PX4 on USB. ``link`` is the
+    device; :meth:`unplug` takes it away.
     """
 
-    def __init__(self, link: Path, *, willing: bool = True, base_mode: int = 81) -> None:
+    def __init__(self, link: Path, *, willing: bool = True, base_mode: int = 81, shy: bool = False) -> None:
         super().__init__(self._out, lockstep=False)
         self.link = link
         self.willing = willing
+        self.shy = shy
         self.base_mode = base_mode
         self._stop = threading.Event()
         self.plug()
@@ -70,6 +72,8 @@ class Board(Px4Peer):
                 self._stop.wait(0.02)  # nobody has the device open
 
     def _beat_now_and_then(self) -> None:
+        if self.shy and "HEARTBEAT" not in self.counts:
+            return
         self._beats = getattr(self, "_beats", 0) + 1
         if self._beats % 20 == 1:
             self.say(self._mav.heartbeat_encode(2, 12, self.base_mode, 50593792, 3))
@@ -124,6 +128,18 @@ def test_a_controller_is_put_into_hil_and_flies_in_real_time(make_world: MakeWor
     assert world.status().vehicles[0].armed
     asked = board.heard["COMMAND_LONG"][0]
     assert (asked.command, asked.param1) == (511, 93)
+    # PX4 would take it for its own estimate.
+    assert "HIL_STATE_QUATERNION" not in board.counts
+    # Nor is the simulator the ground station whose loss is a failsafe.
+    assert {(beat.type, beat.autopilot) for beat in board.heard["HEARTBEAT"]} == {(0, 8)}
+
+
+def test_a_controller_that_waits_for_a_heartbeat_gets_one(make_world: MakeWorld, make_board: MakeBoard) -> None:
+    board = make_board(shy=True, base_mode=81 | HIL)
+    world = make_world(hardware(board.link), speed=1.0)
+    until(lambda: only(world).stream.controls > 20)
+    assert "SET_MODE" not in board.counts  # it is in HIL by itself
+    until(lambda: [(m.command, m.param1) for m in board.heard.get("COMMAND_LONG", [])] == [(511, 93.0)])
 
 
 def test_a_controller_gets_no_reading_before_it_is_in_hil(make_world: MakeWorld, make_board: MakeBoard) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 from collections.abc import Callable, Iterator
@@ -203,6 +204,41 @@ class TestServer:
         resumed, begun = only(world).plant.time_s, world.time_s
         after(world, 2.0)
         assert only(world).plant.time_s - resumed == pytest.approx(world.time_s - begun, abs=0.2)
+
+    def test_a_late_answer_to_an_earlier_reading_answers_nothing(self) -> None:
+        world = World([WAITING], epoch_s=0.0)
+        try:
+            world.open()
+            peer = TcpPeer(only(world).port)
+            peer.mute = True
+            world.serve()
+
+            def hear() -> int:
+                """How many readings there are by now."""
+                world.serve()
+                peer.socket.setblocking(False)
+                with contextlib.suppress(BlockingIOError):
+                    while data := peer.socket.recv(65536):
+                        peer.take(data)
+                return peer.counts["HIL_SENSOR"]
+
+            world.step(0.1)
+            assert hear() == 25  # PX4 boots: it has told no controls yet
+            stamps = [reading.time_usec - 4001 for reading in peer.heard["HIL_SENSOR"]]
+            assert stamps[:2] == [0, 4000]
+
+            def answer(stamp: int) -> int:
+                peer.say(peer._mav.hil_actuator_controls_encode(stamp, [0.0] * 16, 1, 1))
+                return hear()
+
+            assert answer(stamps[1]) == 25
+            world.step(0.1)
+            assert hear() == 26  # lock step from now on
+            assert [answer(stamp) for stamp in stamps[2:]] == [26] * 23
+            assert answer(peer.heard["HIL_SENSOR"][-1].time_usec - 4001) == 27
+            peer.close()
+        finally:
+            world.close()
 
     def test_a_stack_that_stops_answering_is_said_and_nudged(self, world: World, make_peer: MakePeer) -> None:
         peer = make_peer()

@@ -1,8 +1,9 @@
 """A vehicle that a real flight controller flies, on its own hardware, over a serial line (HIL).
 
 PX4 with SYS_HITL 1 takes HIL_SENSOR and HIL_GPS from the line and answers with HIL_ACTUATOR_CONTROLS. There is no lock
-step: everything goes in real time, readings evenly spaced. The line carries the controller's other MAVLink too, which
-is passed on to ground stations.
+step: everything goes in real time, readings evenly spaced. It gets no HIL_STATE_QUATERNION, which it would take for its
+own estimate, and for readings of its IMU. The line carries the controller's other MAVLink too, which is passed on to
+ground stations.
 Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_MODE_FLAG_HIL_ENABLED.
 """
 
@@ -21,7 +22,7 @@ from zmav.sim.hil.line import BACKLOG_BYTES, Line
 from zmav.sim.hil.metronome import Metronome
 from zmav.sim.hil.plant import Plant
 from zmav.sim.hil.relay import Relay
-from zmav.sim.hil.stream import SENSOR_HZ, HilStream
+from zmav.sim.hil.stream import BEAT_EVERY_S, SENSOR_HZ, HilStream
 from zmav.sim.hil.tty import is_usb, open_device, parse_device
 from zmav.sim.hil.vehicle import External
 
@@ -64,7 +65,8 @@ class HardwareVehicle(External):
     ) -> None:
         super().__init__(name, sysid, plant, say)
         self.path, self.baud = parse_device(device)
-        self.stream = HilStream(plant, dialect, sysid, epoch_us, fitting_hz(self.path, self.baud))
+        rate = fitting_hz(self.path, self.baud)
+        self.stream = HilStream(plant, dialect, sysid, epoch_us, rate, state_every_s=0.0)
         self.relay = Relay(dialect, self._to_autopilot)
         self.bad = self.dropped = 0
         self.in_hil = False
@@ -75,7 +77,7 @@ class HardwareVehicle(External):
         self._selector: selectors.BaseSelector | None = None
         self._metronome: Metronome | None = None
         self._line: Line | None = None
-        self._next_try = 0.0  # wall time
+        self._next_try = self._next_beat = 0.0  # wall time
         self._asked = 0
         self._heartbeat = dialect.message("HEARTBEAT").id
 
@@ -154,16 +156,28 @@ class HardwareVehicle(External):
         self.sysid = self.stream.packer.sysid = frame.sysid
         if fields["base_mode"] & HIL:
             if not self.in_hil:
-                self._begin()
+                self._begin(frame)
             return
         if self.in_hil:
             self.in_hil = self.connected = False
             self.say(f"{self.name}: the flight controller has left HIL")
         self._ask(frame, fields["base_mode"], fields["custom_mode"])
 
-    def _begin(self) -> None:
-        """It takes readings now: the vehicle stands at its start."""
+    def _begin(self, frame: Frame) -> None:
+        """It takes readings now: the vehicle stands at its start. It is asked for controls as often as there are
+        readings; by itself it sends 200 a second.
+        """
         self.in_hil, self._asked = True, 0
+        self._to_autopilot(
+            self.stream.packer.pack(
+                "COMMAND_LONG",
+                target_system=frame.sysid,
+                target_component=frame.compid,
+                command=SET_MESSAGE_INTERVAL,
+                param1=float(self._dialect.message("HIL_ACTUATOR_CONTROLS").id),
+                param2=1e6 / self.stream.sensor_hz,
+            )
+        )
         self.plant.reset()
         self.stream.restart()
         self.heard()
@@ -184,16 +198,6 @@ class HardwareVehicle(External):
         self._to_autopilot(
             pack("SET_MODE", target_system=frame.sysid, base_mode=base_mode | HIL, custom_mode=custom_mode)
         )
-        self._to_autopilot(
-            pack(
-                "COMMAND_LONG",
-                target_system=frame.sysid,
-                target_component=frame.compid,
-                command=SET_MESSAGE_INTERVAL,
-                param1=float(self._dialect.message("HIL_ACTUATOR_CONTROLS").id),
-                param2=1e6 / self.stream.sensor_hz,
-            )
-        )
 
     # ---- time
 
@@ -211,8 +215,13 @@ class HardwareVehicle(External):
         super().grant(now)
         if now - self._offset - self.plant.time_s > 5 * LEAD_S:
             self.restarted()  # the world was faster than real time: what was missed is missed
-        if self._line is None and time.monotonic() >= self._next_try:
-            self._try()
+        if self._line is None:
+            if time.monotonic() >= self._next_try:
+                self._try()
+        elif not self.in_hil and time.monotonic() >= self._next_beat:
+            # PX4 says nothing on its USB port before it has heard a HEARTBEAT there.
+            self._next_beat = time.monotonic() + BEAT_EVERY_S
+            self._to_autopilot(self.stream.heartbeat())
 
     def _beat(self) -> None:
         line = self._line

@@ -32,8 +32,9 @@ class Px4Vehicle(External):
     """Serves one PX4 at ``host``:``port`` (TCP; port 0: any free one).
 
     Until the first HIL_ACTUATOR_CONTROLS time goes on with the world's, which gives PX4 the clock to boot by. From then
-    on, where its lock-step flag is set, each reading waits for the controls that follow the one before. A PX4 that
-    stops answering is left out of the world's time and gets one reading a second, lest both wait for ever.
+    on, where its lock-step flag is set, each reading waits for the controls that follow the one before: those stamped
+    with its time, which PX4 counts from the first reading that it got. A PX4 that stops answering is left out of the
+    world's time and gets one reading a second, lest both wait for ever.
     A further connection takes the place of the one before: PX4 has started anew, and the vehicle is put back.
     """
 
@@ -60,6 +61,7 @@ class Px4Vehicle(External):
         self._selector: selectors.BaseSelector | None = None
         self._line: Line | None = None
         self._awaiting = False  # controls that answer the last reading
+        self._begun_us = 0  # the time of the first reading; 0: there was none yet
         self._sent = 0.0  # wall time of the last reading
 
     def open(self, wiring: Wiring) -> None:
@@ -118,6 +120,7 @@ class Px4Vehicle(External):
             self.plant.reset()
         self.stream.restart()
         self._awaiting = False
+        self._begun_us = 0
         self.connected = False
         self.heard()
         self.say(f"{self.name}: a flight stack has connected")
@@ -142,11 +145,17 @@ class Px4Vehicle(External):
             self.heard()
             if answer and self._line is not None:
                 self._line.put(answer)
-        # Several controls that came together answer one reading.
-        if self.stream.controls != before:
+        if self.stream.controls != before and self._answered():
             self._awaiting = False
             self.proceed()
         self.flush()
+
+    def _answered(self) -> bool:
+        """The controls heard last are no late answer to a reading before the last: what PX4 was sent while it did not
+        answer would else stand between each reading and its controls for ever.
+        """
+        stamp = self.stream.answered_us
+        return stamp == 0 or stamp >= self.stream.time_us - self._begun_us
 
     # ---- time
 
@@ -175,6 +184,7 @@ class Px4Vehicle(External):
     def _step(self) -> None:
         assert self._line is not None
         self._line.put(self.stream.step())
+        self._begun_us = self._begun_us or self.stream.time_us
         self._line.flush()
         self._sent = time.monotonic()
         self._awaiting = self.stream.lockstep

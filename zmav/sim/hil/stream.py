@@ -1,7 +1,8 @@
 """The messages of PX4's simulator interface, for any line: sensors and truth out, actuator controls in.
 
 Source: docs.px4.io, "Simulation", sections "Simulator MAVLink API" and "Lockstep Simulation"; mavlink.io, HIL_SENSOR,
-HIL_GPS, HIL_STATE_QUATERNION, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS.
+HIL_GPS, HIL_STATE_QUATERNION, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS. What PX4 makes of each: its simulator_mavlink
+(on a computer) and mavlink_receiver (on a flight controller).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ ARMED, LOCKSTEP = 128, 1
 ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
 SET_MESSAGE_INTERVAL, STATE_ID = 511, 115
 MILLI_G = 1000.0 / 9.80665
+GENERIC, INVALID, ACTIVE = 0, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE: no ground station, whose loss PX4 watches for
 _HIL_MESSAGES = ("HIL_ACTUATOR_CONTROLS", "HIL_CONTROLS")
 
 
@@ -34,15 +36,24 @@ class HilStream:
     :meth:`take` hears a frame of the autopilot.
 
     ``sensor_hz``: readings a second. ``rc``: what the pilot's receiver gives (up to 12 pulse widths, us); None: there
-    is no receiver. ``controls``: how often actuators were told; ``armed``, ``lockstep``: as the last of them said.
+    is no receiver. ``state_every_s``: between two HIL_STATE_QUATERNION; 0: none. ``controls``: how often actuators were
+    told; ``armed``, ``lockstep`` and ``answered_us``, the autopilot's own time: as the last of them said.
     """
 
-    def __init__(self, plant: Plant, dialect: Dialect, sysid: int, epoch_us: int, sensor_hz: float = SENSOR_HZ) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        dialect: Dialect,
+        sysid: int,
+        epoch_us: int,
+        sensor_hz: float = SENSOR_HZ,
+        state_every_s: float = STATE_EVERY_S,
+    ) -> None:
         self.plant = plant
         self.dialect = dialect
         self.sensor_hz = sensor_hz
         self.rc: Sequence[int] | None = None
-        self.state_every_s = STATE_EVERY_S
+        self.state_every_s = state_every_s
         self.packer = Packer(dialect, sysid, SIMULATOR)
         self._epoch_us = epoch_us
         self._ids = {dialect.message(name).id for name in _HIL_MESSAGES}
@@ -50,7 +61,7 @@ class HilStream:
 
     def restart(self) -> None:
         """Begin anew with another autopilot, or the same after its boot."""
-        self.controls = 0
+        self.controls = self.answered_us = 0
         self.armed = self.lockstep = False
         self._due = dict.fromkeys(("mag", "baro", "state", "rc", "beat"), 0.0)
         self._fix_time = -1.0
@@ -77,7 +88,7 @@ class HilStream:
         readings = self.plant.sensors.readings(0)
         frames = []
         if self._is_due("beat", BEAT_EVERY_S):
-            frames.append(self._pack("HEARTBEAT", type=6, autopilot=8, system_status=4))
+            frames.append(self.heartbeat())
             unix_us = self._epoch_us + self.time_us
             frames.append(self._pack("SYSTEM_TIME", time_unix_usec=unix_us, time_boot_ms=self.time_us // 1000))
         if self.state_every_s > 0.0 and self._is_due("state", self.state_every_s):
@@ -89,6 +100,9 @@ class HilStream:
             frames.append(self._gps(readings.gps))
         frames.append(self._sensor(readings))
         return b"".join(frames)
+
+    def heartbeat(self) -> bytes:
+        return self._pack("HEARTBEAT", type=GENERIC, autopilot=INVALID, system_status=ACTIVE)
 
     def _is_due(self, what: str, every_s: float) -> bool:
         now = self.plant.time_s
@@ -195,6 +209,7 @@ class HilStream:
 
     def _drive(self, message: dict[str, Any]) -> None:
         self.controls += 1
+        self.answered_us = message["time_usec"]
         self.armed = bool(message["mode"] & ARMED)
         self.lockstep = bool(message["flags"] & LOCKSTEP)
         craft = self.plant.craft
