@@ -12,6 +12,8 @@ import pytest
 from tests.sim.conftest import GUIDED, Desk, MakeDesk
 from tests.sim.plans import at, do, upload
 from zmav.sim.autopilots.arducopter.smartrtl import thinned
+from zmav.sim.control.gains import arducopter_gains
+from zmav.sim.fleets.copter import CopterFleet
 
 ACRO, CIRCLE, DRIFT, SPORT, POSHOLD, SMART_RTL, AUTO_RTL, AUTO = 1, 7, 11, 13, 16, 21, 27, 3
 
@@ -226,3 +228,30 @@ class TestRepeat:
         desk.world.step(3.0)
         assert payload.servos[8] == 1500
         assert desk.command(184, 1, 1900, 1, 1.0) == 4  # a motor's
+
+
+class TestGuidedLimits:
+    @pytest.mark.parametrize("limits", [(3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 4.0), (0.0, 0.0, 12.0, 0.0)])
+    def test_a_mission_goes_on_when_they_are_passed(self, flying: Desk, limits: tuple[float, ...]) -> None:
+        """DO_GUIDED_LIMITS, then NAV_GUIDED_ENABLE: for so long, so high and so far somebody outside may steer."""
+        assert upload(flying, [do(222, *limits), do(92, 1.0), at(16, 0.0, 0.0, 10.0)]) == 0
+        choose(flying, AUTO)
+        for _ in range(4):
+            flying.fly(2.0, 0.0, -0.8)
+            flying.world.step(0.25)
+        assert flying.last("MISSION_CURRENT")["seq"] < 3
+        for _ in range(12):
+            flying.fly(2.0, 0.0, -0.8)
+            flying.world.step(0.25)
+        assert flying.last("MISSION_CURRENT")["seq"] == 3
+
+
+def test_gains_follow_their_parameters_and_default_to_what_was_measured(make_desk: MakeDesk) -> None:
+    desk = make_desk()
+    fleet = desk.vehicle.node.seat.fleet
+    assert isinstance(fleet, CopterFleet)
+    plain = arducopter_gains(1)
+    for name in ("pos_p", "vel_p", "vel_i", "angle_p", "rate_p", "rate_i"):
+        assert getattr(fleet.setpoints.gains, name) == pytest.approx(getattr(plain, name), rel=1e-6)
+    desk.vehicle.copter.params.set("ATC_RAT_PIT_P", 0.27)
+    assert fleet.setpoints.gains.rate_p[:, 0] == pytest.approx([18.0, 36.0, 7.0], rel=1e-6)

@@ -15,6 +15,7 @@ from zmav.sim.autopilots.arducopter.reactions import CopterReactions
 from zmav.sim.autopilots.arducopter.smartrtl import Breadcrumbs, SmartRtl
 from zmav.sim.autopilots.arducopter.sticks import Acro, Drift, PosHold, Sport
 from zmav.sim.autopilots.arducopter.travel import Travel
+from zmav.sim.autopilots.arducopter.tuning import GAINS, HIGHEST
 from zmav.sim.autopilots.ardupilot.mode import Mode
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
 from zmav.sim.autopilots.ardupilot.vehicle import INFO, ArduVehicle
@@ -78,7 +79,7 @@ class ArduCopter(ArduVehicle):
         self.heading = Heading(setpoint)
         self.crumbs, self.motor_test = Breadcrumbs(self), MotorTest(self)
         super().__init__(params, sense, world, ready_s)
-        for name in _LIMITS:
+        for name in (*_LIMITS, *GAINS):
             self.param_changed(name, params[name])
 
     def make_modes(self) -> list[Mode]:
@@ -267,6 +268,9 @@ class ArduCopter(ArduVehicle):
             self.disarm()
 
     def param_changed(self, name: str, value: float) -> None:
+        if name in GAINS:
+            gain, axes, factor = GAINS[name]
+            self.sp.tune(gain, axes, min(max(value * factor, 0.0), HIGHEST))
         if name in _LIMITS:
             limit, factor = _LIMITS[name]
             if limit in self.speeds:
