@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import socket
 import stat
@@ -100,6 +101,27 @@ class TestWords:
             waiting.join(PATIENCE_S)
             assert found[0] < 60.0
 
+    def test_a_step_for_another_ends_a_step(self, start: Any) -> None:
+        """And what the first asks for next is done as well, though it comes while the second's begins."""
+        world = start("one", speed=1.0)
+        (path,) = running()
+        with socket.socket(socket.AF_UNIX) as link, Remote() as sim:
+            link.settimeout(PATIENCE_S)
+            link.connect(str(path))
+            link.sendall(b'{"verb":"step","args":{"seconds":3600}}\n{"verb":"step","args":{"seconds":0.5}}\n')
+            while not world.call(lambda: world.pacer.stepping):
+                pass
+            assert sim.step(0.5).time_s < 60.0
+            with link.makefile() as answers:
+                assert [json.loads(answers.readline())["result"]["time_s"] < 60.0 for _ in range(2)] == [True, True]
+
+    def test_a_pause_is_one_at_once(self, start: Any) -> None:
+        start("one", speed=1000.0)
+        with Remote() as sim:
+            for _ in range(20):
+                assert sim.pause().time_s == sim.status().time_s
+                sim.resume()
+
     def test_the_end_ends_a_step_and_the_connection(self, start: Any) -> None:
         world = start("one", speed=1.0)
         with Remote() as stepper, Remote() as sim:
@@ -129,7 +151,9 @@ class TestWords:
             ("dance", {}, "no request 'dance'; there are"),
             ("speed", {}, "missing required field `times`"),
             ("speed", {"times": "fast"}, "Expected `float`, got `str`"),
-            ("speed", {"times": -1.0}, "more than 0"),
+            ("speed", {"times": -1.0}, r"expected 0\.001 to"),
+            ("speed", {"times": 1e-9}, r"expected 0\.001 to"),
+            ("fault", {"vehicle": "copter1", "kind": "motor", "parameters": {"kind": 1}}, "no parameter 'kind'"),
             ("pause", {"now": 1}, "unknown field `now`"),
             ("step", {"seconds": 0.0}, "expected 0.01 to 1000000"),
             ("step", {"seconds": -5.0}, "expected 0.01 to 1000000"),
@@ -158,6 +182,18 @@ class TestWords:
                 for _ in range(64):
                     link.sendall(b"x" * 65536)
         assert raw(path, '{"verb": "pause"}')[0]["result"]["paused"]
+
+    def test_a_heap_of_lines_is_gone_through_swiftly(self, start: Any) -> None:
+        """It comes while a step is under way, and is looked at after that."""
+        world = start("one", speed=math.inf)
+        (path,) = running()
+        with socket.socket(socket.AF_UNIX) as link:
+            link.settimeout(PATIENCE_S)
+            link.connect(str(path))
+            world.pause()
+            link.sendall(b'{"verb":"step","args":{"seconds":5}}\n' + b"\n" * 1_000_000 + b'{"verb":"pause"}\n')
+            with link.makefile() as answers:
+                assert ["result" in json.loads(answers.readline()) for _ in range(2)] == [True, True]
 
     def test_one_that_never_reads_holds_nobody_up(self, start: Any) -> None:
         world = start("one")

@@ -16,6 +16,7 @@ from zmav.mavlink.dialect import load_dialect
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import Home, SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, parse_endpoint
+from zmav.sim.environment import Terrain
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Desk, MakeDesk
@@ -128,6 +129,14 @@ def test_two_airframes_fly_side_by_side(make_desk: MakeDesk, another_desk: type[
         ({"copters": 256}, "vehicles"),
         ({"speed": 0.0}, "speed"),
         ({"speed": float("nan")}, "speed"),
+        ({"speed": 1e-9}, "speed"),
+        ({"seed": -1}, "seed"),
+        ({"epoch_s": float("nan")}, "epoch_s"),
+        ({"home": Home(lat_deg=float("nan"))}, "lat_deg"),
+        ({"home": Home(yaw_deg=float("inf"))}, "yaw_deg"),
+        ({"terrain": Terrain(down_m=float("nan"))}, "down_m"),
+        ({"vehicles": [VehicleSpec(params={"FS_GCS_ENABLE": float("nan")})]}, "params.FS_GCS_ENABLE"),
+        ({"endpoint": "pty:/tmp/\0"}, "endpoint"),
         ({"vehicles": [VehicleSpec(sysid=0)]}, "sysid"),
         ({"vehicles": [VehicleSpec(sysid=256)]}, "sysid"),
         ({"spacing_m": float("nan")}, "spacing_m"),
@@ -451,6 +460,9 @@ class TestDefects:
             desk.world.step(1.0)
         assert desk.world.time_s == pytest.approx(1.0)
         desk.world.step(1.0)  # said once
+        desk.clear()
+        desk.send("PING", seq=1, target_system=0, target_component=0)
+        assert desk.frames == []  # a dead autopilot does not answer either
 
 
 def test_the_status_tells_what_a_live_line_shows(make_desk: MakeDesk) -> None:

@@ -11,6 +11,7 @@ from zmav.errors import BadConfig
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
 MEASURED_S = 1.0  # of wall time over which the speed and the share of a core are told
 SLOW = 0.95  # of the speed asked for: below it the world is behind
+SLOWEST, FASTEST = 1e-3, 1e6  # times real time; a slower world would hardly be seen to move
 
 
 class Pacer:
@@ -46,7 +47,7 @@ class Pacer:
         return self._speed
 
     def set_speed(self, speed: float) -> None:
-        """Go on at another speed; :class:`BadConfig` unless it is more than 0."""
+        """Go on at another speed; :class:`BadConfig` as :func:`check_speed`."""
         self._speed = check_speed(speed)
         self.restart()
 
@@ -105,7 +106,8 @@ class Pacer:
 
 
 def check_speed(speed: float) -> float:
-    """``speed`` itself; :class:`BadConfig` unless it is more than 0."""
-    if not speed > 0.0:
-        raise BadConfig(f"speed {speed}; expected more than 0", field="speed", value=speed, expected="more than 0")
+    """``speed`` itself; :class:`BadConfig` unless it is infinite or between :data:`SLOWEST` and :data:`FASTEST`."""
+    if not (SLOWEST <= speed <= FASTEST or speed == math.inf):
+        expected = f"{SLOWEST:g} to {FASTEST:g}"
+        raise BadConfig(f"speed {speed}; expected {expected}", field="speed", value=speed, expected=expected)
     return speed

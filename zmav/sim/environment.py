@@ -11,6 +11,7 @@ from zmav.sim.arrays import Array
 
 Vector = tuple[float, float, float]
 STEEPEST = 1.0  # 45 degrees: nothing stands on more
+DEEPEST_M = 10_000.0
 
 
 class Terrain(msgspec.Struct, frozen=True):
@@ -41,7 +42,7 @@ class Environment:
     """``wind``: the mean, m/s NED, where it blows to. ``gusts``: the turbulence on top of it, one of
     :data:`zmav.sim.air.GUSTS`.
 
-    Raises :class:`BadConfig` for gusts that it does not know, and for ground steeper than 45 degrees.
+    Raises :class:`BadConfig` for gusts that it does not know, and for ground steeper than 45 degrees or far away.
     """
 
     def __init__(
@@ -59,6 +60,10 @@ class Environment:
             slope = getattr(self.terrain, field)
             if not abs(slope) <= STEEPEST:
                 raise BadConfig(f"{field} {slope}; expected -1 to 1", field=field, value=slope, expected="-1 to 1")
+        down = self.terrain.down_m
+        if not abs(down) <= DEEPEST_M:
+            expected = f"{DEEPEST_M:g} m at most, up or down"
+            raise BadConfig(f"down_m {down}; expected {expected}", field="down_m", value=down, expected=expected)
         self.gusts = gusts
 
     def air(self, n: int, rng: np.random.Generator, dt: float) -> Air:

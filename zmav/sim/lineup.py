@@ -70,10 +70,10 @@ def line_up(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain:
 
 def _names(specs: Sequence[VehicleSpec]) -> list[str]:
     given = [spec.name for spec in specs if spec.name is not None]
-    for name in given:
-        if given.count(name) > 1:
-            text = f"two vehicles are called {name!r}; expected a name of its own for each"
-            raise BadConfig(text, field="name", value=name, expected="a name of its own for each")
+    twice = next((name for name in given if given.count(name) > 1), None)
+    if twice is not None:
+        text = f"two vehicles are called {twice!r}; expected a name of its own for each"
+        raise BadConfig(text, field="name", value=twice, expected="a name of its own for each")
     taken = set(given)
     numbers = dict.fromkeys(KINDS, 0)
     names = []

@@ -96,7 +96,7 @@ class Caller:
         self._selector = selector
         self._offers = offers
         self._gone = gone
-        self._in, self._out = b"", b""
+        self._in, self._out = bytearray(), b""
         self._busy = False
         self._open = True
         connection.setblocking(False)
@@ -123,8 +123,12 @@ class Caller:
         self._next()
 
     def _next(self) -> None:
-        while self._open and not self._busy and not self._deaf and b"\n" in self._in:
-            line, _, self._in = self._in.partition(b"\n")
+        while self._open and not self._busy and not self._deaf:
+            end = self._in.find(b"\n")
+            if end < 0:
+                return
+            line = bytes(self._in[:end])
+            del self._in[: end + 1]  # which moves nothing, however much waits behind it
             if line.strip():
                 self._take(line)
 

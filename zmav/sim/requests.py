@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from zmav.sim.faults import FaultStatus
+from zmav.sim.faults import FaultStatus, make_fault
 from zmav.sim.listener import Offer
 from zmav.sim.status import WorldStatus
 
@@ -67,7 +67,7 @@ def offers(world: World) -> dict[str, Offer]:
         return world.advance(args.seconds)
 
     def fault(args: Fault) -> list[FaultStatus]:
-        return world.fault(args.vehicle, args.kind, for_s=args.for_s, **args.parameters)
+        return world.put_fault(args.vehicle, make_fault(args.kind, args.parameters), args.for_s)
 
     return {
         "fault": Offer(Fault, fault),

@@ -113,6 +113,9 @@ def check(spec: VehicleSpec, where: str) -> None:
         raise _bad(where, "yaw_deg", spec.yaw_deg, "degrees")
     if spec.firmware is not None and (spec.autopilot != PX4 or spec.firmware not in PX4_FIRMWARE):
         raise _bad(where, "firmware", spec.firmware, f"{' or '.join(PX4_FIRMWARE)}, of a PX4")
+    for name, value in spec.params.items():
+        if not math.isfinite(value):
+            raise _bad(where, f"params.{name}", value, "a finite number")
     start = spec.start_ned_m
     if start is not None and not all(abs(c) < FARTHEST_M for c in start):
         raise _bad(where, "start_ned_m", start, "three numbers of metres, north, east and down")

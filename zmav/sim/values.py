@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from zmav.errors import BadConfig
+from zmav.sim.clock import FASTEST, SLOWEST
 from zmav.sim.environment import Vector
 from zmav.sim.spec import Home
 
 FROM_DEG = 270.0  # where a wind comes from that nobody gave a direction: west
 GUSTS = {"gusty": "moderate", "light": "light", "moderate": "moderate", "severe": "severe"}
 FASTEST_WIND = 100.0
-FASTEST = 1e6  # times real time
 
 
 def parse_home(text: str) -> Home:
@@ -64,7 +64,7 @@ def parse_speed(text: str) -> float:
         times = 0.0 if text == "max" else float(text)
     except ValueError:
         times = math.nan
-    if not 0.0 <= times < FASTEST:
-        expected = "a number such as 4, or 'max'"
+    if times != 0.0 and not SLOWEST <= times <= FASTEST:
+        expected = f"a number such as 4, from {SLOWEST:g} to {FASTEST:g}, or 'max'"
         raise BadConfig(f"speed {text!r}; expected {expected}", field="speed", value=text, expected=expected)
     return times or math.inf

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import functools
 import math
-import selectors
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -17,22 +15,23 @@ from typing import Any, TypeVar
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.build import Squad, build
-from zmav.sim.calls import Calls
 from zmav.sim.camera.cameras import Cameras, SimCamera
 from zmav.sim.camera.cast import cast, equip
 from zmav.sim.camera.scene import Scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.clock import Pacer
-from zmav.sim.endpoints import Wiring, addresses, open_endpoint
+from zmav.sim.endpoints import Address, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
-from zmav.sim.faults import Faults, FaultStatus, make_fault
+from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
 from zmav.sim.hil.externals import Externals
 from zmav.sim.lineup import gather, line_up
 from zmav.sim.listener import Listener
 from zmav.sim.lockstep import Lockstep
+from zmav.sim.loop import Loop
 from zmav.sim.requests import offers
 from zmav.sim.spec import Home, VehicleSpec, usual
 from zmav.sim.status import WorldStatus
+from zmav.sim.values import check_home
 from zmav.sim.vehicle import SimVehicle
 
 T = TypeVar("T")
@@ -42,13 +41,26 @@ TICK_HZ, MOST_TICK_HZ = 100, 1000
 TICK_S = 1.0 / TICK_HZ
 DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
-STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
-LOOK_S = 0.05  # of wall time, between looks at how long a client has kept the world waiting
 MOST = 1e6  # of any option that is a number: beyond it nothing makes sense
+MOST_SEED = 1 << 64
+MOST_EPOCH_S = 1e10  # UTC in the year 2286
 
 
 def _first_of(*choices: Sequence[str] | None) -> Sequence[str]:
     return next(choice for choice in choices if choice is not None)
+
+
+def _check(field: str, value: float, most: float = MOST) -> None:
+    if not 0.0 <= value < most:  # so that NaN is refused, too
+        expected = f"0 or more, and less than {most:g}"
+        raise BadConfig(f"{field} {value}; expected {expected}", field=field, value=value, expected=expected)
+
+
+def _check_rate(tick_hz: int) -> None:
+    if tick_hz not in range(TICK_HZ, MOST_TICK_HZ + 1, TICK_HZ):
+        expected = f"{TICK_HZ} to {MOST_TICK_HZ} in hundreds"
+        text = f"tick_hz {tick_hz}; expected {expected}"
+        raise BadConfig(text, field="tick_hz", value=tick_hz, expected=expected)
 
 
 class World:
@@ -98,72 +110,61 @@ class World:
         cameras: Mapping[str, CameraSpec] | None = None,
         pads: Mapping[str, PadSpec] | None = None,
     ) -> None:
-        numbers = {"spacing_m": spacing_m, "ready_s": ready_s, "gps_noise_m": gps_noise_m, "wind": sum(map(abs, wind))}
-        for field, value in numbers.items():
-            if not 0.0 <= value < MOST:
-                raise BadConfig(f"{field} {value}; expected 0 or more", field=field, value=value, expected="0 or more")
-        if tick_hz not in range(TICK_HZ, MOST_TICK_HZ + 1, TICK_HZ):
-            expected = f"{TICK_HZ} to {MOST_TICK_HZ} in hundreds"
-            text = f"tick_hz {tick_hz}; expected {expected}"
-            raise BadConfig(text, field="tick_hz", value=tick_hz, expected=expected)
-        self.home = home or Home()
-        self.ticks = 0
-        self.tick_s = 1.0 / tick_hz
+        self.epoch_s = time.time() if epoch_s is None else epoch_s
+        for field, value in (("spacing_m", spacing_m), ("ready_s", ready_s), ("gps_noise_m", gps_noise_m)):
+            _check(field, value)
+        _check("wind", sum(map(abs, wind)))
+        _check("seed", seed, MOST_SEED)
+        _check("epoch_s", self.epoch_s, MOST_EPOCH_S)
+        _check_rate(tick_hz)
+        self.home = check_home(home or Home())
+        self.ticks, self.tick_s = 0, 1.0 / tick_hz
         self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
         self.pacer = Pacer(self.tick_s, speed)
-        counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
         self.environment = Environment(wind, terrain, gusts)
+        counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
         specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
         specs = equip(specs, cameras or {}, pads or {})
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
         reached = addresses([_first_of(spec.endpoints, default, usual(spec)) for spec in specs])
-        own = [i for i, spec in enumerate(specs) if spec.stack is None]
-        self._specs, self._addresses = [specs[i] for i in own], [reached[i] for i in own]
-        self.epoch_s = time.time() if epoch_s is None else epoch_s
-        built = build(
-            self._specs,
-            home=self.home,
-            seed=seed,
-            environment=self.environment,
-            ready_s=ready_s,
-            noise=noise,
-            gps_noise_m=gps_noise_m,
-            dt=self.tick_s / self._steps,
-            dialect=load_dialect("ardupilotmega"),
-            epoch_us=int(self.epoch_s * 1e6),
-        )
-        self.vehicles: list[SimVehicle] = [vehicle for _, vehicle in built]
-        for vehicle in self.vehicles:
-            vehicle.node.on_defect = functools.partial(self._met, vehicle)
+        self.vehicles: list[SimVehicle] = []
+        self._squads: list[Squad] = []
+        self._addresses: list[list[Address]] = []
+        self._build(specs, reached, seed=seed, ready_s=ready_s, noise=noise, gps_noise_m=gps_noise_m)
         self.externals = Externals(
             specs, reached, home=self.home, environment=self.environment, seed=seed, epoch_us=int(self.epoch_s * 1e6),
             speed=speed,
         )  # fmt: skip
         """the vehicles that flight stacks outside the simulator fly"""
-        self._faults = Faults(self, seed)
-        self._squads: list[Squad] = list({id(squad): squad for squad, _ in built}.values())
-        for squad in self._squads:
-            squad.fleet.pace = self._pace
-        self.cameras: Cameras | None = None
-        if any(spec.camera is not None for spec in specs):
-            actors = cast(specs, self.vehicles, self.externals.vehicles)
-            self.cameras = Cameras(actors, scene or Scene(), self.environment.terrain, seed, self.epoch_s, self._inside)
-        self._selector = selectors.DefaultSelector()
         self.say: Callable[[str], None] = lambda text: None
         """takes what a person should know, a line at a time"""
-        self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
-        self._wiring = Wiring(self._selector, set(), lambda: self.time_s)
-        self._calls = Calls(self._selector)
-        self._ticked = threading.Condition()
-        self._thread: threading.Thread | None = None
-        self._stopping = False
-        self._runner: int | None = None  # the thread that runs the world, where one does
-        self._failure: BaseException | None = None
         self.failures: list[tuple[SimVehicle, Exception]] = []
         """defects met while running, each with the vehicle whose autopilot had it; the others go on"""
         self.on_failure: Callable[[SimVehicle, Exception], None] = lambda vehicle, error: None
+        self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
+        self._loop = Loop(self._tick, lambda: self.time_s, self.status, self.pacer, self.externals, self.lockstep)
+        self._faults = Faults(self, seed)
         self._listener: Listener | None = None
-        self._advancing: Future[WorldStatus] | None = None
+        self.cameras: Cameras | None = None
+        if any(spec.camera is not None for spec in specs):
+            actors = cast(specs, self.vehicles, self.externals.vehicles)
+            inside = self._loop.inside
+            self.cameras = Cameras(actors, scene or Scene(), self.environment.terrain, seed, self.epoch_s, inside)
+
+    def _build(self, specs: Sequence[VehicleSpec], reached: Sequence[list[Address]], **options: Any) -> None:
+        """Make the vehicles that have an autopilot of the simulator's own."""
+        own = [i for i, spec in enumerate(specs) if spec.stack is None]
+        self._addresses = [reached[i] for i in own]
+        built = build(
+            [specs[i] for i in own], home=self.home, environment=self.environment, dt=self.tick_s / self._steps,
+            dialect=load_dialect("ardupilotmega"), epoch_us=int(self.epoch_s * 1e6), **options,
+        )  # fmt: skip
+        self.vehicles += [vehicle for _, vehicle in built]
+        self._squads += {id(squad): squad for squad, _ in built}.values()
+        for vehicle in self.vehicles:
+            vehicle.node.on_defect = functools.partial(self._met, vehicle)
+        for squad in self._squads:
+            squad.fleet.pace = self._pace
 
     # ---- life
 
@@ -185,10 +186,10 @@ class World:
         try:
             for vehicle, addresses in zip(self.vehicles, self._addresses, strict=True):
                 for address in addresses[len(vehicle.endpoints) :]:
-                    vehicle.endpoints.append(open_endpoint(address, vehicle, self._wiring))
-            self.externals.open(self._wiring)
+                    vehicle.endpoints.append(open_endpoint(address, vehicle, self._loop.wiring))
+            self.externals.open(self._loop.wiring)
             if control is not None and self._listener is None:
-                self._listener = Listener(control, self._selector, offers(self))
+                self._listener = Listener(control, self._loop.selector, offers(self))
         except BaseException:
             self._close_endpoints()
             raise
@@ -196,31 +197,25 @@ class World:
     def start(self) -> None:
         """Open and run in a thread of its own."""
         self.open()
-        self._thread = threading.Thread(target=self._run_guarded, name="zmav-sim", daemon=True)
-        self._thread.start()
+        self._loop.start()
 
     def run(self) -> None:
         """Open and run in this thread until :meth:`stop`."""
         self.open()
-        self._run()
+        self._loop.run()
 
     def stop(self) -> None:
         """Ask :meth:`run` to end; any thread, and signal handlers, may."""
-        self._stopping = True
-        self._calls.ring()
+        self._loop.stop()
 
     def close(self) -> None:
         """Stop and close everything. Raises what ended the thread, or the first defect of a vehicle."""
         self.stop()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        self._loop.join()
         self._close_endpoints()
-        self._selector.close()
-        self._calls.close()
-        self._advanced(TimedOut("the simulator has ended"))
-        failure = self._failure or next((error for _, error in self.failures), None)
-        self._failure = None
+        self._loop.close()
+        failure = self._loop.failure or next((error for _, error in self.failures), None)
+        self._loop.failure = None
         self.failures.clear()
         if failure is not None:
             raise failure
@@ -261,20 +256,18 @@ class World:
             raise error
 
     def set_speed(self, speed: float) -> None:
-        """Run at ``speed`` times real time from now on; any thread may. :class:`BadConfig` unless it is more than 0."""
-        self._inside(lambda: self.pacer.set_speed(speed))
+        """Run at ``speed`` times real time from now on; any thread may. :class:`BadConfig` unless it is 0.001 to a
+        million, or infinite.
+        """
+        self._loop.inside(lambda: self.pacer.set_speed(speed))
 
     def pause(self) -> None:
         """Stand still: clients are answered, but no time passes. Any thread may."""
-        self._inside(self._pause)
-
-    def _pause(self) -> None:
-        self.pacer.pause()
-        self._advanced()
+        self._loop.inside(self._loop.pause)
 
     def resume(self) -> None:
         """Go on. What was missed in the pause is not caught up with. Any thread may."""
-        self._inside(self.pacer.resume)
+        self._loop.inside(self.pacer.resume)
 
     def advance(self, seconds: float) -> Future[WorldStatus]:
         """Run for ``seconds`` of simulated time at the world's speed, and pause; any thread may. The future is set when
@@ -284,23 +277,7 @@ class World:
         if not self.tick_s / 2 <= seconds <= MOST:
             expected = f"{self.tick_s:.3g} to {MOST:.0f}"
             raise BadInput(f"{seconds} seconds; expected {expected}", field="seconds", value=seconds, expected=expected)
-        return self._inside(lambda: self._advance(round(seconds / self.tick_s)))
-
-    def _advance(self, ticks: int) -> Future[WorldStatus]:
-        self._advanced()
-        self._advancing = Future()
-        self.pacer.allow(ticks)
-        return self._advancing
-
-    def _advanced(self, error: Exception | None = None) -> None:
-        """Whoever waits for the end of :meth:`advance` need wait no longer."""
-        waiting, self._advancing = self._advancing, None
-        if waiting is None:
-            return
-        if error is None:
-            waiting.set_result(self.status())
-        else:
-            waiting.set_exception(error)
+        return self._loop.inside(lambda: self._loop.advance(round(seconds / self.tick_s)))
 
     def _tick(self) -> None:
         self.ticks += 1
@@ -338,11 +315,12 @@ class World:
         """Its autopilot does nothing from now on."""
         if vehicle.failed is None:
             vehicle.failed = error
+            vehicle.node.hung = True  # nor does it answer
             self._record(vehicle, error)
 
     def _met(self, vehicle: SimVehicle, error: Exception) -> None:
         """A defect that does not stop the autopilot; in a stepped world it comes out where it was met."""
-        if self._runner is None:
+        if not self._loop.runs:
             raise error
         self._record(vehicle, error)
 
@@ -352,90 +330,34 @@ class World:
             self.failures.append((vehicle, error))
             self.on_failure(vehicle, error)
 
-    def _run_guarded(self) -> None:
-        try:
-            self._run()
-        except BaseException as error:
-            self._failure = error
-            with self._ticked:
-                self._ticked.notify_all()
-
-    def _run(self) -> None:
-        self._runner = threading.get_ident()
-        self.pacer.restart()
-        try:
-            while not self._stopping:
-                wait = self.pacer.wait_s()
-                if wait == 0.0 and self.externals.behind():
-                    wait = STACK_WAIT_S
-                if wait > 0.0:
-                    self._serve(wait)
-                    self._flush()
-                    continue
-                if self.lockstep is not None and not self.lockstep.ready():
-                    self._serve(LOOK_S)
-                    self._flush()
-                    continue
-                self._serve(0.0)
-                self._tick()
-                if self.lockstep is not None:
-                    self.lockstep.ticked(self.time_s)
-                self._flush()
-                with self._ticked:
-                    self._ticked.notify_all()
-                self.pacer.ticked()
-                if self._advancing is not None and not self.pacer.stepping:
-                    self._advanced()
-        finally:
-            self._runner = None
-
     # ---- links, and calls from other threads
 
     def serve(self) -> None:
         """Hear and answer clients of a world that :meth:`step` advances; only where no thread runs it."""
-        self._serve(0.0)
-        self._flush()
-
-    def _serve(self, timeout: float) -> None:
-        """Hear clients and calls for ``timeout`` seconds at most (infinite: until one comes)."""
-        for key, _ in self._selector.select(timeout if math.isfinite(timeout) else None):
-            ready: Callable[[], None] = key.data
-            ready()
-        self._calls.do()
-
-    def _flush(self) -> None:
-        self.externals.flush()
-        waiting = self._wiring.waiting
-        for each in list(waiting):
-            if each.flush():
-                waiting.discard(each)
-
-    def _inside(self, function: Callable[[], T]) -> T:
-        """Have the world's thread do it, where one runs and it is not this one."""
-        return function() if self._runner in (None, threading.get_ident()) else self.call(function)
+        self._loop.serve()
 
     def call(self, function: Callable[[], T], timeout: float = 10.0) -> T:
         """Run ``function`` between two ticks in the world's thread; gives its result, or raises what it raised.
 
         Raises :class:`TimedOut` where the world does not run.
         """
-        return self._calls.call(function, timeout)
+        return self._loop.call(function, timeout)
 
     def wait_for(self, true: Callable[[], bool], sim_s: float = 120.0) -> None:
         """Wait until ``true()`` holds, looked at after every tick; :class:`TimedOut` after ``sim_s`` simulated
         seconds.
         """
         end = self.time_s + sim_s
-        with self._ticked:
+        with self._loop.ticked:
             while not true():
-                if self._failure is not None:
-                    raise TimedOut(f"the simulated world has failed: {self._failure!r}")
+                if self._loop.failure is not None:
+                    raise TimedOut(f"the simulated world has failed: {self._loop.failure!r}")
                 if self.failures:
                     vehicle, error = self.failures[0]
                     raise TimedOut(f"{vehicle.name} has failed: {error!r}")
                 if self.time_s > end:
                     raise TimedOut(f"not within {sim_s:g} s of simulated time")
-                if not self._ticked.wait(10.0):
+                if not self._loop.ticked.wait(10.0):
                     raise TimedOut("the simulated world does not run")
 
     # ---- faults
@@ -446,16 +368,19 @@ class World:
 
         Raises :class:`BadInput` naming what is not known, out of bounds, or not to be had by that vehicle.
         """
-        fault = make_fault(kind, parameters)
-        return self._inside(lambda: self._faults.put(vehicle, fault, for_s))
+        return self.put_fault(vehicle, make_fault(kind, parameters), for_s)
+
+    def put_fault(self, vehicle: str, fault: Fault, for_s: float | None = None) -> list[FaultStatus]:
+        """As :meth:`fault`, with one that is made."""
+        return self._loop.inside(lambda: self._faults.put(vehicle, fault, for_s))
 
     def clear(self, vehicle: str | None = None, kind: str | None = None) -> int:
         """End all faults, or those of one vehicle, of one kind, or of both; gives how many. Any thread may."""
-        return self._inside(lambda: self._faults.clear(vehicle, kind))
+        return self._loop.inside(lambda: self._faults.clear(vehicle, kind))
 
     def faults(self) -> list[FaultStatus]:
         """Those that are on. Any thread may ask."""
-        return self._inside(self._faults.all)
+        return self._loop.inside(self._faults.all)
 
     # ---- what there is to see
 

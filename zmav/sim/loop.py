@@ -1,0 +1,191 @@
+"""The run of a world: ticks when they are due, and between them clients, and calls from other threads."""
+
+from __future__ import annotations
+
+import math
+import selectors
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TypeVar
+
+from zmav.errors import TimedOut
+from zmav.sim.calls import Calls
+from zmav.sim.clock import Pacer
+from zmav.sim.endpoints import Wiring
+from zmav.sim.hil.externals import Externals
+from zmav.sim.lockstep import Lockstep
+from zmav.sim.status import WorldStatus
+
+T = TypeVar("T")
+
+STACK_WAIT_S = 0.01  # of wall time, that the world listens for a flight stack which is behind, at a time
+LOOK_S = 0.05  # of wall time, between looks at who waits to be flushed, and at how long a client has kept the world
+
+
+class Loop:
+    """Calls ``tick`` when ``pacer`` says so, and not before ``lockstep`` (None: nobody) and ``externals`` follow.
+    ``now``: simulated seconds; ``status``: what the end of :meth:`advance` gives.
+    """
+
+    def __init__(
+        self,
+        tick: Callable[[], None],
+        now: Callable[[], float],
+        status: Callable[[], WorldStatus],
+        pacer: Pacer,
+        externals: Externals,
+        lockstep: Lockstep | None,
+    ) -> None:
+        self._tick, self._now, self._status = tick, now, status
+        self._pacer, self._externals, self._lockstep = pacer, externals, lockstep
+        self.selector = selectors.DefaultSelector()
+        self.wiring = Wiring(self.selector, set(), now)
+        self.ticked = threading.Condition()
+        """notified after each tick, and when the run has failed"""
+        self.failure: BaseException | None = None
+        """what ended the thread of :meth:`start`"""
+        self._calls = Calls(self.selector)
+        self._thread: threading.Thread | None = None
+        self._entered = threading.Event()
+        self._stopping = False
+        self._runner: int | None = None  # the thread that runs it, where one does
+        self._advancing: Future[WorldStatus] | None = None
+
+    # ---- life
+
+    @property
+    def runs(self) -> bool:
+        """Some thread runs it."""
+        return self._runner is not None
+
+    def start(self) -> None:
+        """Run in a thread of its own, which has begun when this returns."""
+        self._thread = threading.Thread(target=self._run_guarded, name="zmav-sim", daemon=True)
+        self._thread.start()
+        self._entered.wait()
+
+    def stop(self) -> None:
+        """Ask :meth:`run` to end; any thread, and signal handlers, may."""
+        self._stopping = True
+        self._calls.ring()
+
+    def join(self) -> None:
+        """Wait until the thread of :meth:`start` has ended."""
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def close(self) -> None:
+        """Once nothing runs and everybody is unregistered."""
+        self.selector.close()
+        self._calls.close()
+        self._over(TimedOut("the simulator has ended"))
+
+    def _run_guarded(self) -> None:
+        try:
+            self.run()
+        except BaseException as error:
+            self.failure = error
+            with self.ticked:
+                self.ticked.notify_all()
+
+    def run(self) -> None:
+        """Run in this thread until :meth:`stop`."""
+        self._runner = threading.get_ident()
+        self._entered.set()
+        self._pacer.restart()
+        try:
+            while not self._stopping:
+                wait = self._wait_s()
+                self._serve(wait)
+                if wait == 0.0:
+                    self._advance_one()
+                self._flush()
+        finally:
+            self._runner = None
+
+    def _wait_s(self) -> float:
+        """Wall seconds to listen before another look; 0: the next tick may come."""
+        wait = self._pacer.wait_s()
+        if wait > 0.0:
+            # Someone who did not read, or a line that nobody has opened, does not wake us.
+            return min(wait, LOOK_S) if self.wiring.waiting else wait
+        if self._externals.behind():
+            return STACK_WAIT_S
+        if self._lockstep is not None and not self._lockstep.ready():
+            return LOOK_S
+        return 0.0
+
+    def _advance_one(self) -> None:
+        if self._pacer.paused:  # by whom we have just heard
+            return
+        self._tick()
+        if self._lockstep is not None:
+            self._lockstep.ticked(self._now())
+        with self.ticked:
+            self.ticked.notify_all()
+        self._pacer.ticked()
+        if self._advancing is not None and not self._pacer.stepping:
+            self._over()
+
+    # ---- the clock
+
+    def pause(self) -> None:
+        """Stand still; in the world's thread."""
+        self._pacer.pause()
+        self._over()
+
+    def advance(self, ticks: int) -> Future[WorldStatus]:
+        """Go on for so many ticks, and pause then; in the world's thread. The future is set when they are over, or
+        when somebody pauses or advances the world before.
+        """
+        before, mine = self._advancing, Future[WorldStatus]()
+        self._advancing = mine
+        self._pacer.allow(ticks)
+        self._tell(before)  # last: who hears that may well advance the world again
+        return mine
+
+    def _over(self, error: Exception | None = None) -> None:
+        """Whoever waits for the end of :meth:`advance` need wait no longer."""
+        waiting, self._advancing = self._advancing, None
+        self._tell(waiting, error)
+
+    def _tell(self, waiting: Future[WorldStatus] | None, error: Exception | None = None) -> None:
+        if waiting is None:
+            return
+        if error is None:
+            waiting.set_result(self._status())
+        else:
+            waiting.set_exception(error)
+
+    # ---- links, and calls from other threads
+
+    def serve(self) -> None:
+        """Hear and answer clients of a world that nobody runs."""
+        self._serve(0.0)
+        self._flush()
+
+    def _serve(self, timeout: float) -> None:
+        """Hear clients and calls for ``timeout`` seconds at most (infinite: until one comes)."""
+        for key, _ in self.selector.select(timeout if math.isfinite(timeout) else None):
+            ready: Callable[[], None] = key.data
+            ready()
+        self._calls.do()
+
+    def _flush(self) -> None:
+        self._externals.flush()
+        waiting = self.wiring.waiting
+        for each in list(waiting):
+            if each.flush():
+                waiting.discard(each)
+
+    def inside(self, function: Callable[[], T]) -> T:
+        """Have the world's thread do it, where one runs and it is not this one."""
+        return function() if self._runner in (None, threading.get_ident()) else self.call(function)
+
+    def call(self, function: Callable[[], T], timeout: float = 10.0) -> T:
+        """Run ``function`` between two ticks in the world's thread; gives its result, or raises what it raised.
+        :class:`TimedOut` where the world does not run.
+        """
+        return self._calls.call(function, timeout)
