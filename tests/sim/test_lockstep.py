@@ -208,6 +208,40 @@ def test_one_that_answers_late_does_not_join(make_desk: MakeDesk) -> None:
         assert lockstep.ready()
 
 
+@pytest.mark.parametrize(
+    ("kind", "parameters", "asked"),
+    [
+        ("link-loss", {"percent": 100.0}, 50),
+        ("link-delay", {"ms": 500.0}, 50),
+        ("link-corruption", {"percent": 100.0}, 50),
+        ("link-cut", {}, 0),
+        ("link-cut", {"direction": "up"}, 0),
+        ("frozen", {}, 0),
+    ],
+)
+def test_no_fault_has_the_world_wait_for_answers_that_cannot_come(
+    make_desk: MakeDesk, kind: str, parameters: dict[str, Any], asked: int
+) -> None:
+    desk = make_desk()
+    lockstep = Lockstep(desk.world.vehicles, lambda text: None, clock=lambda: desk.world.time_s / 10)
+    answerer = Answerer(desk)
+    for tick in range(400):
+        assert lockstep.ready()
+        desk.world.step()
+        lockstep.ticked(desk.world.time_s)
+        answerer.step()
+        if tick == 199:
+            assert lockstep.members == 1
+            desk.world.fault("copter1", kind, **parameters)
+            before = len(answerer.asked)
+        if tick == 299:
+            assert len(answerer.asked) - before == pytest.approx(asked, abs=2)
+            desk.world.clear()
+            before = len(answerer.asked)
+    assert lockstep.members == 1
+    assert len(answerer.asked) - before == pytest.approx(50, abs=2)
+
+
 def test_a_link_without_room_is_not_waited_for(make_desk: MakeDesk) -> None:
     desk = make_desk()
     lockstep = Lockstep(desk.world.vehicles, lambda text: None)

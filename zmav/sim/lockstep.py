@@ -2,7 +2,9 @@
 
 Every 20 ms of simulated time the world asks each such client for its time (TIMESYNC), behind everything else on its
 link, and waits for the answers. Whether somebody answers at all is tried once a second. A client that stops answering
-is waited for a while and then left out, until it answers again. https://mavlink.io/en/services/timesync.html
+is waited for a while and then left out, until it answers again. Faults of a link touch neither questions nor answers,
+or time would wait for a frame that is late in that time; where nothing passes, or an autopilot hangs, nobody is asked.
+https://mavlink.io/en/services/timesync.html
 """
 
 from __future__ import annotations
@@ -56,9 +58,9 @@ class Lockstep:
             self._forget_closed()
         self._question = max(int(self._clock() * 1e9), self._question + 1)
         for vehicle in self._vehicles:
-            for channel in vehicle.node.channels:
+            for channel in [] if vehicle.node.hung else vehicle.node.channels:
                 member = channel in self._members
-                if (member or probing) and channel.send("TIMESYNC", tc1=0, ts1=self._question) and member:
+                if (member or probing) and channel.ask(self._question) and member:
                     self._waiting[channel] = vehicle
 
     def ready(self) -> bool:
@@ -66,7 +68,7 @@ class Lockstep:
         if not self._waiting:
             return True
         for channel, vehicle in list(self._waiting.items()):
-            if channel not in vehicle.node.channels:
+            if vehicle.node.hung or channel not in vehicle.node.channels:
                 self._drop(channel)
         if self._waiting and self._clock() - self._question * 1e-9 > self._patience_s:
             for channel, vehicle in list(self._waiting.items()):

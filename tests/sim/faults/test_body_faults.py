@@ -122,6 +122,15 @@ class TestFrozen:
         assert aloft.last("SYSTEM_TIME")["time_boot_ms"] >= uptime + 3900  # its clock has run on
         assert aloft.vehicle.copter.armed
 
+    def test_a_reboot_ends_it(self, aloft: Desk) -> None:
+        aloft.world.fault("copter1", "frozen")
+        aloft.world.step(3.0)
+        aloft.world.fault("copter1", "reboot")
+        assert aloft.world.faults() == []
+        aloft.world.step(1.0)
+        assert aloft.last("SYSTEM_TIME")["time_boot_ms"] < 1100
+        assert not aloft.vehicle.copter.armed
+
     def test_the_watchdog_resets_it(self, aloft: Desk) -> None:
         aloft.world.fault("copter1", "frozen", watchdog_s=1.5)
         aloft.world.step(1.4)

@@ -106,6 +106,25 @@ class TestWorld:
             world.clear("copter1", "x")
         assert world.faults() == []
 
+    def test_what_one_cannot_have_none_gets_and_what_was_on_stays(self, make_desk: MakeDesk) -> None:
+        world = make_desk([VehicleSpec(), VehicleSpec(autopilot="arduplane")]).world
+        world.fault("copter1", "motor", number=4)
+        with pytest.raises(BadInput, match="plane1 has no motor 2; expected 1 to 1"):
+            world.fault("all", "motor", number=2)
+        with pytest.raises(BadInput, match="copter1 has no motor 5"):
+            world.fault("copter1", "motor", number=5)
+        assert [(f.vehicle, f.parameters["number"]) for f in world.faults()] == [("copter1", 4)]
+        assert world.vehicles[0].node.seat.fleet.efficiency[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0]
+
+    def test_links_are_called_by_their_endpoints(self, make_desk: MakeDesk) -> None:
+        world = make_desk([VehicleSpec(endpoints=("serial0:0", "udp:127.0.0.1:14999"))]).world
+        world.open()
+        for link in ("tcp", "serial0", "udp", "all"):
+            world.fault("copter1", "link-cut", link=link)
+        with pytest.raises(BadInput, match="copter1 has no link 'pty'; there are all, serial0, udp"):
+            world.fault("copter1", "link-cut", link="pty")
+        assert [f.parameters["link"] for f in world.faults()] == ["all"]
+
 
 @pytest.fixture
 def running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:

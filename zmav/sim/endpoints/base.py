@@ -44,6 +44,8 @@ class Endpoint(Protocol):
     """A way to reach one vehicle; all methods are called in the world's thread (or before it runs)."""
 
     url: str
+    link: str
+    """its kind, which its channels are called by"""
 
     def clients(self) -> int:
         """How many are known to be at the other end."""

@@ -14,7 +14,7 @@ class TcpServer:
     """Listens; every client is a channel of its own."""
 
     def __init__(self, address: Address, vehicle: Switchboard, wiring: Wiring) -> None:
-        self._link = address.kind
+        self.link = address.kind
         self._vehicle = vehicle
         self._wiring = wiring
         self._clients: list[TcpClient] = []
@@ -33,7 +33,7 @@ class TcpServer:
             connection, _ = self._socket.accept()
         except OSError:
             return  # it left before it was let in
-        self._clients.append(TcpClient(connection, self._link, self._vehicle, self._wiring, self._clients.remove))
+        self._clients.append(TcpClient(connection, self.link, self._vehicle, self._wiring, self._clients.remove))
 
     def close(self) -> None:
         for client in list(self._clients):

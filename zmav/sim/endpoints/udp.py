@@ -16,6 +16,7 @@ class UdpSender:
     """Sends to one address from one local port; takes what anybody sends to that port."""
 
     def __init__(self, address: Address, vehicle: Switchboard, wiring: Wiring) -> None:
+        self.link = address.kind
         self._vehicle = vehicle
         self._wiring = wiring
         family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
@@ -24,7 +25,7 @@ class UdpSender:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
             self._to: Any = self._bind(address, family)
-        except OSError:
+        except BaseException:
             self._socket.close()
             raise
         self.local_port = int(self._socket.getsockname()[1])
@@ -33,7 +34,7 @@ class UdpSender:
         self._queued = 0
         self._heard_any = False
         wiring.selector.register(self._socket, selectors.EVENT_READ, self._read)
-        self._channel = vehicle.open_channel(self, address.kind)
+        self._channel = vehicle.open_channel(self, self.link)
 
     def _bind(self, address: Address, family: socket.AddressFamily) -> Any:
         """Take the local port; gives where to send to."""

@@ -23,7 +23,7 @@ class Victim:
 
     ``vehicle`` is None for one that a flight stack outside the simulator flies: its sensors, motors and battery can
     fail, its autopilot and its links are its own. ``camera`` likewise where it has none. ``seed`` differs from fault to
-    fault and is the same in every run. ``end`` ends the fault from within.
+    fault and is the same in every run. ``end`` ends a fault of that kind that it has, ``now`` gives simulated seconds.
     """
 
     def __init__(
@@ -33,13 +33,15 @@ class Victim:
         vehicle: SimVehicle | None,
         camera: SimCamera | None,
         seed: str,
-        end: Callable[[], None],
+        end: Callable[[str], None],
+        now: Callable[[], float],
     ) -> None:
         self.name = name
         self.seat = seat
         self.camera = camera
         self.seed = seed
         self.end = end
+        self.now = now
         self._vehicle = vehicle
 
     @property
@@ -60,9 +62,12 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ONCE: ClassVar[bool] = False
     """It happens and is over."""
 
+    def check(self, victim: Victim) -> None:
+        """:class:`BadInput` where that vehicle cannot have it; nothing has happened then."""
+
     @abstractmethod
     def begin(self, victim: Victim) -> Undo:
-        """Let it happen; gives what ends it."""
+        """Let it happen to one that can have it; gives what ends it."""
 
 
 def nothing() -> None:

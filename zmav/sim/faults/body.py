@@ -20,7 +20,7 @@ class MotorFailure(Fault, frozen=True):
     number: Annotated[int, Meta(ge=1, le=32)] = 1
     efficiency: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
 
-    def begin(self, victim: Victim) -> Undo:
+    def check(self, victim: Victim) -> None:
         seat = victim.seat
         if self.number > seat.motors:
             expected = f"1 to {seat.motors}" if seat.motors else "a vehicle whose motors can fail"
@@ -28,6 +28,9 @@ class MotorFailure(Fault, frozen=True):
                 f"{victim.name} has no motor {self.number}; expected {expected}", field="number", value=self.number,
                 expected=expected,
             )  # fmt: skip
+
+    def begin(self, victim: Victim) -> Undo:
+        seat = victim.seat
         motor, cause = self.number - 1, f"fault {self.KIND}"
         seat.weaken_motor(motor, cause, self.efficiency)
         return lambda: seat.weaken_motor(motor, cause, 1.0)
@@ -62,7 +65,14 @@ class BatteryCollapse(Fault, frozen=True):
         return mend
 
 
-class RcLoss(Fault, frozen=True):
+class AutopilotFault(Fault, frozen=True):
+    """Base of what only an autopilot of the simulator's own can have."""
+
+    def check(self, victim: Victim) -> None:
+        _ = victim.vehicle  # refused where there is none
+
+
+class RcLoss(AutopilotFault, frozen=True):
     """The receiver hears the pilot's transmitter no more."""
 
     KIND: ClassVar[str] = "rc-loss"
@@ -82,7 +92,7 @@ class RcLoss(Fault, frozen=True):
         return pilot.regain
 
 
-class Frozen(Fault, frozen=True):
+class Frozen(AutopilotFault, frozen=True):
     """The autopilot hangs: it says nothing and hears nothing, and the actuators stay where they are. A watchdog resets
     it after watchdog_s seconds; 0: it has none.
     """
@@ -96,28 +106,34 @@ class Frozen(Fault, frozen=True):
         vehicle.node.hung = True
 
         def go_on() -> None:
-            vehicle.node.hung = False
+            vehicle.node.hung = vehicle.failed is not None
             seat.freeze(False)
 
         return go_on
 
-    def watch(self, victim: Victim, since_s: float, now: float) -> None:
+    def watch(self, victim: Victim, since_s: float) -> None:
         """Let the watchdog reset it where it is time, ``since_s`` seconds after it froze."""
         if 0.0 < self.watchdog_s <= since_s:
-            victim.end()
-            victim.vehicle.brain.now = now  # its clock has run on
-            victim.vehicle.node.restart()
+            _reset(victim)
 
 
-class Reboot(Fault, frozen=True):
-    """The autopilot starts anew, wherever it is: its outputs stop, its clock and its sequence numbers begin again."""
+class Reboot(AutopilotFault, frozen=True):
+    """The autopilot starts anew, wherever it is: its outputs stop, its clock and its sequence numbers begin again. One
+    that hangs is well again.
+    """
 
     KIND: ClassVar[str] = "reboot"
     ONCE: ClassVar[bool] = True
 
     def begin(self, victim: Victim) -> Undo:
-        victim.vehicle.node.restart()
+        _reset(victim)
         return nothing
+
+
+def _reset(victim: Victim) -> None:
+    victim.end(Frozen.KIND)
+    victim.vehicle.brain.now = victim.now()  # which one that hangs does not follow
+    victim.vehicle.node.restart()
 
 
 class CameraBlackout(Fault, frozen=True):
@@ -126,12 +142,15 @@ class CameraBlackout(Fault, frozen=True):
     KIND: ClassVar[str] = "camera-blackout"
     picture: Literal["black", "frozen"] = "black"
 
-    def begin(self, victim: Victim) -> Undo:
-        camera = victim.camera
-        if camera is None:
+    def check(self, victim: Victim) -> None:
+        if victim.camera is None:
             raise BadInput(
                 f"{victim.name} has no camera", field="vehicle", value=victim.name, expected="a vehicle with a camera"
             )
+
+    def begin(self, victim: Victim) -> Undo:
+        camera = victim.camera
+        assert camera is not None
         camera.blackout = self.picture
 
         def show() -> None:

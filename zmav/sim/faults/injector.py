@@ -46,18 +46,21 @@ class Faults:
         """Let ``fault`` happen to the vehicle called ``name`` ("all": to each), for ``for_s`` simulated seconds (None:
         until it is cleared). One of its kind that is on already gives way to it.
 
-        Raises :class:`BadInput` for a vehicle that is not there or cannot have it, and for no time at all.
+        Raises :class:`BadInput` for a vehicle that is not there or cannot have it, and for no time at all; nothing has
+        changed then.
         """
         if for_s is not None and not 0.0 < for_s < math.inf:
             raise BadInput(f"{for_s} seconds; expected more than 0", field="for_s", value=for_s, expected="more than 0")
         now = self._world.time_s
+        victims = [self._victim(each, fault.KIND) for each in self._named(name)]
+        for victim in victims:
+            fault.check(victim)
         found = []
-        for each in self._named(name):
-            self._end(each, fault.KIND)
-            victim = self._victim(each, fault.KIND)
+        for victim in victims:
+            self._end(victim.name, fault.KIND)
             on = _On(fault, victim, fault.begin(victim), now, math.inf if for_s is None else now + for_s)
             if not fault.ONCE:
-                self._on[each, fault.KIND] = on
+                self._on[victim.name, fault.KIND] = on
             found.append(_status(on))
         return found
 
@@ -93,7 +96,7 @@ class Faults:
             if now >= on.until_s - 1e-9:
                 self._end(*key)
             elif isinstance(on.fault, Frozen):
-                on.fault.watch(on.victim, now - on.since_s, now)
+                on.fault.watch(on.victim, now - on.since_s)
 
     # ---- vehicles
 
@@ -120,7 +123,10 @@ class Faults:
         self._count += 1
         seed = f"{self._seed} {name} {kind} {self._count}"
         vehicle = next((v for v in self._world.vehicles if v.name == name), None)
-        return Victim(name, self._seats()[name], vehicle, self._camera(name), seed, lambda: self._end(name, kind))
+        return Victim(
+            name, self._seats()[name], vehicle, self._camera(name), seed, lambda kind: self._end(name, kind),
+            lambda: self._world.time_s,
+        )  # fmt: skip
 
     def _camera(self, name: str) -> SimCamera | None:
         cameras = self._world.cameras

@@ -12,6 +12,8 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
+from zmav.errors import BadInput
+from zmav.mavlink.codec import decode
 from zmav.mavlink.frames import Splitter
 from zmav.sim.faults.base import Fault, Undo, Victim
 from zmav.sim.protocol.base import Node
@@ -22,6 +24,7 @@ Direction = Literal["both", "down", "up"]
 Link = Literal["all", "tcp", "serial0", "serial1", "serial2", "udp", "udp-listen", "pty", "onboard", "ground"]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 Milliseconds = Annotated[float, Meta(ge=0.0, le=600_000.0)]
+_SYNONYMS = {"tcp": "serial0", "serial0": "tcp"}
 MOST_WAITING = 20_000  # frames that a delay keeps; what is more is lost
 
 
@@ -33,13 +36,22 @@ class LinkFault(Fault, frozen=True):
     direction: Direction = "both"
     link: Link = "all"
 
+    def check(self, victim: Victim) -> None:
+        there = [endpoint.link for endpoint in victim.vehicle.endpoints]
+        if there and not any(self.concerns(link, self.direction) for link in there):
+            expected = ", ".join(("all", *there))
+            raise BadInput(
+                f"{victim.name} has no link {self.link!r}; there are {expected}", field="link", value=self.link,
+                expected=expected,
+            )  # fmt: skip
+
     def begin(self, victim: Victim) -> Undo:
         weather = weather_of(victim.vehicle.node)
         weather.put(self, random.Random(victim.seed))
         return lambda: weather.take(self)
 
     def concerns(self, link: str, direction: str) -> bool:
-        return self.direction in ("both", direction) and self.link in ("all", link)
+        return self.direction in ("both", direction) and self.link in ("all", link, _SYNONYMS.get(link))
 
     def travel(self, data: bytes, chance: random.Random) -> list[tuple[float, bytes]]:
         """What arrives of a frame, and how many seconds later."""
@@ -122,15 +134,20 @@ class Weather(Part):
     # ---- as a part of the node
 
     def opened(self, channel: Channel) -> None:
-        channel.outlet = Air(self, channel, channel.outlet)
-        splitter = Splitter(self._node.dialect)
+        line = channel.outlet
+        channel.outlet = Air(self, channel, line)
+        channel.beneath = lambda: None if self._cut(channel.link) else line
+        splitter, timesync = Splitter(self._node.dialect), self._node.dialect.message("TIMESYNC").id
 
         def incoming(data: bytes) -> None:
             if not self._faults and not self._waiting:
                 self._node.take(channel, data)
                 return
             for frame in splitter.feed(data):
-                self.carry(channel, "up", frame.data)
+                if frame.msgid == timesync and decode(frame, self._node.dialect)["tc1"] != 0:
+                    self._node.take(channel, frame.data)  # an answer to lock step
+                else:
+                    self.carry(channel, "up", frame.data)
 
         channel.incoming = incoming
 
@@ -143,6 +160,10 @@ class Weather(Part):
         while self._waiting and self._waiting[0][0] <= now + 1e-9:
             _, _, channel, direction, data = heapq.heappop(self._waiting)
             self._deliver(channel, direction, data)
+
+    def _cut(self, link: str) -> bool:
+        cuts = [fault for fault, _ in self._faults if isinstance(fault, LinkCut)]
+        return any(cut.concerns(link, direction) for cut in cuts for direction in ("down", "up"))
 
     # ---- frames on their way
 
