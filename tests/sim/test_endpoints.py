@@ -229,6 +229,23 @@ class TestSerialLine:
         with World(endpoint=f"pty:{path}", ready_s=0.5):
             assert path.exists()
 
+    def test_a_link_of_a_killed_simulator_to_a_number_given_out_again_is_replaced(self, tmp_path: Path) -> None:
+        path = tmp_path / "quad1"
+        with World(endpoint="pty", ready_s=0.5) as world:
+            path.symlink_to(world.urls[0].partition(",")[0])
+        with World(endpoint=f"pty:{path}", ready_s=0.5) as world:  # has the number that has just become free
+            assert world.urls == [f"{path},115200"]
+
+    def test_who_opens_it_in_a_pause_is_answered(self) -> None:
+        with World(endpoint="pty", ready_s=0.5) as world:
+            world.pause()
+            client = os.open(world.urls[0].partition(",")[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            packer = Packer(load_dialect(), 255, 190)
+            os.write(client, packer.pack("PING", seq=7, target_system=0, target_component=0))
+            frames = Splitter(load_dialect()).feed(read_soon(client))
+            assert [load_dialect().name_of(frame.msgid) for frame in frames] == ["PING"]
+            os.close(client)
+
     def test_what_is_no_link_is_left_alone(self, tmp_path: Path) -> None:
         path = tmp_path / "notes"
         path.write_text("mine")
@@ -250,6 +267,15 @@ def serve(world: World, seconds: float) -> None:
     for _ in range(max(round(seconds / 0.05), 1)):
         world.step(0.05)
         world.serve()
+
+
+@pytest.mark.parametrize("endpoint", ["udp:a..b:14550", "tcp:a..b:0", "onboard:0:a..b:14540", "tcp:256.1.1.1:0"])
+def test_a_host_that_cannot_be_is_said(endpoint: str) -> None:
+    world = World(endpoint=endpoint)
+    with pytest.raises(BadUrl, match=r"a\.\.b|256"):
+        world.open()
+    assert world.vehicles[0].endpoints == []
+    world.close()
 
 
 def test_a_clash_in_the_middle_closes_all() -> None:

@@ -36,11 +36,12 @@ def open_endpoint(address: Address, vehicle: Switchboard, wiring: Wiring) -> End
     """
     try:
         return _KINDS[address.kind](address, vehicle, wiring)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # the latter for a host's name that cannot be one
         where = str(address)
-        if error.errno == errno.EADDRINUSE:
+        number = error.errno if isinstance(error, OSError) else None
+        if number == errno.EADDRINUSE:
             raise PortInUse(f"{where} is in use by another program", port=address.local or address.port) from error
-        if error.errno in (errno.EMFILE, errno.ENFILE):
+        if number in (errno.EMFILE, errno.ENFILE):
             raise BadUrl(
                 f"{where}: too many open files; allow more with 'ulimit -n', or name fewer endpoints",
                 field="endpoint", value=where, expected="fewer endpoints",

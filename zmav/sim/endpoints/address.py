@@ -81,6 +81,8 @@ def addresses(vehicles: Sequence[Sequence[str]]) -> list[list[Address]]:
 def parse_endpoint(text: str, index: int, host: str = LOOPBACK) -> Address:
     """The address of vehicle ``index`` (0, 1, ...). Raises :class:`BadUrl` naming what is expected."""
     kind, _, rest = text.partition(":")
+    if "\0" in text:
+        raise _bad(text)
     if kind in _PX4_LINKS:
         return _parse_px4(kind, _PX4_LINKS[kind] if text == kind else rest, index, host, text)
     if kind.partition("@")[0] == "pty":

@@ -31,6 +31,7 @@ class PtyEndpoint:
     """
 
     def __init__(self, address: Address, vehicle: Switchboard, wiring: Wiring) -> None:
+        self.link = address.kind
         self._vehicle = vehicle
         self._wiring = wiring
         self._bytes_per_s = address.baud / BITS_PER_BYTE
@@ -53,7 +54,7 @@ class PtyEndpoint:
         self._hangup = select.poll()
         self._hangup.register(self._master, 0)
         self.url = f"{self._link or self.device},{address.baud or USUAL_BAUD}"
-        self._channel = vehicle.open_channel(self, address.kind)
+        self._channel = vehicle.open_channel(self, self.link)
         wiring.waiting.add(self)
 
     def clients(self) -> int:
@@ -148,9 +149,11 @@ class PtyEndpoint:
 
 
 def _link(path: Path, device: str) -> Path:
-    """Make ``path`` lead to ``device``; replaces a link that leads nowhere any more."""
+    """Make ``path`` lead to ``device``; replaces a link that leads nowhere any more, or to a terminal of that name
+    which is gone: terminals' numbers are given out again.
+    """
     try:
-        if path.is_symlink() and not path.exists():
+        if path.is_symlink() and (not path.exists() or str(path.readlink()) == device):
             path.unlink()
         path.symlink_to(device)
     except FileExistsError:
