@@ -176,7 +176,8 @@ class Node(ABC):
         for channel in self.channels:
             if now >= channel.streams.next_due:
                 for name in channel.streams.due(now):
-                    self.report(channel, name)
+                    if self.flows(name):
+                        self.report(channel, name)
         for part in self._ticking:
             if now >= part.due:
                 part.tick(now)
@@ -184,6 +185,10 @@ class Node(ABC):
             self._next_timesync = now + self.TIMESYNC_PERIOD_S
             for channel in self.channels:
                 channel.send("TIMESYNC", tc1=0, ts1=self.nanoseconds())
+
+    def flows(self, name: str) -> bool:
+        """A stream of that message may be sent now."""
+        return True
 
     def restart(self) -> None:
         """Boot the autopilot anew: what it had been asked to send is forgotten, and all counting starts again."""

@@ -25,8 +25,6 @@ from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
 PIECE = 50  # characters of a STATUSTEXT
 
-_AT_ONCE = ("HEARTBEAT", "AUTOPILOT_VERSION")  # what it says before it is initialised
-
 
 class MavNode(Node):
     """Speaks for one :class:`ArduVehicle`; a kind of vehicle adds the commands that only it knows."""
@@ -79,9 +77,11 @@ class MavNode(Node):
 
     def fields(self, name: str) -> dict[str, Any] | None:
         report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
-        if report is None or not (name in _AT_ONCE or self.vehicle.boot.has("initialised")):
-            return None
-        return report(self)
+        return None if report is None else report(self)
+
+    def flows(self, name: str) -> bool:
+        """Until it is initialised only its heartbeat does."""
+        return name == "HEARTBEAT" or self.vehicle.boot.has("initialised")
 
     def greet(self, channel: Channel) -> None:
         """Start the streams of the port's MAV1_, MAV2_ or MAV3_ parameters."""
