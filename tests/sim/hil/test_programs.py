@@ -20,8 +20,9 @@ from zmav.cli.sim.stacks import stack_vehicles
 from zmav.errors import BadConfig
 from zmav.sim import Home, VehicleSpec, World
 from zmav.sim.geo import Position
-from zmav.sim.hil.binaries import find_ardupilot, find_px4, px4_job
+from zmav.sim.hil.binaries import Job, find_ardupilot, find_px4, px4_job
 from zmav.sim.hil.craft import craft
+from zmav.sim.hil.px4 import Px4Vehicle
 from zmav.sim.spec import Stack
 
 
@@ -156,8 +157,20 @@ class TestFinding:
         binary.parent.mkdir(parents=True)
         binary.write_text("#!/bin/sh\n")
         binary.chmod(0o755)
+        with pytest.raises(BadConfig, match="etc, by which it starts"):
+            find_px4(binary)
+        (tmp_path / "build/px4_sitl_default/etc").mkdir()
         for path in (tmp_path, tmp_path / "build/px4_sitl_default", binary):
             assert find_px4(path) == binary
+        link = tmp_path / "px4-1.16"
+        link.symlink_to(binary)
+        assert self.job(find_px4(link)).command[0] == str(binary)
+
+    def job(self, binary: Path) -> Job:
+        return px4_job(
+            binary, craft("sih"), instance=3, sysid=4, home=Position(47.0, 8.0, 400.0), heading_deg=-90.0,
+            own_physics=False, speed=2.0,
+        )  # fmt: skip
 
     def test_what_is_missing_is_said_before_anything_is_opened(self, tree: Path, tmp_path: Path) -> None:
         with pytest.raises(BadConfig, match=r"arduplane.*build/sitl/bin/arduplane.*waf"):
@@ -182,17 +195,43 @@ class TestFinding:
         assert any("No such file" in note for note in world.externals.notes)
 
     def test_px4_is_started_with_its_instance_and_home(self, tmp_path: Path) -> None:
-        job = px4_job(
-            tmp_path / "bin/px4", craft("sih"), instance=3, sysid=4, home=Position(47.0, 8.0, 400.0), heading_deg=-90.0,
-            own_physics=False, speed=2.0,
-        )  # fmt: skip
-        assert job.command == [str(tmp_path / "bin/px4"), "-i", "3"]
+        job = self.job(tmp_path / "bin/px4")
+        assert job.command == [str(tmp_path / "bin/px4"), "-i", "3", "-d", str(tmp_path / "etc")]
         assert job.urls == ("udpin:127.0.0.1:14543",)
         told = job.environment
         assert (told["PX4_SIM_MODEL"], told["PX4_SYS_AUTOSTART"]) == ("none_iris", "10016")
         assert (told["PX4_HOME_LAT"], told["PX4_HOME_ALT"], told["PX4_HOME_YAW"]) == ("47.0000000", "400.00", "270")
         assert (told["PX4_SIM_SPEED_FACTOR"], told["PX4_SIM_HOST_ADDR"]) == ("2", "127.0.0.1")
-        assert "PX4_PARAM_MAV_SYS_ID" not in told
+        # Whatever the shell has: another simulator would be started, or another computer asked.
+        assert (told["PX4_SIMULATOR"], told["PX4_SIM_HOSTNAME"]) == ("", "")
+        places = [(told[f"PX4_PARAM_CA_ROTOR{i}_PX"], told[f"PX4_PARAM_CA_ROTOR{i}_PY"]) for i in range(4)]
+        assert places == [("0.2", "0.2"), ("-0.2", "-0.2"), ("0.2", "-0.2"), ("-0.2", "0.2")]
+
+    def test_a_px4s_system_id_is_its_instance_and_one(self, tmp_path: Path) -> None:
+        # Its start script sets it so, whatever the environment says.
+        binary = tmp_path / "px4/bin/px4"
+        binary.parent.mkdir(parents=True)
+        (tmp_path / "px4/etc").mkdir()
+        binary.write_text('#!/bin/sh\necho "$*" > argv\necho "$PX4_SYS_AUTOSTART" > autostart\nexec sleep 60\n')
+        binary.chmod(0o755)
+        stack = Stack(program=str(binary), directory=str(tmp_path))
+        world = World([VehicleSpec(), VehicleSpec(autopilot="px4", name="p", stack=stack)], endpoint="tcp:0")
+        try:
+            world.open()
+            until(lambda: (tmp_path / "p/autostart").exists() and (tmp_path / "p/autostart").read_text())
+            assert (tmp_path / "p/argv").read_text() == f"-i 1 -d {tmp_path / 'px4/etc'}\n"
+            vehicle = world.externals.vehicles[0]
+            assert isinstance(vehicle, Px4Vehicle)
+            assert (vehicle.sysid, vehicle.port, vehicle.urls) == (2, 4561, ("udpin:127.0.0.1:14541",))
+        finally:
+            world.close()
+        stack = Stack(program=str(binary), instance=5)
+        world = World([VehicleSpec(autopilot="px4", stack=stack)])
+        try:
+            with pytest.raises(BadConfig, match="system id 6, not 1"):
+                world.open()
+        finally:
+            world.close()
 
     def test_px4_has_no_sitl_frame_for_our_hexarotor(self, tmp_path: Path) -> None:
         with pytest.raises(BadConfig, match="'sih'"):
@@ -228,6 +267,13 @@ class TestOptions:
         ]
         assert not any(counts.values())
         assert [s.autopilot for s in self.vehicles({"ardupilot": "/a/ardurover"})[0]] == ["ardurover"]
+
+    def test_instances_of_px4_go_with_their_system_ids(self) -> None:
+        specs, _ = self.vehicles({"ardupilot": "/a", "px4": ("/px4",), "instance": 5}, copter=1)
+        assert [(s.autopilot, s.stack and s.stack.instance, s.sysid) for s in specs] == [
+            ("arducopter", 5, None),
+            ("px4", 5, 6),
+        ]
 
     def test_others_may_connect_by_themselves_or_by_a_serial_line(self) -> None:
         specs, _ = self.vehicles({"stacks": ("ardupilot:hexa", "px4"), "devices": ("/dev/ttyACM0",)})

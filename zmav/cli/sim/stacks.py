@@ -102,16 +102,18 @@ def _flown(counts: dict[str, int], path: str, ours: dict[str, Any]) -> list[Vehi
 
 
 def _numbered(specs: list[VehicleSpec], first: int | None) -> list[VehicleSpec]:
-    """Instance numbers from ``first`` on, of each kind of stack."""
+    """Instance numbers from ``first`` on, of each kind of stack; a PX4's system id follows from it."""
     if first is None:
         return specs
     seen = {True: first, False: first}
     numbered = []
     for spec in specs:
         assert spec.stack is not None
-        stack = msgspec.structs.replace(spec.stack, instance=seen[spec.autopilot == PX4])
-        numbered.append(msgspec.structs.replace(spec, stack=stack))
-        seen[spec.autopilot == PX4] += 1
+        px4 = spec.autopilot == PX4
+        stack = msgspec.structs.replace(spec.stack, instance=seen[px4])
+        sysid = seen[px4] + 1 if px4 else spec.sysid
+        numbered.append(msgspec.structs.replace(spec, stack=stack, sysid=sysid))
+        seen[px4] += 1
     return numbered
 
 

@@ -36,8 +36,15 @@ def find_ardupilot(path: Path, program: str) -> Path:
 
 
 def find_px4(path: Path) -> Path:
-    """The binary ``px4``, likewise."""
-    return _find(path, "px4", PX4_PLACES, "make px4_sitl_default")
+    """The binary ``px4``, likewise; beside its directory there is ``etc``, whose scripts start it."""
+    binary = _find(path, "px4", PX4_PLACES, "make px4_sitl_default")
+    if not _px4_etc(binary).is_dir():
+        raise _missing(path, "px4", f"there is {binary}, but not {_px4_etc(binary)}, by which it starts")
+    return binary
+
+
+def _px4_etc(binary: Path) -> Path:
+    return binary.resolve().parent.parent / "etc"
 
 
 def _find(path: Path, program: str, places: Sequence[str], build: str) -> Path:
@@ -117,29 +124,40 @@ def px4_job(
     own_physics: bool,
     speed: float,
 ) -> Job:
-    """Start it as instance ``-i``: MAVLink at UDP 14540+i and 14550."""
+    """Start it as instance ``-i``: MAVLink at UDP 14540+i and 14550. As a daemon (``-d``) it wants no terminal; it
+    links ``etc`` into the directory that it is started in, and keeps its parameters and logs there.
+
+    What its start scripts would take for another simulator is blanked, as a shell may have it set. Source: PX4,
+    platforms/posix/src/px4/common/main.cpp, and in ROMFS/px4fmu_common/init.d-posix rcS and px4-rc.simulator.
+    """
     if not craft.px4_airframe:
         text = f"there is no PX4 SITL airframe for {craft.name!r} that could be started; expected 'sih'"
         raise BadConfig(text, field="airframe", value=craft.name, expected="sih")
-    etc = binary.parent.parent / "etc"
-    command = [str(binary), "-i", str(instance), *(["-d", str(etc)] if etc.is_dir() else [])]
+    if sysid != instance + 1:  # rcS sets it so, after what the environment says
+        text = (
+            f"PX4 of instance {instance} has system id {instance + 1}, not {sysid}: give it that, or another instance"
+        )
+        raise BadConfig(text, field="sysid", value=sysid, expected=str(instance + 1))
+    command = [str(binary.resolve()), "-i", str(instance), "-d", str(_px4_etc(binary))]
     physics: Mapping[str, str] = (
         {"PX4_SIM_MODEL": "sihsim_quadx", "PX4_SYS_AUTOSTART": "10040", "PX4_SIMULATOR": "sihsim"}
         if own_physics
-        else {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": str(craft.px4_airframe)}
+        else {
+            "PX4_SIM_MODEL": "none_iris",
+            "PX4_SYS_AUTOSTART": str(craft.px4_airframe),
+            "PX4_SIMULATOR": "",
+            "PX4_SIM_HOSTNAME": "",
+            "PX4_SIM_HOST_ADDR": "127.0.0.1",
+            **{f"PX4_PARAM_{name}": f"{value:g}" for name, value in craft.px4_params.items()},
+        }
     )
     environment = {
         **physics,
-        "PX4_SIM_HOST_ADDR": "127.0.0.1",
         "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
         "PX4_HOME_LAT": f"{home.lat_deg:.7f}",
         "PX4_HOME_LON": f"{home.lon_deg:.7f}",
         "PX4_HOME_ALT": f"{home.alt_amsl_m:.2f}",
         "PX4_HOME_YAW": f"{heading_deg % 360.0:g}",
     }
-    if own_physics:
-        del environment["PX4_SIM_HOST_ADDR"]
-    if sysid != instance + 1:  # which is what it takes by itself
-        environment["PX4_PARAM_MAV_SYS_ID"] = str(sysid)
     port = 14540 + min(instance, PX4_LAST_ONBOARD)
     return Job(command, environment, (f"udpin:127.0.0.1:{port}",))

@@ -54,7 +54,8 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     as the battery. ``program``: the ArduPilot binary that flies it; ``model``: its own physics nearest to this;
     ``defaults``: parameter files of its source tree, in Tools/autotest; ``params``: what differs from them. ``px4``:
     which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does not fly it here. ``px4_airframe``:
-    SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none. ``air_data``: it has a pitot tube.
+    SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none; ``px4_params``: what differs from it.
+    ``air_data``: it has a pitot tube.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     params: Mapping[str, float] = {}
     px4: tuple[int, ...] = ()
     px4_airframe: int = 0
+    px4_params: Mapping[str, float] = {}
     air_data: bool = False
 
     def from_pwm(self, pwm: Sequence[int]) -> list[float]:
@@ -161,6 +163,17 @@ _COPTER_PARAMS = ("default_params/copter.parm",)
 _QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
 
 
+def _px4_geometry(name: str, px4: Sequence[int]) -> dict[str, float]:
+    """Where PX4's motors are, for its mixer: the Iris that it takes this for has its rear ones closer together."""
+    rotors = airframe(name).rotors
+    placed = {f"CA_ROTOR{px4[i]}": rotor for i, rotor in enumerate(rotors)}
+    return {
+        f"{motor}_{axis}": round(metres, 3)
+        for motor, rotor in sorted(placed.items())
+        for axis, metres in (("PX", rotor.forward_m), ("PY", rotor.right_m))
+    }
+
+
 def _crafts() -> list[Craft]:
     return [
         Craft(
@@ -201,6 +214,7 @@ def _crafts() -> list[Craft]:
             params={"FRAME_CLASS": 1, "FRAME_TYPE": 1, "MOT_THST_EXPO": 0.0, "MOT_THST_HOVER": 0.49},
             px4=_QUAD_X,
             px4_airframe=10016,
+            px4_params=_px4_geometry("sih", _QUAD_X),
         ),
         Craft(
             name="rover",

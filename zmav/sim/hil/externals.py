@@ -27,6 +27,7 @@ from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of
 from zmav.sim.status import VehicleStatus
 
 STEP_S = 1.0 / 400.0  # of a plant, until its stack asks for another
+GRACE_S = 2.0  # of wall time, for all programs together, between being asked to end and being killed
 WATCH_S = 1.0  # of wall time, between looks at the programs
 MOST_NOTES = 1000
 NOISE = "typical"  # flight stacks take sensors without any for broken ones
@@ -34,8 +35,9 @@ NOISE = "typical"  # flight stacks take sensors without any for broken ones
 
 class Externals:
     """``specs``: all of the world's vehicles, of which those with a ``stack`` are made here; ``addresses``: of the
-    endpoints of each. The instance number of a stack is its place among the world's vehicles with such an autopilot.
-    ``speed``: the world's, for stacks with physics of their own.
+    endpoints of each. The instance number of a stack, unless it is given, is its place among the world's vehicles with
+    such an autopilot; of a PX4 that is started here, whose system id follows from it, one less than that. ``speed``:
+    the world's, for stacks with physics of their own.
 
     What a person should know goes to :attr:`say`; what is said before anybody listens is kept.
     """
@@ -69,8 +71,10 @@ class Externals:
         instances = {True: 0, False: 0}  # by whether it is a PX4
         for spec, reached in zip(specs, addresses, strict=True):
             if spec.stack is not None:
-                place = instances[spec.autopilot == PX4]
-                instance = place if spec.stack.instance is None else spec.stack.instance
+                instance = spec.stack.instance
+                if instance is None:
+                    started = spec.autopilot == PX4 and spec.stack.program is not None
+                    instance = (spec.sysid or 1) - 1 if started else instances[spec.autopilot == PX4]
                 self.vehicles.append(self._make(instance, spec, reached))
             instances[spec.autopilot == PX4] += 1
 
@@ -177,8 +181,9 @@ class Externals:
         self._programs.clear()
         for program in programs:
             program.ask()
+        end = time.monotonic() + GRACE_S
         for program in programs:
-            program.stop()
+            program.stop(max(end - time.monotonic(), 0.0))
         for vehicle in self.vehicles:
             vehicle.close()
         if self._temporary is not None:

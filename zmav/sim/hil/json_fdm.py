@@ -17,7 +17,7 @@ PORT, PORT_STEP = 9002, 10
 MAGIC_16, MAGIC_32 = 18458, 29569
 LONGEST_STEP_S = 0.02  # of the physics: a slower stack's steps are cut into such
 MOST_S = 0.1  # that frames which got lost are made up for
-RANGE_M = 40.0  # of the rangefinder: what is farther is not reported
+FARTHEST_M = 9999.0  # that a rangefinder is told, for the sky too: without a word ArduPilot keeps the last distance
 _HEADER = struct.Struct("<HHI")
 _PWM = {MAGIC_16: struct.Struct("<16H"), MAGIC_32: struct.Struct("<32H")}
 _EXPECTED = "magic 18458 and 16 servo outputs (40 bytes), or 29569 and 32 (72 bytes)"
@@ -62,7 +62,7 @@ def compose(plant: Plant) -> bytes:
         f'"position":[{pos[0] - start[0]:.6f},{pos[1] - start[1]:.6f},{pos[2] - start[2]:.6f}],'
         f'"quaternion":[{q[0]:.8f},{q[1]:.8f},{q[2]:.8f},{q[3]:.8f}],'
         f'"velocity":[{vel[0]:.7g},{vel[1]:.7g},{vel[2]:.7g}],"no_time_sync":1'
-        f"{_air(plant, now)}{_range(plant, now)}}}\n"
+        f'{_air(plant, now)},"rng_1":{_range(plant, now):.4f}}}\n'
     )
     return text.encode("ascii")
 
@@ -79,16 +79,17 @@ def _air(plant: Plant, now: Truth) -> str:
     return f',{vane},"airspeed":{airspeed:.6g},"velocity_wind":[{north:.5g},{east:.5g},{down:.5g}],{battery}'
 
 
-def _range(plant: Plant, now: Truth) -> str:
-    """What a rangefinder that looks down the body's axis measures, m; nothing where it sees no ground in reach."""
+def _range(plant: Plant, now: Truth) -> float:
+    """What a rangefinder without limits that looks down the body's axis measures, m; the limits are the flight stack's
+    to know (RNGFND1_MAX).
+    """
     terrain = plant.dynamics.terrain
     upward = -now.to_body(*terrain.normal)[2]
-    if upward < 0.1:
-        return ""
+    if upward < 1e-3:
+        return FARTHEST_M
     above = terrain.down_m - terrain.slope_north * now.pos[0] - terrain.slope_east * now.pos[1] - now.pos[2]
     # The distance to a plane along a unit vector: how far off it is over the cosine to its normal.
-    distance = max(-above * terrain.normal[2] / upward, 0.0)
-    return f',"rng_1":{distance:.4f}' if distance < RANGE_M else ""
+    return min(max(-above * terrain.normal[2] / upward, 0.0), FARTHEST_M)
 
 
 class JsonFdm:

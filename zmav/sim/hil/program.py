@@ -14,7 +14,6 @@ from zmav.errors import BadConfig
 
 LOG = "output.log"
 LAST_LINES, LAST_BYTES = 10, 4096
-GRACE_S = 2.0  # between being asked to end and being killed
 
 
 class Program:
@@ -69,11 +68,10 @@ class Program:
         """Ask it, and what it started, to end."""
         self._signal(signal.SIGTERM)
 
-    def stop(self) -> None:
-        """End it; returns when it has ended."""
-        self.ask()
+    def stop(self, grace_s: float) -> None:
+        """Kill it unless it ends within that time; returns when it has ended."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(GRACE_S)
+            self._process.wait(grace_s)
         self._signal(signal.SIGKILL)  # whatever of its group is left
         self._process.wait()
 
