@@ -33,7 +33,7 @@ def along(gusts: Array) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize(("gusts", "height"), [("light", 30.0), ("moderate", 100.0), ("severe", 300.0)])
-@pytest.mark.parametrize("dt", [0.01, 0.1])
+@pytest.mark.parametrize("dt", [0.01, 0.1, 30.0])
 def test_intensities_are_the_standards_whatever_the_step(gusts: str, height: float, dt: float) -> None:
     air = make(gusts, 800, dt)
     felt = record(air, height, 20 * dt) - np.array(WIND)[:, None]

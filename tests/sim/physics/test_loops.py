@@ -156,6 +156,16 @@ def test_thrust_is_turned_first_and_the_nose_takes_its_time() -> None:
     assert math.degrees(float(flight.fleet.estimate.euler[2, 1])) < 75.0
 
 
+def test_a_small_turn_is_asked_for_by_its_gain_whatever_its_weight(flight: Flight) -> None:
+    for weight in (0.4, 1.0):
+        flight.sp.tune("yaw_weight", (), weight)
+        heading = float(flight.fleet.estimate.euler[2, 0])
+        flight.sp.heading(heading + 0.05)
+        flight.run(2 * TICK)
+        assert flight.fleet.cascade._rate[2, 0] == pytest.approx(2.8 * 0.05, rel=0.1)  # MC_YAW_P
+        flight.run(3.0)
+
+
 def test_what_the_rotors_cannot_give_winds_up_nothing() -> None:
     """A torque beyond reach for two seconds, then none: the integrators carry nothing over."""
     flight = Flight("hexa")
