@@ -120,6 +120,15 @@ def test_timestamps_grow_through_restarts_and_broken_clocks(tmp_path: Path) -> N
     assert Clock(state, now=lambda: NOW).next() == int((NOW - 1_420_070_400) * TICKS)
 
 
+def test_a_timestamp_beyond_all_that_fit_costs_no_frame() -> None:
+    """A peer may hold such a one, by SETUP_SIGNING or in a frame with the key."""
+    clock = Clock(now=lambda: NOW)
+    clock.heard((1 << 64) - 1)
+    assert [clock.next(), clock.next()] == [(1 << 48) - 1] * 2
+    signing = Signing(bytes(32), DIALECT, clock=clock)
+    assert len(signing.sign(Packer(DIALECT, 1, 1).pack("HEARTBEAT"))) > 21
+
+
 def test_what_is_kept_covers_what_may_have_been_used(tmp_path: Path) -> None:
     state = tmp_path / "signing"
     clock = Clock(state, now=lambda: NOW)

@@ -32,6 +32,8 @@ EPOCH = 1_420_070_400
 """UTC seconds of 2015-01-01"""
 TICKS = 100_000
 """a second's worth of timestamps"""
+LAST = (1 << 48) - 1
+"""the last timestamp that there is, in the year 2104"""
 OLDEST_NEW = 60 * TICKS
 """how far behind our clock a stream not heard before may be"""
 KEEP_EVERY = 10 * TICKS
@@ -118,9 +120,9 @@ class Clock:
         self._kept = -KEEP_EVERY  # so that the first one is kept at once: a start may be short
 
     def next(self) -> int:
-        """A timestamp above all before it."""
+        """A timestamp above all before it, as far as its 48 bits go: at their end, where no honest clock comes, it stays."""
         with self._lock:
-            self._last = max(self._last + 1, self._ticks())
+            self._last = min(max(self._last + 1, self._ticks()), LAST)
             self._keep()
             return self._last
 
