@@ -120,7 +120,7 @@ class Clock:
         self._kept = -KEEP_EVERY  # so that the first one is kept at once: a start may be short
 
     def next(self) -> int:
-        """A timestamp above all before it, as far as its 48 bits go: at their end, where no honest clock comes, it stays."""
+        """A timestamp above all before it; at the end of its 48 bits, where no honest clock comes, it stays."""
         with self._lock:
             self._last = min(max(self._last + 1, self._ticks()), LAST)
             self._keep()
