@@ -10,7 +10,7 @@ import msgspec
 
 from zmav.errors import BadInput
 from zmav.sim.faults.base import Fault, Undo, Victim
-from zmav.sim.faults.body import Frozen
+from zmav.sim.faults.body import CameraBlackout, Frozen
 from zmav.sim.faults.status import FaultStatus
 from zmav.sim.faults.table import KINDS
 from zmav.sim.fleets.base import Seat
@@ -55,6 +55,7 @@ class Faults:
         victims = [self._victim(each, fault.KIND) for each in self._named(name)]
         for victim in victims:
             fault.check(victim)
+            self._look_outside(victim.name, fault.KIND)
         found = []
         for victim in victims:
             self._end(victim.name, fault.KIND)
@@ -127,6 +128,16 @@ class Faults:
             name, self._seats()[name], vehicle, self._camera(name), seed, lambda kind: self._end(name, kind),
             lambda: self._world.time_s,
         )  # fmt: skip
+
+    def _look_outside(self, name: str, kind: str) -> None:
+        """:class:`BadInput` where a flight stack outside the simulator would notice nothing of it."""
+        for vehicle in self._world.externals.vehicles:
+            if vehicle.name == name and kind not in (*vehicle.feels, CameraBlackout.KIND):
+                expected = ", ".join(sorted(vehicle.feels)) or "nothing: it flies on physics of its own"
+                raise BadInput(
+                    f"{name}: its flight stack does not have this {kind} from the simulator; what it has: {expected}",
+                    field="kind", value=kind, expected=expected,
+                )  # fmt: skip
 
     def _camera(self, name: str) -> SimCamera | None:
         cameras = self._world.cameras

@@ -32,6 +32,7 @@ class JsonVehicle(External):
     """
 
     autopilot = "ardupilot"
+    feels = frozenset({"motor", "battery", "rangefinder", "pitot"})  # the other sensors are its own simulation's
 
     def __init__(
         self,

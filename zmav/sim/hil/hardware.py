@@ -22,7 +22,7 @@ from zmav.sim.hil.line import BACKLOG_BYTES, Line
 from zmav.sim.hil.metronome import Metronome
 from zmav.sim.hil.plant import Plant
 from zmav.sim.hil.relay import Relay
-from zmav.sim.hil.stream import BEAT_EVERY_S, SENSOR_HZ, HilStream
+from zmav.sim.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
 from zmav.sim.hil.tty import is_usb, open_device, parse_device
 from zmav.sim.hil.vehicle import External
 
@@ -51,6 +51,7 @@ class HardwareVehicle(External):
     """
 
     autopilot = "px4"
+    feels = FAULTS
 
     def __init__(
         self,

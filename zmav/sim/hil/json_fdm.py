@@ -73,6 +73,8 @@ def _air(plant: Plant, now: Truth) -> str:
     """
     u, v, w = now.air_velocity
     airspeed = max(u, 0.0) if plant.craft.air_data else math.sqrt(u * u + v * v + w * w)
+    if plant.sensors.troubles.pitot_lost[0]:
+        airspeed = 0.0
     vane = f'"windvane":{{"direction":{math.atan2(v, u) % (2 * math.pi):.5f},"speed":{math.hypot(u, v):.5g}}}'
     north, east, down = now.wind
     battery = f'"battery":{{"voltage":{plant.battery.volts[0]:.4g},"current":{plant.battery.current[0]:.4g}}}'
@@ -83,13 +85,14 @@ def _range(plant: Plant, now: Truth) -> float:
     """What a rangefinder without limits that looks down the body's axis measures, m; the limits are the flight stack's
     to know (RNGFND1_MAX).
     """
-    terrain = plant.dynamics.terrain
+    terrain, troubles = plant.dynamics.terrain, plant.sensors.troubles
     upward = -now.to_body(*terrain.normal)[2]
-    if upward < 1e-3:
+    if upward < 1e-3 or troubles.range_lost[0]:
         return FARTHEST_M
     above = terrain.down_m - terrain.slope_north * now.pos[0] - terrain.slope_east * now.pos[1] - now.pos[2]
     # The distance to a plane along a unit vector: how far off it is over the cosine to its normal.
-    return min(max(-above * terrain.normal[2] / upward, 0.0), FARTHEST_M)
+    distance = max(-above * terrain.normal[2] / upward, 0.0) + float(troubles.range_shift[0])
+    return min(max(distance, 0.0), FARTHEST_M)
 
 
 class JsonFdm:

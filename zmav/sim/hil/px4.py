@@ -14,7 +14,7 @@ from zmav.mavlink.frames import Splitter
 from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.line import Line
 from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.stream import HilStream
+from zmav.sim.hil.stream import FAULTS, HilStream
 from zmav.sim.hil.vehicle import External
 
 PORT = 4560
@@ -39,6 +39,7 @@ class Px4Vehicle(External):
     """
 
     autopilot = "px4"
+    feels = FAULTS
 
     def __init__(
         self,

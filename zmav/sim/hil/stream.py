@@ -23,6 +23,8 @@ SIMULATOR = 200  # component id, in the vehicle's own system
 # Bits of HIL_SENSOR.fields_updated, for the sensors that PX4 takes one by one.
 IMU, MAG, BARO, PITOT = 0x3F, 0x1C0, 0x1A00, 0x400
 MAG_EVERY_S, BARO_EVERY_S, STATE_EVERY_S, RC_EVERY_S, BEAT_EVERY_S = 0.01, 0.02, 0.02, 0.02, 1.0
+FAULTS = frozenset({"motor", "battery", "gps-loss", "gps-glitch", "compass", "baro", "imu"})
+"""what of a body and its sensors can fail and be seen in these messages"""
 ARMED, LOCKSTEP = 128, 1
 ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
 SET_MESSAGE_INTERVAL, STATE_ID = 511, 115
@@ -115,10 +117,10 @@ class HilStream:
         return self.packer.pack(name, **fields)
 
     def _sensor(self, readings: Readings) -> bytes:
-        updated = IMU
-        if self._is_due("mag", MAG_EVERY_S):
+        updated, troubles = IMU, self.plant.sensors.troubles
+        if self._is_due("mag", MAG_EVERY_S) and not troubles.compass_lost[0]:
             updated |= MAG
-        if self._is_due("baro", BARO_EVERY_S):
+        if self._is_due("baro", BARO_EVERY_S) and not troubles.baro_lost[0]:
             updated |= BARO | (PITOT if self.plant.craft.air_data else 0)
         (xacc, yacc, zacc), (xgyro, ygyro, zgyro), (xmag, ymag, zmag) = readings.accel, readings.gyro, readings.mag
         return self._pack(

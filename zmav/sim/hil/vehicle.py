@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from typing import ClassVar
 
 from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.plant import Plant
@@ -25,6 +26,8 @@ class External:
     """
 
     autopilot = "external"
+    feels: ClassVar[frozenset[str]] = frozenset()
+    """kinds of faults (:mod:`zmav.sim.faults`) of its body and sensors that reach the stack"""
 
     def __init__(self, name: str, sysid: int, plant: Plant, say: Callable[[str], None]) -> None:
         self.name = name

@@ -83,3 +83,9 @@ class Troubles:
         self.clipping[index] = sum(t.clipping for t in together)
         for tell in self.told:
             tell(index)
+
+    def hand_on(self, other: Troubles) -> None:
+        """Let the same be wrong with other sensors of these vehicles."""
+        for index, causes in enumerate(self._causes):
+            for cause, trouble in causes.items():
+                other.put(index, cause, trouble)
