@@ -223,6 +223,8 @@ def test_one_line_says_it_all(make_status: Callable[..., WorldStatus]) -> None:
     assert "in lock step" in world_words(make_status(lockstep=True))
     assert world_words(make_status(paused=True)).startswith("61.0 s simulated, paused | ")
     assert world_words(make_status(speed=None, behind=False)).startswith("61 s simulated at ×3.9 (max) | ")
+    begun = make_status(speed=None, speed_reached=0.0, behind=False)
+    assert world_words(begun).startswith("61 s simulated (max) | ")
 
 
 @pytest.mark.parametrize("terminal", [True, False])

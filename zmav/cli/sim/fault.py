@@ -6,7 +6,6 @@ import sys
 
 import click
 import msgspec
-from rich.table import Table
 
 from zmav.cli.common import console, dump, json_option
 from zmav.cli.sim.talk import control_option, remote
@@ -70,11 +69,8 @@ def _show_kinds(as_json: bool) -> None:
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
         return
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("kind", no_wrap=True)
-    table.add_column("parameter=default (bounds)", no_wrap=True)
-    table.add_column("what happens")
+    out = console()
     for kind in found:
-        words = "\n".join(f"{p.name}={p.default} ({p.expected})" for p in kind.parameters)
-        table.add_row(kind.kind, words, kind.text)
-    console().print(table)
+        out.print(f"[bold]{kind.kind}[/]: {kind.text}", highlight=False)
+        for p in kind.parameters:
+            out.print(f"    {p.name}={p.default} ({p.expected})", highlight=False)

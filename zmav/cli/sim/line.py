@@ -23,8 +23,11 @@ def clock_words(status: WorldStatus) -> str:
     asked = "max" if status.speed is None else f"×{status.speed:g}"
     if status.paused:
         return f"{status.time_s:.1f} s simulated, paused"
-    reached = f"×{status.speed_reached:.1f}" if status.speed_reached else asked
-    words = f"{status.time_s:.0f} s simulated at {reached}"
+    words = f"{status.time_s:.0f} s simulated"
+    if status.speed_reached:
+        words += f" at ×{status.speed_reached:.1f}"
+    elif status.speed is not None:
+        words += f" at {asked}"
     if status.lockstep:
         words += ", in lock step"
     if status.behind:
