@@ -35,3 +35,6 @@ class Body(Protocol):
 
     def step(self) -> None:
         """Advance every vehicle by ``dt`` seconds."""
+
+    def current(self) -> Array:
+        """What it draws from its battery, A, (N,)."""

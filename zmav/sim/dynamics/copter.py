@@ -123,6 +123,13 @@ class CopterDynamics:
         share: Array = (climb - self._right * p + self._forward * q) * (1.0 / self.airframe.inflow_mps)
         return share
 
+    def current(self) -> Array:
+        """What the motors draw, A: the induced power of a rotor goes with its thrust to the 3/2 (momentum theory)."""
+        frame = self.airframe
+        share = self.thrust / frame.hover_thrust_n
+        result: Array = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
+        return result
+
     def energy(self) -> Array:
         """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero on the ground."""
         kinetic = 0.5 * self.airframe.mass_kg * dot(self.vel, self.vel)

@@ -143,6 +143,11 @@ class PlaneDynamics:
         self.pos[2, index] -= 1.5
         self.resting[index] = self.contact[index] = False
 
+    def current(self) -> Array:
+        """What the motor draws, A: power goes with the square of the throttle, as in ArduPilot's simulation."""
+        current: Array = self.wing.full_current_a * self.throttle * self.throttle
+        return current
+
     def energy(self) -> Array:
         """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero at the world's origin."""
         kinetic = 0.5 * self.wing.mass_kg * dot(self.vel, self.vel)

@@ -99,6 +99,19 @@ class RoverDynamics:
             self._spin = asked
         self._move(before, spin)
 
+    def current(self) -> Array:
+        """What the motors draw, A: a motor's goes with its force, and the battery gives it for that share of the time
+        that the throttle says.
+        """
+        frame = self.frame
+        if frame.skid:
+            force = np.abs(self.drive) * np.abs(np.array([self.left, self.right]))
+            share = (force[0] + force[1]) / frame.stall_accel
+        else:
+            share = np.abs(self.drive[0] * self.throttle) * (2.0 / frame.stall_accel)
+        result: Array = frame.idle_current_a + frame.stall_current_a * np.minimum(share, 1.0)
+        return result
+
     def _push(self) -> None:
         """Forward acceleration: motors, slope, air, and what resists."""
         frame, dt, grip = self.frame, self.dt, self._grip

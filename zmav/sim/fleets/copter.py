@@ -80,7 +80,7 @@ class CopterFleet(Fleet):
             dyn.step()
             est.refresh()
         est.observe(steps * self._dt)
-        self.battery.step(self._current(), steps * self._dt)
+        self.battery.step(dyn.current(), steps * self._dt)
         dyn.supply = self.battery.volts / self.airframe.battery_v
 
     def _jumped(self, index: int, by: Vector) -> None:
@@ -139,10 +139,3 @@ class CopterFleet(Fleet):
         table[32:35] = dyn.pos
         dyn.impact[:] = 0.0
         return [Sense._make(row) for row in table.T.tolist()]
-
-    def _current(self) -> Array:
-        """Battery current, A: the induced power of each rotor goes with its thrust to the 3/2 (momentum theory)."""
-        frame = self.airframe
-        share = self.dynamics.thrust / frame.hover_thrust_n
-        result: Array = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
-        return result

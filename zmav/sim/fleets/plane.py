@@ -64,7 +64,7 @@ class PlaneFleet(Fleet):
             dyn.step()
             est.refresh()
         est.observe(tick)
-        self.battery.step(self._current(), tick)
+        self.battery.step(dyn.current(), tick)
 
     def _air_of_height(self) -> None:
         self.dynamics.density = density(self.around.place.alt_amsl_m - self.dynamics.pos[2])
@@ -105,9 +105,3 @@ class PlaneFleet(Fleet):
         table[32:35] = dyn.pos
         dyn.impact[:] = 0.0
         return [Sense._make(row) for row in table.T.tolist()]
-
-    def _current(self) -> Array:
-        """Battery current, A: power goes with the square of the throttle, as in ArduPilot's simulation."""
-        throttle = self.dynamics.throttle
-        current: Array = self.airframe.full_current_a * throttle * throttle
-        return current

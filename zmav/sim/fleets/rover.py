@@ -48,7 +48,7 @@ class RoverFleet(Fleet):
             dyn.step()
             est.refresh()
         est.observe(steps * self._dt)
-        self.battery.step(self._current(), steps * self._dt)
+        self.battery.step(dyn.current(), steps * self._dt)
 
     def _order(self) -> None:
         """The controllers' outputs to steering and motors; two sides share what does not fit in proportion."""
@@ -95,16 +95,3 @@ class RoverFleet(Fleet):
         table[31] = self.battery.volts
         table[32:35] = dyn.pos
         return [Sense._make(row) for row in table.T.tolist()]
-
-    def _current(self) -> Array:
-        """Battery current, A: a motor's goes with its force, and the battery gives it for that share of the time that
-        the throttle says.
-        """
-        frame, dyn = self.airframe, self.dynamics
-        if frame.skid:
-            force = np.abs(dyn.drive) * np.abs(np.array([dyn.left, dyn.right]))
-            share = (force[0] + force[1]) / frame.stall_accel
-        else:
-            share = np.abs(dyn.drive[0] * dyn.throttle) * (2.0 / frame.stall_accel)
-        result: Array = frame.idle_current_a + frame.stall_current_a * np.minimum(share, 1.0)
-        return result

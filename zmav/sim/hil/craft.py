@@ -25,7 +25,7 @@ PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # micro
 
 MakeBody = Callable[[Array, Array, float, Environment], Body]
 Drive = Callable[[Body, Sequence[float]], None]
-Settle = Callable[[Fleet, float], None]
+Settle = Callable[[Fleet], None]
 
 
 class Channel(msgspec.Struct, frozen=True):
@@ -50,8 +50,8 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     """An airframe as flight stacks see it.
 
     ``make``: start (3, 1), yaw (1,), step and environment -> the body. ``drive``: sets the body's inputs from the
-    actuators' values, in the order of ``channels``. ``settle``: moves on by so many seconds what changes slowly, such
-    as the battery. ``program``: the ArduPilot binary that flies it; ``model``: its own physics nearest to this;
+    actuators' values, in the order of ``channels``. ``settle``: what changes slowly, with the height and the battery.
+    ``program``: the ArduPilot binary that flies it; ``model``: its own physics nearest to this;
     ``defaults``: parameter files of its source tree, in Tools/autotest; ``params``: what differs from them. ``px4``:
     which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does not fly it here. ``px4_airframe``:
     SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none; ``px4_params``: what differs from it.
@@ -95,14 +95,10 @@ def _drive_copter(body: Body, values: Sequence[float]) -> None:
     body.throttle = np.array(values)[:, None]
 
 
-def _settle_copter(fleet: Fleet, seconds: float) -> None:
+def _settle_copter(fleet: Fleet) -> None:
     body = fleet.dynamics
     assert isinstance(body, CopterDynamics)
-    frame = body.airframe
-    share = body.thrust / frame.hover_thrust_n
-    current = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
-    fleet.battery.step(current, seconds)
-    body.supply = fleet.battery.volts / frame.battery_v
+    body.supply = fleet.battery.volts / body.airframe.battery_v
     body.density = density(fleet.around.place.alt_amsl_m - body.pos[2])
     fleet.sensors.throttle[:] = body.throttle.mean(0)
 
@@ -123,13 +119,9 @@ def _drive_rover(body: Body, values: Sequence[float]) -> None:
         body.steering, body.throttle = first, second
 
 
-def _settle_rover(fleet: Fleet, seconds: float) -> None:
+def _settle_rover(fleet: Fleet) -> None:
     body = fleet.dynamics
     assert isinstance(body, RoverDynamics)
-    frame = body.frame
-    force = np.minimum(np.abs(body.drive) / (0.5 * frame.stall_accel), 1.0)
-    duty = np.abs(np.stack([body.left, body.right]) if frame.skid else np.stack([body.throttle, body.throttle]))
-    fleet.battery.step(frame.idle_current_a + frame.stall_current_a * (force * duty).mean(0), seconds)
     fleet.sensors.throttle[:] = np.abs(body.throttle)
 
 
@@ -144,10 +136,9 @@ def _drive_plane(body: Body, values: Sequence[float]) -> None:
     body.throttle = np.array([throttle])
 
 
-def _settle_plane(fleet: Fleet, seconds: float) -> None:
+def _settle_plane(fleet: Fleet) -> None:
     body = fleet.dynamics
     assert isinstance(body, PlaneDynamics)
-    fleet.battery.step(body.wing.full_current_a * body.throttle * body.throttle, seconds)
     body.density = density(fleet.around.place.alt_amsl_m - body.pos[2])
     fleet.sensors.throttle[:] = body.throttle
 
@@ -161,6 +152,8 @@ def _rotors(*numbers: int) -> tuple[Channel, ...]:
 _ROVER_PARAMS = ("default_params/rover.parm",)
 _COPTER_PARAMS = ("default_params/copter.parm",)
 _QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
+# Steps a second where loops run at 50 Hz: a third of what ArduPilot asks for by itself, and as good.
+_SLOW = {"SIM_RATE_HZ": 400}
 
 
 def _px4_geometry(name: str, px4: Sequence[int]) -> dict[str, float]:
@@ -226,6 +219,7 @@ def _crafts() -> list[Craft]:
             program="ardurover",
             model="rover",
             defaults=_ROVER_PARAMS,
+            params=_SLOW,
         ),
         Craft(
             name="rover-skid",
@@ -237,7 +231,7 @@ def _crafts() -> list[Craft]:
             program="ardurover",
             model="rover-skid",
             defaults=(*_ROVER_PARAMS, "default_params/rover-skid.parm"),
-            params={"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
+            params={"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74, **_SLOW},
         ),
         Craft(
             name="plane",
@@ -250,7 +244,7 @@ def _crafts() -> list[Craft]:
             model="plane",
             defaults=("models/plane.parm",),
             # The elevator up, and the rudder to the right, by longer pulses.
-            params={"SERVO2_REVERSED": 0, "SERVO4_REVERSED": 0},
+            params={"SERVO2_REVERSED": 0, "SERVO4_REVERSED": 0, **_SLOW},
             air_data=True,
         ),
     ]

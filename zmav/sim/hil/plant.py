@@ -114,7 +114,8 @@ class Plant(Fleet):
         if self._since_air >= AIR_EVERY_S - 1e-9:
             self._since_air -= AIR_EVERY_S
             self.blow(AIR_EVERY_S)
-            self.craft.settle(self, AIR_EVERY_S)
+            self.battery.step(body.current(), AIR_EVERY_S)
+            self.craft.settle(self)
 
     def truth(self) -> Truth:
         return Truth(self)
