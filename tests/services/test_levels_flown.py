@@ -116,7 +116,7 @@ async def test_every_level_is_flown(net: Net, onboard: StartOnboard, rules: str)
 async def test_torques_are_flown_by_the_px4_that_takes_them(net: Net, onboard: StartOnboard) -> None:
     port = free_udp_port()
     spec = VehicleSpec(autopilot="px4", sysid=1, firmware="1.13", endpoints=(f"onboard:0:{port}",))
-    with World([spec], speed=2.0, ready_s=0.5) as world:
+    with World([spec], speed=2.0, ready_s=0.5):
         session, endpoint = net.router()
         await onboard(session, f"udpin:127.0.0.1:{port}", origin=ORIGIN)
         async with zmav.open(connect=[endpoint]) as z:
