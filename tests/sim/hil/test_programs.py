@@ -9,6 +9,7 @@ import signal
 import stat
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from zmav.cli.sim.stacks import stack_vehicles
 from zmav.errors import BadConfig
 from zmav.sim import Home, VehicleSpec, World
 from zmav.sim.geo import Position
+from zmav.sim.hil.ardupilot import JsonVehicle
 from zmav.sim.hil.binaries import Job, find_ardupilot, find_px4, px4_job
 from zmav.sim.hil.craft import craft
 from zmav.sim.hil.px4 import Px4Vehicle
@@ -29,6 +31,12 @@ from zmav.sim.spec import Stack
 def flown(tree: Path, name: str | None = None, directory: Path | None = None, **stack: Any) -> VehicleSpec:
     kept = str(directory) if directory else None
     return VehicleSpec(name=name, stack=Stack(program=str(tree), port=0, directory=kept, **stack))
+
+
+def only(world: World) -> JsonVehicle:
+    vehicle = world.externals.vehicles[0]
+    assert isinstance(vehicle, JsonVehicle)
+    return vehicle
 
 
 def alive(pid: int) -> bool:
@@ -83,8 +91,8 @@ class TestFlight:
 
     def test_own_physics_are_only_started(self, make_world: MakeWorld, tree: Path, tmp_path: Path) -> None:
         world = make_world(flown(tree, directory=tmp_path, own_physics=True), speed=4.0)
-        until(lambda: (tmp_path / "copter1/started.json").exists())
-        until(lambda: started(tmp_path / "copter1"))
+        file = tmp_path / "copter1/started.json"
+        until(lambda: file.exists() and file.read_text())
         argv = started(tmp_path / "copter1")["argv"]
         assert argv[argv.index("--model") + 1] == "+"
         assert argv[argv.index("--speedup") + 1] == "4"
@@ -124,6 +132,29 @@ class TestEnds:
         pid = world.externals.pids()["copter1"]
         world.close()
         assert not alive(pid)
+
+    def test_they_outlive_the_thread_that_opened_the_world(self, tree: Path) -> None:
+        world = World([flown(tree)], speed=float("inf"), epoch_s=0.0)
+        try:
+            opened, over = threading.Event(), threading.Event()
+
+            def start() -> None:
+                world.start()
+                opened.set()
+                over.wait()
+
+            starter = threading.Thread(target=start)
+            starter.start()
+            opened.wait()
+            until(lambda: world.status().vehicles[0].mode == "external")  # it has asked to be killed with its parent
+            over.set()
+            starter.join()
+            frames = only(world).protocol.frames
+            until(lambda: only(world).protocol.frames > frames + 500)
+            assert world.externals.pids()
+        finally:
+            over.set()
+            world.close()
 
     def test_they_end_with_a_simulator_that_is_killed(self, tree: Path, tmp_path: Path) -> None:
         code = (

@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from pathlib import Path
 
 from zmav.errors import BadConfig
@@ -20,17 +22,31 @@ class Program:
     """``command`` run in ``directory``, with ``extra`` in its environment; what it says goes to ``output.log`` there.
 
     It is a process group of its own, so that a Ctrl-C at the terminal reaches the simulator alone, and it is killed by
-    the kernel when the thread that started it ends. Raises :class:`BadConfig` where it cannot be started.
+    the kernel when the thread that started it ends: one that does nothing else than wait for it. Raises
+    :class:`BadConfig` where it cannot be started.
     """
 
     def __init__(self, command: Sequence[str], directory: Path, extra: Mapping[str, str]) -> None:
         self.command = list(command)
         self.log = directory / LOG
+        started: Future[subprocess.Popen[bytes]] = Future()
+        keeper = threading.Thread(
+            target=self._keep, args=(directory, extra, started), name="zmav-sim-program", daemon=True
+        )
+        keeper.start()
+        try:
+            self._process = started.result()
+        except OSError as error:
+            text = f"{command[0]} cannot be started in {directory}: {error.strerror}"
+            raise BadConfig(text, field="program", value=command[0], expected="a program that runs") from error
+
+    def _keep(self, directory: Path, extra: Mapping[str, str], started: Future[subprocess.Popen[bytes]]) -> None:
+        """Start it, and stay until it has ended."""
         guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("guard.py")), str(os.getpid())]
         try:
             directory.mkdir(parents=True, exist_ok=True)
             with self.log.open("wb") as log:
-                self._process = subprocess.Popen(
+                process = subprocess.Popen(
                     [*guard, *self.command],
                     cwd=directory,
                     env={**os.environ, **extra},
@@ -39,9 +55,11 @@ class Program:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
-        except OSError as error:
-            text = f"{command[0]} cannot be started in {directory}: {error.strerror}"
-            raise BadConfig(text, field="program", value=command[0], expected="a program that runs") from error
+        except Exception as error:
+            started.set_exception(error)
+            return
+        started.set_result(process)
+        process.wait()
 
     @property
     def pid(self) -> int:
