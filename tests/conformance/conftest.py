@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -32,6 +33,7 @@ from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Packer
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
+from zmav.sim import Remote
 from zmav.vehicle import Lease, Vehicle
 
 LINK = os.environ.get("ZMAV_LINK", "")
@@ -42,13 +44,15 @@ CONNECT_S, READY_S, MOVE_S = 60.0, 180.0, 90.0
 """s: patience with a vehicle that may be booting, waiting for its EKF, or flying a few tens of metres"""
 PERIOD = 0.1
 """s between setpoints"""
+HURRY = 5.0
+"""times real time that a simulated vehicle goes, while it does something long by itself"""
 
 
 class Flight:
     """The vehicle under test, seen as an agent sees it, and what each check needs done first."""
 
-    def __init__(self, client: zmav.Client, onboard: Onboard) -> None:
-        self.client, self.onboard = client, onboard
+    def __init__(self, client: zmav.Client, onboard: Onboard, simulator: Remote | None) -> None:
+        self.client, self.onboard, self._simulator = client, onboard, simulator
         self.vehicle: Vehicle = client.vehicle(NAME)
         self.events: list[wire.Event] = []
         self.home: wire.Vector | None = None
@@ -92,6 +96,18 @@ class Flight:
             if not await self.client.news(deadline - time.monotonic()) and time.monotonic() > deadline:
                 raise AssertionError(f"no event {words!r} among {[e.text for e in self.events[since:]]}")
 
+    @contextlib.contextmanager
+    def hurried(self) -> Iterator[None]:
+        """What is the vehicle's own business (a landing, a way home) takes less time, where it is simulated."""
+        if self._simulator is None:
+            yield
+            return
+        self._simulator.speed(HURRY)
+        try:
+            yield
+        finally:
+            self._simulator.speed(1.0)
+
     # Where a check begins.
 
     async def connected(self) -> None:
@@ -110,7 +126,8 @@ class Flight:
             try:
                 await self.vehicle.disarm()
             except (Refused, ZmavError):
-                await self.vehicle.land()
+                with self.hurried():
+                    await self.vehicle.land()
         await self.until(lambda s: s.armed is False, MOVE_S, "disarmed")
 
     async def under_way(self) -> None:
@@ -123,10 +140,12 @@ class Flight:
             self.home = self.offset(0.0, 0.0)
             await self.vehicle.arm()
             if kind.height:
-                await self.vehicle.takeoff(kind.height)
+                with self.hurried():
+                    await self.vehicle.takeoff(kind.height)
         await self.vehicle.hold()
         if kind.rests:
-            await self.until(lambda s: speed(s) < 0.5, 30.0, "at rest")
+            with self.hurried():
+                await self.until(lambda s: speed(s) < 0.5, 30.0, "at rest")
 
     # What a check does.
 
@@ -183,24 +202,31 @@ def _brief(state: wire.VehicleState | None) -> str:
 
 
 @contextlib.contextmanager
-def simulated(kind: Kind) -> Iterator[str]:
-    """The link URL of a simulated vehicle of that kind, in a process of its own as any other autopilot."""
+def simulated(kind: Kind, control: Path) -> Iterator[tuple[str, Remote]]:
+    """The link URL of a simulated vehicle of that kind, in a process of its own as any other autopilot, and a word with
+    its simulator.
+    """
     onboard = f"onboard:0:{free_port(socket.SOCK_DGRAM)}" if kind.autopilot == "px4" else "tcp:127.0.0.1:0"
-    what = [*kind.simulate, "--endpoint", onboard]
+    what = [*kind.simulate, "--endpoint", onboard, "--control", str(control)]
     process = subprocess.Popen([sys.executable, "-m", "zmav", "sim", *what], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        yield process.stdout.readline().split()[-1]
+        url = process.stdout.readline().split()[-1]
+        with Remote(control) as simulator:
+            yield url, simulator
     finally:
         process.terminate()
         process.wait(10)
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module", params=[LINK] if LINK else SIMULATED)
-async def flight(request: pytest.FixtureRequest) -> AsyncIterator[Flight]:
+async def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Flight]:
     """The vehicle under test, connected or about to be."""
     with contextlib.ExitStack() as stack:
-        url = LINK or stack.enter_context(simulated(named(request.param)))
+        url, simulator = LINK, None
+        if not LINK:
+            control = tmp_path_factory.mktemp("sim") / "control"
+            url, simulator = stack.enter_context(simulated(named(request.param), control))
         router = stack.enter_context(open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])))
         (reply,) = router.get(f"@/{router.info.zid()}/router")
         assert reply.ok is not None
@@ -208,7 +234,7 @@ async def flight(request: pytest.FixtureRequest) -> AsyncIterator[Flight]:
         async with zmav.open(connect=[endpoint]) as client:
             origin = await find_origin(router, client, url)
             async with Onboard(router, OnboardSettings(link=url, name=NAME, origin=origin)) as onboard:
-                yield Flight(client, onboard)
+                yield Flight(client, onboard, simulator)
 
 
 async def find_origin(router: zenoh.Session, client: zmav.Client, url: str) -> wire.Origin:

@@ -148,7 +148,8 @@ async def test_goto(flight: Flight) -> None:
     await flight.under_way()
     kind = flight.kind
     target = flight.offset(0.0, -kind.reach)
-    await flight.vehicle.goto(pos=target, tolerance=kind.tolerance)
+    with flight.hurried():
+        await flight.vehicle.goto(pos=target, tolerance=kind.tolerance)
     assert flight.away(target) < 1.2 * kind.tolerance + 1.0  # it may be on its way through
 
 
@@ -261,7 +262,8 @@ async def test_fly_a_mission(flight: Flight) -> None:
     await flight.under_way()
     await flight.vehicle.missions.upload(round_trip(flight, 4))
     seen: list[Any] = []
-    await flight.vehicle.missions.start(first=1, wait_end=True, progress=seen.append)
+    with flight.hurried():
+        await flight.vehicle.missions.start(first=1, wait_end=True, progress=seen.append)
     assert seen, "no progress was told"
     await flight.vehicle.hold()
 
@@ -275,12 +277,13 @@ async def test_rtl(flight: Flight) -> None:
     await flight.under_way()
     home = flight.home
     assert home is not None
-    await flight.vehicle.goto(pos=flight.offset(0.7 * kind.reach, 0.0), tolerance=kind.tolerance)
-    await flight.vehicle.rtl()
-    if kind.lands_at_home:
-        assert not flight.onboard.identity.armed
-        return
-    await flight.until(lambda s: math.dist((s.local or home)[:2], home[:2]) < kind.near, kind.patience, "home")
+    with flight.hurried():
+        await flight.vehicle.goto(pos=flight.offset(0.7 * kind.reach, 0.0), tolerance=kind.tolerance)
+        await flight.vehicle.rtl()
+        if kind.lands_at_home:
+            assert not flight.onboard.identity.armed
+            return
+        await flight.until(lambda s: math.dist((s.local or home)[:2], home[:2]) < kind.near, kind.patience, "home")
     assert flight.state.armed
     if kind.rests:
         await flight.until(lambda s: speed(s) < 0.3, 20.0, "at rest")
@@ -293,7 +296,8 @@ async def test_land(flight: Flight) -> None:
         with pytest.raises((Unsupported, Refused)):
             await flight.vehicle.land()
         return
-    await flight.vehicle.land()
+    with flight.hurried():
+        await flight.vehicle.land()
     assert not flight.onboard.identity.armed
     await flight.until(lambda s: s.armed is False, 10.0, "disarmed")
 

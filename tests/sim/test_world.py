@@ -472,5 +472,20 @@ def test_the_status_tells_what_a_live_line_shows(make_desk: MakeDesk) -> None:
     one = found.vehicles[0]
     assert found.time_s == desk.world.time_s
     assert (one.mode, one.armed, one.landed, one.ready, one.links) == ("GUIDED", True, False, True, 1)
+    assert one.flying
     assert one.height_m == pytest.approx(3.0, abs=0.4)
     assert 95 <= one.battery_pct <= 100
+
+
+def test_every_kind_has_a_full_battery_and_only_what_flies_is_flying(make_desk: MakeDesk) -> None:
+    world = make_desk([VehicleSpec(autopilot=each) for each in ("arducopter", "ardurover", "arduplane", "px4")]).world
+    world.step(5.0)
+    rover = world.vehicles[1]
+    assert rover.brain.arm()
+    world.step(1.0)
+    assert [(one.battery_pct, one.armed, one.flying) for one in world.status().vehicles] == [
+        (100, False, False),
+        (100, True, False),
+        (100, False, False),
+        (100, False, False),
+    ]

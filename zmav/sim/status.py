@@ -32,6 +32,11 @@ class VehicleStatus(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[str, ...] = ()
     failed: str | None = None
 
+    @property
+    def flying(self) -> bool:
+        """In the air; a rover never is."""
+        return self.armed and not self.landed and self.kind != "rover"
+
 
 class WorldStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The world: simulated seconds; the speed asked for, times real time (None: as fast as it goes), and the one

@@ -147,9 +147,6 @@ class SimVehicle:
 
     def status(self) -> VehicleStatus:
         copter, s = self.brain, self.brain.sense
-        params = copter.params
-        told = "BATT_CAPACITY" in params
-        capacity = params["BATT_CAPACITY"] if told else copter.power.pack.capacity_mah
         return VehicleStatus(
             name=self.name,
             sysid=self.sysid,
@@ -166,7 +163,7 @@ class SimVehicle:
             height_m=copter.home_world[2] - s.true_down,
             speed_mps=math.sqrt(s.vn * s.vn + s.ve * s.ve + s.vd * s.vd),
             heading_deg=math.degrees(s.yaw) % 360.0,
-            battery_pct=max(round(100.0 * (1.0 - copter.consumed_mah / max(capacity, 1.0))), 0),
+            battery_pct=round(100.0 * copter.battery_left),
             links=len(self.node.channels),
             failed=None if self.failed is None else repr(self.failed),
         )

@@ -40,7 +40,7 @@ def clock_words(status: WorldStatus) -> str:
 def world_words(status: WorldStatus) -> str:
     """One line of everything."""
     kinds = collections.Counter(vehicle.kind for vehicle in status.vehicles)
-    flying = sum(v.armed and not v.landed for v in status.vehicles)
+    flying = sum(v.flying for v in status.vehicles)
     armed = sum(v.armed for v in status.vehicles)
     modes = collections.Counter(v.mode for v in status.vehicles).most_common()
     named = ", ".join(f"{mode} {count}" for mode, count in modes[:MODES_NAMED])

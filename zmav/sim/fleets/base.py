@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 import msgspec
 import numpy as np
 
+from zmav.sim.air import density
 from zmav.sim.arrays import Array
 from zmav.sim.dynamics.battery import Battery, BatteryHandle, Pack
 from zmav.sim.dynamics.body import Body
@@ -20,6 +21,7 @@ from zmav.sim.sensors.readings import GpsFix, Readings
 from zmav.sim.sensors.suite import SensorSuite
 from zmav.sim.sensors.troubles import Trouble
 
+AIR_EVERY = 10  # ticks: the density of the air changes slowly
 DEFAULT_PLACE = Position(-35.363261, 149.165230, 584.09)
 
 
@@ -117,6 +119,7 @@ class Fleet(ABC):
         noise = noise_profile(around.noise)
         self.sensors = SensorSuite(dynamics, around.place, around.seed, noise, around.gps_noise_m)
         self.estimate = Estimator(dynamics, self.sensors, around.seed)
+        self._table: Array = np.zeros((len(Sense._fields), dynamics.n))
         self._weak: dict[tuple[int, int], dict[str, float]] = {}  # (vehicle, motor) -> cause -> what is left
         self._held: dict[int, dict[str, Array]] = {}  # of frozen autopilots: the last inputs of their bodies
 
@@ -130,9 +133,34 @@ class Fleet(ABC):
     def advance(self, steps: int) -> None:
         """One tick: ``steps`` steps of controllers and physics, then the sensors."""
 
-    @abstractmethod
+    def thickness(self) -> Array:
+        """Density of the air about each vehicle now, (N,), kg/m^3."""
+        return density(self.around.place.alt_amsl_m - self.dynamics.pos[2])
+
     def senses(self) -> list[Sense]:
         """One row of plain floats per vehicle; a touch of the ground is reported once."""
+        est, dyn, table = self.estimate, self.dynamics, self._table
+        # In the order of Sense; what is missing here each kind of fleet adds in its own way.
+        table[0:3] = est.pos
+        table[3:6] = est.vel
+        table[6:9] = est.euler
+        table[9:12] = est.rate
+        table[12:15] = est.force
+        table[15:19] = est.q
+        table[27] = self.battery.current
+        table[28] = dyn.contact
+        table[29] = dyn.impact
+        table[31] = self.battery.volts
+        table[32:35] = dyn.pos
+        self.sense_more(table)
+        dyn.impact[:] = 0.0
+        return [Sense._make(row) for row in table.T.tolist()]
+
+    @abstractmethod
+    def sense_more(self, table: Array) -> None:
+        """Fill in the rows of :class:`Sense` that this kind has in its own way, 19 to 26 and 30: velocity, attitude,
+        heading and throttle that its controllers ask for, and the airspeed.
+        """
 
     @abstractmethod
     def outputs(self, index: int) -> list[float]:

@@ -17,11 +17,10 @@ from zmav.sim.control.setpoints import SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.environment import Vector
-from zmav.sim.fleets.base import Fleet, Sense, Surroundings, Wanted
+from zmav.sim.fleets.base import AIR_EVERY, Fleet, Surroundings, Wanted
 
 OUTER_EVERY = 2  # ticks
 LOST = 0.5  # a rotor of less efficiency counts as failed
-AIR_EVERY = 10  # ticks: the density of the air changes slowly
 
 
 class CopterFleet(Fleet):
@@ -53,7 +52,6 @@ class CopterFleet(Fleet):
         self._dt = dt
         self._ticks = 0
         self._lost = self.dynamics.efficiency < LOST
-        self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
         self.sensors.throttle = self._table[26]
         self.estimate.jumped, self.estimate.turned = self._jumped, self._turned
 
@@ -67,7 +65,7 @@ class CopterFleet(Fleet):
         est, dyn = self.estimate, self.dynamics
         self.blow(steps * self._dt)
         if self._ticks % (AIR_EVERY * self.pace) == 0:
-            dyn.density = density(self.around.place.alt_amsl_m - dyn.pos[2])
+            dyn.density = self.thickness()
             self._look_at_rotors()
         outer_every = OUTER_EVERY * self.pace
         if self._ticks % outer_every == 0:
@@ -115,27 +113,11 @@ class CopterFleet(Fleet):
         vel, acc, rate = (rows[:, index].tolist() for rows in (loops.want_vel, loops.want_acc, loops.want_rate))
         return Wanted(tuple(vel), tuple(acc), tuple(rate))
 
-    def senses(self) -> list[Sense]:
-        """One row of plain floats per vehicle; a touch of the ground is reported once."""
-        est, dyn, cascade = self.estimate, self.dynamics, self.cascade
-        table = self._table
-        # In the order of Sense.
-        table[0:3] = est.pos
-        table[3:6] = est.vel
-        table[6:9] = est.euler
-        table[9:12] = est.rate
-        table[12:15] = est.force
-        table[15:19] = est.q
+    def sense_more(self, table: Array) -> None:
+        dyn, cascade = self.dynamics, self.cascade
         table[19:21] = cascade.reference.vel[:2]
         table[21:25] = cascade.attitude
         table[25] = cascade.yaw
         table[26] = dyn.throttle.mean(0)
-        table[27] = self.battery.current
-        table[28] = dyn.contact
-        table[29] = dyn.impact
         air = dyn.vel - dyn.wind
         table[30] = np.sqrt(dot(air, air))
-        table[31] = self.battery.volts
-        table[32:35] = dyn.pos
-        dyn.impact[:] = 0.0
-        return [Sense._make(row) for row in table.T.tolist()]

@@ -15,10 +15,9 @@ from zmav.sim.control.plane import PlaneControl
 from zmav.sim.control.planetargets import PlaneHandle, PlaneTargets
 from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.wing import Wing
-from zmav.sim.fleets.base import Fleet, Sense, Surroundings
+from zmav.sim.fleets.base import AIR_EVERY, Fleet, Surroundings
 
 NAVIGATE_EVERY = 5  # ticks
-AIR_EVERY = 10  # ticks: the density of the air changes slowly
 
 
 class PlaneFleet(Fleet):
@@ -31,14 +30,13 @@ class PlaneFleet(Fleet):
         self.airframe = wing
         dynamics = PlaneDynamics(wing, start, yaw, dt, around.environment.terrain)
         super().__init__(dynamics, around, wing.pack)
-        self._air_of_height()
+        dynamics.density = self.thickness()
         # Airspeeds that controllers are told are equivalent ones; the ratio is that of the world's origin.
         eas2tas = math.sqrt(SEA_LEVEL_DENSITY / float(density(np.array(around.place.alt_amsl_m))))
         self.targets = PlaneTargets(start.shape[1])
         self.control = PlaneControl(self.targets, eas2tas)
         self._dt = dt
         self._ticks = 0
-        self._table: Array = np.zeros((len(Sense._fields), start.shape[1]))
         self.sensors.throttle = self._table[26]
 
     def handle(self, index: int) -> PlaneHandle:
@@ -52,7 +50,7 @@ class PlaneFleet(Fleet):
         tick = steps * self._dt
         self.blow(tick)
         if self._ticks % (AIR_EVERY * self.pace) == 0:
-            self._air_of_height()
+            dyn.density = self.thickness()
         control.level(est, est.euler, est.force, dyn.airspeed, tick)
         navigate_every = NAVIGATE_EVERY * self.pace
         if self._ticks % navigate_every == 0:
@@ -65,9 +63,6 @@ class PlaneFleet(Fleet):
             est.refresh()
         est.observe(tick)
         self.battery.step(dyn.current(), tick)
-
-    def _air_of_height(self) -> None:
-        self.dynamics.density = density(self.around.place.alt_amsl_m - self.dynamics.pos[2])
 
     def launch(self, index: int, speed: float, pitch: float = 0.2) -> None:
         """Throw one standing plane by hand: m/s along its nose, radians of pitch."""
@@ -82,26 +77,10 @@ class PlaneFleet(Fleet):
         """Of the propeller: its thrust goes with the square."""
         return [math.sqrt(float(self.dynamics.throttle[index]))]
 
-    def senses(self) -> list[Sense]:
-        """One row of plain floats per vehicle; a touch of the ground is reported once."""
-        est, dyn, control = self.estimate, self.dynamics, self.control
-        table = self._table
-        # In the order of Sense.
-        table[0:3] = est.pos
-        table[3:6] = est.vel
-        table[6:9] = est.euler
-        table[9:12] = est.rate
-        table[12:15] = est.force
-        table[15:19] = est.q
+    def sense_more(self, table: Array) -> None:
+        est, control = self.estimate, self.control
         table[19:21] = est.vel[:2]
         table[21:25] = quat_from_euler(control.roll, control.pitch, est.euler[2])
         table[25] = control.l1.bearing
-        table[26] = dyn.throttle
-        table[27] = self.battery.current
-        table[28] = dyn.contact
-        table[29] = dyn.impact
-        table[30] = dyn.airspeed
-        table[31] = self.battery.volts
-        table[32:35] = dyn.pos
-        dyn.impact[:] = 0.0
-        return [Sense._make(row) for row in table.T.tolist()]
+        table[26] = self.dynamics.throttle
+        table[30] = self.dynamics.airspeed

@@ -13,7 +13,7 @@ from zmav.sim.control.rover import RoverControl
 from zmav.sim.control.roversetpoints import RoverHandle, RoverSetpoints
 from zmav.sim.dynamics.rover import RoverDynamics
 from zmav.sim.dynamics.roverframe import RoverFrame
-from zmav.sim.fleets.base import Fleet, Sense, Surroundings
+from zmav.sim.fleets.base import Fleet, Surroundings
 
 
 class RoverFleet(Fleet):
@@ -31,7 +31,6 @@ class RoverFleet(Fleet):
         self.setpoints = RoverSetpoints(n)
         self.control = RoverControl(self.setpoints, start, skid=frame.skid)
         self._dt = dt
-        self._table: Array = np.zeros((len(Sense._fields), n))
 
     def handle(self, index: int) -> RoverHandle:
         handle = self.setpoints.handle(index)
@@ -72,26 +71,12 @@ class RoverFleet(Fleet):
         north, east = self.control.point[:, index].tolist()
         return north, east
 
-    def senses(self) -> list[Sense]:
+    def sense_more(self, table: Array) -> None:
         est, dyn, control = self.estimate, self.dynamics, self.control
-        table = self._table
-        # In the order of Sense.
-        table[0:3] = est.pos
-        table[3:6] = est.vel
-        table[6:9] = est.euler
-        table[9:12] = est.rate
-        table[12:15] = est.force
-        table[15:19] = est.q
         yaw = est.euler[2]
         table[19], table[20] = control.speed * np.cos(yaw), control.speed * np.sin(yaw)
         table[21:25] = est.q
         table[25] = yaw
         table[26] = dyn.throttle
-        table[27] = self.battery.current
-        table[28] = 1.0
-        table[29] = 0.0
         air = dyn.vel - dyn.wind
         table[30] = np.sqrt(dot(air, air))
-        table[31] = self.battery.volts
-        table[32:35] = dyn.pos
-        return [Sense._make(row) for row in table.T.tolist()]

@@ -295,6 +295,11 @@ class ArduVehicle(ABC):
         return self.power.consumed_mah - self._consumed_before
 
     @property
+    def battery_left(self) -> float:
+        """What it believes is left, 0 to 1."""
+        return max(1.0 - self.consumed_mah / max(self.params["BATT_CAPACITY"], 1.0), 0.0)
+
+    @property
     def takes_targets(self) -> bool:
         """Somebody outside may steer."""
         return self.mode is self.guided

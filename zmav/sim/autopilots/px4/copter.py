@@ -116,6 +116,11 @@ class Px4Copter:
     # ---- what it knows
 
     @property
+    def battery_left(self) -> float:
+        """What it believes is left, 0 to 1."""
+        return self.battery.remaining
+
+    @property
     def consumed_mah(self) -> float:
         """Since its own boot."""
         return self.power.consumed_mah - self._consumed_before

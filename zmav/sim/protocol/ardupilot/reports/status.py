@@ -82,8 +82,7 @@ def battery_status(node: MavNode) -> Fields:
 
 
 def _battery_left(node: MavNode) -> int:
-    capacity = max(node.vehicle.params["BATT_CAPACITY"], 1.0)
-    return max(round(100.0 * (1.0 - node.vehicle.consumed_mah / capacity)), 0)
+    return round(100.0 * node.vehicle.battery_left)
 
 
 def power_status(node: MavNode) -> Fields:
