@@ -156,8 +156,7 @@ class Fleet(ABC):
         dyn.impact[:] = 0.0
         return [Sense._make(row) for row in table.T.tolist()]
 
-    @abstractmethod
-    def sense_more(self, table: Array) -> None:
+    def sense_more(self, table: Array) -> None:  # noqa: B027 - a fleet may have senses of its own
         """Fill in the rows of :class:`Sense` that this kind has in its own way, 19 to 26 and 30: velocity, attitude,
         heading and throttle that its controllers ask for, and the airspeed.
         """
