@@ -33,6 +33,8 @@ class Brain(Protocol):
     params: ParamStore
     now: float
     world: Position
+    origin_world: Vector
+    home_world: Vector
     say: Callable[[int, str], None]
     beat: Callable[[], None]
     announce: Callable[[], None]
@@ -47,6 +49,11 @@ class Brain(Protocol):
 
     @property
     def local(self) -> Vector: ...
+
+    @property
+    def position(self) -> Position: ...
+
+    def place(self, world: Vector) -> Position: ...
 
     def power_on(self) -> None: ...
 

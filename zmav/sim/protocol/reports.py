@@ -58,3 +58,46 @@ def local_position_ned(node: Node) -> Fields | None:
         return None
     x, y, z = brain.local
     return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}
+
+
+def global_position_int(node: Node) -> Fields:
+    """To be told by those who know where they are."""
+    brain, s, here = node.brain, node.brain.sense, node.brain.position
+    return {
+        "time_boot_ms": boot_ms(node),
+        "lat": e7(here.lat_deg),
+        "lon": e7(here.lon_deg),
+        "alt": round(here.alt_amsl_m * 1000),
+        "relative_alt": round((brain.home_world[2] - s.down) * 1000),
+        "vx": round(s.vn * 100),
+        "vy": round(s.ve * 100),
+        "vz": round(s.vd * 100),
+        "hdg": centidegrees(s.yaw),
+    }
+
+
+def home_position(node: Node) -> Fields:
+    """All but the attitude there."""
+    brain = node.brain
+    home, origin = brain.home_world, brain.origin_world
+    place = brain.place(home)
+    return {
+        "latitude": e7(place.lat_deg),
+        "longitude": e7(place.lon_deg),
+        "altitude": round(place.alt_amsl_m * 1000),
+        "x": home[0] - origin[0],
+        "y": home[1] - origin[1],
+        "z": home[2] - origin[2],
+        "time_usec": boot_us(node),
+    }
+
+
+def gps_global_origin(node: Node) -> Fields:
+    brain = node.brain
+    place = brain.place(brain.origin_world)
+    return {
+        "latitude": e7(place.lat_deg),
+        "longitude": e7(place.lon_deg),
+        "altitude": round(place.alt_amsl_m * 1000),
+        "time_usec": boot_us(node),
+    }

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.arduplane.plane import INITIALISING, ArduPlane
-from zmav.sim.protocol.ardupilot.reports import status
-from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us, e7
+from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
+from zmav.sim.protocol.reports import Fields, Report, boot_us
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
@@ -115,32 +115,24 @@ def position_target_global_int(node: MavNode) -> Fields | None:
     plane = _plane(node)
     if plane.mode.number == 0:
         return None
-    there = plane.place(plane.way.end)
-    return {
-        "time_boot_ms": boot_ms(node),
-        "type_mask": 0xFDF8,
-        "lat_int": e7(there.lat_deg),
-        "lon_int": e7(there.lon_deg),
-        "alt": there.alt_amsl_m,
-    }
+    return motion.target_place(node, plane.way.end)
 
 
 def servo_output_raw(node: MavNode) -> Fields:
     """Aileron, elevator, throttle and rudder; what DO_SET_SERVO set on the others."""
-    plane = _plane(node)
-    outputs = list(plane.payload.servos)
+    outputs = list(node.vehicle.payload.servos)
     for index, value in enumerate(node.seat.outputs()):
-        outputs[index] = _pulse(plane, index + 1, value)
+        pulse = _motor_pulse if index == MOTOR else sensors.centred_pulse
+        outputs[index] = pulse(node, index + 1, value)
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
-def _pulse(plane: ArduPlane, channel: int, value: float) -> int:
-    low, middle, high = (plane.params[f"SERVO{channel}_{part}"] for part in ("MIN", "TRIM", "MAX"))
-    reverse = bool(plane.params[f"SERVO{channel}_REVERSED"])
-    if channel == MOTOR + 1:
-        return round(high - value * (high - low) if reverse else low + value * (high - low))
-    value = -value if reverse else value
-    return round(middle + value * (high - middle if value > 0 else middle - low))
+def _motor_pulse(node: MavNode, channel: int, value: float) -> int:
+    params = node.vehicle.params
+    low, high = params[f"SERVO{channel}_MIN"], params[f"SERVO{channel}_MAX"]
+    if params[f"SERVO{channel}_REVERSED"]:
+        low, high = high, low
+    return round(low + value * (high - low))
 
 
 def esc_telemetry(node: MavNode) -> Fields:

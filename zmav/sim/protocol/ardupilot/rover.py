@@ -23,11 +23,11 @@ from zmav.sim.protocol.ardupilot.commands import (
     verdict,
 )
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.reports import status
+from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.part import Answer, Sender
-from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us, e7
+from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
@@ -246,35 +246,17 @@ def nav_controller_output(node: MavNode) -> Fields | None:
 
 
 def position_target_global_int(node: MavNode) -> Fields | None:
-    rover = _rover(node)
-    mode = rover.driving_mode
+    mode = _rover(node).driving_mode
     where = mode.place
-    if where is None or not mode.autopilot:
-        return None
-    there = rover.place(where)
-    return {
-        "time_boot_ms": boot_ms(node),
-        "type_mask": 0xFDF8,
-        "lat_int": e7(there.lat_deg),
-        "lon_int": e7(there.lon_deg),
-        "alt": there.alt_amsl_m,
-    }
+    return None if where is None or not mode.autopilot else motion.target_place(node, where)
 
 
 def servo_output_raw(node: MavNode) -> Fields:
     """Steering on the first output and throttle on the third, or the sides' throttles there."""
-    rover = _rover(node)
     first, third = node.seat.outputs()
-    outputs = list(rover.payload.servos)
-    outputs[0], outputs[2] = _pulse(rover, 1, first), _pulse(rover, 3, third)
+    outputs = list(node.vehicle.payload.servos)
+    outputs[0], outputs[2] = sensors.centred_pulse(node, 1, first), sensors.centred_pulse(node, 3, third)
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
-
-
-def _pulse(rover: ArduRover, channel: int, value: float) -> int:
-    low, middle, high = (rover.params[f"SERVO{channel}_{part}"] for part in ("MIN", "TRIM", "MAX"))
-    if rover.params[f"SERVO{channel}_REVERSED"]:
-        value = -value
-    return round(middle + value * (high - middle if value > 0 else middle - low))
 
 
 def rc_channels_scaled(node: MavNode) -> Fields:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.px4.ground import Stage
 from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD, ORBIT
 from zmav.sim.autopilots.px4.offboard import Motion
+from zmav.sim.protocol import reports
 from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
 
 if TYPE_CHECKING:
@@ -55,21 +56,7 @@ _VELOCITY_COVARIANCE = _diagonal((0.011, 0.01, 0.006))
 
 
 def global_position_int(node: Px4Node) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    if not copter.position_ok:
-        return None
-    here = copter.position
-    return {
-        "time_boot_ms": boot_ms(node),
-        "lat": e7(here.lat_deg),
-        "lon": e7(here.lon_deg),
-        "alt": round(here.alt_amsl_m * 1000),
-        "relative_alt": round((copter.home_world[2] - s.down) * 1000),
-        "vx": round(s.vn * 100),
-        "vy": round(s.ve * 100),
-        "vz": round(s.vd * 100),
-        "hdg": centidegrees(s.yaw),
-    }
+    return reports.global_position_int(node) if node.copter.position_ok else None
 
 
 def altitude(node: Px4Node) -> Fields | None:
@@ -100,34 +87,11 @@ def vfr_hud(node: Px4Node) -> Fields:
 
 
 def home_position(node: Px4Node) -> Fields | None:
-    copter = node.copter
-    if not copter.position_ok:
-        return None
-    home, origin = copter.home_world, copter.origin_world
-    place = copter.place(home)
-    return {
-        "latitude": e7(place.lat_deg),
-        "longitude": e7(place.lon_deg),
-        "altitude": round(place.alt_amsl_m * 1000),
-        "x": home[0] - origin[0],
-        "y": home[1] - origin[1],
-        "z": home[2] - origin[2],
-        "q": [1.0, 0.0, 0.0, 0.0],
-        "time_usec": boot_us(node),
-    }
+    return {**reports.home_position(node), "q": [1.0, 0.0, 0.0, 0.0]} if node.copter.position_ok else None
 
 
 def gps_global_origin(node: Px4Node) -> Fields | None:
-    copter = node.copter
-    if not copter.position_ok:
-        return None
-    place = copter.place(copter.origin_world)
-    return {
-        "latitude": e7(place.lat_deg),
-        "longitude": e7(place.lon_deg),
-        "altitude": round(place.alt_amsl_m * 1000),
-        "time_usec": boot_us(node),
-    }
+    return reports.gps_global_origin(node) if node.copter.position_ok else None
 
 
 def open_drone_id_location(node: Px4Node) -> Fields | None:

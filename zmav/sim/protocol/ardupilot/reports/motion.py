@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.ardupilot.targets import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
-from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol import reports
+from zmav.sim.protocol.reports import Fields, boot_ms, centidegrees, e7
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
@@ -18,18 +19,7 @@ def global_position_int(node: MavNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
     if not vehicle.boot.has("gps"):
         return {"time_boot_ms": boot_ms(node), "hdg": centidegrees(s.yaw)}
-    here = vehicle.position
-    return {
-        "time_boot_ms": boot_ms(node),
-        "lat": e7(here.lat_deg),
-        "lon": e7(here.lon_deg),
-        "alt": round(here.alt_amsl_m * 1000),
-        "relative_alt": round((vehicle.home_world[2] - s.down) * 1000),
-        "vx": round(s.vn * 100),
-        "vy": round(s.ve * 100),
-        "vz": round(s.vd * 100),
-        "hdg": centidegrees(s.yaw),
-    }
+    return reports.global_position_int(node)
 
 
 def vfr_hud(node: MavNode) -> Fields:
@@ -47,34 +37,13 @@ def vfr_hud(node: MavNode) -> Fields:
 
 
 def home_position(node: MavNode) -> Fields | None:
-    vehicle = node.vehicle
-    if not vehicle.boot.has("origin"):
+    if not node.vehicle.boot.has("origin"):
         return None
-    home, origin = vehicle.home_world, vehicle.origin_world
-    place = vehicle.place(home)
-    return {
-        "latitude": e7(place.lat_deg),
-        "longitude": e7(place.lon_deg),
-        "altitude": round(place.alt_amsl_m * 1000),
-        "x": home[0] - origin[0],
-        "y": home[1] - origin[1],
-        "z": home[2] - origin[2],
-        "q": [math.nan] * 4,
-        "time_usec": boot_us(node),
-    }
+    return {**reports.home_position(node), "q": [math.nan] * 4}
 
 
 def gps_global_origin(node: MavNode) -> Fields | None:
-    vehicle = node.vehicle
-    if not vehicle.boot.has("origin"):
-        return None
-    place = vehicle.place(vehicle.origin_world)
-    return {
-        "latitude": e7(place.lat_deg),
-        "longitude": e7(place.lon_deg),
-        "altitude": round(place.alt_amsl_m * 1000),
-        "time_usec": boot_us(node),
-    }
+    return reports.gps_global_origin(node) if node.vehicle.boot.has("origin") else None
 
 
 def nav_controller_output(node: MavNode) -> Fields:
@@ -132,6 +101,11 @@ def position_target_global_int(node: MavNode) -> Fields | None:
     pos = _held_position(node)
     if pos is None:
         return None
+    return target_place(node, pos)
+
+
+def target_place(node: MavNode, pos: Vector) -> Fields:
+    """POSITION_TARGET_GLOBAL_INT of a place alone."""
     place = node.vehicle.place(pos)
     return {
         "time_boot_ms": boot_ms(node),

@@ -162,6 +162,15 @@ def servo_output_raw(node: MavNode) -> Fields:
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
+def centred_pulse(node: MavNode, channel: int, value: float) -> int:
+    """Of an output that goes from -1 to 1 about its trim, us."""
+    params = node.vehicle.params
+    low, middle, high = (params[f"SERVO{channel}_{part}"] for part in ("MIN", "TRIM", "MAX"))
+    if params[f"SERVO{channel}_REVERSED"]:
+        value = -value
+    return round(middle + value * (high - middle if value > 0 else middle - low))
+
+
 def relay_status(node: MavNode) -> Fields:
     payload = node.vehicle.payload
     present = [i for i in range(len(payload.relays)) if payload.has_relay(i)]
