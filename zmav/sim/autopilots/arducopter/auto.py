@@ -23,6 +23,7 @@ from zmav.sim.autopilots.arducopter.legs import (
 )
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
+from zmav.sim.autopilots.ardupilot.waits import UNREPORTED, Conditions
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Spool, Vector
 
@@ -34,11 +35,9 @@ ALLOW_ARMING, ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2  # AUTO_OPTIONS
 SPEEDS = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}  # SPEED_TYPE
 AUTO_RTL = 27  # the mode that AUTO calls itself on the way to a landing
 GUIDED_LIMITS = 222  # MAV_CMD_DO_GUIDED_LIMITS
-CONDITION_DELAY, CONDITION_DISTANCE, CONDITION_YAW = 112, 114, 115
+CONDITION_YAW = 115  # MAV_CMD
 # Commands that go on with the way there is; the others set their own targets.
 KEEPS_WAY = (Waypoint, LoiterForever, LoiterTime, LoiterToAlt, LandAt, LoiterTurns, Delay)
-# Commands that the mission library carries out by itself: they are done at once, and no item is reported reached.
-UNREPORTED = {181, 182, 183, 184, 202, 203, 206, 218, 600, 1000, 2000, 2001}
 
 
 class Auto(AutoMode):
@@ -54,8 +53,7 @@ class Auto(AutoMode):
         self.waiting = False
         self._flown: tuple[Item, ...] = ()
         self._changes = 0
-        self._wait_until = 0.0
-        self._wait_distance = 0.0
+        self._conditions = Conditions()
         self.bounds = GuidedBounds()
 
     # ---- the mode
@@ -198,25 +196,15 @@ class Auto(AutoMode):
             self.leg.begin()
             self._note_mission()
             return True
-        return self._start_condition(item) or self._do(item)
-
-    def _start_condition(self, item: Item) -> bool:
-        copter = self.copter
-        if item.command == CONDITION_DELAY:
-            self._wait_until = copter.now + max(item.p1, 0.0)
-        elif item.command == CONDITION_DISTANCE:
-            self._wait_distance = max(item.p1, 0.0)
-        elif item.command == CONDITION_YAW:
-            angle, rate = math.radians(item.p1), math.radians(item.p2)
-            copter.heading.sweep(copter.sense.yaw, angle, rate, item.p3, relative=item.p4 > 0)
-        else:
-            return False
-        return True
+        return self._conditions.begin(item, self.copter.now) or self._do(item)
 
     def _do(self, item: Item) -> bool:
-        """Commands that are done as soon as they are begun."""
+        """Commands that are done as soon as they are begun, and CONDITION_YAW."""
         copter = self.copter
-        if item.command == 178:
+        if item.command == CONDITION_YAW:
+            angle, rate = math.radians(item.p1), math.radians(item.p2)
+            copter.heading.sweep(copter.sense.yaw, angle, rate, item.p3, relative=item.p4 > 0)
+        elif item.command == 178:
             if item.p2 > 0 and int(item.p1) in SPEEDS:
                 copter.change_speed(SPEEDS[int(item.p1)], item.p2)
         elif item.command == 179:
@@ -243,15 +231,11 @@ class Auto(AutoMode):
         copter = self.copter
         if item.command in LEGS:
             return self.leg is not None and self.leg.done()
-        if item.command == CONDITION_DELAY:
-            return copter.now > self._wait_until
-        if item.command == CONDITION_DISTANCE:
-            return copter.travel.distance < self._wait_distance
         if item.command == CONDITION_YAW:
             # A leg that began meanwhile has turned the nose its own way.
             copter.heading.insist()
             return copter.heading.arrived(copter.sense.yaw)
-        return True
+        return self._conditions.met(item, copter.now, copter.travel.distance)
 
     def finished(self) -> None:
         """The end of the mission: stay there, or disarm where it stands on the ground."""

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.arducopter.modes import CENTI, descend
+from zmav.sim.autopilots.ardupilot.waits import delay
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
@@ -303,18 +304,9 @@ class Delay(Leg):
     """``p1`` seconds from now, or until a time of day (UTC: hours, minutes and seconds in ``p2`` to ``p4``)."""
 
     def begin(self) -> None:
-        self._end = self.copter.now + (self.item.p1 if self.item.p1 > 0 else self._until_clock())
-        self.copter.say(INFO, f"Delaying {int(self._end - self.copter.now)} sec")
-
-    def _until_clock(self) -> float:
-        """Seconds to the next time that it is so late; a negative part means any."""
-        seconds = self.copter.unix_s() % 86400.0
-        hours, minutes, secs = self.item.p2, self.item.p3, self.item.p4
-        if hours >= 0:
-            return (hours * 3600.0 + max(minutes, 0.0) * 60.0 + max(secs, 0.0) - seconds) % 86400.0
-        if minutes >= 0:
-            return (minutes * 60.0 + max(secs, 0.0) - seconds) % 3600.0
-        return (secs - seconds) % 60.0 if secs >= 0 else 0.0
+        seconds = delay(self.item, self.copter.unix_s())
+        self._end = self.copter.now + seconds
+        self.copter.say(INFO, f"Delaying {int(seconds)} sec")
 
     def done(self) -> bool:
         return self.copter.now > self._end

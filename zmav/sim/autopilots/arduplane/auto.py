@@ -6,21 +6,22 @@ https://ardupilot.org/plane/docs/auto-mode.html, https://ardupilot.org/plane/doc
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
+from zmav.sim.autopilots.ardupilot.waits import UNREPORTED, Conditions
 from zmav.sim.autopilots.arduplane.legs import LEGS, Leg, ReturnToLaunch, Takeoff
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
+if TYPE_CHECKING:
+    from zmav.sim.autopilots.arduplane.plane import ArduPlane
+
 _WARNING, _INFO = 4, 6
-CONDITION_DELAY, CONDITION_DISTANCE = 112, 114
 CHANGE_SPEED, SET_HOME, SET_ROI, NO_ROI, ROI = 178, 179, 195, 197, 201
 MARKS = (188, 189)  # where a return path or a landing starts
-# Commands that the mission library carries out by itself: they are done at once, and no item is reported reached.
-UNREPORTED = {181, 182, 183, 184, 202, 203, 206, 218, 600, 1000, 2000, 2001}
 
 
 class Auto(PlaneMode, AutoMode):
@@ -33,9 +34,11 @@ class Auto(PlaneMode, AutoMode):
     previous: Item | None = None
     """the navigation command before the running one"""
     _item: Item | None = None
-    _wait_until = 0.0
-    _wait_distance = 0.0
     force_resume = False
+
+    def __init__(self, plane: ArduPlane) -> None:
+        super().__init__(plane)
+        self._conditions = Conditions()
 
     # ---- the mode
 
@@ -109,15 +112,7 @@ class Auto(PlaneMode, AutoMode):
             self.leg = leg(self.plane, item)
             self.leg.begin()
             return True
-        if item.command == CONDITION_DELAY:
-            self._wait_until = self.plane.now + max(item.p1, 0.0)
-        elif item.command == CONDITION_DISTANCE:
-            self._wait_distance = max(item.p1, 0.0)
-        elif item.command in MARKS:
-            return True
-        else:
-            return self._do(item)
-        return True
+        return item.command in MARKS or self._conditions.begin(item, self.plane.now) or self._do(item)
 
     def _do(self, item: Item) -> bool:
         """Commands that are done as soon as they are begun."""
@@ -144,11 +139,7 @@ class Auto(PlaneMode, AutoMode):
         plane = self.plane
         if item.command in LEGS:
             return self.leg is not None and self.leg.done()
-        if item.command == CONDITION_DELAY:
-            return plane.now > self._wait_until
-        if item.command == CONDITION_DISTANCE:
-            return plane.way.distance < self._wait_distance
-        return True
+        return self._conditions.met(item, plane.now, plane.way.distance)
 
     def finished(self) -> None:
         """The end of the mission."""

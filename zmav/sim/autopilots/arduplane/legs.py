@@ -9,6 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.ardupilot.waits import delay
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
@@ -274,8 +275,9 @@ class Delay(Leg):
     """A plane in the air cannot wait."""
 
     def begin(self) -> None:
-        self._end = self.plane.now + self.item.p1
-        self.plane.say(INFO, f"Delaying {int(self.item.p1)} sec")
+        seconds = delay(self.item, self.plane.unix_s())
+        self._end = self.plane.now + seconds
+        self.plane.say(INFO, f"Delaying {int(seconds)} sec")
 
     def fly(self) -> None:
         self._keep_height()

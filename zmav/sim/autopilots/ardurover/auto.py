@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
+from zmav.sim.autopilots.ardupilot.waits import CONDITION_DELAY, CONDITION_DISTANCE, UNREPORTED, Conditions, delay
 from zmav.sim.autopilots.ardurover.circle import Circle
 from zmav.sim.autopilots.ardurover.modes import RoverMode
 from zmav.sim.autopilots.ardurover.travel import wrap
@@ -21,12 +22,9 @@ if TYPE_CHECKING:
 CRITICAL, WARNING, NOTICE, INFO = 2, 4, 5, 6
 WAYPOINT, LOITER_UNLIM, LOITER_TURNS, LOITER_TIME, RTL = 16, 17, 18, 19, 20  # MAV_CMD
 GUIDED_ENABLE, DELAY, SET_YAW_SPEED = 92, 93, 213
-CONDITION_DELAY, CONDITION_DISTANCE = 112, 114
 CHANGE_SPEED, SET_HOME, REVERSE, GUIDED_LIMITS = 178, 179, 194, 222
 REGIONS = (195, 197, 201)
-# Commands that the mission library carries out by itself: no item is reported reached.
-UNREPORTED = frozenset((181, 182, 183, 184, 202, 203, 218, 600, 1000, 2000, 2001))
-DONE_AT_ONCE = frozenset((CHANGE_SPEED, SET_HOME, 206, *REGIONS, REVERSE, 207, GUIDED_LIMITS))
+KNOWN = frozenset((CONDITION_DELAY, CONDITION_DISTANCE, CHANGE_SPEED, SET_HOME, *REGIONS, REVERSE, 207, GUIDED_LIMITS))
 HEADING_DONE = math.radians(5.0)
 HOLD, LOITER, ACRO, MANUAL = range(4)  # MIS_DONE_BEHAVE
 _MODES = {ACRO: 1, MANUAL: 0}
@@ -56,8 +54,8 @@ class Auto(RoverMode, AutoMode):
         self._waiting = False
         self._changes = 0
         self._driven: tuple[Item, ...] = ()
-        self._wait_until = self._delay_end = 0.0
-        self._wait_distance = 0.0
+        self._delay_end = 0.0
+        self._conditions = Conditions()
         self._stay = 0
         self._there_at: float | None = None
         self._yaw = self._speed = 0.0
@@ -201,7 +199,7 @@ class Auto(RoverMode, AutoMode):
         elif command == SET_YAW_SPEED:
             self._head(item)
         else:
-            return self._do(item)
+            return self._conditions.begin(item, self.rover.now) or self._do(item)
         self._note_mission()
         return True
 
@@ -225,21 +223,9 @@ class Auto(RoverMode, AutoMode):
     def _delay(self, item: Item) -> None:
         rover = self.rover
         self.part = Part.STOP
-        seconds = item.p1 if item.p1 > 0 else self._until_clock(item)
+        seconds = delay(item, rover.unix_s())
         self._delay_end = rover.now + seconds
         rover.say(INFO, f"Delaying {int(seconds)} sec")
-
-    def _until_clock(self, item: Item) -> float:
-        """Seconds to the next time that it is so late (UTC); a negative part means any."""
-        now = self.rover.unix_s() % 86400.0
-        hours, minutes, seconds = item.p2, item.p3, item.p4
-        if hours >= 0:
-            due, every = hours * 3600.0 + max(minutes, 0.0) * 60.0 + max(seconds, 0.0), 86400.0
-        elif minutes >= 0:
-            due, every = minutes * 60.0 + max(seconds, 0.0), 3600.0
-        else:
-            due, every = max(seconds, 0.0), 60.0
-        return (due - now) % every
 
     def _hand_over(self, item: Item) -> None:
         if item.p1 <= 0:
@@ -259,13 +245,9 @@ class Auto(RoverMode, AutoMode):
         self.part = Part.HEADING
 
     def _do(self, item: Item) -> bool:
-        """Commands that are done as soon as they are begun, and conditions."""
+        """Commands that are done as soon as they are begun."""
         rover = self.rover
-        if item.command == CONDITION_DELAY:
-            self._wait_until = rover.now + max(item.p1, 0.0)
-        elif item.command == CONDITION_DISTANCE:
-            self._wait_distance = max(item.p1, 0.0)
-        elif item.command == CHANGE_SPEED:
+        if item.command == CHANGE_SPEED:
             if self.set_speed(item.p2):
                 rover.say(INFO, f"speed: {item.p2:.1f} m/s")
         elif item.command == SET_HOME:
@@ -305,13 +287,9 @@ class Auto(RoverMode, AutoMode):
             return self._guided_done(item)
         if command == SET_YAW_SPEED:
             return self._headed
-        if command == CONDITION_DELAY:
-            return rover.now > self._wait_until
-        if command == CONDITION_DISTANCE:
-            return self.distance < self._wait_distance
-        if command not in DONE_AT_ONCE:
+        if command not in KNOWN:
             rover.say(WARNING, f"Skipping invalid cmd #{command}")
-        return True
+        return self._conditions.met(item, rover.now, self.distance)
 
     def _stayed(self, item: Item) -> bool:
         """Reached, and stayed there as long as it was told."""
