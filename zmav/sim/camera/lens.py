@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from zmav.errors import BadConfig
 from zmav.sim.arrays import Array
-from zmav.sim.camera.projection import camera_matrix, distort, undistort
+from zmav.sim.camera.projection import camera_matrix, undistort
 from zmav.sim.camera.spec import CameraSpec
 
 Image = NDArray[np.uint8]
@@ -132,10 +132,3 @@ def _grows(spec: CameraSpec, x: Array, y: Array) -> bool:
 def _bytes(image: object) -> Image:
     result: Image = np.asarray(image, dtype=np.uint8)
     return result
-
-
-def distorted_pixel(spec: CameraSpec, points: Array) -> Array:
-    """(2, N) pixels of (3, N) homogeneous pixels of the pinhole ``camera_matrix(spec)``, distorted by the lens."""
-    f, (cu, cv) = spec.focal, spec.center
-    x, y = distort(spec, (points[0] / points[2] - cu) / f, (points[1] / points[2] - cv) / f)
-    return np.array([x * f + cu, y * f + cv])

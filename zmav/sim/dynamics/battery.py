@@ -18,7 +18,6 @@ import numpy as np
 from zmav.sim.arrays import Array, Flags
 
 AS_PER_MAH = 3.6
-FULL_CELL_V = 4.2
 _CHARGE = np.linspace(0.0, 1.0, 513)
 HIGHEST_V = 60.0
 
@@ -87,11 +86,6 @@ class Battery:
         self._source_v[index] = self.volts[index] = volts
         share = volts / float(self.full_v[index]) if self.full_v[index] > 0.0 else 0.0
         self.charge[index] = float(np.interp(share, open_circuit_share(_CHARGE), _CHARGE))
-
-    def recharge(self, index: int) -> None:
-        """A fresh pack of the same kind."""
-        self.charge[index], self.consumed[index] = 1.0, 0.0
-        self.volts[index] = self._source_v[index] = self.full_v[index]
 
     def drain(self, index: int, left: float) -> None:
         """Take charge out until the share ``left`` (0..1) remains; an ideal source falls to that charge's voltage."""

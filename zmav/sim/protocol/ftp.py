@@ -69,7 +69,6 @@ class FtpServer(Part):
     def __init__(self, files: FileSystem, session: int | None = None) -> None:
         self.files = files
         self.faults = FtpFaults()
-        self.served = 0
         self._fixed = session
         self._open: Open | None = None
         self._used = 0.0
@@ -176,7 +175,6 @@ class FtpServer(Part):
 
     def _send(self, request: Request, packet: Packet) -> None:
         self._used = self._now
-        self.served += 1
         self._last = (request.sender, packet)
         if len(packet.data) > self.faults.largest:
             return

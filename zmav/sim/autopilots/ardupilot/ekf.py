@@ -59,7 +59,6 @@ class Ekf3:
         now = self._vehicle.now
         self._leading = False
         self._passed = self._vel_passed = self._height_passed = now
-        self._timed_out_at: float | None = None
         self._back_at: float | None = None
         self._failing_since: float | None = None
         self._good_since: float | None = None

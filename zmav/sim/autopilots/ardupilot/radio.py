@@ -45,7 +45,6 @@ class Radio(Sticks):
         self.pilot = pilot
         self.lost = False
         self.overridable = True
-        self.overridden = False  # ever
         self._vehicle = vehicle
         self._overrides: dict[int, tuple[int, float]] = {}
         self._fresh = False
@@ -84,7 +83,7 @@ class Radio(Sticks):
         if not self.overridable:
             return
         self._overrides[index] = (pwm, self._vehicle.now)
-        self._fresh = self.overridden = True
+        self._fresh = True
 
     def clear_overrides(self) -> None:
         self._overrides.clear()

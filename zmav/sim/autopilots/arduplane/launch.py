@@ -31,7 +31,6 @@ class Launch:
         self.ground = -self._plane.sense.down
         self.height = 0.0
         self.pitch = 0.0
-        self.started_at: float | None = None
         self._counting: float | None = None
         self._reported = -QUIET_S
         self._level_off: float | None = None
@@ -67,7 +66,7 @@ class Launch:
         if waited < wait - 1e-6 or (least > 0 and plane.groundspeed <= least):
             return False
         plane.say(_INFO, f"Triggered AUTO. GPS speed = {plane.groundspeed:.1f}")
-        self._counting, self.started_at, self.ground = None, plane.now, -s.down
+        self._counting, self.ground = None, -s.down
         return True
 
     def _report(self, severity: int, text: str) -> None:

@@ -27,7 +27,7 @@ TURNED_ENOUGH, SHOWN_MPS = 0.5, 6.0  # rad of error that flying can show; the sp
 # ESTIMATOR_STATUS_FLAGS
 AT_REST, MOVING = 0x3FF, 0x37F
 _VELOCITY_HORIZ, _POS_REL, _POS_ABS, _PRED_REL, _PRED_ABS = 2, 8, 16, 256, 512
-GPS_GLITCH, CONST_POS = 1024, 128
+GPS_GLITCH = 1024
 _USUAL = {"velocity": 0.04, "position": 0.02, "height": 0.02, "compass": 0.04}
 
 
