@@ -88,27 +88,36 @@ def body_z(q: Array) -> Array:
 
 def rotation_matrix(q: Array) -> Array:
     """(3, 3, N) body-to-world rotation matrices."""
-    w, x, y, z = q
+    double = q + q
+    # Products of the components, doubled: few operations on whole blocks, as each has its price on short arrays.
+    _, wx, wy, wz = double * q[0]
+    _, xx, xy, xz = double * q[1]
+    yy, yz = double[2:] * q[2]
+    zz = double[3] * q[3]
     out = np.empty((3, 3, q.shape[1]))
-    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    out[0, 1] = 2.0 * (x * y - w * z)
-    out[0, 2] = 2.0 * (x * z + w * y)
-    out[1, 0] = 2.0 * (x * y + w * z)
-    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    out[1, 2] = 2.0 * (y * z - w * x)
-    out[2, 0] = 2.0 * (x * z - w * y)
-    out[2, 1] = 2.0 * (y * z + w * x)
-    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    np.subtract(1.0, yy + zz, out=out[0, 0])
+    np.subtract(xy, wz, out=out[0, 1])
+    np.add(xz, wy, out=out[0, 2])
+    np.add(xy, wz, out=out[1, 0])
+    np.subtract(1.0, xx + zz, out=out[1, 1])
+    np.subtract(yz, wx, out=out[1, 2])
+    np.subtract(xz, wy, out=out[2, 0])
+    np.add(yz, wx, out=out[2, 1])
+    np.subtract(1.0, xx + yy, out=out[2, 2])
     return out
 
 
 def euler_from_quat(q: Array) -> Array:
     """(3, N) roll, pitch, yaw in radians (Z-Y-X, aerospace)."""
-    w, x, y, z = q
-    out = np.empty((3, q.shape[1]))
-    out[0] = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    out[1] = np.arcsin(clamp(2.0 * (w * y - x * z), -1.0, 1.0))
-    out[2] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return euler_from_matrix(rotation_matrix(q))
+
+
+def euler_from_matrix(rot: Array) -> Array:
+    """(3, N) roll, pitch, yaw in radians (Z-Y-X, aerospace) of :func:`rotation_matrix`'s (3, 3, N)."""
+    out = np.empty((3, rot.shape[2]))
+    np.arctan2(rot[2, 1], rot[2, 2], out=out[0])
+    np.arcsin(clamp(0.0 - rot[2, 0], -1.0, 1.0), out=out[1])
+    np.arctan2(rot[1, 0], rot[0, 0], out=out[2])
     return out
 
 

@@ -39,13 +39,18 @@ class _RateLoop:
         self._slope: Array = np.zeros(n)
         self._last: Array = np.zeros(n)
 
+    def tune(self, dt: float) -> None:
+        """Reckon what follows from the gains; to be called after they change."""
+        g = self._g
+        self._target_share, self._slope_share = _lowpass(g["FLTT"], dt), _lowpass(g["FLTD"], dt)
+
     def update(self, wanted: Array, rate: Array, scale: Array, still: Flags, hold: Flags, dt: float) -> Array:
         """Shares of the travel for a rate (rad/s). ``still``: the integrator is emptied, ``hold``: it does not grow."""
         g = self._g
-        self._wanted += (wanted - self._wanted) * _lowpass(g["FLTT"], dt)
+        self._wanted += (wanted - self._wanted) * self._target_share
         square = scale * scale
         error = (self._wanted - rate) * square
-        self._slope += ((error - self._error) / dt - self._slope) * _lowpass(g["FLTD"], dt)
+        self._slope += ((error - self._error) / dt - self._slope) * self._slope_share
         self._error = error
         grown = clamp(self._i + error * g["I"] * dt, -g["IMAX"], g["IMAX"])
         self._i = np.where(hold & (np.abs(grown) > np.abs(self._i)), self._i, grown) * ~still
@@ -82,6 +87,7 @@ class PlaneControl:
         self._pitch_loop = _RateLoop("PTCH", targets.gains, n)
         self._yaw_slow: Array = np.zeros(n)
         self._yaw_i: Array = np.zeros(n)
+        self._tuned: tuple[int, float] | None = None
 
     def navigate(self, est: Estimated, euler: Array, airspeed: Array, dt: float) -> None:
         """Guidance and energy; ``euler`` (3, N) rad, ``airspeed`` (N,) true."""
@@ -109,15 +115,13 @@ class PlaneControl:
         """Attitude and rate loops, once a tick: ``force`` (3, N) m/s^2 is what the accelerometers read."""
         t, g = self.targets, self.targets.gains
         self.tecs.sense(airspeed, force[0] - GRAVITY * np.sin(euler[1]), dt)
+        if self._tuned != (t.tuned, dt):
+            self._tune(dt)
         eas = np.maximum(airspeed / self.eas2tas, 0.1)
-        low = np.minimum(0.5, g["SCALING_SPEED"] / (2.0 * g["AIRSPEED_MAX"]))
-        high = np.maximum(2.0, g["SCALING_SPEED"] / (0.7 * g["AIRSPEED_MIN"]))
-        scale = clamp(g["SCALING_SPEED"] / eas, low, high)
+        scale = clamp(g["SCALING_SPEED"] / eas, *self._scale_bounds)
         by_energy = t.upright == ENERGY
         self.pitch = np.where(by_energy, self.tecs.pitch, t.pitch)
-        roll_rate = clamp(
-            wrap_pi(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *_rates(g["RLL2SRV_RMAX"], g["RLL2SRV_RMAX"])
-        )
+        roll_rate = clamp(wrap_pi(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *self._roll_rates)
         roll_rate = np.where(t.lateral == RATE, t.p, roll_rate)
         pitch_rate = self._pitch_rate(euler, airspeed)
         idle = t.idle
@@ -135,6 +139,22 @@ class PlaneControl:
         wanted = np.where(t.auto_throttle, self.tecs.throttle, t.throttle)
         self.throttle = clamp(wanted, 0.0, 1.0)
 
+    def _tune(self, dt: float) -> None:
+        """Reckon what follows from the gains alone."""
+        g = self.targets.gains
+        self._tuned = self.targets.tuned, dt
+        self._roll_loop.tune(dt)
+        self._pitch_loop.tune(dt)
+        self._scale_bounds = (
+            np.minimum(0.5, g["SCALING_SPEED"] / (2.0 * g["AIRSPEED_MAX"])),
+            np.maximum(2.0, g["SCALING_SPEED"] / (0.7 * g["AIRSPEED_MIN"])),
+        )
+        self._roll_rates = _rates(g["RLL2SRV_RMAX"], g["RLL2SRV_RMAX"])
+        self._pitch_rates = _rates(g["PTCH2SRV_RMAX_DN"], g["PTCH2SRV_RMAX_UP"])
+        self._pitch_trim = np.radians(g["PTCH_TRIM_DEG"])
+        self._bank_margin = np.minimum(np.radians(g["ROLL_LIMIT_DEG"] + 5.0), math.radians(85.0))
+        self._damps_yaw = g["YAW2SRV_DAMP"] > 0.0
+
     def _pitch_rate(self, euler: Array, airspeed: Array) -> Array:
         t, g = self.targets, self.targets.gains
         roll, pitch = euler[0], euler[1]
@@ -143,12 +163,12 @@ class PlaneControl:
         slowest = np.maximum(airspeed, g["AIRSPEED_MIN"])
         turn = np.cos(pitch) * np.abs(GRAVITY / slowest * np.tan(bank) * np.sin(bank)) * g["PTCH2SRV_RLL"]
         turn = np.where(np.abs(pitch) > STEEP, 0.0, turn)
-        wanted = (self.pitch + np.radians(g["PTCH_TRIM_DEG"]) - pitch) / g["PTCH2SRV_TCONST"]
-        rate = clamp(wanted + turn, *_rates(g["PTCH2SRV_RMAX_DN"], g["PTCH2SRV_RMAX_UP"]))
+        wanted = (self.pitch + self._pitch_trim - pitch) / g["PTCH2SRV_TCONST"]
+        rate = clamp(wanted + turn, *self._pitch_rates)
         rate = np.where(upright, rate, -wanted - turn)
         # Beyond the bank limit the bank comes first: the elevator would turn it, not raise it.
         lean = np.where(upright, np.abs(roll), math.pi - np.abs(roll))
-        margin = np.minimum(np.radians(g["ROLL_LIMIT_DEG"] + 5.0), math.radians(85.0))
+        margin = self._bank_margin
         over = clamp((lean - margin) / (0.5 * math.pi - margin), 0.0, 1.0)
         rate = np.where(np.abs(pitch) < STEEP, rate * (1.0 - over), rate)
         result: Array = np.where(t.upright == RATE, t.q, np.where(t.upright >= PITCH, rate, 0.0))
@@ -163,7 +183,7 @@ class PlaneControl:
         self._yaw_slow += (yaw_rate - self._yaw_slow) * min(dt / YAW_FILTER_S, 1.0)
         quick = yaw_rate - self._yaw_slow
         self._yaw_i = np.where(
-            (g["YAW2SRV_DAMP"] > 0.0) & ~t.idle,
+            self._damps_yaw & ~t.idle,
             clamp(self._yaw_i - (g["YAW2SRV_SLIP"] * force[1] * 0.1 + quick) * g["YAW2SRV_INT"] * dt, -1.0, 1.0),
             0.0,
         )

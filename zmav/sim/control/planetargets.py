@@ -171,6 +171,8 @@ class PlaneTargets:
         self.pitch_min, self.pitch_max = row(-1.5), row(1.5)
         self.throttle_min, self.throttle_max = row(), row(1.0)
         self.gains: dict[str, Array] = {name: row(low) for name, (low, _) in GAINS.items()}
+        self.tuned = 0
+        """how often a gain was set: what is reckoned from them holds until then"""
 
 
 class PlaneHandle:
@@ -188,6 +190,7 @@ class PlaneHandle:
         """Set one of :data:`GAINS`, kept within its bounds."""
         low, high = GAINS[name]
         self._t.gains[name][self._i] = min(max(value, low), high)
+        self._t.tuned += 1
 
     def off(self) -> None:
         """Surfaces in the middle, no thrust."""

@@ -49,13 +49,16 @@ class Loop:
         self._sum[which] = 0.0
         self._fresh |= which
 
+    def tune(self, dt: float) -> None:
+        """Reckon what follows from the tuning; to be called after it changes."""
+        cutoff = self._k["filter"]  # Hz, of a first-order low pass; 0: none
+        self._share = np.where(cutoff > 0.0, 1.0 - np.exp(-2.0 * math.pi * np.maximum(cutoff, 1e-6) * dt), 1.0)
+
     def run(self, wanted: Array, actual: Array, saturated: Flags, dt: float) -> Array:
         """Output for this step; where it is ``saturated`` already the integrator only shrinks."""
         k, error = self._k, wanted - actual
-        # First-order low pass with its cut-off in Hz (0: none).
-        share = np.where(k["filter"] > 0.0, 1.0 - np.exp(-2.0 * math.pi * np.maximum(k["filter"], 1e-6) * dt), 1.0)
         before = np.where(self._fresh, error, self._error)
-        self._error = before + (error - before) * np.where(self._fresh, 1.0, share)
+        self._error = before + (error - before) * np.where(self._fresh, 1.0, self._share)
         self._fresh[:] = False
         grows = ~saturated | (self._sum * self._error < 0.0)
         self._sum = clamp(self._sum + self._error * k["i"] * (dt * grows), -k["imax"], k["imax"])
@@ -91,10 +94,13 @@ class RoverControl:
         self._stopped_for: Array = np.zeros(n)
         self._full_throttle = np.zeros(n, dtype=bool)
         self._full_lock = np.zeros(n, dtype=bool)
+        self._tuned: tuple[int, float] | None = None
 
     def update(self, est: Estimated, dt: float) -> None:
         """One step of all loops."""
         sp = self.setpoints
+        if self._tuned != (sp.tuned, dt):
+            self._tune(dt)
         w, x, y, z = est.q
         yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         c, s = np.cos(yaw), np.sin(yaw)
@@ -116,8 +122,23 @@ class RoverControl:
         steered = driven & ~(stop & (self._stopped_for > 0.0))
         steering = self._steer(steered, turn, est.rate[2], ahead, dt)
         by_hand = task == DIRECT
-        self.throttle = self._slew(np.where(by_hand, sp.throttle, throttle), dt)
+        self.throttle = self._slew(np.where(by_hand, sp.throttle, throttle))
         self.steering = self._scale(np.where(by_hand, sp.steering, steering), driven, by_hand, ahead)
+
+    def _tune(self, dt: float) -> None:
+        """Reckon what follows from the tuning alone; a limit of zero is none."""
+        sp, k = self.setpoints, self.setpoints.tuning
+        self._tuned = sp.tuned, dt
+        self._speed_loop.tune(dt)
+        self._turn_loop.tune(dt)
+        self._vel_share = 1.0 - np.exp(-2.0 * math.pi * np.maximum(k["vel_filter"], 1e-3) * dt)
+        self._turn_step = np.where(k["turn_accel"] > 0.0, k["turn_accel"] * dt, np.inf)
+        self._turn_most = np.where(k["turn_max"] > 0.0, k["turn_max"], np.inf)
+        self._cruise = np.where(
+            k["cruise_speed"] > 0.0, k["cruise_throttle"] / np.maximum(k["cruise_speed"], 1e-3), 0.0
+        )
+        self._throttle_step = np.where(k["slew"] > 0.0, k["slew"] * dt, np.inf)
+        self._throttle_most = clamp(k["throttle_max"], 0.05, 1.0)
 
     # ---- the moving point
 
@@ -159,8 +180,7 @@ class RoverControl:
         stopping = (self.point_vel == 0.0).all(0)
         error = wanted - est.vel[:2]
         begins = path & ~self._on_path
-        share = 1.0 - np.exp(-2.0 * math.pi * np.maximum(k["vel_filter"], 1e-3) * dt)
-        self._vel_error = np.where(begins, error, self._vel_error + (error - self._vel_error) * share)
+        self._vel_error = np.where(begins, error, self._vel_error + (error - self._vel_error) * self._vel_share)
         self._vel_sum = np.where(begins, 0.0, self._vel_sum + self._vel_error * k["vel_i"] * dt)
         self._vel_sum = limit_length(self._vel_sum, k["vel_imax"])
         across = self._vel_sum[1] * c - self._vel_sum[0] * s  # what is ahead is the speed loop's
@@ -199,11 +219,9 @@ class RoverControl:
         self._steered = steered
         self._turn_loop.reset(begins)
         before = np.where(begins, actual, self.turn)
-        step = np.where(k["turn_accel"] > 0.0, k["turn_accel"] * dt, np.inf)
-        turn = clamp(turn, before - step, before + step)
-        most = np.where(k["turn_max"] > 0.0, k["turn_max"], np.inf)
+        turn = clamp(turn, before - self._turn_step, before + self._turn_step)
         by_grip = np.maximum(k["lateral"] / np.maximum(np.abs(ahead), STEER_SPEED_MIN), TURN_RATE_MIN)
-        most = np.minimum(most, by_grip)
+        most = np.minimum(self._turn_most, by_grip)
         self.turn = clamp(turn, -most, most) * steered
         # Front wheels give no turn without speed: nothing is to be learnt then.
         saturated = self._full_lock if self.skid else self._full_lock | (np.abs(ahead) <= k["steer_base"])
@@ -245,8 +263,7 @@ class RoverControl:
         self._speed_loop.reset(still | (driven & ~self._driven))
         self._driven = driven
         self.speed = np.where(driven & ~still, wanted, 0.0)
-        cruise = np.where(k["cruise_speed"] > 0.0, k["cruise_throttle"] / np.maximum(k["cruise_speed"], 1e-3), 0.0)
-        out = self._speed_loop.run(self.speed, ahead, self._full_throttle, dt) + self.speed * cruise
+        out = self._speed_loop.run(self.speed, ahead, self._full_throttle, dt) + self.speed * self._cruise
         # Without a brake the throttle never goes against the way wanted.
         coasts = (k["brake"] == 0.0) & (((self.speed >= 0.0) & (out < 0.0)) | ((self.speed <= 0.0) & (out > 0.0)))
         out = np.where(coasts, 0.0, out)
@@ -254,11 +271,9 @@ class RoverControl:
         given: Array = out * (driven & ~still)
         return given
 
-    def _slew(self, throttle: Array, dt: float) -> Array:
+    def _slew(self, throttle: Array) -> Array:
         """Within the motors' limits, and no faster than MOT_SLEWRATE there."""
-        k = self.setpoints.tuning
-        step = np.where(k["slew"] > 0.0, k["slew"] * dt, np.inf)
-        most = clamp(k["throttle_max"], 0.05, 1.0)
+        step, most = self._throttle_step, self._throttle_most
         out = clamp(clamp(throttle, self.throttle - step, self.throttle + step), -most, most)
         return out * self.setpoints.armed
 

@@ -95,6 +95,8 @@ class RoverSetpoints:
         self.jerk_limit: Array = np.ones(n)
         self.fresh = np.zeros(n, dtype=bool)  # the moving point begins where the rover is
         self.tuning: dict[str, Array] = {row: np.zeros(n) for row in TUNING}
+        self.tuned = 0
+        """how often a number of the tuning was set: what is reckoned from them holds until then"""
 
     def handle(self, index: int) -> RoverHandle:
         return RoverHandle(self, index)
@@ -158,3 +160,4 @@ class RoverHandle:
     def tune(self, row: str, value: float) -> None:
         """Set one of :data:`TUNING` by its row; never beyond :data:`HIGHEST`."""
         self._t.tuning[row][self._i] = min(max(value, -HIGHEST), HIGHEST)
+        self._t.tuned += 1

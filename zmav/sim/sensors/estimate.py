@@ -13,7 +13,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, euler_from_quat, quat_from_euler, quat_multiply
+from zmav.sim.arrays import (
+    Array,
+    Flags,
+    euler_from_matrix,
+    euler_from_quat,
+    quat_from_euler,
+    quat_multiply,
+    rotation_matrix,
+)
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.dynamics.body import Body
 from zmav.sim.environment import Vector
@@ -22,6 +30,7 @@ from zmav.sim.sensors.suite import SLOW_PERIOD_S, SensorSuite
 
 SMOOTHING_S = 1.0
 BELIEVED_SPEED_S, BELIEVED_TURN_S = 2.0, 30.0  # correlation times of the filter's own errors
+_WEIGHT = np.array([[0.0], [0.0], [GRAVITY]])
 
 
 class Estimator:
@@ -79,18 +88,10 @@ class Estimator:
             self.settle()
         if self._astray:
             self._wander(dt)
-        self.euler = euler_from_quat(self.q)
-        w, x, y, z = self._dyn.q
-        ax, ay, az = self._dyn.accel
-        az = az - GRAVITY
-        # The rotation matrix's columns: world to body.
-        self.force = np.array(
-            [
-                (1 - 2 * (y * y + z * z)) * ax + 2 * (x * y + w * z) * ay + 2 * (x * z - w * y) * az,
-                2 * (x * y - w * z) * ax + (1 - 2 * (x * x + z * z)) * ay + 2 * (y * z + w * x) * az,
-                2 * (x * z + w * y) * ax + 2 * (y * z - w * x) * ay + (1 - 2 * (x * x + y * y)) * az,
-            ]
-        )
+        body = rotation_matrix(self._dyn.q)
+        self.euler = euler_from_matrix(body if self._twist is None else rotation_matrix(self.q))
+        felt = self._dyn.accel - _WEIGHT
+        self.force = np.einsum("jin,jn->in", body, felt)  # from the world to the body
 
     def target(self) -> Array:
         """(3, N) m NED: the error of a filter that follows its sensors."""
