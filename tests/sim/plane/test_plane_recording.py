@@ -5,20 +5,16 @@ from __future__ import annotations
 from collections import defaultdict
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
-from tests.sim.plane.conftest import ARM, GUIDED, RTL, TAKEOFF
+from tests.sim.plane.conftest import GUIDED, TAKEOFF
 from tests.sim.yardstick.compare import CLOCKS, TOLERANCE
 from tests.sim.yardstick.compare import gap as angle_between
-from tests.sim.yardstick.reading import Message, from_tlog, rates
-from zmav.mavlink.codec import decode
+from tests.sim.yardstick.flights import plane
+from tests.sim.yardstick.reading import Message, from_tlog, rates, states
 from zmav.mavlink.dialect import Dialect, load_dialect
-from zmav.sim import REALISTIC_READY_S
-
-if TYPE_CHECKING:
-    from tests.sim.plane.conftest import Field, MakeField
 
 # message.field -> why it is not the same
 KNOWN = {
@@ -85,39 +81,14 @@ def by_phase(messages: list[Message]) -> dict[tuple[str, str, str], list[float]]
     return found
 
 
-def fly(field: Field) -> list[Message]:
-    """The recorded flight."""
-    desk, seen = field.desk, []
-
-    def put(frame: bytes) -> None:
-        for each in desk.splitter.feed(frame):
-            desk.frames.append(each)
-            seen.append((desk.world.time_s, desk.dialect.name_of(each.msgid), decode(each, desk.dialect)))
-
-    desk.put = put  # type: ignore[method-assign]
-    desk.world.step(1.0)
-    for stream, rate in {0: 2, 6: 5, 10: 10, 11: 10}.items():
-        desk.send("REQUEST_DATA_STREAM", req_stream_id=stream, req_message_rate=rate, start_stop=1)
-    field.ready()
-    assert field.mode(TAKEOFF) == 0
-    assert desk.command(ARM, 1) == 0
-    field.wait(8.4)
-    assert field.mode(GUIDED) == 0
-    assert field.reposition(400.0, -47.0, 80.0) == 0
-    field.wait(40.0)
-    assert field.mode(RTL) == 0
-    field.wait(10.0)
-    return seen
-
-
 @pytest.fixture(scope="module")
 def dialect() -> Dialect:
     return load_dialect("ardupilotmega")
 
 
-def test_the_flight_looks_the_same(make_field: MakeField, shared_data: Path, dialect: Dialect) -> None:
+def test_the_flight_looks_the_same(shared_data: Path, dialect: Dialect) -> None:
     real = list(from_tlog(shared_data / "plane.tlog", dialect))
-    ours = fly(make_field(ready_s=REALISTIC_READY_S))
+    ours = plane()
     same_messages_at_the_same_rates(real, ours)
     same_words_and_stages(real, ours)
     same_fields(real, ours, dialect)
@@ -133,22 +104,14 @@ def same_messages_at_the_same_rates(real: list[Message], ours: list[Message]) ->
 
 
 def same_words_and_stages(real: list[Message], ours: list[Message]) -> None:
-    def steps(messages: list[Message], name: str, *fields: str) -> list[tuple[int, ...]]:
-        found: list[tuple[int, ...]] = []
-        for _, each, values in messages:
-            step = tuple(values[f] for f in fields if f in values)
-            if each == name and found[-1:] != [step]:
-                found.append(step)
-        return found
-
-    assert steps(ours, "EKF_STATUS_REPORT", "flags") == steps(real, "EKF_STATUS_REPORT", "flags")
+    assert states(ours, "EKF_STATUS_REPORT", "flags") == states(real, "EKF_STATUS_REPORT", "flags")
     for name, fields in {
         "HEARTBEAT": ("base_mode", "custom_mode", "system_status"),
         "SYS_STATUS": tuple(f"onboard_control_sensors_{part}" for part in ("present", "enabled", "health")),
     }.items():
         # Two things that come within one interval may show as one step or as two.
-        assert set(steps(ours, name, *fields)) <= set(steps(real, name, *fields)), name
-        assert steps(ours, name, *fields)[-1] == steps(real, name, *fields)[-1], name
+        assert set(states(ours, name, *fields)) <= set(states(real, name, *fields)), name
+        assert states(ours, name, *fields)[-1] == states(real, name, *fields)[-1], name
 
     def words(messages: list[Message]) -> set[str]:
         texts = {f["text"] for _, name, f in messages if name == "STATUSTEXT"}
