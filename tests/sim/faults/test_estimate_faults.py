@@ -18,14 +18,6 @@ GOOD, NOT_AIDED, CONST_POS, GLITCH = 0x33F, 0x25, 0xA7, 0x8000
 RATIOS = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
 
 
-@pytest.fixture
-def aloft(make_desk: MakeDesk) -> Desk:
-    desk = make_desk()
-    desk.take_off(10.0)
-    desk.clear()
-    return desk
-
-
 def ekf(desk: Desk) -> dict[str, Any]:
     return desk.last("EKF_STATUS_REPORT")
 
@@ -253,7 +245,7 @@ def test_a_neighbour_notices_nothing(make_desk: MakeDesk, another_desk: type[Des
     desk.until(lambda: desk.vehicle.copter.position_ok)
     desk.world.fault("copter1", "gps-glitch", north=500.0)
     desk.world.fault("copter1", "compass", degrees=30.0)
-    desk.world.step(15.0)
+    desk.world.step(12.0)
     assert off(second) == (0.0, 0.0, 0.0)
     assert second.last("EKF_STATUS_REPORT")["flags"] == GOOD
     assert abs(off(desk)[0] - 500.0) < 1.0
@@ -262,12 +254,12 @@ def test_a_neighbour_notices_nothing(make_desk: MakeDesk, another_desk: type[Des
 def test_two_runs_of_one_seed_are_the_same(make_desk: MakeDesk) -> None:
     def run() -> list[bytes]:
         desk = make_desk(noise="typical", seed=4)
-        desk.take_off(5.0)
-        desk.world.fault("copter1", "gps-loss", for_s=9.0)
+        desk.take_off(2.5)
+        desk.world.fault("copter1", "gps-loss", for_s=4.0)
         desk.world.fault("copter1", "link-loss", percent=30.0)
         desk.clear()
         desk.send("COMMAND_LONG", command=511, param1=30.0, param2=1e5)
-        desk.world.step(12.0)
+        desk.world.step(6.0)
         return [frame.data for frame in desk.frames]
 
     first = run()
