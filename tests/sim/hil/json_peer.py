@@ -76,9 +76,10 @@ class Peer:
 
 def main() -> None:
     given, rest = options()
-    Path("started.json").write_text(
+    Path("started.part").write_text(
         json.dumps({"argv": sys.argv[1:], "rest": rest, "pid": os.getpid(), "cwd": str(Path.cwd())}), encoding="ascii"
     )
+    Path("started.part").rename("started.json")  # whole, or not there
     found = params(given.defaults)
     print(f"peer {given.instance} starts with {found}", flush=True)
     # As ArduPilot does: only the usual port follows the instance.
