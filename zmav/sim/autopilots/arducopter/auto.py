@@ -25,7 +25,7 @@ from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
 from zmav.sim.autopilots.ardupilot.waits import UNREPORTED, Conditions
 from zmav.sim.autopilots.items import Item
-from zmav.sim.control.setpoints import Spool, Vector
+from zmav.sim.control.setpoints import Vector
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.copter import ArduCopter
@@ -119,7 +119,7 @@ class Auto(AutoMode):
         if int(copter.params["AUTO_OPTIONS"]) & ALLOW_TAKEOFF_WITHOUT_THROTTLE and isinstance(self.leg, Takeoff):
             copter.auto_armed = True
         if self.leg is None or isinstance(self.leg, Delay):
-            copter.sp.spool(Spool.IDLE if copter.landed else Spool.FLY)
+            copter.spool()
             copter.travel.update()
         else:
             self.leg.run()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from zmav.sim.autopilots.arducopter.modes import CENTI, AltHold
-from zmav.sim.control.setpoints import Axis, Spool
+from zmav.sim.control.setpoints import Axis
 
 BY_PILOT, NOSE_AHEAD, AROUND_HERE = 1, 2, 4  # CIRCLE_OPTIONS
 LEAST_SPIN_UP = math.radians(2.0)  # rad/s^2
@@ -43,10 +43,8 @@ class Circle(AltHold):
 
     def update(self) -> None:
         copter, pilot, dt = self.copter, self.copter.rc, self.copter.dt
-        if copter.landed:
-            copter.sp.spool(Spool.IDLE)
+        if not copter.spool():
             return
-        copter.sp.spool(Spool.FLY)
         if self._option(BY_PILOT) and pilot.valid:
             self._radius = max(self._radius - pilot.pitch * copter.speeds["speed"] * dt, 0.0)
             low, high = (-FASTEST, 0.0) if self._rate < 0.0 else (0.0, FASTEST)

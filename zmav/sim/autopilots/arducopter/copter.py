@@ -159,6 +159,11 @@ class ArduCopter(ArduVehicle):
         else:
             self.heading.watch(place[0], place[1])
 
+    def spool(self) -> bool:
+        """Motors up in the air, idle on the ground. True in the air."""
+        self.sp.spool(Spool.IDLE if self.landed else Spool.FLY)
+        return not self.landed
+
     def save_waypoint(self) -> None:
         """The pilot's switch adds where it is to the mission: a takeoff first, a landing with the throttle down."""
         low = self.rc.throttle < 0.03

@@ -42,17 +42,12 @@ class Leg(ABC):
 
     def run(self) -> None:
         """Set this moment's targets, on the ground too; the motors are armed."""
-        if self.fly():
+        if self.copter.spool():
             self.copter.travel.update()
 
     @abstractmethod
     def done(self) -> bool:
         """Whether the next command's turn has come."""
-
-    def fly(self) -> bool:
-        """Motors up in the air, idle on the ground. True in the air."""
-        self.copter.sp.spool(Spool.IDLE if self.copter.landed else Spool.FLY)
-        return not self.copter.landed
 
     @property
     def default(self) -> Vector:
@@ -166,7 +161,7 @@ class LoiterToAlt(Leg):
         self._over = False
 
     def run(self) -> None:
-        if not self.fly():
+        if not self.copter.spool():
             return
         self.copter.travel.update()
         if self.copter.travel.reached and not self._over:
@@ -213,7 +208,7 @@ class LoiterTurns(Leg):
 
     def run(self) -> None:
         copter = self.copter
-        if not self.fly():
+        if not self.copter.spool():
             return
         if self._angle is None:
             copter.travel.update()
@@ -282,7 +277,7 @@ class LandAt(Leg):
         self.copter.heading.hold(self.copter.sense.yaw)
 
     def run(self) -> None:
-        if not self.fly():
+        if not self.copter.spool():
             return
         if self.descending:
             descend(self.copter)

@@ -116,7 +116,7 @@ class Brake(CopterMode):
         self.stop_here()
 
     def update(self) -> None:
-        self.copter.sp.spool(Spool.IDLE if self.copter.landed else Spool.FLY)
+        self.copter.spool()
 
 
 class Land(CopterMode):
@@ -135,10 +135,8 @@ class Land(CopterMode):
 
     def update(self) -> None:
         copter = self.copter
-        if copter.landed:
-            copter.sp.spool(Spool.IDLE)
+        if not copter.spool():
             return
-        copter.sp.spool(Spool.FLY)
         if copter.now < self._until:
             copter.sp.climb(0.0)
         else:
@@ -188,10 +186,8 @@ class Rtl(CopterMode):
 
     def update(self) -> None:
         copter = self.copter
-        if copter.landed:
-            copter.sp.spool(Spool.IDLE)
+        if not copter.spool():
             return
-        copter.sp.spool(Spool.FLY)
         north, east = self._target
         if self._leg == "climb":
             copter.sp.move(vel=(0.0, 0.0, 0.0), horizontal=Axis.VELOCITY, pos=(0.0, 0.0, self._height))

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.arducopter.modes import CENTI, CopterMode, descend
-from zmav.sim.control.setpoints import Axis, Spool, Vector
+from zmav.sim.control.setpoints import Axis, Vector
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.copter import ArduCopter
@@ -142,10 +142,8 @@ class SmartRtl(CopterMode):
 
     def update(self) -> None:
         copter = self.copter
-        if copter.landed:
-            copter.sp.spool(Spool.IDLE)
+        if not copter.spool():
             return
-        copter.sp.spool(Spool.FLY)
         if self._landing:
             descend(copter)
             return
