@@ -60,7 +60,7 @@ class Field:
         dyn.contact[i] = dyn.resting[i] = False
         self.wait(0.1)
         assert self.mode(LOITER) == 0
-        self.wait(2.4)
+        self.wait(0.9)
         assert self.mode(then) == 0
         self.desk.clear()
 

@@ -41,16 +41,16 @@ def start(field: Field, items: list[Fields]) -> None:
 def test_a_mission_from_the_ground_and_back_to_it(field: Field) -> None:
     field.set("LAND_DISARMDELAY", 2)
     field.ready()
-    items = [takeoff(35), at(WAYPOINT, 300, 0, 45), at(WAYPOINT, 300, -250, 45), at(LAND, 0, -250)]
+    items = [takeoff(30), at(WAYPOINT, 250, 0, 35), at(WAYPOINT, 250, -200, 35), at(LAND, -50, -200)]
     assert upload(field.desk, items) == 0
     assert field.mode(AUTO) == 0
     assert field.desk.command(ARM, 1) == 0
     assert field.desk.last("MISSION_CURRENT")["mission_state"] == 3
     field.desk.until(lambda: not field.plane.armed, 150.0)
     assert reached(field.desk) == [1, 2, 3]
-    assert field.away(0.0, -250.0) < 60.0
+    assert field.away(-50.0, -200.0) < 60.0
     texts = field.desk.texts()
-    for text in ("Mission: 1 Takeoff", "Holding course", "Takeoff complete at 35", "Reached waypoint #2 dist",
+    for text in ("Mission: 1 Takeoff", "Holding course", "Takeoff complete at 30", "Reached waypoint #2 dist",
                  "Mission: 4 Land", "Landing approach start at ", "Flare ", "Auto disarmed"):  # fmt: skip
         assert any(each.startswith(text) for each in texts), text
     assert field.plane.mode.number == AUTO
@@ -60,38 +60,38 @@ def test_a_mission_from_the_ground_and_back_to_it(field: Field) -> None:
 
 
 def test_waypoints_are_turned_at_early_and_lines_are_kept(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 250, 0, 60), at(WAYPOINT, 250, 400, 60), at(FOREVER, 250, 900, 60)])
+    start(flying, [at(WAYPOINT, 150, 0, 60), at(WAYPOINT, 150, 350, 60), at(FOREVER, 150, 900, 60)])
     flying.desk.until(lambda: reached(flying.desk) == [1])
-    assert 20.0 < flying.away(250.0, 0.0) < 60.0  # WP_RADIUS, or the turn's distance
+    assert 20.0 < flying.away(150.0, 0.0) < 60.0  # WP_RADIUS, or the turn's distance
     flying.wait(13.0)
-    assert abs(flying.plane.sense.north - 250.0) < 6.0
+    assert abs(flying.plane.sense.north - 150.0) < 6.0
     assert flying.plane.height == pytest.approx(60.0, abs=3.0)
     flying.desk.until(lambda: reached(flying.desk) == [1, 2])
-    assert flying.away(250.0, 400.0) < 20.0  # straight on: no turn to begin early
+    assert flying.away(150.0, 350.0) < 20.0  # straight on: no turn to begin early
 
 
 def test_an_acceptance_radius_and_a_passing_distance(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 300, 0, 60, 0, 15), at(WAYPOINT, 300, 300, 60, 0, 0, 40), at(FOREVER, 0, 300, 60)])
+    start(flying, [at(WAYPOINT, 150, 0, 60, 0, 15), at(WAYPOINT, 150, 250, 60, 0, 0, 40), at(FOREVER, 0, 250, 60)])
     assert [(item["param2"], item["param3"]) for item in download(flying.desk)[1:3]] == [(15.0, 0.0), (0.0, 40.0)]
     flying.desk.until(lambda: reached(flying.desk) == [1])
-    assert flying.away(300.0, 0.0) < 20.0
+    assert flying.away(150.0, 0.0) < 20.0
     flying.desk.until(lambda: reached(flying.desk) == [1, 2])
-    assert flying.plane.sense.east > 335.0
+    assert flying.plane.sense.east > 285.0
 
 
 def test_loiters_by_turns_time_and_height(flying: Field) -> None:
     start(
         flying,
         [
-            at(TURNS, 150, 0, 60, 1, 0, -60),
-            at(TIME, 150, 0, 60, 4),
-            at(TO_ALT, 150, 0, 72, 0, 70),
-            at(FOREVER, 150, 0, 72),
+            at(TURNS, 100, 0, 60, 1, 0, -60),
+            at(TIME, 100, 0, 60, 2),
+            at(TO_ALT, 100, 0, 72, 0, 70),
+            at(FOREVER, 100, 0, 72),
         ],
     )
     flying.desk.until(lambda: flying.plane.way.turned > 0.5)
     s = flying.plane.sense
-    assert (s.north - 150.0) * s.ve - s.east * s.vn < 0.0  # counter-clockwise
+    assert (s.north - 100.0) * s.ve - s.east * s.vn < 0.0  # counter-clockwise
     flying.desk.until(lambda: reached(flying.desk) == [1, 2, 3], 90.0)
     assert flying.plane.height == pytest.approx(72.0, abs=6.0)
     texts = flying.desk.texts()
@@ -116,7 +116,7 @@ def test_speeds_jumps_and_the_end_of_the_mission(flying: Field) -> None:
 
 
 def test_it_goes_on_where_it_was_left(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 150, 0, 60), at(WAYPOINT, 600, 0, 60), at(FOREVER, 800, 0, 60)])
+    start(flying, [at(WAYPOINT, 100, 0, 60), at(WAYPOINT, 600, 0, 60), at(FOREVER, 800, 0, 60)])
     flying.desk.until(lambda: flying.plane.mission.current == 2)
     assert flying.mode(LOITER) == 0
     flying.wait(3.0)
@@ -147,10 +147,10 @@ def test_a_return_in_the_mission_and_a_landing_that_rtl_finds(flying: Field) -> 
 
 
 def test_a_landing_is_given_up_for_its_approach(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 150, 0, 60), at(LAND, 800, 0)])
+    start(flying, [at(WAYPOINT, 100, 0, 60), at(LAND, 750, 0)])
     assert flying.desk.command(191) == 4
     flying.desk.until(lambda: flying.plane.landing.active)
-    flying.wait(6.0)
+    flying.wait(4.0)
     assert flying.desk.command(191) == 0
     flying.wait(0.2)
     assert flying.plane.mission.current == 1
@@ -158,7 +158,7 @@ def test_a_landing_is_given_up_for_its_approach(flying: Field) -> None:
 
 
 def test_a_landing_comes_down_its_slope(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 120, 0, 50), at(LAND, 620, 0)])
+    start(flying, [at(WAYPOINT, 100, 0, 45), at(LAND, 550, 0)])
     flying.desk.until(lambda: int(flying.plane.landing.leg) >= 1)
     flying.wait(6.0)
     for _ in range(4):
@@ -174,10 +174,10 @@ def test_a_landing_comes_down_its_slope(flying: Field) -> None:
 
 
 def test_heights_between_places_change_on_a_slope(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 150, 0, 60), at(WAYPOINT, 750, 0, 100), at(FOREVER, 900, 0, 100)])
+    start(flying, [at(WAYPOINT, 110, 0, 60), at(WAYPOINT, 560, 0, 90), at(FOREVER, 900, 0, 90)])
     flying.desk.until(lambda: flying.plane.mission.current == 2)
     flying.desk.until(lambda: flying.plane.way.share > 0.5)
-    assert flying.plane.height == pytest.approx(80.0, abs=6.0)
+    assert flying.plane.height == pytest.approx(75.0, abs=6.0)
 
 
 def test_auto_without_a_mission_returns(flying: Field) -> None:

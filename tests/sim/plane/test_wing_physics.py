@@ -67,7 +67,7 @@ def test_trimmed_it_flies_on_level_where_lift_is_weight(speed: float) -> None:
     dyn, alpha = trimmed(speed)
     dyn.step()
     assert np.abs(dyn.accel).max() < 0.02
-    run(dyn, 20.0)
+    run(dyn, 6.0)
     assert dyn.airspeed[0] == pytest.approx(speed, rel=0.005)
     assert abs(dyn.vel[2, 0]) < 0.005 * speed
     assert dyn.alpha[0] == pytest.approx(alpha, abs=math.radians(0.1))
@@ -108,7 +108,7 @@ def test_without_power_it_glides_as_far_as_lift_over_drag(speed: float) -> None:
     dyn, _ = trimmed(speed, slippery, climb=-slope)
     assert abs(dyn.throttle[0]) < 1e-3
     dyn.throttle[:] = 0.0
-    run(dyn, 10.0)
+    run(dyn, 6.0)
     assert dyn.vel[0, 0] / dyn.vel[2, 0] == pytest.approx(slippery.glide(speed), rel=0.03)
     assert dyn.airspeed[0] == pytest.approx(speed, rel=0.01)
 
@@ -125,8 +125,8 @@ def test_climb_is_the_excess_power_over_the_weight() -> None:
 
 def test_a_dive_ends_where_drag_is_weight() -> None:
     straight = msgspec.structs.replace(TRAINER, lift_0=0.0, pitch_0=0.0)
-    dyn = flying(straight, speed=10.0, pitch=-math.pi / 2)
-    run(dyn, 20.0)
+    dyn = flying(straight, speed=18.0, pitch=-math.pi / 2)
+    run(dyn, 9.0)
     terminal = math.sqrt(2.0 * TRAINER.weight_n / (AIR_DENSITY * TRAINER.area_m2 * TRAINER.drag_0))
     assert dyn.vel[2, 0] == pytest.approx(terminal, rel=0.002)
     assert abs(dyn.alpha[0]) < 1e-6
@@ -141,7 +141,7 @@ def test_a_phugoid_has_the_period_of_its_approximation() -> None:
     dyn, _ = trimmed(speed, slippery)
     dyn.vel[0] *= 1.1
     speeds: list[float] = []
-    for _ in range(round(40.0 / DT)):
+    for _ in range(round(31.0 / DT)):
         dyn.step()
         speeds.append(float(dyn.airspeed[0]))
     wave = np.array(speeds[round(2.0 / DT) :])
@@ -324,7 +324,7 @@ def roll_out(seconds: float, speed: float = 8.0, rudder: float = 0.0) -> PlaneDy
 
 
 def test_wheels_roll_to_a_stop_by_their_friction() -> None:
-    dyn = roll_out(12.0)
+    dyn = roll_out(8.0)
     assert dyn.pos[0, 0] == pytest.approx(8.0**2 / (2.0 * ROLLING * GRAVITY), rel=0.03)
     assert dyn.resting[0]
     assert abs(dyn.pos[1, 0]) < 0.01

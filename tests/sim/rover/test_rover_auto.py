@@ -146,7 +146,7 @@ def test_a_command_it_does_not_know_is_passed(yard: Yard) -> None:
 def test_after_the_mission(make_yard: MakeYard, behaviour: int, mode: str) -> None:
     """MIS_DONE_BEHAVE."""
     yard = make_yard(params={"MIS_DONE_BEHAVE": behaviour})
-    begin(yard, [at(WAYPOINT, 6, 0)])
+    begin(yard, [at(WAYPOINT, 3, 0)])
     yard.desk.until(lambda: "Mission Complete" in yard.desk.texts(), 30.0)
     yard.desk.world.step(0.5)
     assert yard.rover.mode.name == mode
@@ -161,7 +161,7 @@ def test_a_changed_mission_is_begun_again(yard: Yard) -> None:
     assert plans.upload(yard.desk, [far]) == 0
     yard.desk.world.step(0.3)
     assert "Auto mission changed, restarted command" in yard.desk.texts()
-    yard.desk.until(lambda: yard.place[1] > 10.0, 40.0)
+    yard.desk.until(lambda: yard.place[1] > 4.0, 40.0)
 
 
 def test_disarmed_in_auto_it_keeps_its_place(yard: Yard) -> None:
