@@ -135,12 +135,12 @@ class TestCompass:
         assert (after["xmag"], after["ymag"]) != (before["xmag"], before["ymag"])
         largest = max(watch(aloft, 1.0, lambda: ekf(aloft)["compass_variance"]))
         assert 0.25 < largest < 0.8
-        aloft.world.step(20.0)
+        aloft.world.step(14.0)
         true_yaw = _true_yaw(aloft)
         assert abs(aloft.vehicle.brain.sense.yaw) < 0.03  # it believes to point north
         assert true_yaw == pytest.approx(-0.349, abs=0.04)
         aloft.world.clear("copter1")
-        aloft.world.step(30.0)
+        aloft.world.step(18.0)
         assert _true_yaw(aloft) == pytest.approx(0.0, abs=0.03)
         assert ekf(aloft)["flags"] == GOOD
 
