@@ -20,15 +20,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, body_z, dot, quat_from_euler, quat_rate
-from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY, Airframe
+from zmav.sim.arrays import Array, Flags, body_z, dot, quat_from_euler
+from zmav.sim.dynamics.airframe import AIR_DENSITY, Airframe
 from zmav.sim.dynamics.ground import REACH_M, REST_SPEED, Ground
+from zmav.sim.dynamics.rigid import RigidBodies
 from zmav.sim.environment import Terrain
 
 REST_THRUST = 0.7  # of the weight: below it a standing vehicle does not move
 
 
-class CopterDynamics:
+class CopterDynamics(RigidBodies):
     """State of N copters: ``pos`` and ``vel`` (3, N) metres NED, ``q`` (4, N), ``rate`` (3, N) rad/s body, ``rotor``
     (M, N).
 
@@ -39,39 +40,26 @@ class CopterDynamics:
 
     def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float, terrain: Terrain | None = None) -> None:
         n, m = start.shape[1], len(airframe.rotors)
+        super().__init__(start, airframe.mass_kg, airframe.inertia_kgm2)
         self.airframe = airframe
-        self.pos: Array = start.astype(float).copy()
-        self.vel: Array = np.zeros((3, n))
         leg = airframe.leg_m
         feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
         rotor_m = (airframe.rotor_radius_m, airframe.rotor_height_m)
         self.ground = Ground(terrain or Terrain(), feet, airframe.weight_n, rotor_m)
-        self.rate: Array = np.zeros((3, n))
         self.rotor: Array = np.zeros((m, n))
         self.throttle: Array = np.zeros((m, n))
         self.efficiency: Array = np.ones((m, n))
         self.supply: Array = np.ones(n)
         self.density: Array = np.full(n, airframe.air_density or AIR_DENSITY)
-        self.wind: Array = np.zeros((3, n))
         self.terrain = self.ground.terrain
-        self.accel: Array = np.zeros((3, n))  # of the last step, m/s^2 NED, gravity included
         self.thrust: Array = np.zeros((m, n))  # of the last step, N
         self.contact: Flags = self.ground.height(self.pos) <= 1e-6
         self.resting: Flags = self.contact & self.ground.holds
         self.q: Array = np.where(self.contact, self.ground.upright(yaw), quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw))
-        self.impact: Array = np.zeros(n)  # down speed of the last touch of the ground, m/s; cleared by who reads it
         self._wrench = airframe.wrench_matrix()
         self._forward = np.array([[r.forward_m] for r in airframe.rotors])
         self._right = np.array([[r.right_m] for r in airframe.rotors])
-        self._inertia = np.array(airframe.inertia_kgm2)[:, None]
-        jx, jy, jz = airframe.inertia_kgm2
-        self._gyro: Array = np.zeros((3, n))
-        self._gyro_inertia = np.array([[jz - jy], [jx - jz], [jy - jx]])
         self.dt = dt
-
-    @property
-    def n(self) -> int:
-        return int(self.pos.shape[1])
 
     @property
     def dt(self) -> float:
@@ -100,9 +88,7 @@ class CopterDynamics:
         total = wrench[0]
         self.resting &= total < REST_THRUST * frame.weight_n
         if self.resting.all():
-            self.vel[:] = 0.0
-            self.rate[:] = 0.0
-            self.accel[:] = 0.0
+            self.stand()
             return
         down = body_z(self.q)
         force = self._drag(down, total) - down * total
@@ -132,10 +118,8 @@ class CopterDynamics:
 
     def energy(self) -> Array:
         """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero on the ground."""
-        kinetic = 0.5 * self.airframe.mass_kg * dot(self.vel, self.vel)
-        spinning = 0.5 * (self._inertia * self.rate * self.rate).sum(0)
         height: Array = self.ground.height(self.pos)
-        result: Array = kinetic + spinning + self.airframe.weight_n * height
+        result: Array = self.kinetic_energy() + self.airframe.weight_n * height
         return result
 
     def _drag(self, down: Array, total: Array) -> Array:
@@ -174,24 +158,12 @@ class CopterDynamics:
         torque[:, index] += twist
 
     def _integrate(self, force: Array, torque: Array) -> None:
-        dt = self.dt
-        accel = force / self.airframe.mass_kg
-        accel[2] += GRAVITY
-        # w x Jw, for an inertia without products.
-        p, q, r = self.rate
-        np.multiply(q, r, out=self._gyro[0])
-        np.multiply(r, p, out=self._gyro[1])
-        np.multiply(p, q, out=self._gyro[2])
-        spin = (torque - self._gyro * self._gyro_inertia) / self._inertia
-        before = self.vel
-        self.vel = before + accel * dt
-        self.rate = self.rate + spin * dt
+        accel, before = self.linear(force), self.vel
+        self.vel = before + accel * self.dt
+        self.rate = self.rate + self.angular(torque) * self.dt
         if self.contact.any():
             self._rest(accel)
-        self.accel = accel
-        self.pos += (before + self.vel) * (0.5 * dt)
-        self.q += quat_rate(self.q, self.rate) * dt
-        self.q /= np.sqrt(dot(self.q, self.q))
+        self.move(before, accel)
 
     def _rest(self, accel: Array) -> None:
         """Those on the ground that hardly move and do not lift come to rest; those at rest do not move."""
@@ -199,7 +171,4 @@ class CopterDynamics:
         light = self.thrust.sum(0) < REST_THRUST * self.airframe.weight_n
         if self.ground.holds:
             self.resting |= self.contact & slow & light
-        moving = ~self.resting
-        self.vel *= moving
-        self.rate *= moving
-        accel *= moving
+        self.hold(accel)

@@ -17,8 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.sim.arrays import Array, Flags, clamp, dot, quat_rate, rotation_matrix
+from zmav.sim.arrays import Array, Flags, clamp, dot, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
+from zmav.sim.dynamics.rigid import RigidBodies
 from zmav.sim.dynamics.wing import Wing
 from zmav.sim.environment import Terrain
 
@@ -34,7 +35,7 @@ REST_THRUST = 0.1  # of the weight: below it a standing plane does not move
 FASTEST_AIR = 120.0  # m/s: beyond it, where these coefficients mean nothing, forces grow no more
 
 
-class PlaneDynamics:
+class PlaneDynamics(RigidBodies):
     """State of N planes: ``pos`` and ``vel`` (3, N) metres NED, ``q`` (4, N), ``rate`` (3, N) rad/s body.
 
     The inputs are ``surface`` (3, N): aileron, elevator, rudder as shares of their travel (right, up, right
@@ -51,29 +52,21 @@ class PlaneDynamics:
         terrain: Terrain | None = None,
     ) -> None:
         n = start.shape[1]
+        super().__init__(start, wing.mass_kg, wing.inertia_kgm2)
         self.wing = wing
         self.dt = dt
         self.density: Array = np.full(n, AIR_DENSITY)
-        self.pos: Array = start.astype(float).copy()
-        self.vel: Array = np.zeros((3, n))
         self.q: Array = np.zeros((4, n))
         self.q[0], self.q[3] = np.cos(yaw / 2), np.sin(yaw / 2)
-        self.rate: Array = np.zeros((3, n))
         self.surface: Array = np.zeros((3, n))
         self.deflection: Array = np.zeros((3, n))
         self.throttle: Array = np.zeros(n)
         self.efficiency: Array = np.ones((1, n))  # 1 a whole motor, 0 one that has failed
-        self.wind: Array = np.zeros((3, n))
         self.terrain = terrain or Terrain()
         self.thrust: Array = np.zeros(n)  # of the last step, N
-        self.accel: Array = np.zeros((3, n))  # of the last step, m/s^2 NED, gravity included
         self.airspeed: Array = np.zeros(n)  # of the last step, m/s
         self.alpha: Array = np.zeros(n)  # angle of attack and sideslip of the last step, rad
         self.beta: Array = np.zeros(n)
-        self.impact: Array = np.zeros(n)  # down speed of the last touch of the ground, m/s; cleared by who reads it
-        self._inertia = np.array(wing.inertia_kgm2)[:, None]
-        jx, jy, jz = wing.inertia_kgm2
-        self._gyro_inertia = np.array([[jz - jy], [jx - jz], [jy - jx]])
         self._points = np.array([[w.forward_m, w.right_m, w.down_m] for w in wing.wheels]).T
         self._along = np.array([ROLLING if w.rolls else FRICTION for w in wing.wheels])[:, None]
         self._steered = np.array([w.steered for w in wing.wheels])
@@ -88,10 +81,6 @@ class PlaneDynamics:
         self._stand()
         self.contact: Flags = self._height() <= 1e-6
         self.resting: Flags = self.contact.copy()
-
-    @property
-    def n(self) -> int:
-        return int(self.pos.shape[1])
 
     @property
     def stand_m(self) -> float:
@@ -119,9 +108,7 @@ class PlaneDynamics:
         force, torque, drag = self._air(air)
         self.resting &= self.thrust < REST_THRUST * self.wing.weight_n
         if self.resting.all():
-            self.vel[:] = 0.0
-            self.rate[:] = 0.0
-            self.accel[:] = 0.0
+            self.stand()
             return
         push = np.einsum("ijn,jn->in", rot, force)
         self._ground(rot, push, torque)
@@ -150,9 +137,7 @@ class PlaneDynamics:
 
     def energy(self) -> Array:
         """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero at the world's origin."""
-        kinetic = 0.5 * self.wing.mass_kg * dot(self.vel, self.vel)
-        turning = 0.5 * (self._inertia * self.rate * self.rate).sum(0)
-        result: Array = kinetic + turning - self.wing.weight_n * self.pos[2]
+        result: Array = self.kinetic_energy() - self.wing.weight_n * self.pos[2]
         return result
 
     def _air(self, air: Array) -> tuple[Array, Array, Array]:
@@ -238,29 +223,16 @@ class PlaneDynamics:
         return result
 
     def _integrate(self, force: Array, torque: Array, damping: Array) -> None:
-        dt = self.dt
-        accel = force / self.wing.mass_kg
-        accel[2] += GRAVITY
-        # w x Jw, for an inertia without products.
-        p, q, r = self.rate
-        gyro = np.array([q * r, r * p, p * q]) * self._gyro_inertia
-        spin = self.rate + (torque - gyro) / self._inertia * dt
-        before = self.vel
-        self.vel = before + accel * dt
-        self.rate = spin / (1.0 + damping / self._inertia * dt)
+        accel, before = self.linear(force), self.vel
+        self.vel = before + accel * self.dt
+        self.rate = (self.rate + self.angular(torque) * self.dt) / (1.0 + damping / self._inertia * self.dt)
         if self.contact.any():
             self._rest(accel)
-        self.accel = accel
-        self.pos += (before + self.vel) * (0.5 * dt)
-        self.q += quat_rate(self.q, self.rate) * dt
-        self.q /= np.sqrt(dot(self.q, self.q))
+        self.move(before, accel)
 
     def _rest(self, accel: Array) -> None:
         """Those on the ground that hardly move, with the engine idle, come to rest; those at rest do not move."""
         slow = (dot(self.vel, self.vel) < REST_SPEED**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
         light = self.thrust < REST_THRUST * self.wing.weight_n
         self.resting |= self.contact & slow & light
-        moving = ~self.resting
-        self.vel *= moving
-        self.rate *= moving
-        accel *= moving
+        self.hold(accel)
