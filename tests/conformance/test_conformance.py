@@ -148,8 +148,7 @@ async def test_goto(flight: Flight) -> None:
     await flight.under_way()
     kind = flight.kind
     target = flight.offset(0.0, -kind.reach)
-    with flight.hurried():
-        await flight.vehicle.goto(pos=target, tolerance=kind.tolerance)
+    await flight.vehicle.goto(pos=target, tolerance=kind.tolerance)
     assert flight.away(target) < 1.2 * kind.tolerance + 1.0  # it may be on its way through
 
 
