@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.services.rate_peer import StreamPeer
@@ -51,6 +51,7 @@ DELAYS = st.tuples(st.floats(0.0, 0.3), st.floats(0.0, 0.3))
 """s there and back: as uneven as can be"""
 
 
+@example(drift=100e-6, delays=[(0.0, 0.0)] * 4 + [(0.0, 0.25)], every=1.0, ago=0.0)
 @given(
     drift=st.floats(-100e-6, 100e-6),
     delays=st.lists(DELAYS, min_size=SETTLED, max_size=80),

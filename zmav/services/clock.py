@@ -120,7 +120,8 @@ class Clock:
     def sample(self, sent: float, received: float, boot: float) -> Verdict:
         """One answer: asked and received at these of our seconds, stamped ``boot`` seconds after the boot."""
         before, gone_back = self._offset, boot < self._boot
-        found = Offset(received, sent - boot, received - boot)
+        # Stamped as early as it was asked, the clocks have drifted apart since.
+        found = Offset(received, sent - boot - MAX_DRIFT * (received - sent), received - boot)
         self._boot = boot
         self._note_pace((sent + received) / 2, boot)
         if before is None:
