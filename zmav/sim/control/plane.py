@@ -189,12 +189,7 @@ class PlaneControl:
         )
         damped = (self._yaw_i - quick) * g["YAW2SRV_DAMP"] * scale * scale
         mixed = damped + g["KFF_RDDRMIX"] * self.surface[0] + t.rudder
-        rudder = np.where(t.auto_rudder, mixed, t.rudder)
-        if t.steering.any():
-            miss = np.arctan2(np.sin(t.heading - euler[2]), np.cos(t.heading - euler[2]))
-            course = (miss / g["STEER2SRV_TCONST"] - est.rate[2]) * g["STEER2SRV_P"] * 0.5
-            rudder = np.where(t.steering, course, rudder)
-        return clamp(rudder, -1.0, 1.0)
+        return clamp(np.where(t.auto_rudder, mixed, t.rudder), -1.0, 1.0)
 
     def flown(self, index: int) -> Flown:
         """What is done about one plane."""

@@ -81,8 +81,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "YAW2SRV_IMAX": (0.0, 4500.0),
     "KFF_RDDRMIX": (-1.0, 1.0),
     "SCALING_SPEED": (1.0, 100.0),
-    "STEER2SRV_P": (0.0, 10.0),
-    "STEER2SRV_TCONST": (0.2, 10.0),
     "NAVL1_PERIOD": (1.0, 100.0),
     "NAVL1_DAMPING": (0.1, 2.0),
     "NAVL1_XTRACK_I": (0.0, 0.1),
@@ -154,7 +152,6 @@ class PlaneTargets:
         self.stage = np.zeros(n, dtype=np.int8)
         self.auto_throttle = np.zeros(n, dtype=bool)
         self.auto_rudder = np.zeros(n, dtype=bool)
-        self.steering = np.zeros(n, dtype=bool)  # the rudder holds a course on the ground
         self.idle = np.ones(n, dtype=bool)  # integrators rest: it stands
         self.aileron, self.elevator, self.rudder, self.throttle = row(), row(), row(), row()
         self.p, self.q = row(), row()  # body rates, rad/s
@@ -198,7 +195,6 @@ class PlaneHandle:
         self.power(0.0)
         self.stage(Stage.NORMAL)
         self._t.idle[self._i] = True
-        self._t.steering[self._i] = False
 
     def flying(self, on: bool) -> None:
         """The integrators may work."""
@@ -247,14 +243,6 @@ class PlaneHandle:
     def fly_heading(self, heading: float) -> None:
         t, i = self._t, self._i
         t.lateral[i], t.auto_rudder[i], t.heading[i] = Lateral.HEADING, True, heading
-
-    def steer(self, on: bool) -> None:
-        """Whether the rudder, and the nose wheel with it, holds ``heading`` on the ground."""
-        self._t.steering[self._i] = on
-
-    def course(self, heading: float) -> None:
-        """What :meth:`steer` holds."""
-        self._t.heading[self._i] = heading
 
     def energy(self, height: float, airspeed: float) -> None:
         """Hold a height (m over the world's origin) and an equivalent airspeed with elevator and throttle."""
