@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -15,7 +16,7 @@ PATIENCE_S = 0.5  # of wall time: for so long the world waits for a stack that w
 TURNING = 0.02  # throttle from which rotors count as turning
 
 
-class External:
+class External(ABC):
     """Base of all of them. Everything is called in the world's thread.
 
     Its time follows the stack, and never runs ahead of the world's: :meth:`grant` lets it go on to the world's time,
@@ -42,17 +43,18 @@ class External:
         self._offset = 0.0  # what the world's time is ahead of the plant's
         self._heard = -math.inf  # wall time
 
+    @abstractmethod
     def open(self, wiring: Wiring) -> None:
         """Open what the stack connects to. Raises :class:`PortInUse`, :class:`BadUrl`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def close(self) -> None:
-        raise NotImplementedError
+        """Let go of it."""
 
     @property
+    @abstractmethod
     def url(self) -> str:
         """Where the stack connects to, or is found."""
-        raise NotImplementedError
 
     @property
     def urls(self) -> tuple[str, ...]:
@@ -60,13 +62,13 @@ class External:
         return self.reached or tuple(filter(None, [self.url]))
 
     @property
+    @abstractmethod
     def waits(self) -> bool:
         """The stack waits for time to pass."""
-        raise NotImplementedError
 
+    @abstractmethod
     def proceed(self) -> None:
         """Make what steps are granted by now."""
-        raise NotImplementedError
 
     # ---- time
 
@@ -104,7 +106,7 @@ class External:
 
     # ---- what there is to see
 
-    def flush(self) -> None:
+    def flush(self) -> None:  # noqa: B027 - not every stack has something waiting
         """Send what waits to be sent."""
 
     @property

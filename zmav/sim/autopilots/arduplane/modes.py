@@ -6,6 +6,7 @@ Modes: https://ardupilot.org/plane/docs/flight-modes.html
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.mode import Mode
@@ -53,9 +54,9 @@ class PlaneMode(Mode):
         self.plane.sp.roll(0.0)
         self.plane.sp.pitch(0.0)
 
+    @abstractmethod
     def fly(self) -> None:
         """Set this moment's targets."""
-        raise NotImplementedError
 
 
 class Manual(PlaneMode):
