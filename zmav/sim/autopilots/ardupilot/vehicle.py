@@ -27,10 +27,11 @@ from zmav.sim.autopilots.ardupilot.simulated import SimParams
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
+from zmav.sim.autopilots.placed import Placed
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Seat, Sense
-from zmav.sim.geo import Position, from_ned, to_ned
+from zmav.sim.geo import Position, to_ned
 from zmav.sim.protocol.params import ParamStore
 
 EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)  # MAV_SEVERITY
@@ -82,7 +83,7 @@ class AutoMode(Mode, Performer):
         """Go on after :meth:`pause`."""
 
 
-class ArduVehicle(ABC):
+class ArduVehicle(Placed, ABC):
     """Modes, arming and failsafes of one vehicle.
 
     The world calls :meth:`update` at every autopilot tick with the time and what the vehicle senses.
@@ -182,7 +183,7 @@ class ArduVehicle(ABC):
         """Why this kind does not enter a mode now; empty: it does."""
         return ""
 
-    def mode_changed(self) -> None:  # noqa: B027 - not every kind has anything to do then
+    def mode_changed(self) -> None:
         """Another mode was chosen and is about to be entered."""
 
     def region_of_interest(self, place: Vector | None) -> None:
@@ -199,7 +200,7 @@ class ArduVehicle(ABC):
         """It was disarmed: the mission begins anew."""
         self.mission.reset()
 
-    def save_waypoint(self) -> None:  # noqa: B027 - what is saved depends on the kind
+    def save_waypoint(self) -> None:
         """The pilot's switch adds where it is to the mission."""
 
     # ---- power
@@ -318,20 +319,6 @@ class ArduVehicle(ABC):
     def from_home(self) -> float:
         """Over the ground, m."""
         return math.hypot(self.sense.north - self.home_world[0], self.sense.east - self.home_world[1])
-
-    @property
-    def local(self) -> Vector:
-        """Position about the EKF origin, metres NED."""
-        o, s = self.origin_world, self.sense
-        return s.north - o[0], s.east - o[1], s.down - o[2]
-
-    @property
-    def position(self) -> Position:
-        return from_ned(self.sense.north, self.sense.east, self.sense.down, self.world)
-
-    def place(self, world: Vector) -> Position:
-        """A point of the world's NED, in degrees."""
-        return from_ned(*world, self.world)
 
     def place_of(self, item: Item, default: Vector | None) -> Vector:
         """Where a mission item is, in the world's NED; what it leaves open (zeros) is as in ``default``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from zmav.sim.autopilots.placed import Placed
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery
 from zmav.sim.autopilots.px4.ekf import Ekf2
@@ -23,7 +24,7 @@ from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Seat, Sense
-from zmav.sim.geo import Position, from_ned
+from zmav.sim.geo import Position
 from zmav.sim.protocol.params import ParamStore
 
 REAL_READY_S = 4.0  # from boot to arming, as measured: it is not slower where an ArduPilot beside it is
@@ -43,7 +44,7 @@ _STREAM_LIMITS = {"speed": "MPC_XY_VEL_MAX", "speed_up": "MPC_Z_VEL_MAX_UP", "sp
 _DEGREES = 3.141592653589793 / 180.0
 
 
-class Px4Copter:
+class Px4Copter(Placed):
     """Modes, arming, landing and failsafes of one vehicle.
 
     ``wanted`` is the mode asked for, ``mode`` the one that flies: a failsafe's, where one acts. The world calls
@@ -159,20 +160,6 @@ class Px4Copter:
     def hover_thrust(self) -> float:
         """Share of full thrust that carries the weight."""
         return self.airframe.hover_thrust_n / self.airframe.thrust_max_n
-
-    @property
-    def local(self) -> Vector:
-        """Position about the EKF origin, metres NED."""
-        o, s = self.origin_world, self.sense
-        return s.north - o[0], s.east - o[1], s.down - o[2]
-
-    @property
-    def position(self) -> Position:
-        return self.place((self.sense.north, self.sense.east, self.sense.down))
-
-    def place(self, world: Vector) -> Position:
-        """A point of the world's NED, in degrees."""
-        return from_ned(*world, self.world)
 
     @property
     def checks_ok(self) -> bool:
