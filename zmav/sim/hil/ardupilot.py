@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import errno
 import selectors
 import socket
 import time
 from collections.abc import Callable
 from typing import Any
 
-from zmav.errors import BadMessage, BadUrl, PortInUse
+from zmav.errors import BadMessage
 from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.json_fdm import PORT, PORT_STEP, JsonFdm
 from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.vehicle import External
+from zmav.sim.hil.vehicle import External, unopened
 
 READ_BYTES = 2048
 READS_PER_TURN = 16
@@ -61,11 +60,7 @@ class JsonVehicle(External):
             opened.bind(self._at)
         except OSError as error:
             opened.close()
-            if error.errno == errno.EADDRINUSE:
-                raise PortInUse(f"{where} is in use by another program", port=port) from error
-            raise BadUrl(
-                f"{where}: {error}", field="host", value=host, expected="an address of this machine"
-            ) from error
+            raise unopened(error, where, host, port) from error
         self._socket, self._selector = opened, wiring.selector
         self._at = (host, int(opened.getsockname()[1]))
         wiring.selector.register(opened, selectors.EVENT_READ, self._read)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import errno
 import selectors
 import socket
 import time
 from collections.abc import Callable
 
-from zmav.errors import BadMessage, BadUrl, PortInUse
+from zmav.errors import BadMessage
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Splitter
 from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.line import Line
 from zmav.sim.hil.plant import Plant
 from zmav.sim.hil.stream import FAULTS, HilStream
-from zmav.sim.hil.vehicle import External
+from zmav.sim.hil.vehicle import External, unopened
 
 PORT = 4560
 SEND_BYTES = 32 * 1024  # readings that wait longer are worth nothing
@@ -72,11 +71,7 @@ class Px4Vehicle(External):
         try:
             self._server = socket.create_server(self._at, family=family, backlog=4)
         except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                raise PortInUse(f"{where} is in use by another program", port=port) from error
-            raise BadUrl(
-                f"{where}: {error}", field="host", value=host, expected="an address of this machine"
-            ) from error
+            raise unopened(error, where, host, port) from error
         self._selector = wiring.selector
         self._server.setblocking(False)
         self._at = (host, int(self._server.getsockname()[1]))

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar
 
+from zmav.errors import BadUrl, PortInUse
 from zmav.sim.endpoints import Wiring
 from zmav.sim.hil.plant import Plant
 from zmav.sim.status import VehicleStatus
 
 PATIENCE_S = 0.5  # of wall time: for so long the world waits for a stack that was heard of
 TURNING = 0.02  # throttle from which rotors count as turning
+
+
+def unopened(error: OSError, where: str, host: str, port: int) -> PortInUse | BadUrl:
+    """What to say of a port that could not be opened."""
+    if error.errno == errno.EADDRINUSE:
+        return PortInUse(f"{where} is in use by another program", port=port)
+    return BadUrl(f"{where}: {error}", field="host", value=host, expected="an address of this machine")
 
 
 class External(ABC):
