@@ -82,7 +82,7 @@ def test_a_vehicle_s_own_table_takes_the_place_of_the_fleet_s(path: Path) -> Non
 
 
 def test_the_example_in_the_documentation_is_read(path: Path) -> None:
-    path.write_text((config.__doc__ or "").partition("\n\n")[2].rpartition("\n\n")[0])
+    path.write_text((config.fleet.__doc__ or "").partition("\n\n")[2].rpartition("\n\n")[0])
     assert load_fleet(path).vehicle("quad1").pilot_switch == PilotSwitch(channel=7, low=1700, high=2200)
 
 

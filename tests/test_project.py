@@ -37,7 +37,7 @@ BELOW = {
 LAYERS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "process": set(), "waiting": set()},
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire"}},
-    {"config": set(), "formats": set()},
+    {"config": set(), "formats": set(), "trust": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},

@@ -19,6 +19,7 @@ the wire in an error reply, so that a refusal on a vehicle becomes the same exce
         ├── Refused         the autopilot (or the vehicle's own rules) said no, with its reason
         ├── TimedOut        no answer, or the answer did not come true in time
         ├── Clash           two vehicles share a name or a system id; nobody may command them
+        ├── Forbidden       it did not come from who may ask for it: no proof of origin, or not with that role
         ├── NotHolder       another agent holds the vehicle's lease
         └── Unsupported     this autopilot or vehicle type cannot do it
 """
@@ -107,6 +108,12 @@ class Clash(VehicleError):
 
 class NotHolder(VehicleError):
     code = "not_holder"
+
+
+class Forbidden(VehicleError):
+    """The vehicle does not believe where it came from, or that one may not do it; see :mod:`zmav.trust`."""
+
+    code = "forbidden"
 
 
 class Unsupported(VehicleError):

@@ -18,6 +18,7 @@ import msgspec
 import zenoh
 
 from zmav.errors import BadConfig, SessionError
+from zmav.trust.credentials import Credentials
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 PATIENCE = 1.0
@@ -36,6 +37,10 @@ class SessionSettings(msgspec.Struct, kw_only=True, frozen=True):
     """a Zenoh configuration file: it goes before zmav's own defaults, and the other settings here go before it"""
     cfg: Sequence[str] = ()
     """``PATH:VALUE`` pairs, VALUE in JSON5, as the zenoh tools take them"""
+    credentials: str | None = None
+    """folder of the member we are: mutual TLS on ``tls/`` and ``quic/``, and proofs of origin"""
+    values: dict[str, Any] = {}
+    """Zenoh configuration paths and values that were worked out for a router: they go before zmav's own defaults"""
 
     def given(self) -> dict[str, Any]:
         """Zenoh configuration paths and values that were asked for here."""
@@ -80,6 +85,9 @@ def config(settings: SessionSettings) -> zenoh.Config:
     in_file = {path: text for path, text in _texts(built).items() if text != untouched[path]}
     given = settings.given()
     values = defaults(settings.mode or json.loads(in_file.get("mode", "null")) or "client")
+    if settings.credentials:
+        values.update(Credentials.load(settings.credentials).zenoh())
+    values.update(settings.values)
     for path, value in {**{p: v for p, v in values.items() if p not in in_file}, **given}.items():
         _insert(built, path, json.dumps(value))
     for pair in settings.cfg:

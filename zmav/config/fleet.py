@@ -33,6 +33,7 @@ channel = 7
 low = 1700
 high = 2200
 
+``[mesh]``, ``[vehicles.quad1.mesh]`` and ``[stations.ground]`` are for the network: :mod:`zmav.config.mesh`.
 ``[sim]`` and ``[vehicles.quad1.sim]`` are for the simulator: :mod:`zmav.sim.fleetfile` says what they hold.
 A vehicle's own ``failsafe``, ``geofence`` or ``limits`` table takes the whole place of the fleet's.
 """
@@ -46,14 +47,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from zmav import keys, wire
+from zmav.config.mesh import Host, Mesh
+from zmav.config.table import Positive, Table
 from zmav.errors import BadConfig, BadInput
 
 Action = Literal["loiter", "rtl", "land"]
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-
-
-class Table(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
-    """Base of the tables: strict, and never changed once read."""
 
 
 class Failsafe(Table, frozen=True):
@@ -129,8 +127,17 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits | None = None
     pilot_switch: PilotSwitch | None = None
     signing: Signing | None = None
+    mesh: Host = Host()
     sim: dict[str, Any] | None = None
     """how ``zmav sim`` simulates it; None: not at all"""
+
+
+class StationConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """A host without a vehicle: a ground station, a relay, a rendezvous in the cloud."""
+
+    listen: list[str] = []
+    connect: list[str] = []
+    mesh: Host = Host()
 
 
 class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -141,9 +148,21 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     failsafe: Failsafe = Failsafe()
     geofence: Geofence = Geofence()
     limits: Limits = Limits()
+    mesh: Mesh = Mesh()
     vehicles: dict[str, VehicleConfig] = {}
+    stations: dict[str, StationConfig] = {}
     sim: dict[str, Any] = {}
     """the world of ``zmav sim``"""
+
+    def host(self, name: str) -> VehicleConfig | StationConfig:
+        """The table of a host, vehicle or not; raises :class:`BadConfig` naming those there are."""
+        found = self.vehicles.get(name) or self.stations.get(name)
+        if found is None:
+            known = ", ".join((*self.vehicles, *self.stations)) or "none"
+            raise BadConfig(
+                f"no host {name!r} in the fleet file; it has {known}", field="name", value=name, expected=known
+            )
+        return found
 
     def vehicle(self, name: str) -> VehicleConfig:
         """The table of that vehicle, the fleet's own filled in; raises :class:`BadConfig` naming those there are."""
@@ -169,8 +188,11 @@ def load_fleet(path: str | Path) -> FleetConfig:
         raise BadConfig(f"cannot read the fleet file {path}: {e.strerror}", field="file", value=str(path)) from e
     try:
         fleet = msgspec.toml.decode(data, type=FleetConfig)
-        for name in (fleet.fleet, *fleet.vehicles):
+        for name in (fleet.fleet, *fleet.vehicles, *fleet.stations):
             keys.check_name(name)
+        for name in fleet.stations:
+            if name in fleet.vehicles:
+                raise _wrong(f"stations.{name}", name, "a name that no vehicle has")
         if fleet.origin:
             _check_origin(fleet.origin)
         _check_tables("", fleet)

@@ -1,0 +1,43 @@
+"""The fleet file: TOML, typed and strict, one for the whole fleet. :mod:`zmav.config.fleet` shows what it holds."""
+
+from __future__ import annotations
+
+from zmav.config.fleet import (
+    Action,
+    Failsafe,
+    FleetConfig,
+    Geofence,
+    Limits,
+    PilotSwitch,
+    Signing,
+    StationConfig,
+    VehicleConfig,
+    check_failsafe,
+    check_fence,
+    load_fleet,
+    origin_of,
+)
+from zmav.config.mesh import Host, Mesh, Profile, Radio, RadioKind
+from zmav.config.table import Table
+
+__all__ = [
+    "Action",
+    "Failsafe",
+    "FleetConfig",
+    "Geofence",
+    "Host",
+    "Limits",
+    "Mesh",
+    "PilotSwitch",
+    "Profile",
+    "Radio",
+    "RadioKind",
+    "Signing",
+    "StationConfig",
+    "Table",
+    "VehicleConfig",
+    "check_failsafe",
+    "check_fence",
+    "load_fleet",
+    "origin_of",
+]

@@ -1,0 +1,106 @@
+"""A member's certificate: X.509 with an Ed25519 key, signed by the fleet's own authority.
+
+The subject says who it is: common name the member, organisation the fleet, organisational unit the role. Zenoh's access
+rules see the common name; a vehicle sees all three. One key serves mutual TLS and proofs of origin.
+"""
+
+from __future__ import annotations
+
+import datetime
+import enum
+import hashlib
+from dataclasses import dataclass
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+from cryptography.x509.oid import NameOID
+
+from zmav import keys
+from zmav.errors import BadConfig
+
+FINGERPRINT = 8
+"""bytes of SHA-256 over the DER form that name a certificate on the wire"""
+
+
+class Role(enum.Enum):
+    """What a member is. Its rights follow from the registry: :mod:`zmav.trust.rights`."""
+
+    VEHICLE = keys.VEHICLE
+    """speaks for itself, relays for others, and its own programs may fly it"""
+    OPERATOR = keys.OPERATOR
+    """may do everything"""
+    PLANNER = keys.PLANNER
+    """may fly vehicles, and not configure them"""
+    VIEWER = "viewer"
+    """may look"""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a certificate says, once read; :meth:`check` says whether it is to be believed."""
+
+    name: str
+    role: Role
+    fleet: str
+    fingerprint: bytes
+    serial: int
+    not_before: float
+    """UTC seconds"""
+    not_after: float
+    key: Ed25519PublicKey
+    der: bytes
+    document: x509.Certificate
+
+    @classmethod
+    def read(cls, der: bytes) -> Certificate:
+        """From its DER form; raises :class:`BadConfig` for what is no certificate of a fleet's member."""
+        try:
+            found = x509.load_der_x509_certificate(der)
+            key = found.public_key()
+            said = {oid: _only(found.subject, oid) for oid in _PARTS}
+            role = Role(said[NameOID.ORGANIZATIONAL_UNIT_NAME])
+        except (ValueError, TypeError) as e:
+            raise BadConfig(f"not a certificate of a fleet's member: {e}", field="certificate") from e
+        if not isinstance(key, Ed25519PublicKey):
+            raise BadConfig("a member's certificate has an Ed25519 key", field="certificate", expected="Ed25519")
+        return cls(
+            name=keys.check_name(said[NameOID.COMMON_NAME]),
+            role=role,
+            fleet=keys.check_name(said[NameOID.ORGANIZATION_NAME], "fleet"),
+            fingerprint=hashlib.sha256(der).digest()[:FINGERPRINT],
+            serial=found.serial_number,
+            not_before=_utc(found.not_valid_before_utc),
+            not_after=_utc(found.not_valid_after_utc),
+            key=key,
+            der=der,
+            document=found,
+        )
+
+    def check(self, authority: x509.Certificate, now: float) -> Certificate:
+        """Itself, where ``authority`` signed it and it is valid at ``now`` (UTC seconds); raises :class:`BadConfig`."""
+        try:
+            self.document.verify_directly_issued_by(authority)
+        except (ValueError, TypeError, InvalidSignature) as e:
+            raise BadConfig(f"the certificate of {self.name} is not of this fleet's authority", field="ca") from e
+        if not self.not_before <= now <= self.not_after:
+            late = now > self.not_after
+            word, when = ("expired", self.not_after) if late else ("is not valid before", self.not_before)
+            at = datetime.datetime.fromtimestamp(when, datetime.timezone.utc).isoformat(timespec="seconds")
+            text = f"the certificate of {self.name} {word} {at}; renew it with 'zmav mesh ca renew', or set the clock"
+            raise BadConfig(text, field="certificate", value=at, expected="a valid one")
+        return self
+
+
+_PARTS = (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)
+
+
+def _only(subject: x509.Name, oid: x509.ObjectIdentifier) -> str:
+    found = subject.get_attributes_for_oid(oid)
+    if len(found) != 1:
+        raise ValueError(f"its subject has {len(found)} {oid._name}")
+    return str(found[0].value)
+
+
+def _utc(when: datetime.datetime) -> float:
+    return when.timestamp()

@@ -1,0 +1,105 @@
+"""A member's folder: what ``zmav mesh ca issue`` wrote for it.
+
+``ca.pem`` the authority's certificate, ``cert.pem`` the member's own, ``key.pem`` its private key, which only its owner
+may read, ``roster.json`` the newest roster seen. The folder is named by ``--credentials`` or ``$ZMAV_CREDENTIALS``.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cryptography import x509
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from zmav.errors import BadConfig
+from zmav.trust.certificate import Certificate, Role
+from zmav.trust.roster import Roster, read_signed
+
+CA, CERT, KEY, ROSTER = "ca.pem", "cert.pem", "key.pem", "roster.json"
+VARIABLE = "ZMAV_CREDENTIALS"
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """One member's, read and checked."""
+
+    folder: Path
+    authority: x509.Certificate
+    certificate: Certificate
+    key: Ed25519PrivateKey
+    roster: Roster
+
+    @classmethod
+    def load(cls, folder: str | Path, now: float | None = None) -> Credentials:
+        """Read a folder; raises :class:`BadConfig` naming the file, for a certificate that is not valid now, too."""
+        folder = Path(folder).expanduser()
+        authority = _certificate(folder / CA)
+        found = _certificate(folder / CERT)
+        certificate = Certificate.read(found.public_bytes(serialization.Encoding.DER))
+        certificate.check(authority, time.time() if now is None else now)
+        key = _key(folder / KEY)
+        if key.public_key() != certificate.key:
+            raise BadConfig(f"{folder / KEY} is not the key of {folder / CERT}", field="key", value=str(folder / KEY))
+        roster = read_signed(_bytes(folder / ROSTER)).open(authority, certificate.fleet)
+        return cls(folder, authority, certificate, key, roster)
+
+    @property
+    def name(self) -> str:
+        return self.certificate.name
+
+    @property
+    def role(self) -> Role:
+        return self.certificate.role
+
+    @property
+    def fleet(self) -> str:
+        return self.certificate.fleet
+
+    def zenoh(self) -> dict[str, Any]:
+        """Zenoh's configuration of mutual TLS, for ``tls/`` and ``quic/``, by path.
+
+        Endpoints are named by address, so the other's name is not compared with it: the authority signs members only.
+        """
+        cert, key = str(self.folder / CERT), str(self.folder / KEY)
+        return {
+            "transport/link/tls/root_ca_certificate": str(self.folder / CA),
+            "transport/link/tls/listen_certificate": cert,
+            "transport/link/tls/listen_private_key": key,
+            "transport/link/tls/connect_certificate": cert,
+            "transport/link/tls/connect_private_key": key,
+            "transport/link/tls/enable_mtls": True,
+            "transport/link/tls/verify_name_on_connect": False,
+        }
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as e:
+        text = f"cannot read {path}: {e.strerror}; 'zmav mesh ca issue' makes such a folder"
+        raise BadConfig(text, field="credentials", value=str(path), expected="a file") from e
+
+
+def _certificate(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(_bytes(path))
+    except ValueError as e:
+        raise BadConfig(f"{path} is not a certificate: {e}", field="credentials", value=str(path)) from e
+
+
+def _key(path: Path) -> Ed25519PrivateKey:
+    data = _bytes(path)
+    if path.stat().st_mode & 0o077:
+        text = f"{path} can be read by others than its owner: chmod 600 {path}"
+        raise BadConfig(text, field="credentials", value=str(path), expected="mode 0600")
+    try:
+        key = serialization.load_pem_private_key(data, password=None)
+    except (ValueError, TypeError) as e:
+        raise BadConfig(f"{path} is not a private key: {e}", field="credentials", value=str(path)) from e
+    if not isinstance(key, Ed25519PrivateKey):
+        raise BadConfig(f"{path} is not an Ed25519 key", field="credentials", value=str(path), expected="Ed25519")
+    return key

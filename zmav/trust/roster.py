@@ -1,0 +1,79 @@
+"""The roster: who the fleet's authority has admitted and whom it has turned out, signed by the authority.
+
+It is one JSON file beside each member's certificate. The newer one of the same fleet takes the place of the older,
+whoever brought it: only the authority can sign one.
+"""
+
+from __future__ import annotations
+
+import base64
+
+import msgspec
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+from zmav import wire
+from zmav.errors import BadConfig
+from zmav.wire.base import Wire
+
+
+class Member(Wire, kw_only=True):
+    """One certificate the authority has signed."""
+
+    name: str
+    role: str
+    fingerprint: str
+    """hexadecimal"""
+    not_after: float
+    """UTC seconds"""
+
+
+class Roster(Wire, kw_only=True):
+    """What the authority says of its members."""
+
+    fleet: str
+    number: int
+    """counts up with every change"""
+    t: float
+    members: list[Member] = []
+    revoked: list[str] = []
+    """fingerprints, hexadecimal, of certificates that are believed no more"""
+
+    def is_revoked(self, fingerprint: bytes) -> bool:
+        return fingerprint.hex() in self.revoked
+
+    def names(self, role: str) -> list[str]:
+        """The members of a role that are not revoked, each once."""
+        return sorted({m.name for m in self.members if m.role == role and m.fingerprint not in self.revoked})
+
+
+class SignedRoster(Wire, kw_only=True):
+    """The file, and what travels."""
+
+    roster: str
+    """the roster's JSON, as it was signed"""
+    signature: str
+    """Ed25519, base64"""
+
+    def open(self, authority: x509.Certificate, fleet: str) -> Roster:
+        """The roster inside; raises :class:`BadConfig` where the authority did not sign it, or for another fleet."""
+        key = authority.public_key()
+        assert isinstance(key, Ed25519PublicKey)
+        try:
+            key.verify(base64.b64decode(self.signature, validate=True), self.roster.encode())
+        except (InvalidSignature, ValueError) as e:
+            raise BadConfig("the roster is not signed by this fleet's authority", field="roster") from e
+        roster = wire.decode(self.roster.encode(), Roster, "roster")
+        if roster.fleet != fleet:
+            text = f"the roster is of the fleet {roster.fleet!r}"
+            raise BadConfig(text, field="roster.fleet", value=roster.fleet, expected=fleet)
+        return roster
+
+
+def read_signed(data: bytes) -> SignedRoster:
+    """Raises :class:`BadConfig` for what is no roster."""
+    try:
+        return msgspec.json.decode(data, type=SignedRoster)
+    except (msgspec.DecodeError, UnicodeDecodeError) as e:
+        raise BadConfig(f"not a roster: {e}", field="roster") from e
