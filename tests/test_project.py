@@ -36,7 +36,7 @@ BELOW = {
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "process": set(), "waiting": set()},
-    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire"}},
+    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}},
     {"config": set(), "formats": set(), "trust": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},

@@ -46,7 +46,11 @@ _PRIORITY = {
     Qos.BULK: zenoh.Priority.BACKGROUND,
 }
 
-VEHICLE, OPERATOR, PLANNER, AGENT, ANYONE = "vehicle", "operator", "planner", "agent", "anyone"
+VEHICLE, OPERATOR, PLANNER, VIEWER = "vehicle", "operator", "planner", "viewer"
+AGENT = "agent"
+"""a vehicle's own programs, which speak with its certificate, and about that vehicle only"""
+ANYONE = "anyone"
+"""every member of the fleet"""
 JSON = zenoh.Encoding.APPLICATION_JSON
 RAW = zenoh.Encoding.ZENOH_BYTES  # the default encoding: costs no byte on the wire
 
@@ -56,7 +60,10 @@ class Channel:
     """One line of the registry.
 
     ``kind`` is ``pub`` (the vehicle publishes), ``put`` (others write), ``query`` (others ask), ``token`` (liveliness).
-    ``writers`` are the roles that may put or ask; ``rate_hz`` is nominal; older than ``stale_after`` seconds is stale.
+    ``writers`` are the roles that may put or ask (of ``do``, :data:`zmav.verbs.VERBS` says it verb by verb, of
+    ``fleet``, :data:`TOPICS` topic by topic: see :mod:`zmav.trust.rights`); ``rate_hz`` is nominal; older than
+    ``stale_after`` seconds is stale. ``proven``: the vehicle takes it with a proof of origin only, where it has
+    credentials: see :mod:`zmav.trust.proof`.
     """
 
     name: str
@@ -70,6 +77,7 @@ class Channel:
     rate_hz: float | None = None
     stale_after: float | None = None
     recorded: bool = False
+    proven: bool = False
 
     def key(self, fleet: str, vehicle: str = "", **chunks: object) -> str:
         """The key (or key expression, with ``*`` for any part) of this channel."""
@@ -86,6 +94,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "tx", "{fleet}/{vehicle}/mav/tx/{sys}/{comp}/{msg}", "put", None, Qos.LATEST_WINS,
             "raw MAVLink frame for the vehicle; sys and comp are the target", (OPERATOR,), encoding=RAW, recorded=True,
+            proven=True,
         ),
         Channel(
             "state", "{fleet}/{vehicle}/state", "pub", wire.VehicleState, Qos.LATEST_WINS,
@@ -102,11 +111,12 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "do", "{fleet}/{vehicle}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
-            "a command: JSON arguments in, JSON outcome or error out", (OPERATOR, PLANNER), recorded=True,
+            "a command: JSON arguments in, JSON outcome or error out", (OPERATOR, PLANNER, AGENT, VIEWER),
+            recorded=True, proven=True,
         ),
         Channel(
             "setpoint", "{fleet}/{vehicle}/setpoint/{agent}", "put", wire.Setpoint, Qos.REALTIME,
-            "one point of an outer-loop command stream", (PLANNER, AGENT),
+            "one point of an outer-loop command stream", (PLANNER, AGENT, OPERATOR),
             rate_hz=10.0, stale_after=0.5, recorded=True,
         ),
         Channel(
@@ -132,7 +142,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "upload", "{fleet}/{vehicle}/upload/{file}/{offset}", "query", wire.Uploaded, Qos.BULK,
-            "a chunk of what do/file_put will write to the autopilot; each is acknowledged", (OPERATOR, PLANNER),
+            "a chunk of what do/file_put will write to the autopilot; each is acknowledged", (OPERATOR,), proven=True,
         ),
         Channel(
             "rates", "{fleet}/{vehicle}/rates", "query", wire.RateTable, Qos.MUST_ARRIVE,
@@ -152,15 +162,20 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "agent_status", "{fleet}/{vehicle}/agent/{agent}/status", "pub", wire.AgentStatus, Qos.LATEST_WINS,
-            "what an agent does", (AGENT, PLANNER), rate_hz=1.0, stale_after=5.0, recorded=True,
+            "what an agent does", (AGENT, PLANNER, OPERATOR), rate_hz=1.0, stale_after=5.0, recorded=True,
         ),
         Channel(
             "alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{uid}/{instance}", "token", None,
-            Qos.MUST_ARRIVE, "liveliness token of a vehicle, agent or ground node", (VEHICLE, AGENT, PLANNER, OPERATOR),
+            Qos.MUST_ARRIVE, "liveliness token of a vehicle, agent or ground node", (ANYONE,),
+        ),
+        Channel(
+            "certificate", "{fleet}/{vehicle}/certificate", "query", None, Qos.MUST_ARRIVE,
+            "the vehicle's certificate (DER), by which what it signs is told from what others say of it", (ANYONE,),
+            encoding=RAW,
         ),
         Channel(
             "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
-            "fleet-wide topics: origin, goal, plan, obstacle", (OPERATOR, PLANNER), recorded=True,
+            "fleet-wide topics: origin, goal, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
         ),
     )
 }  # fmt: skip
@@ -171,6 +186,17 @@ PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS[
 FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
+CERTIFICATE = CHANNELS["certificate"]
+ROSTER = "roster"
+"""the fleet's topic on which the authority's roster travels"""
+TOPICS: dict[str, tuple[str, ...]] = {
+    "origin": (OPERATOR, PLANNER),
+    "goal": (OPERATOR, PLANNER),
+    "plan": (OPERATOR, PLANNER),
+    "obstacle": (OPERATOR, PLANNER),
+    ROSTER: (ANYONE,),  # whoever passes it on: only the authority can sign one
+}
+"""who may put which of the fleet's topics; others are as the channel says"""
 
 
 def check_name(name: str, field: str = "name") -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from zmav import wire
+from zmav import keys, wire
 
 
 class Access(enum.Enum):
@@ -24,12 +24,21 @@ class Access(enum.Enum):
     """makes it safe: open to everybody, ends the stream and a stranger's lease"""
 
 
+FLYING = (keys.OPERATOR, keys.PLANNER, keys.AGENT)
+CONFIGURING = (keys.OPERATOR,)
+"""changes the autopilot itself or its files, or can: ``command`` carries any MAV_CMD"""
+LOOKING = (*FLYING, keys.VIEWER)
+"""a word or two over the autopilot's link; what occupies it for longer is not for viewers"""
+
+
 @dataclass(frozen=True)
 class Verb:
     name: str
     args: type[wire.Order]
     access: Access
     doc: str
+    writers: tuple[str, ...] = FLYING
+    """the roles that may give it, where the vehicle has credentials"""
 
 
 VERBS: dict[str, Verb] = {
@@ -44,35 +53,37 @@ VERBS: dict[str, Verb] = {
         Verb("land", wire.Order, Access.OPEN, "land where it is"),
         Verb("rtl", wire.Order, Access.OPEN, "return to launch"),
         Verb("set_mode", wire.SetMode, Access.MOVE, "enter a flight mode by name"),
-        Verb("command", wire.RunCommand, Access.MOVE, "any MAV_CMD by name"),
-        Verb("reboot", wire.Reboot, Access.CHANGE, "restart the autopilot"),
+        Verb("command", wire.RunCommand, Access.MOVE, "any MAV_CMD by name", CONFIGURING),
+        Verb("reboot", wire.Reboot, Access.CHANGE, "restart the autopilot", CONFIGURING),
         Verb("servo", wire.SetServo, Access.CHANGE, "one output to a PWM"),
         Verb("relay", wire.SetRelay, Access.CHANGE, "a relay on or off"),
         Verb("gimbal", wire.Gimbal, Access.CHANGE, "point the gimbal"),
         Verb("trigger", wire.Trigger, Access.CHANGE, "take pictures"),
-        Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back"),
-        Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters"),
+        Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back", CONFIGURING),
+        Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters", CONFIGURING),
         Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters anew"),
         Verb("mission_upload", wire.MissionUpload, Access.CHANGE, "replace the mission, fence or rally points"),
         Verb("mission_download", wire.MissionRefresh, Access.READ, "read the mission, fence or rally points anew"),
         Verb("mission_clear", wire.MissionClear, Access.CHANGE, "clear the mission, fence or rally points"),
         Verb("mission_start", wire.MissionStart, Access.MOVE, "fly the mission"),
         Verb("mission_current", wire.MissionJump, Access.MOVE, "go on with another item"),
-        Verb("file_list", wire.FilePath, Access.READ, "list a directory of the autopilot"),
+        Verb("file_list", wire.FilePath, Access.READ, "list a directory of the autopilot", LOOKING),
         Verb("file_get", wire.FileGet, Access.READ, "fetch a file of the autopilot"),
-        Verb("file_put", wire.FilePut, Access.CHANGE, "write a file of the autopilot"),
-        Verb("file_remove", wire.FilePath, Access.CHANGE, "remove a file of the autopilot"),
-        Verb("file_mkdir", wire.FilePath, Access.CHANGE, "make a directory on the autopilot"),
-        Verb("file_rmdir", wire.FilePath, Access.CHANGE, "remove an empty directory of the autopilot"),
-        Verb("file_rename", wire.FileRename, Access.CHANGE, "rename a file of the autopilot"),
+        Verb("file_put", wire.FilePut, Access.CHANGE, "write a file of the autopilot", CONFIGURING),
+        Verb("file_remove", wire.FilePath, Access.CHANGE, "remove a file of the autopilot", CONFIGURING),
+        Verb("file_mkdir", wire.FilePath, Access.CHANGE, "make a directory on the autopilot", CONFIGURING),
+        Verb("file_rmdir", wire.FilePath, Access.CHANGE, "remove an empty directory of the autopilot", CONFIGURING),
+        Verb("file_rename", wire.FileRename, Access.CHANGE, "rename a file of the autopilot", CONFIGURING),
         Verb("file_cancel", wire.Order, Access.CHANGE, "end the transfer of a file or log that is under way"),
-        Verb("file_crc", wire.FilePath, Access.READ, "CRC-32 of a file of the autopilot"),
-        Verb("log_list", wire.LogList, Access.READ, "list the autopilot's logs"),
+        Verb("file_crc", wire.FilePath, Access.READ, "CRC-32 of a file of the autopilot", LOOKING),
+        Verb("log_list", wire.LogList, Access.READ, "list the autopilot's logs", LOOKING),
         Verb("log_get", wire.LogGet, Access.READ, "fetch a log of the autopilot"),
-        Verb("log_erase", wire.LogErase, Access.CHANGE, "erase all logs of the autopilot"),
+        Verb("log_erase", wire.LogErase, Access.CHANGE, "erase all logs of the autopilot", CONFIGURING),
         Verb("lease", wire.TakeLease, Access.READ, "take or renew the right to command alone"),
         Verb("release", wire.DropLease, Access.READ, "give the lease back"),
-        Verb("revoke", wire.RevokeLease, Access.OPEN, "an operator ends whoever's lease; the vehicle holds"),
-        Verb("ping", wire.Order, Access.READ, "answer at once"),
+        Verb(
+            "revoke", wire.RevokeLease, Access.OPEN, "an operator ends whoever's lease; the vehicle holds", CONFIGURING
+        ),
+        Verb("ping", wire.Order, Access.READ, "answer at once", LOOKING),
     )
 }

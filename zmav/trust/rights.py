@@ -1,0 +1,56 @@
+"""What each role may put and ask, derived from the registry: ``writers`` of channels, verbs and the fleet's topics.
+
+The vehicle's gate judges proofs of origin by it, and the routers' access rules are made from it, so both say the same.
+A vehicle's certificate speaks under the vehicle's own name, and its own programs fly that vehicle and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from zmav import keys
+from zmav.errors import Forbidden
+from zmav.trust.certificate import Role
+from zmav.verbs import VERBS
+
+
+def writers(channel: keys.Channel, parts: Mapping[str, str]) -> tuple[str, ...]:
+    """Who may put on, or ask, a key of ``channel`` with these parts (as :func:`zmav.keys.match` gives them).
+
+    An order that does not exist is everybody's: whoever gives it is told which ones there are.
+    """
+    if channel is keys.DO:
+        verb = VERBS.get(parts["verb"])
+        return verb.writers if verb else (keys.ANYONE,)
+    if channel is keys.FLEET:
+        return keys.TOPICS.get(parts["topic"], channel.writers)
+    return channel.writers
+
+
+def acts_as(role: Role, name: str, vehicle: str | None) -> frozenset[str]:
+    """As which writers a member may act on keys of ``vehicle`` (None: keys of the whole fleet)."""
+    if role is not Role.VEHICLE:
+        return frozenset({role.value, keys.ANYONE})
+    own = {keys.VEHICLE, keys.AGENT} if vehicle == name else set()
+    return frozenset({*own, keys.ANYONE})
+
+
+def may(role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str]) -> None:
+    """Raise :class:`Forbidden` unless the member ``name`` may put on, or ask, that key of ``channel``."""
+    vehicle, allowed = parts.get("vehicle"), writers(channel, parts)
+    if not acts_as(role, name, vehicle) & set(allowed):
+        raise _forbidden(role, name, channel, parts, allowed)
+    if channel is keys.ALIVE and (vehicle != name or (parts["role"] == keys.VEHICLE and role is not Role.VEHICLE)):
+        raise _forbidden(role, name, channel, parts, (f"{parts['role']} {vehicle}",))
+
+
+def _forbidden(
+    role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str], allowed: tuple[str, ...]
+) -> Forbidden:
+    what = {keys.DO.name: parts.get("verb", ""), keys.FLEET.name: parts.get("topic", "")}.get(channel.name)
+    named = f"{channel.name} {what}" if what else channel.name
+    vehicle = parts.get("vehicle")
+    of = f" of {vehicle}" if vehicle else ""
+    who = ", ".join({keys.AGENT: "its own programs", keys.VEHICLE: "itself"}.get(w, w) for w in allowed)
+    text = f"{name} ({role.value}) may not use {named}{of}; allowed: {who}"
+    return Forbidden(text, reason="role", origin=name, role=role.value, allowed=list(allowed))
