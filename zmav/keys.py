@@ -177,6 +177,11 @@ CHANNELS: dict[str, Channel] = {
             "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
             "fleet-wide topics: origin, goal, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
         ),
+        Channel(
+            "group", "{fleet}/@group/{group}/states", "pub", wire.GroupStates, Qos.LATEST_WINS,
+            "a group's vehicles in short, by its gateway: what crosses between groups instead of every state",
+            (OPERATOR,), rate_hz=1.0, stale_after=5.0, recorded=True,
+        ),
     )
 }  # fmt: skip
 
@@ -186,6 +191,7 @@ PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS[
 FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
+GROUP = CHANNELS["group"]
 CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"
 """the fleet's topic on which the authority's roster travels"""

@@ -23,6 +23,7 @@ from zmav.wire.files import (
     StoredFile,
     Uploaded,
 )
+from zmav.wire.group import GroupMember, GroupStates
 from zmav.wire.mission import (
     Mission,
     MissionClear,
@@ -102,6 +103,8 @@ __all__ = [
     "GlobalPosition",
     "GoTo",
     "Gps",
+    "GroupMember",
+    "GroupStates",
     "LastMessage",
     "LeaseEnd",
     "LeaseEnding",
