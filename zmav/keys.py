@@ -174,6 +174,22 @@ CHANNELS: dict[str, Channel] = {
             encoding=RAW,
         ),
         Channel(
+            "bench", "{fleet}/{vehicle}/bench/{order}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
+            "start or stop this host's part in measuring the network", (OPERATOR,),
+        ),
+        Channel(
+            "bench_report", "{fleet}/{vehicle}/bench-report/{run}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
+            "what a host has measured in a run", (ANYONE,),
+        ),
+        Channel(
+            "bench_ping", "{fleet}/{vehicle}/bench-ping", "query", wire.Pong, Qos.MUST_ARRIVE,
+            "answered at once: which host it is, and its clocks", (ANYONE,),
+        ),
+        Channel(
+            "bench_flow", "{fleet}/{vehicle}/bench-flow/{run}", "pub", None, Qos.BULK,
+            "the datagrams of a measurement, in the class that is measured", encoding=RAW,
+        ),
+        Channel(
             "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
             "fleet-wide topics: origin, goal, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
         ),
@@ -191,6 +207,8 @@ PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS[
 FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
+BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
+BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
 CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"

@@ -9,6 +9,7 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 from __future__ import annotations
 
 from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from
+from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 from zmav.wire.files import (
     FileEntry,
     FileGet,
@@ -89,6 +90,10 @@ __all__ = [
     "Arm",
     "Attitude",
     "Battery",
+    "BenchOrder",
+    "BenchQuery",
+    "BenchReport",
+    "BenchStop",
     "ClockInfo",
     "DropLease",
     "ErrorBody",
@@ -135,6 +140,7 @@ __all__ = [
     "ParamRefresh",
     "ParamSet",
     "ParamTable",
+    "Pong",
     "Quaternion",
     "RateTable",
     "Reboot",

@@ -1,0 +1,166 @@
+"""Measuring the network between two hosts: the order each of them gets, and what each reports.
+
+Times within a run are seconds since its first datagram; spreads are seconds. Nothing here is UTC but ``Pong.t``.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from zmav.wire.base import Wire
+
+BenchRole = Literal["send", "receive", "both", "ping", "echo", "query"]
+BenchQos = Literal["realtime", "must-arrive", "latest-wins", "bulk"]
+BenchState = Literal["waiting", "running", "done", "stopped", "failed"]
+
+
+class BenchOrder(Wire, kw_only=True):
+    """``bench/start``: one host's part of a run. The same order sent again is the same run."""
+
+    run: str
+    role: BenchRole
+    """``ping`` sends datagrams that ``echo`` sends back; ``query`` asks each of ``peers`` for an answer"""
+    peers: list[str]
+    seconds: float
+    hz: float
+    """datagrams a second"""
+    size: int
+    """bytes of payload"""
+    qos: BenchQos
+    reliable: bool
+    """False: the datagrams are not sent again by the link where it can do without (``mixed_rel``)"""
+    gap: float = 0.5
+    """s without a datagram that make an outage"""
+    guard: float = 0.0
+    """Hz of small queries in the realtime class beside the stream; 0: none"""
+    patience: float = 5.0
+    """s without a word from the asker after which it ends"""
+    asker: str = ""
+
+
+class BenchStop(Wire, kw_only=True):
+    """``bench/stop``: end a run, if it is the one."""
+
+    run: str
+
+
+class BenchQuery(Wire, kw_only=True):
+    """``bench-report/{run}``: what there is to tell from these indices on."""
+
+    since: int = 0
+    """index of the first interval wanted"""
+    outages: int = 0
+    """index of the first outage wanted"""
+
+
+class Spread(Wire, kw_only=True):
+    """Some durations."""
+
+    count: int
+    min: float
+    median: float
+    p95: float
+    p99: float
+    max: float
+    mean: float
+    bins: list[tuple[int, int]] = []
+    """(k, how many lie from 10^(k/10) µs to 10^((k+1)/10) µs), as in a histogram of ten bins a decade"""
+
+
+class BenchInterval(Wire, kw_only=True):
+    """What the receiver saw in one second, or in the whole run."""
+
+    start: float
+    end: float
+    bytes: int
+    """of payload, each datagram once"""
+    received: int
+    """datagrams, each once"""
+    expected: int
+    """by the numbers they carry"""
+    jitter: float
+    """s, at its end: the smoothed difference of transit times of RFC 3550, section 6.4.1"""
+    out_of_order: int
+    duplicates: int
+    transit: Spread | None = None
+    """the receiver's clock less the sender's: :attr:`BenchClock.offset` makes it a delay"""
+
+    @property
+    def lost(self) -> int:
+        return max(self.expected - self.received, 0)
+
+
+class BenchOutage(Wire, kw_only=True):
+    """A silence longer than the order's ``gap``."""
+
+    start: float
+    length: float
+    lost: int
+    """datagrams that had not come when it ended; some may have come late"""
+
+
+class BenchClock(Wire, kw_only=True):
+    """The peer's clock less ours, by the exchange of the shortest round trip, as NTP does (RFC 5905, section 8)."""
+
+    offset: float
+    """s between the monotonic clocks, which nobody sets while we measure"""
+    within: float
+    """s by which that may be wrong: half the round trip, and 50 ppm of what has passed since"""
+    utc_offset: float
+    """s between the clocks of the day"""
+
+
+class BenchTrip(Wire, kw_only=True):
+    """Round trips to one host."""
+
+    peer: str
+    sent: int
+    lost: int
+    """without an answer in time"""
+    late: int = 0
+    """answers that came after their time"""
+    rtt: Spread | None = None
+
+
+class BenchReport(Wire, kw_only=True):
+    """One host's view of a run, so far or in the end."""
+
+    run: str
+    host: str
+    role: BenchRole
+    state: BenchState
+    why: str = ""
+    elapsed: float
+    sent: int = 0
+    send_seconds: float = 0.0
+    """from the first datagram's time to the end of the last one's"""
+    skipped: int = 0
+    """datagrams whose time had passed before the sender came to them"""
+    lateness: Spread | None = None
+    """of the sender's own datagrams after their time"""
+    total: BenchInterval | None = None
+    intervals: list[BenchInterval] = []
+    outages: list[BenchOutage] = []
+    outage_count: int = 0
+    silent: float | None = None
+    """s since the last datagram"""
+    foreign: int = 0
+    """datagrams that were none of this run's"""
+    clock: BenchClock | None = None
+    trips: list[BenchTrip] = []
+
+
+class Pong(Wire, kw_only=True):
+    """``bench-ping``: who answers, with its clocks."""
+
+    host: str
+    zid: str
+    came_ns: int
+    """monotonic"""
+    left_ns: int
+    t: float
+    """UTC seconds when it left"""
+    busy: str = ""
+    """who measures there now, in words"""
+    budget: float | None = None
+    """bytes/s: the smallest of its radios' budgets"""
