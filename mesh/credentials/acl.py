@@ -1,0 +1,185 @@
+"""What a router's door lets in and out: Zenoh's ``access_control``, worked out from the registry, the roster and the
+fleet file.
+
+Zenoh judges the neighbour on a link by the common name of its certificate, not who said something first. So a host that
+relays may bring what is anybody's, except what only our own vehicle can say; one that does not may bring what is its
+own. Whether an order truly comes from who may give it is judged by the vehicle's gate. A key expression with wildcards
+passes only where one rule holds all of it, so names are written out wherever a wildcard would hold our own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from zmav import keys
+from zmav.config import FleetConfig
+from zmav.errors import Forbidden
+from zmav.keys import CHANNELS, ROOT, Channel
+from zmav.trust.certificate import Role
+from zmav.trust.rights import may
+from zmav.trust.roster import Roster
+from zmav.verbs import VERBS
+
+Rule = dict[str, Any]
+READING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+SAYING = ("put", "liveliness_token", "declare_queryable", "reply")
+EVERYTHING = ("put", "delete", "query", "reply", *READING, "declare_queryable", "liveliness_token")
+STRANGER = "*"
+"""stands for every vehicle but the member's own: no name has it, and in a key expression it holds them all"""
+NOT_RELAYING = (Role.PLANNER, Role.VIEWER)
+LOCAL: tuple[Rule, ...] = (
+    {"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]},
+    {"id": "local-socket", "link_protocols": ["unixsock-stream"]},
+)
+"""this host's own programs: nobody else reaches a plain TCP port of loopback"""
+ADMIN = "@/**"
+"""routers' admin spaces, which 'zmav mesh graph' and 'zmav doctor' read; nothing can be written there"""
+
+
+def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> dict[str, Any]:
+    """Zenoh's ``access_control`` for the router of host ``name``: whoever is not on the roster gets nothing at all.
+
+    ``file`` says who relays; a host that is not in it relays if its role does. The same input gives the same output,
+    so that two can be compared.
+    """
+    others = sorted({member for role in Role for member in roster.names(role.value)} - {name})
+    rules: list[Rule] = [
+        _rule("local", ("ingress", "egress"), EVERYTHING, ("**", "**/@adv/**", *_spaces(fleet), ADMIN)),
+        _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),
+        _rule("read", ("ingress",), READING, (*_spaces(fleet), ADMIN)),
+    ]
+    subjects: list[Rule] = list(LOCAL)
+    policies: list[Rule] = [{"rules": ["local"], "subjects": [subject["id"] for subject in LOCAL]}]
+    relays = []
+    for role in Role:
+        for member in roster.names(role.value):
+            if member == name:
+                continue
+            if relaying(file, role, member):
+                relays.append(member)
+                continue
+            subjects.append({"id": f"member-{member}", "cert_common_names": [member]})
+            own = list(_leaf(fleet, role, member))
+            rules += own
+            policies.append({"rules": ["hear", "read", *_ids(own)], "subjects": [f"member-{member}"]})
+    if relays:
+        subjects.append({"id": "relays", "cert_common_names": sorted(relays)})
+        theirs = list(_relay(fleet, name, others))
+        rules += theirs
+        policies.append({"rules": ["hear", "read", *_ids(theirs)], "subjects": ["relays"]})
+    return {
+        "enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies
+    }  # fmt: skip
+
+
+def relaying(file: FleetConfig, role: Role, name: str) -> bool:
+    """Whether a member's host carries others' traffic."""
+    host = file.vehicles.get(name) or file.stations.get(name)
+    return role not in NOT_RELAYING and (host is None or host.mesh.relay)
+
+
+def granted(role: Role, name: str, fleet: str, vehicle: str = STRANGER) -> dict[str, list[str]]:
+    """What a member may put (``put``), ask (``query``) and declare (``token``) of ``vehicle`` or of the whole fleet."""
+    found: dict[str, list[str]] = {"put": [], "query": [], "token": []}
+    for channel in CHANNELS.values():
+        for parts in _cases(channel):
+            parts["vehicle"] = vehicle
+            key = channel.key(fleet, **parts)
+            if channel.kind == "pub":
+                found["query"].append(key)  # its last value, or what was missed of it
+            if _may(role, name, channel, parts):
+                found["put" if channel.kind == "pub" else channel.kind].append(key)
+    return found
+
+
+def _cases(channel: Channel) -> Iterator[dict[str, str]]:
+    """The parts of a channel's keys: each of those on which rights depend, and ``*`` for the others."""
+    parts = dict.fromkeys(_names(channel.template), "*")
+    if channel is keys.DO:
+        for verb in VERBS:
+            yield {**parts, "verb": verb}
+    elif channel is keys.FLEET:
+        for topic in (*keys.TOPICS, "*"):
+            yield {**parts, "topic": topic}
+    elif channel is keys.ALIVE:
+        for role in Role:
+            yield {**parts, "role": role.value}
+    else:
+        yield parts
+
+
+def _names(template: str) -> Iterator[str]:
+    return (chunk.strip("{}") for chunk in template.split("/") if chunk.startswith("{"))
+
+
+def _may(role: Role, name: str, channel: Channel, parts: dict[str, str]) -> bool:
+    held = parts if "{vehicle}" in channel.template else {k: v for k, v in parts.items() if k != "vehicle"}
+    try:
+        may(role, name, channel, held)
+    except Forbidden:
+        return False
+    return True
+
+
+def _leaf(fleet: str, role: Role, name: str) -> Iterator[Rule]:
+    """For a neighbour that brings only what is its own."""
+    yield _rule(f"say-{name}", ("ingress",), SAYING, (*_under(fleet, name), *_answers(fleet)))
+    for message, keys_ in _by_message(_both(granted(role, name, fleet), granted(role, name, fleet, name))):
+        more = (f"{ROOT}/{fleet}/**/@adv/**", ADMIN) if message == "query" else ()
+        yield _rule(f"{message}-{name}", ("ingress",), (message,), (*keys_, *more))
+
+
+def _relay(fleet: str, name: str, others: Iterable[str]) -> Iterator[Rule]:
+    """For neighbours that bring others' words: all but those that only ``name``, our own vehicle, can say."""
+    theirs = [key for other in others for key in _under(fleet, other)]
+    yield _rule("relay-say", ("ingress",), SAYING, (*theirs, *_fleetwide(fleet), *_answers(fleet)))
+    yield _rule("relay-ask", ("ingress",), ("query",), (*_spaces(fleet), ADMIN))
+    ours: dict[str, list[str]] = {"put": [], "query": [], "token": []}
+    for role in Role:
+        if role is not Role.VEHICLE:
+            ours = _both(ours, granted(role, "", fleet, name))
+    for message, keys_ in _by_message({**ours, "query": []}):
+        yield _rule(f"relay-{message}-ours", ("ingress",), (message,), keys_)
+
+
+def _both(one: dict[str, list[str]], other: dict[str, list[str]]) -> dict[str, list[str]]:
+    return {kind: list(dict.fromkeys((*one[kind], *other[kind]))) for kind in one}
+
+
+def _by_message(found: dict[str, list[str]]) -> Iterator[tuple[str, list[str]]]:
+    for kind, message in (("put", "put"), ("query", "query"), ("token", "liveliness_token")):
+        if found[kind]:
+            yield message, found[kind]
+
+
+def _under(fleet: str, name: str) -> tuple[str, ...]:
+    """All keys of a host, and those on which what was missed of them is asked."""
+    return f"{ROOT}/{fleet}/{name}/**", f"{ROOT}/{fleet}/{name}/**/@adv/**"
+
+
+def _fleetwide(fleet: str) -> tuple[str, ...]:
+    """``zmav/alpha/@fleet/**`` and its like: a wildcard does not hold a chunk that begins with ``@``."""
+    spaces = dict.fromkeys(c.template.split("/")[1] for c in CHANNELS.values() if "/@" in c.template)
+    return tuple(f"{ROOT}/{fleet}/{space}/**" for space in spaces)
+
+
+def _spaces(fleet: str) -> tuple[str, ...]:
+    """Every key of the fleet."""
+    return f"{ROOT}/{fleet}/**", f"{ROOT}/{fleet}/**/@adv/**", *_fleetwide(fleet)
+
+
+def _answers(fleet: str) -> tuple[str, ...]:
+    """What every router answers: about itself, and which roster it has."""
+    return ADMIN, keys.FLEET.key(fleet, topic=keys.ROSTER)
+
+
+def _rule(identifier: str, flows: Iterable[str], messages: Iterable[str], expressions: Iterable[str]) -> Rule:
+    return {
+        "id": identifier, "permission": "allow", "flows": list(flows), "messages": list(messages),
+        "key_exprs": list(dict.fromkeys(expressions)),
+    }  # fmt: skip
+
+
+def _ids(rules: Iterable[Rule]) -> list[str]:
+    return [str(rule["id"]) for rule in rules]

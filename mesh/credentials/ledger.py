@@ -1,0 +1,90 @@
+"""The authority's ledger: every certificate it signed and what became of it. The roster is made from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from mesh.credentials import files
+from zmav.errors import BadConfig
+from zmav.trust.roster import Member, Roster
+
+LEDGER = "ledger.json"
+REMEMBERED = 30 * 86_400.0
+"""s that the roster goes on naming a certificate after its end: some clock may be that late"""
+
+
+class Entry(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """One certificate."""
+
+    name: str
+    role: str
+    serial: str
+    """hexadecimal"""
+    fingerprint: str
+    """hexadecimal"""
+    not_before: float
+    """UTC seconds"""
+    not_after: float
+    revoked: float | None = None
+    """UTC seconds; None: it is not"""
+
+    def in_force(self, now: float) -> bool:
+        return self.revoked is None and now <= self.not_after
+
+
+class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """All of them, oldest first."""
+
+    fleet: str
+    number: int = 0
+    """the roster's: counts up with every change"""
+    entries: list[Entry] = []
+
+    def current(self, name: str, now: float) -> Entry | None:
+        """The newest certificate of ``name`` that is in force; None where there is none."""
+        return next((e for e in reversed(self.entries) if e.name == name and e.in_force(now)), None)
+
+    def names(self) -> list[str]:
+        return sorted({entry.name for entry in self.entries})
+
+    def with_entry(self, entry: Entry) -> Ledger:
+        return msgspec.structs.replace(self, number=self.number + 1, entries=[*self.entries, entry])
+
+    def without(self, name: str, now: float) -> Ledger:
+        """All certificates of ``name`` revoked at ``now``."""
+        entries = [
+            msgspec.structs.replace(e, revoked=now) if e.name == name and e.in_force(now) else e for e in self.entries
+        ]
+        return msgspec.structs.replace(self, number=self.number + 1, entries=entries)
+
+    def roster(self, now: float) -> Roster:
+        """What members need to know of it."""
+        told = [e for e in self.entries if now <= e.not_after + REMEMBERED]
+        return Roster(
+            fleet=self.fleet,
+            number=self.number,
+            t=now,
+            members=[
+                Member(name=e.name, role=e.role, fingerprint=e.fingerprint, not_after=e.not_after)
+                for e in told
+                if e.revoked is None
+            ],
+            revoked=[e.fingerprint for e in told if e.revoked is not None],
+        )
+
+    def write(self, folder: Path) -> None:
+        files.write(folder / LEDGER, msgspec.json.format(msgspec.json.encode(self)), files.SECRET)
+
+
+def read_ledger(folder: Path) -> Ledger:
+    """Of an authority's folder; raises :class:`BadConfig` where there is none, or no good one."""
+    path = folder / LEDGER
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Ledger)
+    except OSError as e:
+        text = f"{folder} is not an authority's folder: cannot read {path}: {e.strerror}; 'zmav mesh ca init' makes one"
+        raise BadConfig(text, field="ca", value=str(folder), expected="an authority's folder") from e
+    except (msgspec.DecodeError, UnicodeDecodeError) as e:
+        raise BadConfig(f"{path} is damaged: {e}", field="ca", value=str(path), expected="a ledger") from e
