@@ -24,9 +24,15 @@ class Quality:
         self._publisher = session.declare_publisher(key, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
         self._before = (0, 0, 0, 0, time.monotonic())
         self.last = self.measure()
+        self._queryable = session.declare_queryable(key, lambda query: self._answer(key, query))
 
     def close(self) -> None:
+        self._queryable.undeclare()
         self._publisher.undeclare()
+
+    def _answer(self, key: str, query: zenoh.Query) -> None:
+        """On Zenoh's thread: what was published last."""
+        query.reply(key, wire.encode(self.last), encoding=keys.LINK.encoding)
 
     def tick(self) -> None:
         """Once a second: publish."""

@@ -25,6 +25,7 @@ from zmav.wire.files import (
     Uploaded,
 )
 from zmav.wire.group import GroupMember, GroupStates
+from zmav.wire.link import LinkQuality, LinkState, NeighbourQuality, decode_link
 from zmav.wire.mission import (
     Mission,
     MissionClear,
@@ -78,7 +79,6 @@ from zmav.wire.state import (
     LeaseEnd,
     LeaseEnding,
     LeaseInfo,
-    LinkQuality,
     Origin,
     Severity,
     VehicleState,
@@ -115,6 +115,7 @@ __all__ = [
     "LeaseEnding",
     "LeaseInfo",
     "LinkQuality",
+    "LinkState",
     "LogEntry",
     "LogErase",
     "LogGet",
@@ -129,6 +130,7 @@ __all__ = [
     "MissionRefresh",
     "MissionStart",
     "MissionUpload",
+    "NeighbourQuality",
     "Order",
     "Origin",
     "Outcome",
@@ -162,6 +164,7 @@ __all__ = [
     "VehicleState",
     "Wire",
     "decode",
+    "decode_link",
     "encode",
     "error_body",
     "error_from",

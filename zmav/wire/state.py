@@ -36,46 +36,6 @@ class Gps(Wire, kw_only=True):
     hdop: float | None = None
 
 
-class LinkQuality(Wire, kw_only=True):
-    """One link of a vehicle; for the autopilot's own link also every counter of its splitter."""
-
-    t: float
-    name: str
-    url: str
-    state: str
-    age: float | None
-    """seconds since anything was heard; None: never"""
-    rx_rate: float
-    """frames a second over the last interval"""
-    rx_bytes_rate: float
-    loss: float
-    """share of the vehicle's own frames lost over the last interval, 0 to 1, from their sequence numbers"""
-    rtt: float | None = None
-    """seconds, by TIMESYNC"""
-    signal: float | None = None
-    rx_frames: int = 0
-    rx_bytes: int = 0
-    lost: int = 0
-    """of the vehicle's own frames"""
-    bad_crc: int = 0
-    bad_length: int = 0
-    bad_flags: int = 0
-    garbage: int = 0
-    unknown: int = 0
-    tx_frames: int = 0
-    tx_dropped: int = 0
-    tx_refused: int = 0
-    """frames put on ``mav/tx`` that were not fit to be sent"""
-    bad_signature: int = 0
-    """frames refused for a wrong or an old signature, where the link is signed"""
-    unsigned: int = 0
-    """frames refused for having none"""
-    rx_dropped: int = 0
-    """datagrams that the kernel threw away because nobody took them in time (UDP on Linux)"""
-    opens: int = 0
-    last_error: str | None = None
-
-
 class ClockInfo(Wire, kw_only=True):
     """The autopilot's clock against UTC, by TIMESYNC."""
 
