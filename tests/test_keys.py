@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from string import Formatter
+
 import pytest
 import zenoh
 from hypothesis import given
@@ -162,9 +164,7 @@ def test_every_channel_is_of_the_four_classes_and_never_blocks() -> None:
 
 def test_no_two_channels_share_a_key() -> None:
     samples = {
-        channel.name: channel.key("f", "v", sys=1, comp=2, msg="M", verb="w", agent="a", link="l", role="r",
-                                  autopilot="x", uid="u", instance="i", topic="t", param="P", kind="k", file="f",
-                                  offset=0, hz=5, holder="h", group="g")
+        channel.name: channel.key(**{part: "x" for _, part, _, _ in Formatter().parse(channel.template) if part})
         for channel in keys.CHANNELS.values()
-    }  # fmt: skip
+    }
     assert {name: keys.match(key)[0].name for name, key in samples.items()} == {name: name for name in samples}

@@ -158,7 +158,13 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "link", "{fleet}/{vehicle}/link/{link}", "pub", wire.LinkQuality, Qos.LATEST_WINS,
-            "quality and counters of one link", rate_hz=1.0, stale_after=5.0, recorded=True,
+            "quality of one link: the autopilot's, or to a neighbour (a NeighbourQuality); answers queries too",
+            (VEHICLE, OPERATOR, PLANNER), rate_hz=1.0, stale_after=5.0, recorded=True,
+        ),
+        Channel(
+            "probe", "{fleet}/@probe/{to}/{vehicle}", "pub", None, Qos.LATEST_WINS,
+            "one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on",
+            (VEHICLE, OPERATOR, PLANNER), encoding=RAW, rate_hz=4.0,
         ),
         Channel(
             "agent_status", "{fleet}/{vehicle}/agent/{agent}/status", "pub", wire.AgentStatus, Qos.LATEST_WINS,
@@ -175,7 +181,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "bench", "{fleet}/{vehicle}/bench/{order}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
-            "start or stop this host's part in measuring the network", (OPERATOR,),
+            "start or stop this host's part in measuring the network", (OPERATOR,), proven=True,
         ),
         Channel(
             "bench_report", "{fleet}/{vehicle}/bench-report/{run}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
@@ -187,7 +193,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "bench_flow", "{fleet}/{vehicle}/bench-flow/{run}", "pub", None, Qos.BULK,
-            "the datagrams of a measurement, in the class that is measured", encoding=RAW,
+            "the datagrams of a measurement, in the class that is measured", (VEHICLE, OPERATOR, PLANNER), encoding=RAW,
         ),
         Channel(
             "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
@@ -203,6 +209,7 @@ CHANNELS: dict[str, Channel] = {
 
 RX, TX, STATE, EVENT = CHANNELS["rx"], CHANNELS["tx"], CHANNELS["state"], CHANNELS["event"]
 MSG, DO, SETPOINT, LINK = CHANNELS["msg"], CHANNELS["do"], CHANNELS["setpoint"], CHANNELS["link"]
+PROBE = CHANNELS["probe"]
 PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS["mission"], CHANNELS["rates"]
 FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
