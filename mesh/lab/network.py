@@ -1,0 +1,290 @@
+"""The lab's namespaces and links, without programs in them: made, changed while they run, and gone with this process.
+
+with Network(scenario) as network:
+    network.set("2-3", loss=0.2, rate="1M")
+    network.cut("1-2")
+    with network.inside("quad1"):
+        s = socket.socket()     # is in quad1's namespace for as long as it is open
+
+Zenoh's threads belong to the process and stay in the namespace where its first session was opened: a session inside a
+namespace needs a process of its own (:meth:`Network.popen`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+import msgspec
+
+from mesh.lab import kernel, messages
+from mesh.lab.channel import Conditions, Counters
+from mesh.lab.scenario import Scenario, check
+from mesh.lab.values import Ask, ask_from, conditions
+from mesh.lab.wiring import Edge, Wiring, wire
+from zmav.errors import BadConfig, ZmavError
+
+T = TypeVar("T")
+ANSWER_S = 30.0
+_NEEDS = "the lab makes network namespaces and TAP interfaces: it needs root and /dev/net/tun"
+
+
+class LabError(ZmavError):
+    """The lab cannot be made, or has broken."""
+
+
+def check_able() -> None:
+    """Raise :class:`LabError` that says what is missing where no lab can be made."""
+    if not sys.platform.startswith("linux"):
+        raise LabError(f"{_NEEDS}; this is not Linux")
+    if os.geteuid() != 0:
+        raise LabError(f"{_NEEDS}; you are user {os.geteuid()}: run it with sudo")
+    if not Path(kernel.TUN).exists():
+        raise LabError(f"{_NEEDS}; there is no {kernel.TUN}: 'modprobe tun', or give the container the device")
+
+
+class Reach(msgspec.Struct, frozen=True):
+    """What distance does to both channels of an edge."""
+
+    heard: bool = True
+    loss: float = 0.0
+
+
+class Network:
+    """Open it with ``with``. Raises :class:`LabError` where it cannot be made (:func:`check_able` says what for);
+    its methods raise :class:`BadConfig` for names and conditions there are not, and :class:`LabError` once the relay
+    has died.
+    """
+
+    def __init__(self, scenario: Scenario, directory: Path | None = None) -> None:
+        """``directory``: is removed when the lab ends, however it ends."""
+        self.scenario = check(scenario)
+        self.wiring: Wiring = wire(self.scenario, None if directory is None else str(directory))
+        self._asked = list(self.wiring.begin.channels)
+        self._reach: dict[str, Reach] = {}
+        self._lock = threading.Lock()
+        self._relay: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+        self._begun = messages.Begun(0, [])
+        self._started: list[subprocess.Popen[Any]] = []
+
+    # ---- its life
+
+    def __enter__(self) -> Network:
+        check_able()
+        self._socket, theirs = socket.socketpair()
+        self._socket.settimeout(ANSWER_S)
+        with theirs:
+            command = [sys.executable, "-m", "mesh.lab.relay", str(theirs.fileno())]
+            self._relay = subprocess.Popen(
+                command, pass_fds=[theirs.fileno()], start_new_session=True, stdin=subprocess.DEVNULL
+            )
+        try:
+            begun = self._ask(self.wiring.begin)
+        except BaseException:
+            self.close()
+            raise
+        assert isinstance(begun, messages.Begun)
+        self._begun = begun
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End everything in the namespaces, and them; returns when all of it is gone."""
+        if self._socket is not None:
+            self._socket.close()
+        for process in self._started:  # a PID namespace ends when all in it are waited for
+            process.wait()
+        if self._relay is not None:
+            self._relay.wait()
+
+    @property
+    def pid(self) -> int:
+        """The relay's process: when it is gone, everything is."""
+        return self._begun.pid
+
+    @property
+    def alive(self) -> bool:
+        return self._relay is not None and self._relay.poll() is None
+
+    def _ask(self, request: messages.Request) -> messages.Answer:
+        assert self._socket is not None
+        with self._lock:
+            try:
+                messages.write(self._socket, request)
+                answer = messages.read_answer(self._socket)
+            except (OSError, EOFError) as e:
+                raise LabError(f"the lab's relay has died: {e}") from e
+        if isinstance(answer, messages.Failed):
+            raise LabError(answer.text, errno=answer.errno)
+        return answer
+
+    # ---- hosts
+
+    def namespace(self, host: str) -> Path:
+        """A path that ``nsenter --net=PATH`` and :func:`os.open` take, as long as the lab lasts."""
+        if host not in self.wiring.hosts:
+            known = ", ".join(self.wiring.hosts)
+            raise BadConfig(f"no host {host!r} in the lab; it has {known}", field="host", value=host, expected=known)
+        return Path(f"/proc/{self.pid}/fd/{self._begun.networks[self.wiring.hosts.index(host)]}")
+
+    def address(self, host: str, medium: str | None = None) -> str:
+        """The host's address on that medium, or its first."""
+        self.namespace(host)
+        found = [i for i in self.wiring.interfaces if i.host == host and medium in (None, i.medium)]
+        if not found:
+            raise BadConfig(f"{host} is not on {medium!r}", field="medium", value=medium, expected="one it is on")
+        return found[0].address
+
+    @contextlib.contextmanager
+    def inside(self, host: str) -> Iterator[None]:
+        """This thread is in the host's namespace: sockets and processes made here are and stay in it."""
+        with _opened(self.namespace(host)) as there, _opened(Path("/proc/thread-self/ns/net")) as here:
+            kernel.setns(there, kernel.CLONE_NEWNET)
+            try:
+                yield
+            finally:
+                kernel.setns(here, kernel.CLONE_NEWNET)
+
+    def popen(self, host: str | None, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+        """Start a program in the host's namespace (None: in ours) that ends with the lab; ``options`` are Popen's."""
+        options = {"stdin": subprocess.DEVNULL, "start_new_session": True, **options}
+
+        def start() -> subprocess.Popen[Any]:
+            with _opened(Path(f"/proc/{self.pid}/ns/pid")) as processes:
+                kernel.setns(processes, kernel.CLONE_NEWPID)
+            if host is None:
+                return subprocess.Popen(command, **options)
+            with self.inside(host):
+                return subprocess.Popen(command, **options)
+
+        started = _in_thread(start)  # of which only its children are in the PID namespace
+        self._started = [process for process in self._started if process.poll() is None] + [started]
+        return started
+
+    # ---- links
+
+    def links(self) -> list[Edge]:
+        return self.wiring.edges
+
+    def state(self, number: int) -> Conditions:
+        """What holds in that channel now: as set, and as far as the distance lets it."""
+        asked = self._asked[number]
+        edge = next(edge for edge in self.wiring.edges if number in (edge.ab, edge.ba))
+        return self._effective(asked, self._reach.get(edge.name, Reach()))
+
+    @staticmethod
+    def _effective(asked: Conditions, reach: Reach) -> Conditions:
+        if reach == Reach():
+            return asked
+        loss = 1.0 - (1.0 - asked.loss) * (1.0 - reach.loss)
+        return msgspec.structs.replace(asked, up=asked.up and reach.heard, loss=loss)
+
+    def set(self, link: str, ask: Ask | None = None, **values: Any) -> None:
+        """Change conditions of a link, both ways or one (``a>b``), of a medium, or of ``all``; what is not said stays.
+
+        ``values``: as in a scenario, ``loss=0.2, rate="1M"``.
+        """
+        wanted = ask or ask_from(values)
+        numbers = [number for _, channels in self.wiring.find(link) for number in channels]
+        new = {number: conditions(self._asked[number], wanted) for number in numbers}
+        for number, asked in new.items():
+            self._asked[number] = asked
+        self._apply(new)
+
+    def cut(self, link: str) -> None:
+        """Nothing crosses any more; what is under way is lost, too. The interfaces stay up."""
+        self.set(link, up=False)
+
+    def heal(self, link: str) -> None:
+        """Undo :meth:`cut`."""
+        self.set(link, up=True)
+
+    def set_reach(self, reach: Mapping[str, Reach]) -> None:
+        """What distance does, by edge."""
+        changed = {name: value for name, value in reach.items() if self._reach.get(name, Reach()) != value}
+        self._reach.update(changed)
+        self._apply(n for edge in self.wiring.edges if edge.name in changed for n in (edge.ab, edge.ba))
+
+    def _apply(self, numbers: Any) -> None:
+        wanted = {number: self.state(number) for number in numbers}
+        if wanted:
+            self._ask(messages.Set(wanted))
+
+    def counted(self) -> messages.Counted:
+        """All counters at one moment."""
+        answer = self._ask(messages.AskCounters())
+        assert isinstance(answer, messages.Counted)
+        return answer
+
+    def counters(self, link: str) -> list[Counters]:
+        """Of each of the link's channels: first the one from ``edge.a`` to ``edge.b``, or only the one asked for."""
+        counted = self.counted()
+        return [counted.channels[number] for _, channels in self.wiring.find(link) for number in channels]
+
+    @contextlib.contextmanager
+    def record(self, link: str, path: str | Path) -> Iterator[None]:
+        """Write what arrives over a link to a pcap file meanwhile."""
+        self.start_record(link, path)
+        try:
+            yield
+        finally:
+            self.stop_record(path)
+
+    def start_record(self, link: str, path: str | Path) -> None:
+        """Begin such a file; a link's frames go to the file named last."""
+        numbers = [number for _, channels in self.wiring.find(link) for number in channels]
+        self._ask(messages.Record(numbers, str(Path(path).absolute())))
+
+    def stop_record(self, path: str | Path) -> None:
+        """End the file; raises :class:`LabError` where not all could be written."""
+        self._ask(messages.Record([], str(Path(path).absolute())))
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        yield fd
+    finally:
+        os.close(fd)
+
+
+def _in_thread(do: Callable[[], T]) -> T:
+    """What ``do`` gives, or raises, in a thread that ends with it."""
+    done: list[T] = []
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            done.append(do())
+        except BaseException as e:
+            failed.append(e)
+
+    thread = threading.Thread(target=run, name="zmav-lab")
+    thread.start()
+    thread.join()
+    if failed:
+        raise failed[0]
+    return done[0]
+
+
+def end(process: subprocess.Popen[Any], patience: float = 5.0) -> int:
+    """Have a program end: asked with SIGTERM, killed when it does not within ``patience`` seconds; gives its code."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return process.wait(patience)
+        process.kill()
+    return process.wait()

@@ -1,0 +1,271 @@
+"""A lab's file (TOML): its hosts, what joins them, and what of the fleet file does not follow from that.
+
+name = "line3"
+profile = "mesh"                # the routers'
+credentials = true              # made when the lab begins; false: the routers run with insecure = true
+
+[hosts.ground]                  # a ground host: 'zmav router'
+[hosts.quad1]
+vehicle = "copter"              # simulated: copter, hexa, plane, rover or px4; 'zmav up'
+position = [0.0, 100.0]         # m north and east
+
+[hosts.quad2]
+vehicle = "rover"
+waypoints = [[0.0, 200.0], [0.0, 900.0]]
+speed = 10.0                    # m/s along them
+[hosts.box]
+program = "none"                # only a namespace
+
+[[media]]
+kind = "radio"                  # each pair has its own channel; those that are not named do not hear each other
+name = "mesh"
+network = "10.77.0.0/24"
+hosts = ["ground", "quad1", "quad2"]
+pairs = [["ground", "quad1"], ["quad1", "quad2"]]    # absent: all
+rate = "6 Mbit/s"
+delay = "2 ms"
+shared = true                   # one sends at a time
+
+[media.ends."quad1-quad2"]      # and of one pair; "quad1>quad2": of one direction
+loss = 0.1
+
+[media.range]                   # loss by distance
+free = 300.0                    # m, up to here none is added
+cut = 400.0                     # m, from here on nothing is heard
+
+[[media]]
+kind = "link"                   # two hosts and nobody else
+between = ["ground", "quad2"]
+radio = "lte"                   # what the fleet file calls it; also budget, cost and thin
+
+[[media]]
+kind = "wds"                    # learning bridges with radio hops between them
+bridges = { mast = ["ground"], roof = ["quad1"] }
+hops = [["mast", "roof"]]
+
+[fleet]                         # goes into the fleet file as it is
+origin = { lat_deg = 52.756, lon_deg = -1.246, alt_amsl = 60.0 }
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from mesh.lab.values import Ask, check_ask
+from zmav import keys
+from zmav.config import Profile
+from zmav.config.table import Positive, Table
+from zmav.errors import BadConfig, BadInput
+
+VehicleKind = Literal["copter", "hexa", "plane", "rover", "px4"]
+Place = tuple[float, float]
+LONGEST_INTERFACE = 15
+
+
+class HostSpec(Table, kw_only=True, frozen=True):
+    """One host: a namespace and what runs in it."""
+
+    vehicle: VehicleKind | None = None
+    """a simulated one is behind its router; None: a ground host"""
+    program: Literal["router", "none"] = "router"
+    position: Place | None = None
+    """m north and east of the origin"""
+    waypoints: list[Place] = []
+    speed: Positive = 5.0
+    """m/s"""
+    follow: bool = False
+    """its position is its simulated vehicle's"""
+    neighbours: list[str] | None = None
+    """as in the fleet file"""
+    relay: bool = True
+    sim: dict[str, Any] = {}
+    """more of its table for ``zmav sim``"""
+    arguments: list[str] = []
+    """more for its ``zmav up`` or ``zmav router``"""
+
+
+class Range(Table, frozen=True):
+    """What distance does to a radio: nothing up to ``free`` m, then loss that grows to all of it at ``cut`` m."""
+
+    free: Positive
+    cut: Positive
+
+
+class Medium(Ask, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """What all media have: a network, the conditions of their channels, and what the fleet file says of the radios."""
+
+    name: str | None = None
+    network: str | None = None
+    """None: the next free ``10.77.N.0/24``"""
+    interface: str | None = None
+    """what hosts call theirs; None: after the medium"""
+    mtu: Annotated[int, msgspec.Meta(ge=68, le=9000)] = 1500
+    shared: bool = False
+    """one sends at a time; False: each direction has the rate to itself"""
+    ends: dict[str, Ask] = {}
+    """conditions of one pair (``a-b``) or direction (``a>b``)"""
+    range: Range | None = None
+    radio: Literal["ethernet", "wifi", "lte", "serial"] = "wifi"
+    budget: str | None = None
+    cost: int | None = None
+    thin: dict[str, float] = {}
+
+
+class Link(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="link"):
+    """Two hosts."""
+
+    between: tuple[str, str]
+
+
+class Wds(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="wds"):
+    """Bridges, each with the hosts behind it, and the hops between them. Hosts reach their bridge by wire."""
+
+    bridges: dict[str, list[str]]
+    hops: list[tuple[str, str]]
+
+
+class RadioChannel(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="radio"):
+    """Stations of which not all hear each other."""
+
+    hosts: list[str] | None = None
+    """None: all"""
+    pairs: list[tuple[str, str]] | None = None
+    """who hears whom; None: all, as far as the range lets them"""
+
+
+AnyMedium = Link | Wds | RadioChannel
+
+
+class Scenario(Table, kw_only=True, frozen=True):
+    """The whole file."""
+
+    name: str = "lab"
+    profile: Profile = "mesh"
+    credentials: bool = False
+    hosts: dict[str, HostSpec]
+    media: list[AnyMedium] = []
+    fleet: dict[str, Any] = {}
+    seed: int = 0
+    """of all chance in the links"""
+
+
+def members(medium: AnyMedium) -> list[str]:
+    """The hosts on a medium, once ``hosts`` is filled in (:func:`check`)."""
+    if isinstance(medium, Link):
+        return list(medium.between)
+    if isinstance(medium, Wds):
+        return [host for behind in medium.bridges.values() for host in behind]
+    return list(medium.hosts or [])
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a lab's file; raises :class:`BadConfig` that names the file, the field and what was expected."""
+    try:
+        scenario = msgspec.toml.decode(Path(path).read_bytes(), type=Scenario)
+        return check(scenario)
+    except OSError as e:
+        raise BadConfig(f"cannot read the lab's file {path}: {e.strerror}", field="file", value=str(path)) from e
+    except msgspec.ValidationError as e:
+        what, _, where = str(e).partition(" - at `$")
+        field = where.strip("`").lstrip(".") or "the file"
+        raise BadConfig(f"{path}: {what} (at {field})", field=field, expected=what) from None
+    except BadInput as e:
+        raise BadConfig(f"{path}: {e}", **e.detail) from None
+    except ValueError as e:
+        raise BadConfig(f"{path} is not TOML: {e}", field="file", value=str(path), expected="TOML") from e
+
+
+def check(scenario: Scenario) -> Scenario:
+    """The scenario with names and networks filled in; raises :class:`BadConfig` for what cannot be."""
+    keys.check_name(scenario.name)
+    if not scenario.hosts:
+        raise _wrong("hosts", {}, "a table [hosts.NAME] for each host")
+    for name, host in scenario.hosts.items():
+        keys.check_name(name)
+        if host.follow and host.vehicle is None:
+            raise _wrong(f"hosts.{name}.follow", True, "a vehicle to follow")
+    filled: list[AnyMedium] = []
+    for number, medium in enumerate(scenario.media):
+        if isinstance(medium, RadioChannel) and medium.hosts is None:
+            medium = msgspec.structs.replace(medium, hosts=list(scenario.hosts))
+        name = medium.name or ("-".join(medium.between) if isinstance(medium, Link) else f"{_tag(medium)}{number}")
+        where = f"media.{name}"
+        if name in {each.name for each in filled}:
+            raise _wrong(f"{where}.name", name, "a name of its own for each medium")
+        network = medium.network or _free_network(scenario.media, filled)
+        interface = medium.interface or _interface(medium, number)
+        medium = msgspec.structs.replace(medium, name=name, network=network, interface=interface)
+        _check_medium(medium, where, scenario.hosts)
+        filled.append(medium)
+    _check_interfaces(filled)
+    return msgspec.structs.replace(scenario, media=filled)
+
+
+def _tag(medium: AnyMedium) -> str:
+    return "wds" if isinstance(medium, Wds) else "radio"
+
+
+def _interface(medium: AnyMedium, number: int) -> str:
+    return {"wifi": "wlan", "lte": "wwan", "ethernet": "eth", "serial": "sl"}[medium.radio] + str(number)
+
+
+def _free_network(media: list[AnyMedium], filled: list[AnyMedium]) -> str:
+    taken = {medium.network for medium in (*media, *filled)}
+    return next(text for i in range(256) if (text := f"10.77.{i}.0/24") not in taken)
+
+
+def _check_medium(medium: AnyMedium, where: str, hosts: dict[str, HostSpec]) -> None:
+    check_ask(medium, where)
+    for ends, ask in medium.ends.items():
+        check_ask(ask, f"{where}.ends.{ends}")
+    on_it = members(medium)
+    for name in on_it:
+        if name not in hosts:
+            raise _wrong(f"{where}", name, f"hosts of this file: {', '.join(hosts)}")
+    if len(set(on_it)) != len(on_it):
+        raise _wrong(where, on_it, "each host once")
+    try:
+        network = ipaddress.IPv4Network(medium.network or "")
+    except ValueError as e:
+        raise _wrong(f"{where}.network", medium.network, f"an IPv4 network such as 10.77.0.0/24 ({e})") from None
+    if network.num_addresses - 2 < len(on_it):
+        raise _wrong(f"{where}.network", medium.network, f"room for {len(on_it)} hosts")
+    if medium.interface is None or not re.fullmatch(r"[\w.-]{1,15}", medium.interface, re.ASCII):
+        raise _wrong(f"{where}.interface", medium.interface, f"an interface's name, up to {LONGEST_INTERFACE} letters")
+    if medium.range is not None and medium.range.free >= medium.range.cut:
+        raise _wrong(f"{where}.range.free", medium.range.free, f"less than cut ({medium.range.cut:g} m)")
+    if isinstance(medium, Wds):
+        if medium.range is not None:
+            raise _wrong(f"{where}.range", "a table", "none: a wds segment's bridges stand still")
+        _check_pairs(medium.hops, list(medium.bridges), f"{where}.hops", "bridges")
+    elif isinstance(medium, RadioChannel) and medium.pairs is not None:
+        _check_pairs(medium.pairs, on_it, f"{where}.pairs", "hosts")
+
+
+def _check_pairs(pairs: list[tuple[str, str]], known: list[str], where: str, what: str) -> None:
+    seen: set[frozenset[str]] = set()
+    for pair in pairs:
+        if pair[0] == pair[1] or not set(pair) <= set(known):
+            raise _wrong(where, list(pair), f"two {what} of {', '.join(known)}")
+        if frozenset(pair) in seen:
+            raise _wrong(where, list(pair), "each pair once")
+        seen.add(frozenset(pair))
+
+
+def _check_interfaces(media: list[AnyMedium]) -> None:
+    taken: set[tuple[str, str | None]] = set()
+    for medium in media:
+        for host in members(medium):
+            if (host, medium.interface) in taken:
+                expected = "another name for each interface of a host"
+                raise _wrong(f"media.{medium.name}.interface", medium.interface, expected)
+            taken.add((host, medium.interface))
+
+
+def _wrong(field: str, value: object, expected: str) -> BadConfig:
+    return BadConfig(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
