@@ -19,11 +19,13 @@ from typing import Any, Protocol
 import zenoh
 
 from zmav import keys
-from zmav.errors import BadKey, BadMessage, ZmavError
+from zmav.errors import BadKey, BadMessage, Forbidden, ZmavError
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
 from zmav.services.port import Flow, Heard, Listener, TxCounters
+from zmav.services.proven import attached
+from zmav.trust.gate import Prove, anybody
 
 MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
@@ -72,6 +74,8 @@ class Adapter:
         """raises a ZmavError for a frame of others that may not be sent now (somebody commands the vehicle)"""
         self.on_sent: Callable[[Frame], None] = lambda frame: None
         """told of each frame of others that was sent"""
+        self.prove: Prove = anybody
+        """raises Forbidden for what does not come from who may put it; whoever set it says so"""
         self.heard = 0.0
         self._component = component
         self.signing, self._sign_forwarded = signing, sign_forwarded
@@ -164,11 +168,16 @@ class Adapter:
 
     def _on_tx(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
+        payload = sample.payload.to_bytes()
         try:
-            frame = self._checked(key, sample.payload.to_bytes())
+            self.prove(key, payload, attached(sample))
+            frame = self._checked(key, payload)
             self.guard()
             self.admit(frame)
             data = self._signed(frame)
+        except Forbidden:
+            self.tx.refused += 1
+            return
         except ZmavError as e:
             self.tx.refused += 1
             self.on_refused(f"frame on {key} refused: {e}")

@@ -16,7 +16,7 @@ import zenoh
 
 from zmav import config, wire
 from zmav.adapter import Adapter
-from zmav.errors import BadConfig, Refused
+from zmav.errors import BadConfig, Forbidden, Refused
 from zmav.links import LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
@@ -32,7 +32,7 @@ from zmav.services.messages import Messages
 from zmav.services.mission import Missions
 from zmav.services.mission_flight import MissionFlight
 from zmav.services.needs import Needs
-from zmav.services.orders import Handler, Orders, Report
+from zmav.services.orders import Guarded, Handler, Orders, Report
 from zmav.services.param import Params
 from zmav.services.payload import Payload
 from zmav.services.port import on_loop
@@ -42,6 +42,10 @@ from zmav.services.rate import Rates
 from zmav.services.state import StateService
 from zmav.services.store import Store, default_directory
 from zmav.services.timesync import TimeSync
+from zmav.trust.certificate import Role
+from zmav.trust.credentials import Credentials
+from zmav.trust.gate import Gate, Origin
+from zmav.trust.proof import Signer
 from zmav.verbs import VERBS, Verb
 
 TICK = 0.2
@@ -62,6 +66,8 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     limits: config.Limits = config.Limits()
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
+    credentials: str | None = None
+    """folder of the vehicle's certificate: with it, only what is proven to come from who may give it is taken"""
     cache: str | None = None
     """directory for files and logs fetched from the autopilot; None: the user's cache directory"""
 
@@ -78,6 +84,8 @@ class Onboard:
             why = f"no system id {settings.sysid}; expected 1 to 255"
             raise BadConfig(why, field="sysid", value=settings.sysid, expected="1 to 255")
         self.settings = settings
+        own = _credentials(settings)
+        self.gate = Gate(own) if own else None
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
             session, fleet, name, open_link(settings.link), dialect,
@@ -86,10 +94,11 @@ class Onboard:
         )  # fmt: skip
         if settings.sysid is not None:
             port.speak_as(settings.sysid)  # until it is heard, too
-        self.events = Events(session, fleet, name)
+        signer = Signer(own) if own else None
+        self.events = Events(session, fleet, name, signer)
         self.identity = Identity(port, self.events, settings.sysid)
-        self.presence = Presence(session, fleet, name, instance, self.identity, self.events)
-        self.state = StateService(session, port, instance, self.identity, settings.origin)
+        self.presence = Presence(session, fleet, name, instance, self.identity, self.events, self.gate)
+        self.state = StateService(session, port, instance, self.identity, settings.origin, signer)
         self.timesync = TimeSync(port, self.identity, self.events)
         self.messages = Messages(session, port, self.identity, self.timesync)
         self.quality = Quality(session, port, self.identity, self.timesync)
@@ -119,8 +128,21 @@ class Onboard:
         self.files = Files(session, port, ftp, Store(cache / fleet / name))
         self.logs = Logs(port, self.identity, ftp, self.files)
         self.orders = Orders(session, fleet, name)
+        if self.gate is not None:
+            self._stand_at(self.gate)
         self._housekeeper: asyncio.Task[None] | None = None
         self._add_orders()
+
+    def _stand_at(self, gate: Gate) -> None:
+        """From now on nothing is taken but with a proof of origin; each kind of refusal is said once a second."""
+        self.adapter.prove = self.files.prove = self.orders.prove = gate.check
+        self.setpoints.proven = True
+
+        def say(error: Forbidden) -> None:
+            reason = str(error.detail["reason"])
+            self.events.emit("refused", "warning", f"refused: {error}", limit=f"proof {reason}", reason=reason)
+
+        gate.on_refused = say
 
     def _add_orders(self) -> None:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""
@@ -141,9 +163,6 @@ class Onboard:
             "relay": payload.relay,
             "gimbal": payload.gimbal,
             "trigger": payload.trigger,
-            "lease": leases.take,
-            "release": leases.drop,
-            "revoke": leases.revoke,
             "ping": _pong,
             **self.files.handlers,
             **self.logs.handlers,
@@ -156,16 +175,17 @@ class Onboard:
             "mission_start": self.mission_flight.start,
             "mission_current": self.mission_flight.set_current,
         }
-        for name, handler in handlers.items():
-            self.orders.add(name, self._guarded(VERBS[name], handler))
+        told: dict[str, Guarded] = {"lease": leases.take, "release": leases.drop, "revoke": leases.revoke}
+        for name, guarded in (told | {name: _untold(handler) for name, handler in handlers.items()}).items():
+            self.orders.add(name, self._guarded(VERBS[name], guarded))
 
-    def _guarded(self, verb: Verb, handler: Handler) -> Handler:
+    def _guarded(self, verb: Verb, handler: Guarded) -> Guarded:
         """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one."""
 
-        async def guarded(args: wire.Order, report: Report) -> dict[str, Any]:
-            flown = self.authority.admit(verb, args)
+        async def guarded(args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
+            flown = self.authority.admit(verb, args, origin)
             try:
-                return await handler(args, report)
+                return await handler(args, report, origin)
             except Exception as e:
                 if isinstance(e, Refused) and "mode" in e.detail:  # it saw the pilot's mode before anybody judged it
                     self.authority.taken(e.message)
@@ -254,6 +274,8 @@ class Onboard:
         state.clock = self.timesync.info()
         self.authority.add_to_state(state)
         state.clash = self.presence.clash
+        if self.gate is not None:
+            state.gate, state.forbidden = self.gate.epoch.hex(), dict(self.gate.counts)
 
     async def _keep_house(self) -> None:
         """The slow work, five times a second; a fault in it is said and does not end it."""
@@ -286,6 +308,27 @@ def _signing(settings: config.Signing, dialect: Dialect) -> Signing:
     clock = Clock(Path(settings.key_file).with_suffix(".time"))
     key = read_key(settings.key_file)
     return Signing(key, dialect, link_id=settings.link_id, clock=clock, unsigned=settings.unsigned)
+
+
+def _credentials(settings: OnboardSettings) -> Credentials | None:
+    """The vehicle's own; raises :class:`BadConfig` for another member's."""
+    if settings.credentials is None:
+        return None
+    found = Credentials.load(settings.credentials)
+    for field, said, expected in (
+        ("role", found.role.value, Role.VEHICLE.value),
+        ("name", found.name, settings.name),
+        ("fleet", found.fleet, settings.fleet),
+    ):
+        if said != expected:
+            text = f"the credentials in {settings.credentials} are for the {field} {said!r}; expected {expected!r}"
+            raise BadConfig(text, field="credentials", value=said, expected=expected)
+    return found
+
+
+def _untold(handler: Handler) -> Guarded:
+    """For what is the same whoever asks."""
+    return lambda args, report, origin: handler(args, report)
 
 
 async def _pong(args: wire.Order, report: Report) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
 from zmav.services.setpoint import Setpoints
 from zmav.services.stations import Stations
+from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
@@ -100,7 +101,7 @@ class Authority:
         self.pilot.close()
         self.leases.close()
 
-    def admit(self, verb: Verb, args: wire.Order) -> Flown | None:
+    def admit(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> Flown | None:
         """Let an order begin: raises where its verb needs what it has not, and ends what it takes the place of.
 
         Returns the stream that it ended, for :meth:`failed`.
@@ -108,7 +109,7 @@ class Authority:
         if verb.access is not Access.READ or verb.name == "lease":
             self._guard()
         if verb.access in (Access.CHANGE, Access.MOVE):
-            self.leases.allow(args.lease)
+            self.leases.allow(args.lease, origin)
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
             return None
         if verb.name != "disarm":
@@ -121,7 +122,7 @@ class Authority:
         if verb.name not in (*MOVING_NOTHING, "command"):
             self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
         self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
-        if verb.access is Access.OPEN and not self.leases.holds(args.lease):  # his next setpoint would undo it
+        if verb.access is Access.OPEN and not self.leases.holds(args.lease, origin):  # his next setpoint would undo it
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
         return flown
 

@@ -15,6 +15,7 @@ from zmav import keys, wire
 from zmav.mavlink import Frame
 from zmav.mavlink.event import read_event
 from zmav.mavlink.statustext import Text, TextJoiner
+from zmav.trust.proof import Signer
 
 SEVERITIES: tuple[wire.Severity, ...] = (
     "emergency",
@@ -31,11 +32,11 @@ SEVERITIES: tuple[wire.Severity, ...] = (
 class Events:
     """Publishes a vehicle's events, from any thread; what reads frames lives on the event loop."""
 
-    def __init__(self, session: zenoh.Session, fleet: str, name: str) -> None:
-        ext = zenoh.ext
+    def __init__(self, session: zenoh.Session, fleet: str, name: str, signer: Signer | None = None) -> None:
+        ext, self._signer, self._key = zenoh.ext, signer, keys.EVENT.key(fleet, name)
         self._publisher = ext.declare_advanced_publisher(
             session,
-            keys.EVENT.key(fleet, name),
+            self._key,
             encoding=keys.EVENT.encoding,
             **keys.EVENT.qos.options(),
             cache=ext.CacheConfig(max_samples=200),
@@ -61,7 +62,8 @@ class Events:
                 detail["left_out"] = left_out
         event = wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail)
         with contextlib.suppress(zenoh.ZError):  # a closed session hears nothing: no reason to stop watching over it
-            self._publisher.put(wire.encode(event))
+            data = wire.encode(event)
+            self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
 
     def _admit(self, limit: str) -> int | None:
         now = time.monotonic()

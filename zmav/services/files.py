@@ -17,14 +17,16 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.mavlink.ftp import Nak, crc32
 from zmav.services.ftp import Ftp, generated
 from zmav.services.ftp_read import Memory, Sink
 from zmav.services.gaps import UNKNOWN
 from zmav.services.orders import Handler, Report
 from zmav.services.port import Port, on_loop
+from zmav.services.proven import attached, refuse
 from zmav.services.store import Meta, Part, Store
+from zmav.trust.gate import Prove, anybody
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 T = TypeVar("T")
@@ -49,6 +51,8 @@ class Files:
         self._session, self._port = session, port
         self.ftp, self.store = ftp, store
         self.uploads: dict[str, Upload] = {}
+        self.prove: Prove = anybody
+        """raises Forbidden for a chunk that does not come from who may upload"""
         self._under_way: asyncio.Task[Any] | None = None
         self._queryables: list[Any] = []
 
@@ -231,8 +235,12 @@ class Files:
             if "*" in key:
                 return
             *_, name, offset = key.split("/")
+            data = query.payload.to_bytes() if query.payload else b""
             try:
-                upload = self._take(name, _offset(offset), query.payload.to_bytes() if query.payload else b"")
+                self.prove(key, data, attached(query))
+                upload = self._take(name, _offset(offset), data)
+            except Forbidden as e:
+                refuse(query, e)
             except ZmavError as e:
                 query.reply_err(wire.error_body(e), encoding=keys.JSON)
             else:

@@ -16,6 +16,8 @@ from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
 from zmav.services.events import Events
 from zmav.services.port import on_loop
+from zmav.trust.gate import Origin
+from zmav.trust.seal import Exchange
 
 MAX_TTL = 60.0
 MAX_PRIORITY = 100
@@ -28,7 +30,8 @@ class Leases:
     """A vehicle's lease. Lives on the event loop.
 
     ``on_end(end)`` is called whenever a lease ends; ``may_take()`` raises while nobody may have one (the pilot's
-    switch).
+    switch). Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the
+    setpoints under it.
     """
 
     def __init__(self, session: zenoh.Session, fleet: str, vehicle: str, events: Events) -> None:
@@ -38,7 +41,11 @@ class Leases:
         self.last_end: wire.LeaseEnd | None = None
         self.number = 0
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
+        self.secret, self.last_secret = b"", b""
+        """what seals the setpoints of the lease in force, and of the one before; empty where nothing is proven"""
         self._token = self._holder = self._instance = ""
+        self._origin: Origin | None = None
+        self._answer: dict[str, Any] = {}
         self._priority = 0
         self._ttl = 0.0
         self._expires = self._committed = 0.0
@@ -60,47 +67,58 @@ class Leases:
 
     # The orders.
 
-    async def take(self, args: wire.TakeLease, report: object = None) -> dict[str, Any]:
+    async def take(self, args: wire.TakeLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
         """Grant or renew; raises :class:`NotHolder` while another of the same or a higher priority holds it (a namesake
-        without the token included), or when the lease to be renewed has ended.
+        without the token included), or when the lease to be renewed has ended or was given to another ``origin``.
         """
         self._check(args)
         self.tick()
         if args.lease:
             if args.lease != self._token:
                 raise self.refusal(args.lease)
+            self._check_origin(origin)
         else:
+            token = secrets.token_hex(8)
+            secret, answer = self._agree(args, token) if origin else (b"", {})
             self.may_take()
             if self._token and args.priority <= self._priority:
                 raise self.refusal()
             if self._token:
                 text = f"{args.holder} (priority {args.priority}) took the lease from {self._holder} ({self._priority})"
                 self.end("preempted", text, by=args.holder)
-            self._token, self._holder = secrets.token_hex(8), args.holder
+            self._token, self._holder, self._origin = token, args.holder, origin
+            self.secret, self._answer = secret, answer
             self.number += 1
             self._committed = 0.0
-            self._events.emit("lease", "info", f"{args.holder} commands", holder=args.holder, priority=args.priority)
+            proven = {"origin": origin.name} if origin else {}
+            words = f"{args.holder} commands"
+            self._events.emit("lease", "info", words, holder=args.holder, priority=args.priority, **proven)
         self._instance, self._priority, self._ttl = args.instance, args.priority, args.ttl
         self.renew()
-        return {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
+        granted = {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
+        return {**granted, **self._answer}
 
-    async def drop(self, args: wire.DropLease, report: object = None) -> dict[str, Any]:
+    async def drop(self, args: wire.DropLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
         """The holder gives it back."""
         self.require(args.lease)
+        self._check_origin(origin)
         self.end("released", f"{self._holder} gave the lease back")
         return {}
 
-    async def revoke(self, args: wire.RevokeLease, report: object = None) -> dict[str, Any]:
+    async def revoke(
+        self, args: wire.RevokeLease, report: object = None, origin: Origin | None = None
+    ) -> dict[str, Any]:
         """An operator ends whoever's lease; harmless where there is none."""
         held = self.holder
         if held is not None:
             why = f": {args.reason}" if args.reason else ""
-            self.end("revoked", f"lease of {held} revoked by an operator{why}")
+            who = f"the operator {origin.name}" if origin else "an operator"
+            self.end("revoked", f"lease of {held} revoked by {who}{why}", by=origin.name if origin else None)
         return {"holder": held}
 
     # What others use.
 
-    def allow(self, token: str) -> None:
+    def allow(self, token: str, origin: Origin | None = None) -> None:
         """Raise :class:`NotHolder` where somebody else commands, or ``token``'s lease has ended: who was given it does
         not go on as if nothing had been. With no lease given out, an order needs none.
         """
@@ -108,6 +126,7 @@ class Leases:
         if token != self._token:
             raise self.refusal(token)
         if self._token:
+            self._check_origin(origin)
             self.renew()
 
     def require(self, token: str) -> None:
@@ -117,9 +136,9 @@ class Leases:
             raise self.refusal(token)
         self.renew()
 
-    def holds(self, token: str) -> bool:
-        """``token`` is the lease in force, or none is."""
-        return token == self._token or not self._token
+    def holds(self, token: str, origin: Origin | None = None) -> bool:
+        """``token`` is the lease in force and ``origin``'s, or none is."""
+        return not self._token or (token == self._token and origin == self._origin)
 
     def renew(self) -> None:
         """It is in use."""
@@ -145,6 +164,7 @@ class Leases:
         while len(self._ended) > REMEMBERED:
             self._ended.popitem(last=False)
         self._token = self._holder = self._instance = ""
+        self._origin, self.secret, self.last_secret = None, b"", self.secret
         self.last_end = end
         self._events.emit("lease", severity, text, holder=end.holder, reason=reason, **({"by": by} if by else {}))
         self.on_end(end)
@@ -153,7 +173,10 @@ class Leases:
         if not self._token:
             return None
         expires = time.time() + self._expires - time.monotonic()
-        return wire.LeaseInfo(holder=self._holder, expires=expires, priority=self._priority, number=self.number)
+        return wire.LeaseInfo(
+            holder=self._holder, expires=expires, priority=self._priority, number=self.number,
+            origin=self._origin.name if self._origin else None,
+        )  # fmt: skip
 
     def refusal(self, token: str = "") -> NotHolder:
         """Why ``token`` does not command the vehicle."""
@@ -172,6 +195,18 @@ class Leases:
         return NotHolder(text, holder=self._holder, priority=self._priority, **detail)
 
     # How it is done.
+
+    def _agree(self, args: wire.TakeLease, token: str) -> tuple[bytes, dict[str, Any]]:
+        """The secret of a new lease, and what its holder is told so that he comes to the same one."""
+        ours = Exchange()
+        return ours.secret(args.key, f"{self._fleet}/{self._vehicle}", token), {"key": ours.public}
+
+    def _check_origin(self, origin: Origin | None) -> None:
+        """A token can be overheard: it is its holder's only as long as he proves that he asks."""
+        if origin != self._origin:
+            given, asks = (one.name if one else "nobody proven" for one in (self._origin, origin))
+            text = f"that lease on {self._vehicle} was given to {given}, and {asks} asks"
+            raise NotHolder(text, vehicle=self._vehicle, holder=self._holder, reason="origin")
 
     def _check(self, args: wire.TakeLease) -> None:
         if not args.holder:

@@ -17,8 +17,10 @@ from typing import Any
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.port import on_loop
+from zmav.services.proven import attached, refuse
+from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS
 
 MEMORY = 60.0
@@ -30,6 +32,8 @@ MOST_ID = 64
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
+Guarded = Callable[[Any, Report, "Origin | None"], Awaitable[dict[str, Any]]]
+"""is told who asks, too, where that is proven"""
 
 
 @dataclass
@@ -37,6 +41,7 @@ class Operation:
     verb: str
     payload: bytes
     """its digest: what was put may be large"""
+    origin: Origin | None
     task: asyncio.Task[dict[str, Any]]
     started: float = field(default_factory=time.monotonic)
     ended: float | None = None
@@ -53,7 +58,9 @@ class Orders:
 
     def __init__(self, session: zenoh.Session, fleet: str, name: str) -> None:
         self._session, self._fleet, self._name = session, fleet, name
-        self._verbs: dict[str, tuple[type[wire.Order], Handler]] = {}
+        self.prove: Prove = anybody
+        """who an order is from; raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at"""
+        self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
         self._operations: dict[str, Operation] = {}
         self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
         """when the orders ended whose outcome is kept no more"""
@@ -61,7 +68,7 @@ class Orders:
         self._queryable: Any = None
         self._closed = False
 
-    def add(self, verb: str, handler: Handler) -> None:
+    def add(self, verb: str, handler: Guarded) -> None:
         """Who does the work of a verb of :data:`zmav.verbs.VERBS`."""
         self._verbs[verb] = (VERBS[verb].args, handler)
 
@@ -89,28 +96,33 @@ class Orders:
         if self._closed or "*" in asked:
             query.drop()  # somebody looks around with a wildcard: that is no order
             return
-        answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2]))
+        payload = query.payload.to_bytes() if query.payload else b""
+        try:
+            origin = self.prove(asked, payload, attached(query))
+        except Forbidden as e:
+            refuse(query, e)
+            return
+        answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2], payload, origin))
         self._answers.add(answer)
         answer.add_done_callback(self._answers.discard)
 
-    async def _answer(self, query: zenoh.Query, verb: str) -> None:
+    async def _answer(self, query: zenoh.Query, verb: str, payload: bytes, origin: Origin | None) -> None:
         with query:
             key = keys.DO.key(self._fleet, self._name, verb=verb)
             try:
-                payload = query.payload.to_bytes() if query.payload else b""
-                outcome = await self._outcome(verb, payload)
+                outcome = await self._outcome(verb, payload, origin)
             except ZmavError as e:
                 query.reply_err(wire.error_body(e), encoding=keys.JSON)
             else:
                 query.reply(key, wire.encode(outcome), encoding=keys.JSON)
 
-    async def _outcome(self, verb: str, payload: bytes) -> wire.Outcome:
+    async def _outcome(self, verb: str, payload: bytes, origin: Origin | None) -> wire.Outcome:
         if verb not in self._verbs:
             known = ", ".join(sorted(self._verbs))
             raise BadInput(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
         arguments, handler = self._verbs[verb]
         args = wire.decode(payload, arguments, f"do/{verb}")
-        operation = self._operation(verb, args, payload, handler)
+        operation = self._operation(verb, args, payload, handler, origin)
         wait = min(max(args.wait, 0.0), 5.0) if args.id else None
         await asyncio.wait({operation.task}, timeout=wait)
         took = (operation.ended or time.monotonic()) - operation.started
@@ -118,7 +130,9 @@ class Orders:
             return wire.Outcome(verb=verb, status="running", took=took, result=operation.progress)
         return wire.Outcome(verb=verb, status="done", took=took, result=_result(operation))
 
-    def _operation(self, verb: str, args: wire.Order, payload: bytes, handler: Handler) -> Operation:
+    def _operation(
+        self, verb: str, args: wire.Order, payload: bytes, handler: Guarded, origin: Origin | None
+    ) -> Operation:
         self._forget()
         if len(args.id) > MOST_ID:
             text = f"an id has at most {MOST_ID} characters"
@@ -130,7 +144,7 @@ class Orders:
             )
         known, digest = self._operations.get(args.id) if args.id else None, hashlib.sha256(payload).digest()
         if known is not None:
-            if (known.verb, known.payload) != (verb, digest):
+            if (known.verb, known.payload, known.origin) != (verb, digest, origin):
                 raise BadInput(f"id {args.id!r} was used for another order ({known.verb})", field="id", value=args.id)
             return known
         progress: dict[str, Any] = {}
@@ -138,8 +152,8 @@ class Orders:
         def report(news: dict[str, Any]) -> None:
             progress.update(news)
 
-        task = asyncio.get_running_loop().create_task(_run(handler, args, report))
-        operation = Operation(verb, digest, task, progress=progress)
+        task = asyncio.get_running_loop().create_task(_run(handler, args, report, origin))
+        operation = Operation(verb, digest, origin, task, progress=progress)
         task.add_done_callback(operation.end)
         self._operations[args.id or f"#{id(task)}"] = operation
         return operation
@@ -157,8 +171,8 @@ class Orders:
             self._ended.popitem(last=False)
 
 
-async def _run(handler: Handler, args: wire.Order, report: Report) -> dict[str, Any]:
-    return await handler(args, report)
+async def _run(handler: Guarded, args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
+    return await handler(args, report, origin)
 
 
 def _result(operation: Operation) -> dict[str, Any]:

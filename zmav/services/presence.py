@@ -1,20 +1,32 @@
-"""``alive``: the token that says a vehicle is present, and the watch for a second one of its name or system id."""
+"""``alive``: the token that says a vehicle is present, and the watch for a second one of its name or system id.
+
+Anybody can declare a token. So a vehicle that has credentials is stopped only by who proves to be that other vehicle:
+it is asked for its state, which must be signed, of that very process, and answer a challenge.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
-from zmav import keys
-from zmav.errors import Clash
+from zmav import keys, wire
+from zmav.errors import Clash, ZmavError
 from zmav.services.events import Events
 from zmav.services.identity import Identity
 from zmav.services.port import on_loop
+from zmav.services.proven import attached
+from zmav.trust.certificate import Role
+from zmav.trust.proof import ANSWERS
+from zmav.trust.verify import Verifier
 
 NOBODY = "-"
+ASK_EVERY = 2.0
+"""seconds between two of those who seem to clash with us being asked who they are"""
 UID_GRACE = 2.0
 """seconds an autopilot has to tell its uid before its token goes out without one"""
 
@@ -23,15 +35,19 @@ class Presence:
     """One vehicle's token, and everybody else's. On the event loop; :meth:`check` from any thread."""
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, instance: str, identity: Identity, events: Events
-    ) -> None:
+        self, session: zenoh.Session, fleet: str, name: str, instance: str, identity: Identity, events: Events,
+        verifier: Verifier | None = None,
+    ) -> None:  # fmt: skip
         self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
-        self._identity, self._events = identity, events
+        self._identity, self._events, self._verifier = identity, events, verifier
         self.clash: str | None = None
         self.on_change: Callable[[], None] = lambda: None
         self._token: zenoh.LivelinessToken | None = None
         self._token_key = ""
         self._others: dict[str, dict[str, str]] = {}
+        self._proven: set[tuple[str, str]] = set()
+        """(vehicle, instance) of others that have proven to be who their tokens say"""
+        self._asked, self._turn = 0.0, 0
         self._subscriber: Any = None
         self._since = 0.0
 
@@ -57,6 +73,7 @@ class Presence:
         if known is None or known.uid is not None or now - self._since > UID_GRACE:
             self._declare(known)
         self._judge()
+        self._ask(now)
 
     def _declare(self, known: Identity | None) -> None:
         key = keys.ALIVE.key(
@@ -83,10 +100,12 @@ class Presence:
             self._others[key] = parts
         else:
             self._others.pop(key, None)
+            self._proven.discard((parts["vehicle"], parts["instance"]))
         self._judge()
 
     def _judge(self) -> None:
-        clash = self._identity.clash or next(filter(None, map(self._conflict, self._others.values())), None)
+        others = (other for other in self._others.values() if self._verifier is None or _who(other) in self._proven)
+        clash = self._identity.clash or next(filter(None, map(self._conflict, others)), None)
         if clash == self.clash:
             return
         if clash:
@@ -109,7 +128,43 @@ class Presence:
             return None  # we have not yet said who we are: the uids can be compared in a moment
         return f"{other['vehicle']} and {self._name} both have system id {mine.source[0]}"
 
+    def _ask(self, now: float) -> None:
+        """Have one of those who seem to clash with us prove who it is, each in its turn."""
+        if self._verifier is None or now - self._asked < ASK_EVERY:
+            return
+        suspects = [who for who, other in ((_who(o), o) for o in self._others.values())
+                    if who not in self._proven and self._conflict(other)]  # fmt: skip
+        if not suspects:
+            return
+        self._asked, self._turn = now, self._turn + 1
+        vehicle = suspects[self._turn % len(suspects)][0]
+        key, challenge, verifier = keys.STATE.key(self._fleet, vehicle), os.urandom(ANSWERS), self._verifier
+        proven = on_loop(asyncio.get_running_loop(), self._on_proven)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            with contextlib.suppress(ZmavError):
+                if reply.ok is not None:
+                    data = reply.ok.payload.to_bytes()
+                    _, by = verifier.verify(key, data, attached(reply.ok), answers=challenge)
+                    state = wire.decode(data, wire.VehicleState, f"state of {vehicle}")
+                    if (by.name, by.role) == (vehicle, Role.VEHICLE):
+                        proven((vehicle, state.instance))
+
+        self._session.get(
+            key, on_reply, payload=challenge, timeout=ASK_EVERY, target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE, **keys.STATE.qos.options(),
+        )  # fmt: skip
+
+    def _on_proven(self, who: tuple[str, str]) -> None:
+        if any(_who(other) == who for other in self._others.values()):
+            self._proven.add(who)
+            self._judge()
+
     def check(self) -> None:
         """Raise :class:`Clash` while nobody may command this vehicle."""
         if self.clash:
             raise Clash(f"refused: {self.clash}", vehicle=self._name)
+
+
+def _who(token: dict[str, str]) -> tuple[str, str]:
+    return token["vehicle"], token["instance"]

@@ -16,7 +16,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.autopilots import Autopilot, Target
-from zmav.errors import BadInput, LinkDown, NotHolder, Refused, ZmavError
+from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.bounds import Bounds
 from zmav.services.events import Events
 from zmav.services.identity import Identity
@@ -24,8 +24,10 @@ from zmav.services.ladder import Flown, Ladder
 from zmav.services.lease import Leases
 from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
+from zmav.services.proven import attached
 from zmav.services.target import resolve
 from zmav.services.trajectory import Segment
+from zmav.trust.seal import is_sealed
 
 MAX_AHEAD = 5.0
 """s: a deadline farther away is a mistake or a clock that is off"""
@@ -57,6 +59,8 @@ class Setpoints:
         """an order moves the vehicle: setpoints wait until it has ended, or they would undo a landing just ordered"""
         self.accept: Callable[[Autopilot, Target], None] = lambda autopilot, target: None
         """raises where the autopilot's parameters do not let it follow such a target"""
+        self.proven = False
+        """only what is sealed with the lease's secret is read"""
         self._seq = -1
         self._lease = ""
         self._subscriber: Any = None
@@ -69,18 +73,33 @@ class Setpoints:
         self._subscriber.undeclare()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        agent = str(sample.key_expr).rpartition("/")[2]
+        key, payload = str(sample.key_expr), sample.payload.to_bytes()
+        agent = key.rpartition("/")[2]
         try:
-            point = wire.decode(sample.payload.to_bytes(), wire.Setpoint, f"setpoint of {agent}")
-            self.counts["flown" if self._fly(point) else "engaging"] += 1
+            in_force = not self.proven or self._check_seal(key, payload, attached(sample))
+            point = wire.decode(payload, wire.Setpoint, f"setpoint of {agent}")
+            self.counts["flown" if self._fly(point, in_force) else "engaging"] += 1
         except ZmavError as e:
             why = str(e.detail.get("count", e.code))
             self.counts[why] += 1
             self._events.emit("setpoint", "warning", f"setpoint of {agent} dropped: {e}", limit=f"sp {why}", why=why)
 
-    def _fly(self, point: wire.Setpoint) -> bool:
+    def _check_seal(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
+        """It has the seal of the lease in force; False: of the one before, whose holder is to hear what took it.
+
+        Raises :class:`Forbidden` for any other. Nothing in it is read before.
+        """
+        now, before = self._leases.secret, self._leases.last_secret
+        if now and is_sealed(now, key, payload, attachment):
+            return True
+        if before and is_sealed(before, key, payload, attachment):
+            return False
+        why = "it has no seal" if attachment is None else "its seal is not that of the lease in force"
+        raise Forbidden(f"{why}: take a lease with credentials", reason="seal", count="forged")
+
+    def _fly(self, point: wire.Setpoint, in_force: bool) -> bool:
         self.guard()
-        self._check_order(point)
+        self._check_order(point, in_force)
         self._pilot.check()
         autopilot, source = self._identity.autopilot, self._identity.source
         if autopilot is None or not self._identity.connected or source is None:
@@ -99,8 +118,10 @@ class Setpoints:
         self._leases.commit(until if isinstance(what, Segment) else 0.0)
         return engaged
 
-    def _check_order(self, point: wire.Setpoint) -> None:
+    def _check_order(self, point: wire.Setpoint, in_force: bool) -> None:
         try:
+            if not in_force:  # whatever lease it names: that may have been overheard
+                raise self._leases.refusal(point.lease)
             self._leases.require(point.lease)
         except NotHolder as e:
             e.detail["count"] = "pilot" if e.detail.get("reason") == "pilot" else "lease"

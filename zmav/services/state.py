@@ -13,6 +13,7 @@ from zmav import geo, keys, wire
 from zmav.mavlink import decode
 from zmav.services.identity import Identity
 from zmav.services.port import Port, on_loop
+from zmav.trust.proof import ANSWERS, NOTHING, Signer
 
 FRESH = 3.0
 """seconds after which a message no longer counts for readiness"""
@@ -22,30 +23,47 @@ class StateService:
     """Builds and publishes :class:`zmav.wire.VehicleState`. Lives on the event loop."""
 
     def __init__(
-        self, session: zenoh.Session, port: Port, instance: str, identity: Identity, origin: wire.Origin | None
-    ) -> None:
-        self._session, self._instance = session, instance
+        self, session: zenoh.Session, port: Port, instance: str, identity: Identity, origin: wire.Origin | None,
+        signer: Signer | None = None,
+    ) -> None:  # fmt: skip
+        self._session, self._instance, self._signer = session, instance, signer
         self._port, self._identity, self.origin = port, identity, origin
         self.extras: list[Callable[[wire.VehicleState], None]] = []
         """other services' additions: link, lease, clash"""
         self._key = keys.STATE.key(port.fleet, port.name)
         self._publisher = session.declare_publisher(self._key, encoding=keys.STATE.encoding, **keys.STATE.qos.options())
-        self._queryable: Any = None
+        self._queryables: list[Any] = []
 
     def start(self) -> None:
         answer = on_loop(asyncio.get_running_loop(), self._on_query)
-        self._queryable = self._session.declare_queryable(self._key, answer)
+        self._queryables = [self._session.declare_queryable(self._key, answer)]
+        if self._signer is not None:
+            key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
+
+            def introduce(query: zenoh.Query) -> None:
+                with query:
+                    query.reply(key, der, encoding=keys.CERTIFICATE.encoding)
+
+            self._queryables.append(self._session.declare_queryable(key, introduce))
 
     def close(self) -> None:
-        self._queryable.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
         self._publisher.undeclare()
 
     def publish(self) -> None:
-        self._publisher.put(wire.encode(self.build()))
+        data = wire.encode(self.build())
+        self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
 
     def _on_query(self, query: zenoh.Query) -> None:
+        """With a challenge of 8 bytes, the answer is proven to be of now, and introduces who gives it."""
         with query:
-            query.reply(self._key, wire.encode(self.build()), encoding=keys.STATE.encoding)
+            data, proof = wire.encode(self.build()), None
+            if self._signer is not None:
+                asked = query.payload.to_bytes() if query.payload else b""
+                answers = asked if len(asked) == ANSWERS else NOTHING
+                proof = self._signer.sign(self._key, data, introduce=True, answers=answers)
+            query.reply(self._key, data, encoding=keys.STATE.encoding, attachment=proof)
 
     def latest(self, name: str) -> Mapping[str, Any] | None:
         """The vehicle's last message of that name where it is fresh enough to decide by."""

@@ -12,7 +12,7 @@ import hashlib
 from dataclasses import dataclass
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.x509.oid import NameOID
 
@@ -21,6 +21,11 @@ from zmav.errors import BadConfig
 
 FINGERPRINT = 8
 """bytes of SHA-256 over the DER form that name a certificate on the wire"""
+
+
+def fingerprint(der: bytes) -> bytes:
+    """What names a certificate on the wire."""
+    return hashlib.sha256(der).digest()[:FINGERPRINT]
 
 
 class Role(enum.Enum):
@@ -54,13 +59,13 @@ class Certificate:
 
     @classmethod
     def read(cls, der: bytes) -> Certificate:
-        """From its DER form; raises :class:`BadConfig` for what is no certificate of a fleet's member."""
+        """From its DER form; raises :class:`BadInput` for what is no certificate of a fleet's member."""
         try:
             found = x509.load_der_x509_certificate(der)
             key = found.public_key()
             said = {oid: _only(found.subject, oid) for oid in _PARTS}
             role = Role(said[NameOID.ORGANIZATIONAL_UNIT_NAME])
-        except (ValueError, TypeError) as e:
+        except (ValueError, TypeError, UnsupportedAlgorithm, x509.InvalidVersion) as e:
             raise BadConfig(f"not a certificate of a fleet's member: {e}", field="certificate") from e
         if not isinstance(key, Ed25519PublicKey):
             raise BadConfig("a member's certificate has an Ed25519 key", field="certificate", expected="Ed25519")
@@ -68,7 +73,7 @@ class Certificate:
             name=keys.check_name(said[NameOID.COMMON_NAME]),
             role=role,
             fleet=keys.check_name(said[NameOID.ORGANIZATION_NAME], "fleet"),
-            fingerprint=hashlib.sha256(der).digest()[:FINGERPRINT],
+            fingerprint=fingerprint(der),
             serial=found.serial_number,
             not_before=_utc(found.not_valid_before_utc),
             not_after=_utc(found.not_valid_after_utc),
@@ -79,17 +84,25 @@ class Certificate:
 
     def check(self, authority: x509.Certificate, now: float) -> Certificate:
         """Itself, where ``authority`` signed it and it is valid at ``now`` (UTC seconds); raises :class:`BadConfig`."""
+        self.check_issuer(authority)
+        self.check_dates(now)
+        return self
+
+    def check_issuer(self, authority: x509.Certificate) -> None:
+        """Raise :class:`BadConfig` unless ``authority`` signed it."""
         try:
             self.document.verify_directly_issued_by(authority)
-        except (ValueError, TypeError, InvalidSignature) as e:
+        except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm) as e:
             raise BadConfig(f"the certificate of {self.name} is not of this fleet's authority", field="ca") from e
+
+    def check_dates(self, now: float) -> None:
+        """Raise :class:`BadConfig` unless it is valid at ``now``, in UTC seconds."""
         if not self.not_before <= now <= self.not_after:
             late = now > self.not_after
             word, when = ("expired", self.not_after) if late else ("is not valid before", self.not_before)
             at = datetime.datetime.fromtimestamp(when, datetime.timezone.utc).isoformat(timespec="seconds")
             text = f"the certificate of {self.name} {word} {at}; renew it with 'zmav mesh ca renew', or set the clock"
             raise BadConfig(text, field="certificate", value=at, expected="a valid one")
-        return self
 
 
 _PARTS = (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)

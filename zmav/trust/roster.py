@@ -71,6 +71,18 @@ class SignedRoster(Wire, kw_only=True):
         return roster
 
 
+class HeldRoster(Wire, kw_only=True):
+    """What a router answers on the fleet's topic ``roster``: which one it has."""
+
+    name: str
+    """the router's host"""
+    number: int
+    t: float
+    """UTC seconds: when the authority signed it"""
+    newer: SignedRoster | None = None
+    """itself, where it was asked for what is newer than a number (``?newer=12``), and is"""
+
+
 def read_signed(data: bytes) -> SignedRoster:
     """Raises :class:`BadConfig` for what is no roster."""
     try:

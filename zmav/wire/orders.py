@@ -59,6 +59,9 @@ class TakeLease(Order, kw_only=True):
     """0 to 100"""
     instance: str = ""
     """the last part of the holder's liveliness token: when that token goes, the lease ends at once"""
+    key: str = ""
+    """the holder's X25519 public key (64 hexadecimal digits), where the vehicle asks for proofs of origin: see
+    :mod:`zmav.trust.seal`; the answer carries the vehicle's. A renewal needs none"""
 
 
 class DropLease(Order, kw_only=True):

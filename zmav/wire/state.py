@@ -58,6 +58,8 @@ class LeaseInfo(Wire, kw_only=True):
     priority: int = 0
     number: int = 0
     """of all the leases this vehicle's agent has granted: what tells two of one holder apart"""
+    origin: str | None = None
+    """whose certificate proved the order that took it; None: no proofs are asked for"""
 
 
 LeaseEnding = Literal["expired", "released", "revoked", "preempted", "gone", "pilot", "failsafe"]
@@ -127,6 +129,11 @@ class VehicleState(Wire, kw_only=True):
     """setpoints flown, and those dropped, by reason"""
     clash: str | None = None
     """who else claims the name or system id; commands are refused while it stands"""
+    gate: str | None = None
+    """what a proof of origin for this vehicle answers (16 hexadecimal digits), new with each start of its agent; None:
+    it asks for no proofs"""
+    forbidden: dict[str, int] = {}
+    """orders, frames and uploads whose proof of origin was refused, by reason"""
 
 
 Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"]

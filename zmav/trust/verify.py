@@ -1,0 +1,195 @@
+"""Checking proofs of origin: whose certificate, of which authority, in force, and signed by its holder.
+
+Cheap checks go first, and what costs a signature's check is limited where anybody could cause it, so that a flood of
+forgeries takes a bounded share of the processor.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterable
+
+from cryptography import x509
+
+from zmav.errors import BadConfig, BadInput, Forbidden
+from zmav.trust import proof
+from zmav.trust.certificate import Certificate, fingerprint
+from zmav.trust.credentials import Credentials
+from zmav.trust.roster import Roster
+
+WINDOW = 30.0
+"""s by which a proof's time may differ from our clock"""
+MOST_KNOWN = 512
+"""certificates remembered; the one unused for longest goes first"""
+STRANGERS = 20.0
+"""certificates that are neither known nor on the roster, and are looked at in a second"""
+FORGERIES = 300.0
+"""wrong signatures that are looked at in a second, of each certificate; one costs some 150 µs"""
+BUSY = "busy"
+"""the reason for what was not looked at for want of time: whoever asked may ask again"""
+
+
+class Allowance:
+    """So many a second, and a second's worth at once: a token bucket. Not thread-safe."""
+
+    def __init__(self, rate: float, clock: Callable[[], float]) -> None:
+        self._rate, self._clock = rate, clock
+        self._left, self._at = rate, clock()
+
+    def _fill(self) -> None:
+        now = self._clock()
+        self._left, self._at = min(self._left + (now - self._at) * self._rate, self._rate), now
+
+    @property
+    def spent(self) -> bool:
+        """None is left at present."""
+        self._fill()
+        return self._left < 1.0
+
+    def take(self) -> bool:
+        """Take one; False where none is left."""
+        if self.spent:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Verifier:
+    """Knows the fleet's authority and roster, and remembers the certificates it has seen. Thread-safe.
+
+    ``utc`` and ``monotonic`` are clocks in seconds.
+    """
+
+    def __init__(
+        self, authority: x509.Certificate, fleet: str, roster: Roster,
+        utc: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        self.authority, self.fleet, self._roster = authority, fleet, roster
+        self._revoked, self._listed = _fingerprints(roster)
+        self._utc, self._monotonic = utc, monotonic
+        self._lock = threading.Lock()
+        self._known: collections.OrderedDict[bytes, Certificate] = collections.OrderedDict()
+        self._strangers = Allowance(STRANGERS, monotonic)
+        self._forgeries: dict[bytes, Allowance] = {}
+
+    @classmethod
+    def of(cls, credentials: Credentials) -> Verifier:
+        """As the member of these credentials judges others."""
+        return cls(credentials.authority, credentials.fleet, credentials.roster)
+
+    @property
+    def roster(self) -> Roster:
+        """Whom the authority has turned out; it may be replaced by a newer one at any time."""
+        return self._roster
+
+    @roster.setter
+    def roster(self, newer: Roster) -> None:
+        if newer.fleet == self.fleet and newer.number > self._roster.number:
+            self._roster = newer
+            self._revoked, self._listed = _fingerprints(newer)
+
+    def learn(self, der: bytes) -> Certificate:
+        """Remember a certificate that the authority signed; raises :class:`Forbidden` for any other.
+
+        A certificate of another fleet, one that is not valid now, and one that was revoked are not believed either.
+        """
+        try:
+            certificate = Certificate.read(der)
+            certificate.check_issuer(self.authority)
+        except BadInput as e:
+            raise Forbidden(e.message, reason="stranger") from e
+        self._check(certificate)
+        with self._lock:
+            self._known[certificate.fingerprint] = certificate
+            while len(self._known) > MOST_KNOWN:
+                gone, _ = self._known.popitem(last=False)
+                self._forgeries.pop(gone, None)
+        return certificate
+
+    def verify(
+        self, key: str, payload: bytes, attachment: bytes | None, *, answers: bytes = proof.NOTHING, fresh: bool = True
+    ) -> tuple[proof.Proof, Certificate]:
+        """Who signed ``payload`` for ``key``; raises :class:`Forbidden` with a ``reason`` in its detail.
+
+        ``answers``: what it must answer. ``fresh``: it is not old by our clock. Whether it comes a second time is not
+        looked at here.
+        """
+        found = self.read(attachment, fresh=fresh)
+        if found.answers != answers:
+            raise Forbidden("its proof of origin answers something else than what was asked", reason="replayed")
+        certificate = self.certificate_of(found)
+        self.check_signature(found, certificate, key, payload)
+        return found, certificate
+
+    # The same in parts, for who has something to look at in between.
+
+    def read(self, attachment: bytes | None, *, fresh: bool = True) -> proof.Proof:
+        """The proof in an attachment; raises :class:`Forbidden` where there is none, or where its time is wrong."""
+        if attachment is None:
+            raise Forbidden("it carries no proof of origin: open the session with --credentials", reason="unsigned")
+        found = proof.read(attachment)
+        if fresh and abs(ahead := found.t - self._utc()) > WINDOW:
+            way = "ahead" if ahead > 0 else "old"
+            text = f"its proof of origin is {abs(ahead):.1f} s {way} (at most {WINDOW:.0f}): set the clock that is off"
+            raise Forbidden(text, reason="clock", offset=round(ahead, 1))
+        return found
+
+    def certificate_of(self, found: proof.Proof) -> Certificate:
+        """The certificate a proof is by; raises :class:`Forbidden` where it is not known, or not in force."""
+        with self._lock:
+            known = self._known.get(found.fingerprint)
+            if known is not None:
+                self._known.move_to_end(found.fingerprint)
+        if known is not None:
+            return self._check(known)
+        if not found.certificate:
+            raise Forbidden("its certificate is not known here, and did not come with it", reason="unknown")
+        if fingerprint(found.certificate) != found.fingerprint:
+            raise proof.malformed("its certificate is not the one that it names")
+        with self._lock:
+            if found.fingerprint not in self._listed and not self._strangers.take():
+                raise Forbidden("too many unknown certificates at present", reason=BUSY)
+        return self.learn(found.certificate)
+
+    def check_signature(self, found: proof.Proof, certificate: Certificate, key: str, payload: bytes) -> None:
+        """Raises :class:`Forbidden` unless the holder of ``certificate`` signed just this."""
+        with self._lock:
+            forgeries = self._forgeries.get(certificate.fingerprint)
+            if forgeries is not None and forgeries.spent:
+                raise Forbidden(f"too many wrong signatures as {certificate.name} at present", reason=BUSY)
+        if found.is_of(certificate, key, payload):
+            return
+        with self._lock:
+            self._forgeries.setdefault(certificate.fingerprint, Allowance(FORGERIES, self._monotonic)).take()
+        text = f"the signature is not {certificate.name}'s of this: it was changed, or is another's"
+        raise Forbidden(text, reason="signature", origin=certificate.name)
+
+    def _check(self, certificate: Certificate) -> Certificate:
+        """Raises :class:`Forbidden` unless it is of this fleet and in force."""
+        name = certificate.name
+        if certificate.fleet != self.fleet:
+            raise Forbidden(f"{name} is of the fleet {certificate.fleet}, not of {self.fleet}", reason="fleet")
+        if certificate.fingerprint in self._revoked:
+            raise Forbidden(f"the certificate of {name} was revoked", reason="revoked", origin=name)
+        try:
+            certificate.check_dates(self._utc())
+        except BadConfig as e:
+            raise Forbidden(e.message, reason="expired", origin=name) from e
+        return certificate
+
+
+def _fingerprints(roster: Roster) -> tuple[frozenset[bytes], frozenset[bytes]]:
+    """The roster's revoked certificates, and its members'; what is no fingerprint names nobody."""
+    revoked, listed = (_bytes(texts) for texts in (roster.revoked, [m.fingerprint for m in roster.members]))
+    return revoked, listed
+
+
+def _bytes(texts: Iterable[str]) -> frozenset[bytes]:
+    found = set()
+    for text in texts:
+        with contextlib.suppress(ValueError):
+            found.add(bytes.fromhex(text))
+    return frozenset(found)
