@@ -148,6 +148,7 @@ class BenchReport(Wire, kw_only=True):
     """datagrams that were none of this run's"""
     clock: BenchClock | None = None
     trips: list[BenchTrip] = []
+    """of a stream with a guard: before it, and beside it"""
 
 
 class Pong(Wire, kw_only=True):

@@ -1,0 +1,82 @@
+"""Datagrams at a steady rate, from a thread: the event loop's own timing would be what is measured."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from mesh.bench import datagram
+from mesh.bench.statistics import SECOND, Samples
+from zmav.session import reason
+
+BEHIND = SECOND // 10
+"""ns behind its times after which the sender gives up datagrams instead of sending a burst"""
+
+
+class Sender:
+    """Calls ``put`` with ``total`` datagrams, one every ``1/hz`` s. Its thread ends by itself, or by :meth:`stop`."""
+
+    def __init__(self, put: Callable[[bytes], None], tag: int, *, hz: float, size: int, total: int) -> None:
+        self._put, self._tag, self._period, self._total = put, tag, SECOND / hz, total
+        self._filling = os.urandom(size - datagram.LEAST)
+        self._lateness = Samples()
+        self._stop = False
+        self._began = self._ended = 0
+        self.sent = 0
+        self.skipped = 0
+        self.error = ""
+        self._thread = threading.Thread(target=self._run, name="bench-sender", daemon=True)
+
+    def start(self) -> None:
+        self._began = time.monotonic_ns()
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop = True
+
+    @property
+    def running(self) -> bool:
+        return self._thread.is_alive()
+
+    @property
+    def seconds(self) -> float:
+        """From the first datagram's time to the end of the last one's, or to now."""
+        if not self._began:
+            return 0.0
+        return ((self._ended or time.monotonic_ns()) - self._began) / SECOND
+
+    def lateness(self) -> Samples:
+        return self._lateness
+
+    def _run(self) -> None:
+        try:
+            self._send_all()
+        except zenoh.ZError as e:
+            self.error = reason(e)
+        finally:
+            planned = 0 if self._stop or self.error else int((self.sent + self.skipped) * self._period)
+            self._ended = max(time.monotonic_ns(), self._began + planned)
+
+    def _send_all(self) -> None:
+        now, head, put, late = time.monotonic_ns, datagram.head, self._put, self._lateness.add
+        tag, filling, period, start = self._tag, self._filling, self._period, float(self._began)
+        slot = 0  # the datagram's place in time; its number counts those that were sent
+        while slot < self._total and not self._stop:
+            due = start + slot * period
+            t = now()
+            if t < due:
+                time.sleep((due - t) / SECOND)
+                continue
+            if t - due > BEHIND:
+                missed = min(int((t - due) / period), self._total - slot)
+                self.skipped += missed
+                slot += missed
+                continue
+            late(int(t - due))
+            put(head(datagram.MAGIC, 0, tag, self.sent, t) + filling)
+            self.sent += 1
+            slot += 1

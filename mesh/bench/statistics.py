@@ -1,0 +1,202 @@
+"""What the receiver counts: datagrams by second, jitter, losses, outages, and the spread of many durations."""
+
+from __future__ import annotations
+
+import math
+import threading
+from array import array
+
+import numpy as np
+
+from zmav.wire.bench import BenchInterval, BenchOutage, Spread
+
+SECOND = 1_000_000_000
+MOST_SAMPLES = 200_000
+MOST_OUTAGES = 10_000
+BINS = 10
+"""of a histogram, a decade"""
+
+
+class Samples:
+    """Durations in ns. Of very many, every second, fourth, eighth... is kept, so that memory is bounded."""
+
+    def __init__(self, most: int = MOST_SAMPLES) -> None:
+        self._values, self._most, self._stride, self._skip = array("q"), most, 1, 0
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def add(self, ns: int) -> None:
+        if self._skip:
+            self._skip -= 1
+            return
+        self._skip = self._stride - 1
+        self._values.append(ns)
+        if len(self._values) >= self._most:
+            self._values = self._values[::2]
+            self._stride *= 2
+
+    def spread(self, *, bins: bool = False) -> Spread | None:
+        """In seconds; None of nothing."""
+        if not self._values:
+            return None
+        values = np.array(self._values, dtype=np.float64) / SECOND
+        low, median, p95, p99, high = np.percentile(values, [0, 50, 95, 99, 100]).tolist()
+        return Spread(
+            count=len(values), min=low, median=median, p95=p95, p99=p99, max=high, mean=float(values.mean()),
+            bins=_histogram(values) if bins else [],
+        )  # fmt: skip
+
+
+def _histogram(seconds: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[tuple[int, int]]:
+    places = np.floor(np.log10(np.maximum(seconds * 1e6, 1e-3)) * BINS).astype(int)
+    found, counts = np.unique(places, return_counts=True)
+    return list(zip(found.tolist(), counts.tolist(), strict=True))
+
+
+def bin_start(k: int) -> float:
+    """The least duration in bin ``k``, in seconds."""
+    return math.pow(10.0, k / BINS) / 1e6
+
+
+class _Count:
+    """Of one interval, or of all."""
+
+    def __init__(self) -> None:
+        self.bytes = self.received = self.out_of_order = self.duplicates = 0
+        self.transit = Samples()
+
+
+class Tally:
+    """What a receiver makes of the datagrams of one run. :meth:`take` from Zenoh's thread, the rest from any."""
+
+    def __init__(self, total: int, period_ns: int, gap_ns: int) -> None:
+        self._total, self._period, self._gap = total, period_ns, gap_ns
+        self._lock = threading.Lock()
+        self._seen = bytearray()
+        self._now, self._all = _Count(), _Count()
+        self._intervals: list[BenchInterval] = []
+        self._outages: list[BenchOutage] = []
+        self._first: int | None = None
+        self._last = 0
+        self._highest, self._highest_before = -1, -1
+        self._last_transit: int | None = None
+        self._jitter = 0.0
+        self.outage_count = 0
+        self.foreign = 0
+
+    def take(self, number: int, sent_ns: int, size: int, now_ns: int) -> None:
+        """One datagram, in the order of arrival."""
+        with self._lock:
+            if number >= self._total or now_ns < self._last:
+                self.foreign += 1
+                return
+            if self._first is None:
+                self._first = self._last = now_ns
+            self._roll(now_ns)
+            if self._is_repeated(number):
+                self._now.duplicates += 1
+                self._all.duplicates += 1
+                return
+            if now_ns - self._last > self._gap:
+                self._note_outage(number, now_ns)
+            self._last = now_ns
+            if number > self._highest:
+                self._highest = number
+            else:
+                self._now.out_of_order += 1
+                self._all.out_of_order += 1
+            transit = now_ns - sent_ns
+            if self._last_transit is not None:
+                self._jitter += (abs(transit - self._last_transit) - self._jitter) / 16.0
+            self._last_transit = transit
+            for count in (self._now, self._all):
+                count.received += 1
+                count.bytes += size
+                count.transit.add(transit)
+
+    def _is_repeated(self, number: int) -> bool:
+        place, bit = number >> 3, 1 << (number & 7)
+        if place >= len(self._seen):
+            self._seen.extend(bytes(max(4096, place + 1 - len(self._seen))))
+        if self._seen[place] & bit:
+            return True
+        self._seen[place] |= bit
+        return False
+
+    def _note_outage(self, number: int, now: int) -> None:
+        assert self._first is not None
+        self.outage_count += 1
+        if len(self._outages) < MOST_OUTAGES:
+            start, length = (self._last - self._first) / SECOND, (now - self._last) / SECOND
+            self._outages.append(BenchOutage(start=start, length=length, lost=max(number - self._highest - 1, 0)))
+
+    def _roll(self, now: int) -> None:
+        """Close the seconds that have passed."""
+        assert self._first is not None
+        while now - self._first >= (len(self._intervals) + 1) * SECOND:
+            start = float(len(self._intervals))
+            expected = self._highest - self._highest_before
+            self._intervals.append(self._interval(self._now, start, start + 1.0, expected))
+            self._now, self._highest_before = _Count(), self._highest
+
+    def _interval(self, count: _Count, start: float, end: float, expected: int) -> BenchInterval:
+        return BenchInterval(
+            start=start, end=end, bytes=count.bytes, received=count.received, expected=max(expected, count.received),
+            jitter=self._jitter / SECOND, out_of_order=count.out_of_order, duplicates=count.duplicates,
+            transit=count.transit.spread(),
+        )  # fmt: skip
+
+    def intervals(self, now_ns: int, since: int, most: int = 60) -> list[BenchInterval]:
+        """The seconds that have passed, from index ``since`` on."""
+        with self._lock:
+            if self._first is not None:
+                self._roll(now_ns)
+            return self._intervals[since : since + most]
+
+    def outages(self, since: int, most: int = 100) -> list[BenchOutage]:
+        with self._lock:
+            return self._outages[since : since + most]
+
+    def total(self) -> BenchInterval | None:
+        """The whole run so far, to the end of the last datagram's time; None before the first."""
+        with self._lock:
+            if self._first is None:
+                return None
+            end = (self._last - self._first + self._period) / SECOND
+            return self._interval(self._all, 0.0, end, self._highest + 1)
+
+    def silent(self, now_ns: int) -> float | None:
+        """s since the last datagram; None before the first."""
+        with self._lock:
+            return None if self._first is None else (now_ns - self._last) / SECOND
+
+
+class RoundTrips:
+    """Round trips to one peer. :meth:`take` from any thread."""
+
+    def __init__(self, timeout_ns: int) -> None:
+        self._timeout, self._lock = timeout_ns, threading.Lock()
+        self._trips = Samples()
+        self._answered: set[int] = set()
+        self.late = 0
+
+    def take(self, number: int, sent_ns: int, now_ns: int) -> None:
+        """An answer; a second one to the same number counts for nothing."""
+        with self._lock:
+            if number in self._answered:
+                return
+            self._answered.add(number)
+            if now_ns - sent_ns > self._timeout:
+                self.late += 1
+            elif now_ns >= sent_ns:
+                self._trips.add(now_ns - sent_ns)
+
+    @property
+    def answered(self) -> int:
+        with self._lock:
+            return len(self._answered) - self.late
+
+    def spread(self) -> Spread | None:
+        with self._lock:
+            return self._trips.spread(bins=True)

@@ -1,0 +1,231 @@
+"""``zmav mesh bench``: bandwidth, jitter, loss, round trips, hops, outages and capacity between two hosts."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import click
+import msgspec
+
+import zmav
+from mesh.bench import table
+from mesh.bench.asker import Bench, Flow, Stream
+from mesh.bench.route import named, route
+from mesh.bench.search import Limits, Trial, search
+from mesh.bench.units import bits_per_second, duration, rate
+from zmav import keys
+from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.client import Client
+from zmav.errors import BadInput, TimedOut
+from zmav.process import until_stopped
+from zmav.session import SessionSettings
+from zmav.wire.bench import BenchInterval, BenchOutage
+
+SECONDS, RTT_SECONDS, HOPS_SECONDS, RECOVER_SECONDS, MAX_SECONDS = 20.0, 10.0, 5.0, 3600.0, 60.0
+RATE = 1e6
+PING_SIZE, PING_HZ, RECOVER_SIZE, RECOVER_HZ = 64, 50.0, 100, 50.0
+HOPS_HZ = 10.0
+RECOVER_PATIENCE = 60.0
+"""s for which a host goes on unasked while its outages are counted: the cut may part us from it"""
+
+
+class Options(msgspec.Struct, kw_only=True, frozen=True):
+    """What was asked for."""
+
+    a: str
+    b: str
+    kind: str
+    seconds: float | None
+    qos: keys.Qos | None
+    rate: str | None
+    hz: float | None
+    size: int | None
+    both: bool
+    cuts: int | None
+    gap: float | None
+    limit: str
+    reliable: bool | None
+    as_json: bool
+    csv: Path | None
+
+
+@click.command("bench")
+@click.argument("a")
+@click.argument("b")
+@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10; --hops 5]")
+@click.option(
+    "--class", "qos", type=click.Choice([each.value for each in keys.Qos]),
+    help="Class of service.  [default: latest-wins; --rtt and --recover realtime, --max bulk]",
+)  # fmt: skip
+@click.option("--rate", help="Payload offered: 1Mbit/s, 60kB/s.  [default: 1Mbit/s]")
+@click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
+@click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
+@click.option("--both", is_flag=True, help="Both ways at once.")
+@click.option("--rtt", "kind", flag_value="rtt", help="Round trips, with their histogram.")
+@click.option("--hops", "kind", flag_value="hops", help="Round trips to each router on the way.")
+@click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C or --cuts of them.")
+@click.option("--max", "kind", flag_value="max", help="The highest rate that gets through with 1 % lost at most.")
+@click.option("--cuts", type=click.IntRange(1), help="With --recover: stop after so many outages.")
+@click.option("--gap", type=click.FloatRange(0.001, 60.0), help="Seconds of silence that are an outage.")
+@click.option("--limit", default="50Mbit/s", show_default=True, help="With --max: never more than this.")
+@click.option("--reliable/--best-effort", default=None, help="Repeated by the link or not.  [default: as the class]")
+@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), help="The seconds, to a file.")
+@fleet_option
+@json_option
+@zenoh_options
+def command(
+    a: str, b: str, seconds: float | None, qos: str | None, rate: str | None, hz: float | None, size: int | None,
+    both: bool, kind: str | None, cuts: int | None, gap: float | None, limit: str, reliable: bool | None,
+    csv: Path | None, fleet: str, as_json: bool, settings: SessionSettings,
+) -> None:  # fmt: skip
+    """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
+
+    A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
+    Rates and transfers are of payload; order, twice: datagrams out of order, and repeated.
+    """
+    options = Options(
+        a=a, b=b, kind=kind or "stream", seconds=seconds, qos=keys.Qos(qos) if qos else None, rate=rate, hz=hz,
+        size=size, both=both, cuts=cuts, gap=gap, limit=limit, reliable=reliable, as_json=as_json, csv=csv,
+    )  # fmt: skip
+    run(_bench(options, fleet, settings))
+
+
+async def _bench(options: Options, fleet: str, settings: SessionSettings) -> None:
+    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _hops, "max": _max}[options.kind]
+    async with zmav.open(fleet=fleet, settings=settings) as z, _until_stopped() as until:
+        await work(z, options, until)
+
+
+@contextlib.asynccontextmanager
+async def _until_stopped() -> AsyncIterator[asyncio.Event]:
+    """Set by the first Ctrl-C, so that the hosts are told and what they saw is shown."""
+    stopped = asyncio.Event()
+
+    async def wait() -> None:
+        await until_stopped()
+        stopped.set()
+
+    task = asyncio.ensure_future(wait())
+    try:
+        yield stopped
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+def _wanted(options: Options, *, seconds: float, qos: keys.Qos, size: int, bits: float | None, hz: float) -> Stream:
+    """What was asked for, and otherwise these."""
+    if options.rate and options.hz:
+        raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
+    size = options.size or size
+    if options.hz:
+        hz = options.hz
+    elif options.rate or bits:
+        hz = (bits_per_second(options.rate) if options.rate else bits or RATE) / 8.0 / size
+    return Stream(
+        seconds=options.seconds or seconds, hz=hz, size=size, qos=(options.qos or qos).value, gap=options.gap,
+        reliable=options.reliable,
+    )  # fmt: skip
+
+
+async def _stream(z: Client, options: Options, until: asyncio.Event) -> None:
+    recover = options.kind == "recover"
+    if recover:
+        stream = _wanted(
+            options, seconds=RECOVER_SECONDS, qos=keys.Qos.REALTIME, size=RECOVER_SIZE, bits=None, hz=RECOVER_HZ
+        )
+        stream = msgspec.structs.replace(stream, patience=RECOVER_PATIENCE, guard=0.0)
+    else:
+        stream = _wanted(options, seconds=SECONDS, qos=keys.Qos.LATEST_WINS, size=1000, bits=RATE, hz=0.0)
+    say = not options.as_json
+    seen: dict[str, int] = {}
+
+    def on_interval(flow: Flow, interval: BenchInterval) -> None:
+        if say and not recover:
+            click.echo(table.interval_line(flow, interval, table.ways(flow) if options.both else ""))
+        elif not say:
+            row = {"source": flow.source, "target": flow.target, **msgspec.to_builtins(interval)}
+            click.echo(dump({"interval": row}, pretty=False))
+
+    def on_outage(flow: Flow, outage: BenchOutage) -> None:
+        seen[flow.source] = seen.get(flow.source, 0) + 1
+        if recover and say:
+            label = table.ways(flow) if options.both else ""
+            click.echo(table.outage_line(seen[flow.source], outage) + label)
+        if recover and options.cuts and min(seen.values()) >= options.cuts:
+            until.set()
+
+    if say:
+        what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
+        click.echo(f"{options.a} > {options.b}: {what}, {stream.seconds:g} s")
+        click.echo(f"waiting for silences of {duration(stream.silence)}" if recover else table.HEAD)
+    result = await Bench(z).stream(
+        options.a, options.b, stream, both=options.both, until=until, on_interval=on_interval, on_outage=on_outage
+    )
+    if options.csv:
+        table.write_csv(options.csv, result)
+    if options.as_json:
+        click.echo(dump(table.as_json(result), pretty=False))
+        return
+    for line in (*(table.outages_summary(result) if recover else ()), *table.summary(result)):
+        click.echo(line)
+
+
+async def _rtt(z: Client, options: Options, until: asyncio.Event) -> None:
+    stream = _wanted(options, seconds=RTT_SECONDS, qos=keys.Qos.REALTIME, size=PING_SIZE, bits=None, hz=PING_HZ)
+    report = await Bench(z).round_trips(options.a, options.b, stream, until=until)
+    if options.as_json:
+        click.echo(dump(msgspec.to_builtins(report), pretty=False))
+        return
+    (trip,) = report.trips
+    click.echo(f"{options.a} > {trip.peer} > {options.a}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
+    for line in table.histogram(trip.rtt) if trip.rtt else ():
+        click.echo(line)
+    click.echo(table.trip_words(trip))
+
+
+async def _hops(z: Client, options: Options, until: asyncio.Event) -> None:
+    bench = Bench(z)
+    first, second = await bench.pair(options.a, options.b)
+    names = await named(bench, await route(z, first, second))
+    stream = _wanted(options, seconds=HOPS_SECONDS, qos=keys.Qos.REALTIME, size=PING_SIZE, bits=None, hz=HOPS_HZ)
+    known = {pong.host for pong in await bench.everyone()}
+    peers = [name for name in names[1:] if name in known]
+    if not peers:
+        raise TimedOut(f"nobody on the way to {second.host} answers", way=names)
+    report = await bench.queries(first.host, peers, stream, until=until)
+    if options.as_json:
+        click.echo(dump({"way": names, "trips": msgspec.to_builtins(report.trips)}, pretty=False))
+        return
+    click.echo(" > ".join(names))
+    for line in table.trips_table(report):
+        click.echo(line)
+
+
+async def _max(z: Client, options: Options, until: asyncio.Event) -> None:
+    stream = _wanted(options, seconds=0.0, qos=keys.Qos.BULK, size=1000, bits=RATE, hz=0.0)
+    defaults = Limits()
+    start = options.hz * stream.size * 8.0 if options.hz else None
+    limits = Limits(
+        start=start or (bits_per_second(options.rate) if options.rate else defaults.start),
+        most=bits_per_second(options.limit, "limit"), seconds=options.seconds or MAX_SECONDS,
+    )  # fmt: skip
+
+    def on_trial(trial: Trial) -> None:
+        if options.as_json:
+            click.echo(dump({"trial": msgspec.to_builtins(trial)}, pretty=False))
+            return
+        rtt = f", realtime round trip {duration(trial.rtt)}" if trial.rtt else ""
+        words = "passes" if trial.passed else f"fails: {trial.why}"
+        click.echo(f"{rate(trial.bits):>14}  {100.0 * trial.loss:5.2f} % lost{rtt}: {words}")
+
+    found = await search(Bench(z), options.a, options.b, stream, limits, until=until, on_trial=on_trial)
+    if options.as_json:
+        click.echo(dump(msgspec.to_builtins(found), pretty=False))
+        return
+    best = rate(found.best) if found.best else "nothing"
+    click.echo(f"{options.a} > {options.b}, {stream.qos}, {stream.size} B: {best} of payload (ended by: {found.ended})")
