@@ -1,0 +1,86 @@
+"""A host's network interfaces as Linux counts them, and how loud a neighbour is heard where there is a radio."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from mesh.quality.nl80211 import station_signal
+
+PROC = Path("/proc/net")
+LEAST_DBM, MOST_DBM = -120, 0
+"""what a signal can be; some drivers give a share of something instead"""
+
+
+@dataclass(frozen=True)
+class Counters:
+    """Bytes since the interface is there."""
+
+    received: int
+    sent: int
+
+
+def counters(proc: Path = PROC) -> dict[str, Counters]:
+    """Every interface's, by name; what cannot be read is left out."""
+    found = {}
+    for name, fields in _rows(proc / "dev"):
+        numbers = [int(field) for field in fields if field.isdecimal()]
+        if len(numbers) >= 9 and len(numbers) == len(fields):
+            found[name] = Counters(numbers[0], numbers[8])
+    return found
+
+
+def signal(interface: str, address: str, proc: Path = PROC) -> float | None:
+    """dBm of the neighbour at ``address`` on our radio; None where the kernel does not say, as on a wire.
+
+    First the station's own level by its MAC (access point, ad-hoc and mesh modes); else that of the access point we are
+    with, by which a neighbour behind it is heard, too.
+    """
+    levels = _wireless(proc)
+    mac = _mac(address, interface, proc)
+    heard = station_signal(interface, mac) if mac else None
+    return heard if heard is not None else levels.get(interface)
+
+
+def _mac(address: str, interface: str, proc: Path) -> bytes | None:
+    """From the kernel's table of neighbours: IP, type, flags, MAC, mask, interface."""
+    for line in _lines(proc / "arp")[1:]:
+        fields = line.split()
+        if len(fields) == 6 and fields[0] == address and fields[5] == interface:
+            found = re.fullmatch(r"([0-9a-f]{2}:){5}[0-9a-f]{2}", fields[3].lower())
+            mac = bytes.fromhex(fields[3].replace(":", "")) if found else b""
+            return mac if any(mac) else None
+    return None
+
+
+def _wireless(proc: Path) -> dict[str, float]:
+    """Levels of what each radio is associated with: status, then link quality, level and noise."""
+    found = {}
+    for name, fields in _rows(proc / "wireless"):
+        try:
+            level = float(fields[2])
+        except (IndexError, ValueError):
+            continue
+        if LEAST_DBM <= level < MOST_DBM:
+            found[name] = level
+    return found
+
+
+def _rows(path: Path) -> list[tuple[str, list[str]]]:
+    """Lines ``name: field field...`` below the headings."""
+    named = [line.partition(":") for line in _lines(path)]
+    return [(name.strip(), rest.split()) for name, colon, rest in named if colon and "|" not in name]
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return []
+
+
+def address_of(locator: str) -> str | None:
+    """The IP address in a Zenoh locator ``udp/10.77.0.2:7447?rel=1``; None: it holds none."""
+    found = re.fullmatch(r"\w+/(?:\[([0-9a-fA-F:.]+)(?:%\w+)?\]|([0-9.]+)):\d+(?:[?#].*)?", locator)
+    return (found[1] or found[2]) if found else None

@@ -1,0 +1,48 @@
+"""How often a neighbour is probed: seldom enough that nobody notices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mesh.quality.stamp import TRAIN_SIZE
+from mesh.quality.throughput import OVERHEAD
+
+STAMP_BYTES = 124
+"""of a stamp on the wire, IP and UDP headers included, measured over ``udp/``"""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What probes may cost. With one neighbour and no budget: 0.5 kB/s of stamps and 0.6 kB/s of trains each way."""
+
+    period: float = 0.25
+    """s between stamps at best"""
+    slowest: float = 5.0
+    """s between stamps at worst"""
+    per_host: float = 24.0
+    """stamps a second to all neighbours together"""
+    share: float = 0.01
+    """of a budget, for stamps, and as much for trains"""
+    train: int = 16
+    """messages of a train"""
+    train_every: float = 30.0
+    """s between trains, times the number of neighbours"""
+    train_part: float = 0.1
+    """s of a budget that a train may take"""
+
+    def stamps(self, neighbours: int, budget: float | None) -> float:
+        """s between stamps to each of so many neighbours over a link with a budget in bytes/s."""
+        often = max(self.period, neighbours / self.per_host)
+        if budget:
+            often = max(often, STAMP_BYTES / (self.share * budget))
+        return min(often, self.slowest)
+
+    def trains(self, neighbours: int, budget: float | None) -> tuple[int, float]:
+        """Messages of a train, nought for none at all, and s between trains."""
+        every, size = self.train_every * max(neighbours, 1), TRAIN_SIZE + OVERHEAD
+        if not budget:
+            return self.train, every
+        count = min(self.train, int(self.train_part * budget / size))
+        if count < 3:
+            return 0, every  # the budget says what there is, and finding out would take too much of it
+        return count, max(every, count * size / (self.share * budget))

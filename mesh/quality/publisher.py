@@ -1,0 +1,149 @@
+"""``link/{neighbour}``: what is known of each neighbour, once a second and whenever somebody asks."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Callable
+
+import msgspec
+import zenoh
+
+from mesh.plan import RouterPlan
+from mesh.quality.cost import cost
+from mesh.quality.interface import Counters, address_of, counters, signal
+from mesh.quality.pace import Pace
+from mesh.quality.probe import Neighbour, Prober
+from zmav import keys, wire
+
+PERIOD = 1.0
+NAMELESS = 3.0
+"""s that a new neighbour has to say its name before it is told of by its router's id"""
+AUTOPILOT = "autopilot"
+"""the link of that name is the vehicle's own"""
+
+
+class LinkQualities:
+    """Measures and publishes the neighbours of one router. Runs beside it, on the event loop."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        fleet: str,
+        name: str,
+        pace: Pace | None = None,
+        budget: Callable[[str | None], float | None] = lambda interface: None,
+    ) -> None:
+        self._session, self._fleet, self._name = session, fleet, name
+        self.prober = Prober(session, fleet, name, pace, budget)
+        self.latest: dict[str, wire.NeighbourQuality] = {}
+        """by the neighbour's name; never changed, only replaced: any thread may read it"""
+        self._before: tuple[float, dict[str, Counters]] = (time.monotonic(), counters())
+
+    async def __aenter__(self) -> LinkQualities:
+        self.prober.start()
+        everything = keys.LINK.key(self._fleet, self._name, link="*")
+        self._queryable = self._session.declare_queryable(everything, self._answer)
+        self._task = asyncio.get_running_loop().create_task(self._run())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        with contextlib.suppress(zenoh.ZError):
+            self._queryable.undeclare()
+        await self.prober.close()
+
+    async def _run(self) -> None:
+        while True:
+            await asyncio.sleep(PERIOD)
+            self.latest = self.measure()
+            for name, quality in self.latest.items():
+                with contextlib.suppress(zenoh.ZError):
+                    key = keys.LINK.key(self._fleet, self._name, link=name)
+                    data = wire.encode(quality)
+                    self._session.put(key, data, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """On Zenoh's thread."""
+        for name, quality in self.latest.items():
+            key = keys.LINK.key(self._fleet, self._name, link=name)
+            if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                query.reply(key, wire.encode(quality), encoding=keys.LINK.encoding)
+
+    # What there is to tell.
+
+    def measure(self) -> dict[str, wire.NeighbourQuality]:
+        """Every neighbour's quality now, by name; those that are linked go before their namesakes that were."""
+        self.prober.take()
+        now, through = time.monotonic(), self._through()
+        found: dict[str, wire.NeighbourQuality] = {}
+        for neighbour in sorted(self.prober.neighbours.values(), key=lambda n: (not n.linked, -n.since)):
+            if neighbour.name is None and neighbour.linked and now - neighbour.since < NAMELESS:
+                continue
+            name = neighbour.name or neighbour.zid
+            if name in (AUTOPILOT, self._name) or (name in found and neighbour.linked):
+                name = neighbour.zid  # it has a name that is somebody else's
+            if name not in found:
+                found[name] = self._quality(name, neighbour, now, through)
+        return found
+
+    def _quality(
+        self, name: str, neighbour: Neighbour, now: float, through: dict[str, tuple[float, float]]
+    ) -> wire.NeighbourQuality:
+        figures, interface = neighbour.meter.figures(now), neighbour.interface
+        flow = through.get(interface or "")
+        address = address_of(neighbour.url)
+        quality = wire.NeighbourQuality(
+            t=time.time(),
+            name=name,
+            router=self.prober.zid,
+            peer=neighbour.zid,
+            url=neighbour.url,
+            state=_state(neighbour, figures.silent),
+            age=_rounded(figures.age, 3),
+            rtt=_rounded(figures.rtt, 6),
+            rtt_min=_rounded(figures.rtt_min, 6),
+            jitter=_rounded(figures.jitter, 6),
+            loss_in=_rounded(figures.loss_in, 4),
+            loss_out=_rounded(figures.loss_out, 4),
+            throughput_in=_rounded(figures.throughput_in, 0),
+            throughput_out=_rounded(figures.throughput_out, 0),
+            signal=signal(interface, address) if interface and address and neighbour.linked else None,
+            interface=interface,
+            interface_in=_rounded(flow[0], 0) if flow else None,
+            interface_out=_rounded(flow[1], 0) if flow else None,
+            since=round(time.time() - (now - neighbour.since), 1),
+        )
+        return msgspec.structs.replace(quality, cost=cost(quality))
+
+    def _through(self) -> dict[str, tuple[float, float]]:
+        """Bytes/s in and out of each interface since the last call."""
+        (then, before), now, found = self._before, time.monotonic(), counters()
+        self._before = (now, found)
+        span = max(now - then, 1e-3)
+        return {
+            name: ((c.received - before[name].received) / span, (c.sent - before[name].sent) / span)
+            for name, c in found.items()
+            if name in before and c.received >= before[name].received and c.sent >= before[name].sent
+        }
+
+
+def _state(neighbour: Neighbour, silent: bool) -> wire.LinkState:
+    if not neighbour.linked:
+        return "down"
+    if not neighbour.direct:
+        return "indirect"
+    return "silent" if silent else "up"
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
+
+
+@contextlib.asynccontextmanager
+async def link_qualities(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[LinkQualities]:
+    """The part of :class:`mesh.router.Router`."""
+    async with LinkQualities(session, plan.fleet, plan.name) as running:
+        yield running
