@@ -1,9 +1,9 @@
 """The two kinds of probes between neighbours, as they travel.
 
 A stamp is what RTCP's reports are to RTP (RFC 3550, 6.4): numbered, it says when it was sent and, of the last stamp
-that came from the other side, when that was sent and how long it has been held. So each side learns round trip, loss and
-jitter of both directions from one small message in each, nothing is answered, and the clocks need not agree. A train
-is a few messages as large as a best-effort datagram, sent at once: the slowest part of the way spreads them.
+that came from the other side, when that was sent and how long it has been held. So each side learns round trip, loss
+and jitter of both directions from one small message in each, nothing is answered, and the clocks need not agree. A
+train is a few messages as large as a best-effort datagram, sent at once: the slowest part of the way spreads them.
 """
 
 from __future__ import annotations
