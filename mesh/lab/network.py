@@ -12,9 +12,9 @@ namespace needs a process of its own (:meth:`Network.popen`).
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -117,6 +117,11 @@ class Network:
     @property
     def alive(self) -> bool:
         return self._relay is not None and self._relay.poll() is None
+
+    async def ended(self) -> None:
+        """Return when the relay has died, which ends everything."""
+        assert self._relay is not None
+        await exit_of(self._relay)
 
     def _ask(self, request: messages.Request) -> messages.Answer:
         assert self._socket is not None
@@ -280,11 +285,15 @@ def _in_thread(do: Callable[[], T]) -> T:
     return done[0]
 
 
-def end(process: subprocess.Popen[Any], patience: float = 5.0) -> int:
-    """Have a program end: asked with SIGTERM, killed when it does not within ``patience`` seconds; gives its code."""
+async def exit_of(process: subprocess.Popen[Any]) -> int:
+    """The code a process ends with. Waits without a thread: its descriptor is readable when it has ended."""
+    loop, over = asyncio.get_running_loop(), asyncio.Event()
     if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return process.wait(patience)
-        process.kill()
+        fd = os.pidfd_open(process.pid)
+        loop.add_reader(fd, over.set)
+        try:
+            await over.wait()
+        finally:
+            loop.remove_reader(fd)
+            os.close(fd)
     return process.wait()

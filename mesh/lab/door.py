@@ -1,0 +1,79 @@
+"""A way from outside into a host's loopback: its router, as a program in the host's namespace would reach it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from types import TracebackType
+
+from mesh.lab.network import Network
+
+PORT = 7447
+_CHUNK = 65_536
+
+
+class Door:
+    """Listens on a free port of our loopback, and leads every connection to ``port`` on the host's."""
+
+    def __init__(self, network: Network, host: str, port: int = PORT) -> None:
+        self._network, self._host, self._port = network, host, port
+        self._server: asyncio.Server | None = None
+        self._open: set[asyncio.Task[None]] = set()
+
+    async def __aenter__(self) -> Door:
+        self._server = await asyncio.start_server(self._enter, "127.0.0.1", 0)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        assert self._server is not None
+        self._server.close()
+        for task in list(self._open):
+            task.cancel()
+        await asyncio.gather(*self._open, return_exceptions=True)
+        await self._server.wait_closed()
+
+    @property
+    def endpoint(self) -> str:
+        """For ``-e`` and :class:`zmav.session.SessionSettings`."""
+        assert self._server is not None
+        return f"tcp/127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+
+    async def _enter(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._open.add(task)
+        try:
+            with contextlib.suppress(OSError, asyncio.CancelledError):
+                await self._lead(reader, writer)
+        finally:
+            self._open.discard(task)
+            writer.close()
+
+    async def _lead(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with self._network.inside(self._host):
+            theirs = socket.socket()
+        try:
+            theirs.setblocking(False)
+            theirs.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            await asyncio.get_running_loop().sock_connect(theirs, ("127.0.0.1", self._port))
+            back, out = await asyncio.open_connection(sock=theirs)
+        except OSError:
+            theirs.close()
+            raise
+        ways = [asyncio.ensure_future(_pass(reader, out)), asyncio.ensure_future(_pass(back, writer))]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+            out.close()
+
+
+async def _pass(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(_CHUNK):
+        writer.write(data)
+        await writer.drain()

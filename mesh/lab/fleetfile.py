@@ -1,0 +1,114 @@
+"""The fleet file that a scenario means: ``zmav up``, ``zmav router`` and ``zmav sim`` of the lab all read it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mesh.lab.scenario import Scenario
+from mesh.lab.wiring import Wiring
+from zmav.config import FleetConfig, load_fleet
+from zmav.sim.lineup import KINDS
+from zmav.sim.spec import VehicleSpec
+
+ORIGIN = {"lat_deg": 52.756, "lon_deg": -1.246, "alt_amsl": 60.0}
+"""where labs are that do not say it"""
+
+
+def write_fleet(scenario: Scenario, wiring: Wiring, directory: Path) -> FleetConfig:
+    """Write ``directory/fleet.toml`` and read it again; raises :class:`BadConfig` for what in ``[fleet]`` cannot be.
+
+    Vehicles' autopilots are at pseudo-terminals in ``directory``: a path is the same in every network namespace.
+    """
+    whole: dict[str, Any] = dict(scenario.fleet)
+    whole.setdefault("fleet", scenario.name)
+    whole.setdefault("origin", ORIGIN)
+    mesh = {"profile": scenario.profile, "insecure": not scenario.credentials}
+    whole["mesh"] = {**mesh, **whole.get("mesh", {})}
+    vehicles, stations = dict(whole.get("vehicles", {})), dict(whole.get("stations", {}))
+    sysid = 0
+    for name, host in scenario.hosts.items():
+        place = _place(scenario, wiring, name)
+        if host.vehicle is None:
+            stations[name] = _merged({"mesh": place}, stations.get(name, {}))
+            continue
+        sysid += 1
+        table = {"link": str(directory / f"{name}.pty"), "sysid": sysid, "mesh": place, "sim": _sim(scenario, name)}
+        vehicles[name] = _merged(table, vehicles.get(name, {}))
+    whole["vehicles"], whole["stations"] = vehicles, stations
+    path = directory / "fleet.toml"
+    path.write_text(toml(whole), encoding="utf-8")
+    return load_fleet(path)
+
+
+def _place(scenario: Scenario, wiring: Wiring, name: str) -> dict[str, Any]:
+    """A host's place in the network, as the fleet file has it."""
+    host, media = scenario.hosts[name], {medium.name: medium for medium in scenario.media}
+    radios = []
+    for interface in wiring.interfaces:
+        if interface.host != name:
+            continue
+        medium = media[interface.medium]
+        length = (medium.network or "").rpartition("/")[2]
+        radio: dict[str, Any] = {"interface": interface.name, "address": f"{interface.address}/{length}"}
+        radio["kind"] = medium.radio
+        for field in ("budget", "cost", "thin"):
+            if getattr(medium, field):
+                radio[field] = getattr(medium, field)
+        radios.append(radio)
+    place: dict[str, Any] = {"radios": radios}
+    if host.neighbours is not None:
+        place["neighbours"] = host.neighbours
+    if not host.relay:
+        place["relay"] = False
+    return place
+
+
+def _sim(scenario: Scenario, name: str) -> dict[str, Any]:
+    host = scenario.hosts[name]
+    kind, plain = KINDS[host.vehicle or "copter"], VehicleSpec()
+    table = {
+        field: getattr(kind, field)
+        for field in ("autopilot", "airframe")
+        if getattr(kind, field) != getattr(plain, field)
+    }
+    if host.position is not None:
+        table["start_ned_m"] = [*host.position, 0.0]
+    return {**table, **host.sim}
+
+
+def _merged(ours: dict[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
+    """``theirs`` goes first, table by table."""
+    found = dict(ours)
+    for key, value in theirs.items():
+        mine = found.get(key)
+        found[key] = _merged(mine, value) if isinstance(mine, dict) and isinstance(value, Mapping) else value
+    return found
+
+
+def toml(tables: Mapping[str, Any]) -> str:
+    """A document of TOML: each value on a line of its own, tables in tables within braces."""
+    lines = []
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            lines += [f"{_key(key)}.{_key(name)} = {_value(inner)}" for name, inner in value.items()]
+        else:
+            lines.append(f"{_key(key)} = {_value(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _key(name: str) -> str:
+    return json.dumps(name)
+
+
+def _value(value: Any) -> str:
+    value = msgspec.to_builtins(value)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return json.dumps(value)  # TOML writes strings, numbers and truth as JSON does

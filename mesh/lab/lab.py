@@ -1,0 +1,259 @@
+"""A whole lab: namespaces, links, simulated vehicles, and the router of every host.
+
+async with Lab("deploy/labs/line5.toml") as lab:
+    await lab.ready()
+    async with zmav.open(fleet=lab.fleet, connect=[await lab.endpoint("ground")]) as z:
+        ...
+    lab.cut("2-3")
+    lab.set("1-2", loss=0.2, delay="100 ms")
+    done = await lab.run_in("ground", "zmav", "ls", "--json")
+
+Everything that was made is gone when the block ends, and also when this process is killed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from mesh.credentials.ca import Authority
+from mesh.lab.channel import Counters
+from mesh.lab.door import PORT, Door
+from mesh.lab.fleetfile import write_fleet
+from mesh.lab.mobility import Mobility
+from mesh.lab.network import LabError, Network, exit_of
+from mesh.lab.programs import Program
+from mesh.lab.scenario import Scenario, load_scenario
+from zmav.config import FleetConfig
+from zmav.errors import BadConfig, TimedOut
+from zmav.trust.certificate import Role
+
+SIMULATOR = "simulator"
+READY_S = 60.0
+_LOOK_AGAIN_S = 0.05
+
+
+class Lab:
+    """Open it with ``async with``. What is wrong is a :class:`BadConfig` or a :class:`LabError` that says it.
+
+    ``programs``: False for namespaces and links alone. ``directory``: where its files are (logs, fleet file,
+    pseudo-terminals, credentials); made here, and removed when the lab ends. None: a new one for temporary files.
+    """
+
+    def __init__(
+        self, scenario: Scenario | str | Path, directory: str | Path | None = None, *, programs: bool = True
+    ) -> None:
+        found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        self.directory = Path(directory or tempfile.gettempdir() + f"/zmav-lab-{os.getpid()}-{id(self):x}")
+        self.network = Network(found, self.directory)
+        self.scenario = self.network.scenario
+        self.file = FleetConfig()
+        """the fleet file, once it runs"""
+        self.programs: dict[str, Program] = {}
+        """by host; and the simulator"""
+        self.failed: asyncio.Future[str] | None = None
+        """done, with what happened, when something of the lab ended that was not told to"""
+        self.mobility = Mobility(self.network)
+        self._with_programs = programs
+        self._doors: dict[str, Door] = {}
+        self._stack = contextlib.AsyncExitStack()
+
+    # ---- its life
+
+    async def __aenter__(self) -> Lab:
+        self.failed = asyncio.get_running_loop().create_future()
+        async with contextlib.AsyncExitStack() as stack:
+            self.directory.mkdir(mode=0o700, parents=True)
+            stack.callback(shutil.rmtree, self.directory, ignore_errors=True)
+            self.file = write_fleet(self.scenario, self.network.wiring, self.directory)
+            if self.scenario.credentials:
+                await asyncio.to_thread(self._issue)
+            await asyncio.to_thread(self.network.__enter__)
+            stack.push_async_callback(asyncio.to_thread, self.network.close)
+            watch = asyncio.ensure_future(self._watch_relay())
+            stack.callback(watch.cancel)
+            if self._with_programs:
+                self._make_programs()
+                stack.push_async_callback(self._stop_all)
+                for name in self.programs:
+                    self.start(name)
+            await stack.enter_async_context(self.mobility)
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        await self._stack.aclose()
+
+    def _issue(self) -> None:
+        authority = Authority.create(self.directory / "ca", self.fleet)
+        for name, host in self.scenario.hosts.items():
+            role = Role.OPERATOR if host.vehicle is None else Role.VEHICLE
+            authority.issue(name, role, out=self.credentials(name))
+
+    def _make_programs(self) -> None:
+        (self.directory / "logs").mkdir()
+        zmav, file = [sys.executable, "-m", "zmav"], str(self.directory / "fleet.toml")
+        if any(host.vehicle for host in self.scenario.hosts.values()):
+            control = self.mobility.simulator = self.directory / "sim.sock"
+            self._add(SIMULATOR, None, [*zmav, "sim", "--fleet", file, "--control", str(control)])
+        for name, host in self.scenario.hosts.items():
+            if host.program == "router":
+                verb = "router" if host.vehicle is None else "up"
+                self._add(name, name, [*zmav, verb, "--file", file, "--name", name, *host.arguments])
+
+    def _add(self, name: str, host: str | None, command: list[str]) -> None:
+        log = self.directory / "logs" / f"{name}.log"
+        self.programs[name] = Program(self.network, name, host, command, log, self.environment(host))
+
+    async def _stop_all(self) -> None:
+        await asyncio.gather(*(program.stop() for program in self.programs.values()))
+
+    async def _watch_relay(self) -> None:
+        await self.network.ended()
+        self._fail("the lab's relay has died")
+
+    def _ended(self, program: Program, code: int) -> None:
+        self._fail(f"{program.name} has ended with code {code}; it said:\n{program.said()}")
+
+    def _fail(self, text: str) -> None:
+        if self.failed is not None and not self.failed.done():
+            self.failed.set_result(text)
+
+    # ---- what it has
+
+    @property
+    def fleet(self) -> str:
+        return self.file.fleet
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        return self.network.wiring.hosts
+
+    def credentials(self, host: str) -> Path:
+        """The folder of that member."""
+        return self.directory / "credentials" / host
+
+    def environment(self, host: str | None) -> dict[str, str]:
+        """What programs in that host find set: the fleet, their credentials, a cache of their own."""
+        found = {"ZMAV_FLEET": self.fleet, "XDG_CACHE_HOME": str(self.directory / "cache")}
+        if host is not None and self.scenario.credentials:
+            found["ZMAV_CREDENTIALS"] = str(self.credentials(host))
+        return found
+
+    # ---- its programs
+
+    def program(self, name: str) -> Program:
+        """The router of a host, or the :data:`SIMULATOR`; raises :class:`BadConfig` naming those there are."""
+        if name not in self.programs:
+            known = ", ".join(self.programs) or "none"
+            raise BadConfig(f"nothing runs as {name!r}; there are {known}", field="host", value=name, expected=known)
+        return self.programs[name]
+
+    def start(self, name: str) -> None:
+        """Start it again after :meth:`stop` or :meth:`kill`."""
+        self.program(name).start(self._ended)
+
+    async def stop(self, name: str) -> int | None:
+        """Have it end in good order."""
+        return await self.program(name).stop()
+
+    async def kill(self, name: str) -> None:
+        """As if its computer lost power."""
+        await self.program(name).stop(signal.SIGKILL)
+
+    async def ready(self, *hosts: str, timeout: float = READY_S) -> None:
+        """Return when the routers of these hosts (none: of all) take clients; raises :class:`TimedOut`, or
+        :class:`LabError` when something ends meanwhile.
+        """
+        names = hosts or tuple(name for name in self.programs if name in self.hosts)
+        waiting = asyncio.ensure_future(asyncio.gather(*(self._answers(name) for name in names)))
+        assert self.failed is not None
+        await asyncio.wait((waiting, self.failed), timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+        over, _ = waiting.done(), waiting.cancel()
+        await asyncio.gather(waiting, return_exceptions=True)
+        if self.failed.done():
+            raise LabError(self.failed.result())
+        if not over:
+            raise TimedOut(f"the routers of {', '.join(names)} are not up within {timeout:g} s")
+
+    async def _answers(self, host: str) -> None:
+        while True:
+            with self.network.inside(host):
+                probe = socket.socket()
+            with probe:
+                probe.setblocking(False)
+                try:
+                    await asyncio.get_running_loop().sock_connect(probe, ("127.0.0.1", PORT))
+                    return
+                except OSError:
+                    await asyncio.sleep(_LOOK_AGAIN_S)
+
+    async def endpoint(self, host: str) -> str:
+        """An endpoint on our own loopback that leads to the host's router as the host's own programs reach it."""
+        self.network.namespace(host)
+        if host not in self._doors:
+            self._doors[host] = await self._stack.enter_async_context(Door(self.network, host))
+        return self._doors[host].endpoint
+
+    # ---- programs of yours
+
+    def spawn(self, host: str, *command: str, **options: Any) -> subprocess.Popen[Any]:
+        """Start a program in a host; it ends with the lab. ``options`` are those of :class:`subprocess.Popen`."""
+        env = {**os.environ, **self.environment(host), **options.pop("env", {})}
+        return self.network.popen(host, command, env=env, **options)
+
+    async def run_in(self, host: str, *command: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+        """Run a program in a host to its end; raises :class:`TimedOut` and kills it where it takes longer."""
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+            process = self.spawn(host, *command, stdout=out, stderr=err)
+            try:
+                code = await asyncio.wait_for(exit_of(process), timeout)
+            except asyncio.TimeoutError:
+                text = f"{' '.join(command)} in {host} took longer than {timeout:g} s"
+                raise TimedOut(text) from None
+            finally:
+                if process.poll() is None:
+                    process.kill()
+                    process.wait()
+            said = []
+            for file in (out, err):
+                file.seek(0)
+                said.append(file.read().decode(errors="replace"))
+        return subprocess.CompletedProcess(command, code, *said)
+
+    @contextlib.contextmanager
+    def enter(self, host: str) -> Iterator[None]:
+        """:meth:`Network.inside`: for plain sockets. A Zenoh session wants :meth:`endpoint`, or its own process."""
+        with self.network.inside(host):
+            yield
+
+    # ---- its links: see Network
+
+    def cut(self, link: str) -> None:
+        self.network.cut(link)
+
+    def heal(self, link: str) -> None:
+        self.network.heal(link)
+
+    def set(self, link: str, **values: Any) -> None:
+        self.network.set(link, **values)
+
+    def counters(self, link: str) -> list[Counters]:
+        return self.network.counters(link)
+
+    def move(self, host: str, north: float, east: float) -> None:
+        """Put a host elsewhere; its waypoints are forgotten."""
+        self.mobility.move(host, north, east)
