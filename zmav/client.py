@@ -10,6 +10,8 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
+import logging
+import os
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from types import TracebackType
@@ -20,16 +22,24 @@ import zenoh
 from zenoh import handlers
 
 from zmav import keys, wire
-from zmav.errors import BadInput, BadKey, NoSuchVehicle, ZmavError
+from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, ZmavError
 from zmav.mavlink import Dialect, load_dialect
 from zmav.services.port import on_loop
+from zmav.services.proven import attached
 from zmav.session import SessionSettings, open_session, reason
+from zmav.trust.credentials import VARIABLE, Credentials
+from zmav.trust.member import Member
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 
 T = TypeVar("T")
 OVER = b"Timeout"
 """Zenoh's own words when a query's time is over: nobody's answer"""
+logger = logging.getLogger(__name__)
+MEET_EVERY = 1.0
+"""s between two times that one vehicle is asked for its certificate"""
+SAID = 1000
+"""vehicles and reasons that are told apart in what is said once"""
 FORGET = 30.0
 """s without token or state after which a vehicle is no longer listed"""
 
@@ -106,7 +116,7 @@ class Subscription(Generic[T]):
                 await self._arrived.wait()
             try:
                 return self._convert(self._samples.popleft())
-            except BadInput:
+            except (BadInput, Forbidden):
                 self.bad += 1
 
 
@@ -119,10 +129,19 @@ class Client:
         self._tokens: dict[Place, set[str]] = {}
         self._news = asyncio.Event()
         self._session: zenoh.Session | None = None
+        self.member: Member | None = None
+        """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
+        self._met: dict[Place, float] = {}
+        self._said: set[tuple[Place, str]] = set()
 
     async def __aenter__(self) -> Client:
+        if self._settings.credentials:
+            self.member = Member(_own(self._settings.credentials, self.fleet_name))
         self._session = session = await asyncio.to_thread(open_session, self._settings)
         loop = asyncio.get_running_loop()
+        if self.member is not None:
+            roster, take = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER), self.member.take_roster
+            session.declare_subscriber(roster, on_loop(loop, lambda sample: take(sample.payload.to_bytes())))
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
         alive = keys.ALIVE.key(self.fleet_name, "*", role=keys.VEHICLE, sys="*", autopilot="*", uid="*", instance="*")
         session.liveliness().declare_subscriber(alive, on_loop(loop, self._on_token), history=True)
@@ -209,9 +228,12 @@ class Client:
     def _on_state(self, sample: zenoh.Sample) -> None:
         place = _place(sample)
         try:
+            self._judge(sample)
             state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, f"state of {place[1]}")
-        except BadInput:
+        except (BadInput, Forbidden):
             return  # a newer or a broken peer: it is listed by its token, and 'zmav echo' shows what it says
+        if self.member is not None:
+            self.member.answers(place, state.gate)
         self._heard[place] = Heard(state, time.monotonic())
         self._news.set()
 
@@ -219,9 +241,41 @@ class Client:
         tokens = self._tokens.setdefault(_place(sample), set())
         if sample.kind == zenoh.SampleKind.PUT:
             tokens.add(str(sample.key_expr))
+            self._meet(_place(sample))
         else:
             tokens.discard(str(sample.key_expr))
         self._news.set()
+
+    def _judge(self, sample: zenoh.Sample) -> None:
+        """Raise :class:`Forbidden` for a state or an event that its vehicle did not sign, where we can tell."""
+        if self.member is None:
+            return
+        try:
+            self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample))
+        except Forbidden as e:
+            place, reason = _place(sample), str(e.detail["reason"])
+            if reason == "unknown":
+                self._meet(place)
+            elif (place, reason) not in self._said and len(self._said) < SAID:
+                self._said.add((place, reason))
+                logger.warning("not believed, said once: %s: %s", sample.key_expr, e)
+            raise
+
+    def _meet(self, place: Place) -> None:
+        """Ask a vehicle for its certificate, unless it was just asked; what it says from then on can be judged."""
+        member, now = self.member, time.monotonic()
+        if member is None or now - self._met.get(place, -MEET_EVERY) < MEET_EVERY or self._session is None:
+            return
+        if len(self._met) > SAID:
+            self._met.clear()
+        self._met[place] = now
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                with contextlib.suppress(Forbidden):
+                    member.verifier.meet(reply.ok.payload.to_bytes())
+
+        self._session.get(keys.CERTIFICATE.key(*place), on_reply, timeout=2.0, **keys.CERTIFICATE.qos.options())
 
     # The key space.
 
@@ -240,9 +294,15 @@ class Client:
 
         A sample for which ``convert`` raises :class:`~zmav.errors.BadInput` is counted and left out. At most ``depth``
         of them wait for the reader. ``token``: the key of a liveliness token that is there as long as it is read
-        (:func:`zmav.vehicle.rates.want_key`). Raises :class:`~zmav.errors.BadKey`.
+        (:func:`zmav.vehicle.rates.want_key`). With credentials, states and events that their vehicles did not sign are
+        left out, too. Raises :class:`~zmav.errors.BadKey`.
         """
-        return Subscription(self.session, keys.expression(key, self.fleet_name), convert or (lambda s: s), depth, token)
+
+        def believed(sample: zenoh.Sample) -> Any:
+            self._judge(sample)
+            return convert(sample) if convert else sample
+
+        return Subscription(self.session, keys.expression(key, self.fleet_name), believed, depth, token)
 
     async def ask(
         self,
@@ -255,8 +315,18 @@ class Client:
         """Query a key expression; every answer that comes, error replies as exceptions in the list.
 
         ``channel``: whose class of service it has. Of bulk nothing is held back for the end, which may be lost like
-        any part of it; an answer that is ``enough`` ends the waiting.
+        any part of it; an answer that is ``enough`` ends the waiting. With credentials, what needs a proof of origin is
+        signed, and signed anew once where the vehicle asks for that.
         """
+        answers = await self._ask(key, payload, timeout, channel, enough)
+        refused = answers[0] if answers and isinstance(answers[0], Forbidden) else None
+        if refused is not None and self.member is not None and self.member.may_try_again(key, refused):
+            return await self._ask(key, payload, timeout, channel, enough)
+        return answers
+
+    async def _ask(
+        self, key: str, payload: bytes, timeout: float, channel: keys.Channel, enough: Callable[[Answer], bool]
+    ) -> list[Answer | ZmavError]:
         loop, done = asyncio.get_running_loop(), asyncio.Event()
         answers: list[Answer | ZmavError] = []
 
@@ -274,6 +344,7 @@ class Client:
         try:
             self.session.get(
                 key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
+                attachment=self._proof(key, payload),
                 consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
             )  # fmt: skip
         except zenoh.ZError as e:
@@ -282,10 +353,19 @@ class Client:
             await within(timeout + 1.0, done.wait())
         return answers
 
-    def put(self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct) -> None:
-        """Put on a channel's key with its encoding and class of service."""
+    def put(
+        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None
+    ) -> None:
+        """Put on a channel's key with its encoding and class of service, and with a proof of origin where it needs one.
+
+        ``attachment``: what goes with it instead.
+        """
         data = payload if isinstance(payload, bytes) else wire.encode(payload)
-        self.session.put(key, data, encoding=channel.encoding, **channel.qos.options())
+        proof = attachment if attachment is not None else self._proof(key, data)
+        self.session.put(key, data, encoding=channel.encoding, attachment=proof, **channel.qos.options())
+
+    def _proof(self, key: str, payload: bytes) -> bytes | None:
+        return None if self.member is None else self.member.proof(key, payload)
 
 
 def _place(sample: zenoh.Sample) -> Place:
@@ -303,12 +383,27 @@ def connect(
     connect: Sequence[str] = (),
     settings: SessionSettings | None = None,
     dialect: str = "ardupilotmega",
+    credentials: str | None = None,
 ) -> Client:
     """Open the key space: ``async with zmav.open() as z``.
 
-    ``connect`` are Zenoh endpoints; the host's own router on loopback by default. ``fleet`` may be ``*``. Raises
+    ``connect`` are Zenoh endpoints; the host's own router on loopback by default. ``fleet`` may be ``*``.
+    ``credentials``: the folder of the member we are; ``$ZMAV_CREDENTIALS`` by default. Raises
     :class:`~zmav.errors.SessionError` on entry where no router answers.
     """
     if fleet != "*":
         keys.check_name(fleet, "fleet")
-    return Client(settings or SessionSettings(connect=tuple(connect)), fleet, dialect)
+    if settings is None:
+        settings = SessionSettings(connect=tuple(connect), credentials=credentials or os.environ.get(VARIABLE))
+    elif credentials:
+        settings = msgspec.structs.replace(settings, credentials=credentials)
+    return Client(settings, fleet, dialect)
+
+
+def _own(folder: str, fleet: str) -> Credentials:
+    """Raises :class:`BadConfig` for those of another fleet: nobody here would be believed, nor believe us."""
+    found = Credentials.load(folder)
+    if fleet not in ("*", found.fleet):
+        text = f"the credentials in {folder} are for the fleet {found.fleet}: say --fleet {found.fleet}, not {fleet}"
+        raise BadConfig(text, field="fleet", value=fleet, expected=found.fleet)
+    return found

@@ -6,16 +6,19 @@ import asyncio
 import contextlib
 
 import click
-import msgspec
 import zenoh
 
+from mesh.cli.options import file_option, insecure_option
+from mesh.plan import RouterPlan, plan_router
+from mesh.router import Router
+from mesh.running import say_waiting, until_outdated
 from zmav import keys, wire
-from zmav.cli.common import listening, run, zenoh_options
+from zmav.cli.common import run, zenoh_options
 from zmav.config import FleetConfig, Signing, load_fleet, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import until_stopped
-from zmav.session import SessionSettings, open_session
+from zmav.process import restart
+from zmav.session import SessionSettings
 
 
 @click.command("up")
@@ -24,7 +27,7 @@ from zmav.session import SessionSettings, open_session
 )
 @click.option("--name", default="quad1", show_default=True, help="The vehicle's name in the fleet.")
 @click.option("--fleet", help="The fleet's name.  [default: demo, or the fleet file's]")
-@click.option("--file", "fleet_file", metavar="FILE", help="Fleet file (TOML) with this vehicle's table.")
+@file_option
 @click.option(
     "--sysid", type=click.IntRange(1, 255), help="Which MAVLink system is the vehicle.  [default: the first autopilot]"
 )
@@ -32,19 +35,21 @@ from zmav.session import SessionSettings, open_session
 @click.option("--origin", type=float, nargs=3, metavar="LAT LON AMSL", help="The fleet's origin, for local frames.")
 @click.option("--signing-key", metavar="FILE", help="Sign, and take only what is signed, with the key in this file.")
 @click.option("--cache", metavar="DIR", help="Where fetched files and logs are kept.  [default: the user's cache]")
+@insecure_option
 @zenoh_options
 def up(
     link: str | None, name: str, fleet: str | None, fleet_file: str | None, sysid: int | None, dialect: str | None,
     origin: tuple[float, float, float] | None, signing_key: str | None, cache: str | None,
-    settings: SessionSettings,
+    insecure: bool, settings: SessionSettings,
 ) -> None:  # fmt: skip
     """Run beside an autopilot: 'zmav up --link /dev/ttyACM0 --name quad1'.
 
-    Opens a Zenoh router (on loopback unless -l says otherwise) and puts the vehicle on the key space. An autopilot that
-    comes late, goes away or is exchanged is waited for. SIGTERM ends it cleanly.
+    Opens a Zenoh router and puts the vehicle on the key space. The router keeps to loopback unless the fleet file, -l
+    or -e say otherwise, and goes beyond it only with --credentials or --insecure ('zmav mesh config' shows what
+    results). An autopilot that comes late, goes away or is exchanged is waited for. SIGTERM ends it cleanly.
     """
-    file = load_fleet(fleet_file) if fleet_file else FleetConfig()
-    table = file.vehicle(name) if fleet_file else None
+    read = load_fleet(fleet_file) if fleet_file else None
+    file, table = read or FleetConfig(), read.vehicle(name) if read else None
     url = link or (table.link if table else None)
     if url is None:
         raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
@@ -60,19 +65,25 @@ def up(
         limits=(table.limits if table else None) or file.limits,
         pilot_switch=table.pilot_switch if table else None,
         cache=cache,
+        credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
+        credentials=settings.credentials,
     )
-    settings = listening(settings, table.listen if table else ())
-    run(_up(vehicle, msgspec.structs.replace(settings, connect=settings.connect or (table.connect if table else ()))))
+    plan = plan_router(read, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
+    run(_up(vehicle, plan, settings))
 
 
-async def _up(vehicle: OnboardSettings, settings: SessionSettings) -> None:
-    with await asyncio.to_thread(open_session, settings) as session:
-        onboard = Onboard(session, vehicle)
-        session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
+async def _up(vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings) -> None:
+    async with Router(plan, settings) as router:
+        onboard = Onboard(router.session, vehicle)
+        router.session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
         async with onboard:
-            click.echo(f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(settings.listen)}", err=True)
-            await until_stopped()
+            click.echo(f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}", err=True)
+            say_waiting(plan)
+            why = await until_outdated(router, lambda: not onboard.identity.armed and onboard.leases.holder is None)
+    if why:
+        click.echo(f"starting anew: {why}", err=True)
+        restart()
 
 
 def _log(sample: zenoh.Sample) -> None:

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from zmav.errors import BadInput
 from zmav.session import DEFAULT_ROUTER, Mode, SessionSettings
+from zmav.trust.credentials import VARIABLE
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -32,12 +33,18 @@ def zenoh_options(command: F) -> F:
     )
     @click.option("-c", "--config", metavar="FILE", help="Zenoh configuration file.")
     @click.option("--cfg", multiple=True, metavar="PATH:VALUE", help="One Zenoh configuration value (repeatable).")
+    @click.option(
+        "--credentials", metavar="DIR", envvar=VARIABLE, show_envvar=True,
+        help="Folder of the member we are: see 'zmav mesh ca'.",
+    )  # fmt: skip
     @functools.wraps(command)
     def wrapped(
         *args: Any, connect: tuple[str, ...], listen: tuple[str, ...], mode: Mode | None, config: str | None,
-        cfg: tuple[str, ...], **kwargs: Any,
+        cfg: tuple[str, ...], credentials: str | None, **kwargs: Any,
     ) -> Any:  # fmt: skip
-        settings = SessionSettings(mode=mode, connect=connect, listen=listen, file=config, cfg=cfg)
+        settings = SessionSettings(
+            mode=mode, connect=connect, listen=listen, file=config, cfg=cfg, credentials=credentials
+        )
         return command(*args, settings=settings, **kwargs)
 
     return wrapped  # type: ignore[return-value]

@@ -109,6 +109,13 @@ class Verifier:
                 self._forgeries.pop(gone, None)
         return certificate
 
+    def meet(self, der: bytes) -> Certificate:
+        """As :meth:`learn`, for what anybody may have sent: of those not on the roster, so many a second."""
+        with self._lock:
+            if fingerprint(der) not in self._listed and not self._strangers.take():
+                raise Forbidden("too many unknown certificates at present", reason=BUSY)
+        return self.learn(der)
+
     def verify(
         self, key: str, payload: bytes, attachment: bytes | None, *, answers: bytes = proof.NOTHING, fresh: bool = True
     ) -> tuple[proof.Proof, Certificate]:
@@ -149,10 +156,7 @@ class Verifier:
             raise Forbidden("its certificate is not known here, and did not come with it", reason="unknown")
         if fingerprint(found.certificate) != found.fingerprint:
             raise proof.malformed("its certificate is not the one that it names")
-        with self._lock:
-            if found.fingerprint not in self._listed and not self._strangers.take():
-                raise Forbidden("too many unknown certificates at present", reason=BUSY)
-        return self.learn(found.certificate)
+        return self.meet(found.certificate)
 
     def check_signature(self, found: proof.Proof, certificate: Certificate, key: str, payload: bytes) -> None:
         """Raises :class:`Forbidden` unless the holder of ``certificate`` signed just this."""

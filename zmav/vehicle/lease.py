@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder, ZmavError
+from zmav.trust.seal import Exchange, seal
 from zmav.waiting import within
 
 if TYPE_CHECKING:
@@ -28,10 +29,12 @@ class Lease:
     or when this process or its network dies; the vehicle then holds. From then on :meth:`setpoint` raises what took it.
     """
 
-    def __init__(self, vehicle: Vehicle, client: Client, args: wire.TakeLease, granted: dict[str, Any]) -> None:
+    def __init__(
+        self, vehicle: Vehicle, client: Client, args: wire.TakeLease, granted: dict[str, Any], secret: bytes = b""
+    ) -> None:
         self.vehicle, self.holder, self.priority = vehicle, args.holder, args.priority
         self.token, self.number = str(granted["lease"]), int(granted["number"])
-        self._client, self._args = client, args
+        self._client, self._args, self._secret = client, args, secret
         self._seq = 0
         self._agent: str | None = None
         """the instance of the vehicle's agent that granted it"""
@@ -97,7 +100,8 @@ class Lease:
             raise self.lost
         self._seq += 1
         point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=time.time() + valid, **fields)
-        self._client.put(keys.SETPOINT, self._key, point)
+        data = wire.encode(point)
+        self._client.put(keys.SETPOINT, self._key, data, seal(self._secret, self._key, data) if self._secret else None)
 
     def _ended(self) -> ZmavError | None:
         """What the vehicle's state says of it."""
@@ -139,8 +143,13 @@ async def held(vehicle: Vehicle, client: Client, holder: str, ttl: float, priori
     key = keys.HOLDER.key(vehicle.fleet, vehicle.name, holder=keys.check_name(holder, "holder"), instance=instance)
     token = client.session.liveliness().declare_token(key)
     try:
-        args = wire.TakeLease(holder=holder, ttl=ttl, priority=priority, instance=instance)
-        lease = Lease(vehicle, client, args, await vehicle.order("lease", args))
+        exchange = Exchange() if client.member is not None else None
+        public = exchange.public if exchange else ""
+        args = wire.TakeLease(holder=holder, ttl=ttl, priority=priority, instance=instance, key=public)
+        granted, secret = await vehicle.order("lease", args), b""
+        if exchange and "key" in granted:  # a vehicle without credentials asks for no seal
+            secret = exchange.secret(str(granted["key"]), f"{vehicle.fleet}/{vehicle.name}", str(granted["lease"]))
+        lease = Lease(vehicle, client, args, granted, secret)
         renewer = asyncio.create_task(lease.keep())
         try:
             yield lease

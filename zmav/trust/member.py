@@ -1,0 +1,129 @@
+"""A member on the key space: signs what it asks and puts, and believes of vehicles what they signed."""
+
+from __future__ import annotations
+
+import collections
+import threading
+import time
+from collections.abc import Callable
+
+from zmav import keys
+from zmav.errors import BadInput, BadKey, Forbidden
+from zmav.trust.certificate import Role
+from zmav.trust.credentials import Credentials
+from zmav.trust.gate import EPOCH
+from zmav.trust.proof import ANSWERS, NOTHING, Signer
+from zmav.trust.roster import read_signed
+from zmav.trust.verify import Verifier
+
+INTRODUCE_EVERY = 5.0
+"""s between two puts to a vehicle that carry our certificate; orders always do"""
+SIGNED = (keys.STATE, keys.EVENT)
+"""what vehicles sign of what they publish"""
+_ENDS = tuple("/" + channel.template.rpartition("/")[2] for channel in SIGNED)
+"""most of what comes is neither, and is not to be matched with every channel there is"""
+
+Place = tuple[str, str]
+"""a fleet's name and a vehicle's"""
+
+
+class Member:
+    """Thread-safe. ``monotonic`` is a clock in seconds."""
+
+    def __init__(self, credentials: Credentials, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self.credentials, self._monotonic = credentials, monotonic
+        self.verifier, self._signer = Verifier.of(credentials), Signer(credentials)
+        self._gates: dict[Place, bytes] = {}
+        self._introduced: dict[Place, float] = {}
+        self._last: dict[Place, float] = {}
+        """UTC at which the newest state believed was signed"""
+        self._lock = threading.Lock()
+        self.counts: collections.Counter[str] = collections.Counter()
+        """states and events that were not believed, by reason"""
+
+    # Out.
+
+    def proof(self, key: str, payload: bytes) -> bytes | None:
+        """The attachment for what is asked or put on a concrete key; None where the channel needs none."""
+        try:
+            channel, parts = keys.match(key)
+        except BadKey:
+            return None
+        if not channel.proven:
+            return None
+        place = (parts["fleet"], parts["vehicle"])
+        introduce = self._introduces(place) or channel is keys.DO
+        return self._signer.sign(key, payload, introduce=introduce, answers=self._gates.get(place, NOTHING))
+
+    def _introduces(self, place: Place) -> bool:
+        now = self._monotonic()
+        with self._lock:
+            if now - self._introduced.get(place, -INTRODUCE_EVERY) < INTRODUCE_EVERY:
+                return False
+            self._introduced[place] = now
+            return True
+
+    def answers(self, place: Place, gate: object) -> None:
+        """What proofs for this vehicle are to answer from now on, as its state or its refusal says."""
+        try:
+            found = bytes.fromhex(gate) if isinstance(gate, str) else b""
+        except ValueError:
+            return
+        if len(found) == ANSWERS and self._gates.get(place) != found:
+            with self._lock:
+                self._gates[place] = found
+                self._introduced.pop(place, None)
+
+    def may_try_again(self, key: str, error: Forbidden) -> bool:
+        """A refusal that another proof mends: the vehicle's agent has been started anew, or does not know us yet."""
+        _, parts = keys.match(key)
+        place, reason = (parts["fleet"], parts["vehicle"]), error.detail.get("reason")
+        if reason == EPOCH:
+            self.answers(place, error.detail.get("gate"))
+        elif reason == "unknown":
+            with self._lock:
+                self._introduced.pop(place, None)
+        else:
+            return False
+        return True
+
+    # In.
+
+    def judge(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign; other keys are not judged.
+
+        A state that was signed before the last one believed was heard before, or overtaken.
+        """
+        if not key.endswith(_ENDS):
+            return
+        try:
+            channel, parts = keys.match(key)
+        except BadKey:
+            return
+        if channel not in SIGNED:
+            return
+        place = (parts["fleet"], parts["vehicle"])
+        try:
+            self._judge(channel, place, key, payload, attachment)
+        except Forbidden as e:
+            self.counts[str(e.detail["reason"])] += 1
+            raise
+
+    def _judge(self, channel: keys.Channel, place: Place, key: str, payload: bytes, attachment: bytes | None) -> None:
+        # Events are cached and recovered, so an old one is no forgery.
+        found, certificate = self.verifier.verify(key, payload, attachment, fresh=channel is keys.STATE)
+        if (certificate.name, certificate.role) != (place[1], Role.VEHICLE):
+            text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {place[1]}"
+            raise Forbidden(text, reason="name", origin=certificate.name)
+        if channel is keys.STATE:
+            if found.t <= self._last.get(place, 0.0):
+                raise Forbidden("it was signed before the last one that came", reason="replayed")
+            self._last[place] = found.t
+
+    def take_roster(self, data: bytes) -> None:
+        """A roster that came over the network: what is none, or older than ours, changes nothing."""
+        try:
+            signed = read_signed(data)
+            self.verifier.roster = signed.open(self.verifier.authority, self.verifier.fleet)
+        except BadInput:
+            self.counts["roster"] += 1
