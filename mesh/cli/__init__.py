@@ -6,7 +6,7 @@ import importlib
 
 import click
 
-VERBS: tuple[str, ...] = ()
+VERBS: tuple[str, ...] = ("ca",)
 """each is ``command`` in its own file here"""
 
 

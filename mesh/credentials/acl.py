@@ -110,7 +110,7 @@ def _cases(channel: Channel) -> Iterator[dict[str, str]]:
 
 
 def _names(template: str) -> Iterator[str]:
-    return (chunk.strip("{}") for chunk in template.split("/") if chunk.startswith("{"))
+    return (chunk.strip("{}") for chunk in template.split("/")[1:] if chunk.startswith("{"))
 
 
 def _may(role: Role, name: str, channel: Channel, parts: dict[str, str]) -> bool:

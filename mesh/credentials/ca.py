@@ -86,7 +86,7 @@ class Authority:
         return read_ledger(self.folder)
 
     def issue(
-        self, name: str, role: Role, days: int = DAYS, out: str | Path | None = None, *, again: bool = False
+        self, name: str, role: Role, days: float = DAYS, out: str | Path | None = None, *, again: bool = False
     ) -> Path:
         """A new member: its folder. Raises :class:`BadConfig` where the name has a certificate in force, or, unless
         ``again``, one that was revoked and has not ended: doors know members by name, and would open to both.
@@ -109,7 +109,7 @@ class Authority:
                 raise BadConfig(text, field="name", value=name, expected="a name that was not revoked")
             return self._sign(ledger, name, role, days, self._folder_of(name, out), replace=False)
 
-    def renew(self, name: str, days: int = DAYS, out: str | Path | None = None) -> Path:
+    def renew(self, name: str, days: float = DAYS, out: str | Path | None = None) -> Path:
         """A new key and certificate for a member; the old one stays good until its end. Raises :class:`BadConfig`
         for a name without a certificate in force.
         """
@@ -150,7 +150,7 @@ class Authority:
     def _folder_of(self, name: str, out: str | Path | None) -> Path:
         return Path(out) if out is not None else self.folder / MEMBERS / name
 
-    def _sign(self, ledger: Ledger, name: str, role: Role, days: int, folder: Path, *, replace: bool) -> Path:
+    def _sign(self, ledger: Ledger, name: str, role: Role, days: float, folder: Path, *, replace: bool) -> Path:
         key = Ed25519PrivateKey.generate()
         certificate = certify.member(self.certificate, self._key, key.public_key(), ledger.fleet, name, role, days)
         read = Certificate.read(certificate.public_bytes(serialization.Encoding.DER))

@@ -31,7 +31,7 @@ def self_signed(key: Ed25519PrivateKey, fleet: str) -> x509.Certificate:
 
 def member(
     authority: x509.Certificate, key: Ed25519PrivateKey, public: Ed25519PublicKey, fleet: str, name: str, role: Role,
-    days: int,
+    days: float,
 ) -> x509.Certificate:  # fmt: skip
     """A leaf that may be either end of a TLS connection. Its name stands in the SAN, too: the modern place.
 

@@ -10,10 +10,13 @@ import msgspec
 
 import zmav
 from zmav.cli.common import dump, fleet_option, json_option, run, seconds_option, zenoh_options
-from zmav.cli.examine import CHECKS, Finding, look, versions
+from zmav.cli.examine import CHECKS, look, versions
+from zmav.cli.finding import Finding
 from zmav.cli.linkcheck import examine_link
+from zmav.cli.trustcheck import check_folder
 from zmav.errors import SessionError
 from zmav.session import SessionSettings
+from zmav.trust.credentials import Credentials
 
 
 @click.command("doctor")
@@ -40,18 +43,29 @@ async def _examine(
     if link is not None:
         findings += _tell(await asyncio.to_thread(examine_link, link, dialect, seconds), as_json)
     else:
-        try:
-            async with zmav.open(fleet=fleet, settings=settings) as z:
-                seen = await look(z, seconds)
-                for check in CHECKS:
-                    findings += _tell(check(seen), as_json)
-        except SessionError as e:
-            findings += _tell([Finding(False, "router", e.message)], as_json)
+        told, own = check_folder(settings.credentials)
+        findings += _tell(told, as_json)
+        if own is not None or settings.credentials is None:  # no session opens with credentials that are not good
+            findings += await _examine_fleet(fleet, settings, own, seconds, as_json)
     wrong = sum(not finding.ok for finding in findings)
     if not as_json:
         click.echo(f"{wrong} of {len(findings)} need attention" if wrong else "all is well")
     if wrong:
         raise SystemExit(1)
+
+
+async def _examine_fleet(
+    fleet: str, settings: SessionSettings, own: Credentials | None, seconds: float, as_json: bool
+) -> list[Finding]:
+    findings = []
+    try:
+        async with zmav.open(fleet=fleet, settings=settings) as z:
+            seen = await look(z, seconds, own)
+            for check in CHECKS:
+                findings += _tell(check(seen), as_json)
+    except SessionError as e:
+        findings += _tell([Finding(False, "router", e.message)], as_json)
+    return findings
 
 
 def _tell(findings: list[Finding] | Iterator[Finding], as_json: bool) -> list[Finding]:

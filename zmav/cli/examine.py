@@ -16,10 +16,13 @@ import zenoh
 import zmav
 from zmav import keys, wire
 from zmav.autopilots.safety import Safety
+from zmav.cli.finding import Finding
 from zmav.cli.info import routers
 from zmav.cli.safetycheck import Value, judge, read_safety
+from zmav.cli.trustcheck import Trust, judge_trust, look_at_trust
 from zmav.client import Client
 from zmav.errors import ZmavError
+from zmav.trust.credentials import Credentials
 
 PACKAGES = ("zmav", "eclipse-zenoh", "pymavlink", "fastcrc", "pyserial", "numpy", "msgspec")
 MAX_LOSS = 0.02
@@ -27,15 +30,6 @@ MAX_BAD_CRC = 0.01
 MAX_CLOCK_OFFSET = 0.1
 """s; a setpoint is valid for half a second, by the sender's clock"""
 PINGS = 5
-
-
-class Finding(msgspec.Struct, frozen=True):
-    """One line: is it well, what was looked at, what was found, and what to do where it is not well."""
-
-    ok: bool
-    subject: str
-    found: str
-    advice: str = ""
 
 
 class Clock(msgspec.Struct, frozen=True):
@@ -54,10 +48,11 @@ class Seen(msgspec.Struct, frozen=True):
     """oldest first"""
     clocks: dict[str, Clock | ZmavError]
     safety: dict[str, dict[Safety, Value | None] | ZmavError]
+    trust: Trust | None = None
 
 
-async def look(z: Client, seconds: float) -> Seen:
-    """Listen for ``seconds``, then ask."""
+async def look(z: Client, seconds: float, own: Credentials | None = None) -> Seen:
+    """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
     links: dict[str, list[wire.LinkQuality]] = defaultdict(list)
 
     def on_link(sample: zenoh.Sample) -> wire.LinkQuality:
@@ -79,7 +74,8 @@ async def look(z: Client, seconds: float) -> Seen:
     clocks = await asyncio.gather(*map(_clock_of, present))
     safety = await asyncio.gather(*map(read_safety, present))
     by_name = dict(zip(names, clocks, strict=True)), dict(zip(names, safety, strict=True))
-    return Seen(vehicles, await routers(z), dict(links), *by_name)
+    trust = await look_at_trust(z, own, [v.name for v in present])
+    return Seen(vehicles, await routers(z), dict(links), *by_name, trust)
 
 
 def label(vehicle: zmav.Vehicle) -> str:
@@ -231,6 +227,10 @@ def check_safety(seen: Seen) -> Iterator[Finding]:
             yield from (Finding(ok, who, found, advice) for ok, found, advice in judge(vehicle, values))
 
 
+def check_trust(seen: Seen) -> Iterator[Finding]:
+    yield from judge_trust(seen.trust, time.time())
+
+
 CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_routers,
     check_vehicles,
@@ -239,4 +239,5 @@ CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_readiness,
     check_clocks,
     check_safety,
+    check_trust,
 )

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from zmav.autopilots import autopilot_for, kind_of
-from zmav.cli.examine import MAX_BAD_CRC, MAX_LOSS, Finding
+from zmav.cli.examine import MAX_BAD_CRC, MAX_LOSS
+from zmav.cli.finding import Finding
 from zmav.errors import BadInput
 from zmav.links import Link, LinkState, SerialLink, open_link
 from zmav.mavlink import Packer, Splitter, decode, load_dialect

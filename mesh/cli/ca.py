@@ -1,0 +1,170 @@
+"""``zmav mesh ca``: the fleet's authority: who is a member, as what, until when, and who no longer."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+import msgspec
+from rich.table import Table
+
+import zmav
+from mesh.credentials.ca import DAYS, Authority
+from mesh.credentials.certify import day
+from mesh.credentials.ledger import read_ledger
+from zmav.cli.common import console, dump, json_option, run, zenoh_options
+from zmav.cli.trustcheck import rosters
+from zmav.errors import BadConfig, ZmavError
+from zmav.session import SessionSettings
+from zmav.trust.certificate import Role
+from zmav.trust.credentials import ROSTER
+from zmav.trust.roster import HeldRoster
+
+PASSPHRASE = "ZMAV_CA_PASSPHRASE"
+DEFAULT = "fleet-ca"
+
+ca_option = click.option(
+    "--ca", "folder", metavar="DIR", default=lambda: os.environ.get("ZMAV_CA", DEFAULT),
+    show_default=f"{DEFAULT}, or $ZMAV_CA", help="The authority's folder.",
+)  # fmt: skip
+days_option = click.option(
+    "--days", type=click.IntRange(1, 3650), default=DAYS, show_default=True, help="How long it is valid."
+)
+
+
+def out_option(what: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return click.option("--out", metavar="FOLDER", help=f"{what}  [default: members/NAME in the authority's folder]")
+
+
+@click.group("ca")
+def command() -> None:
+    """The fleet's authority: certificates of its members, and the roster of who is one.
+
+    Its folder belongs on a computer that does not fly. A member's folder goes to that member and nowhere else.
+    """
+
+
+@command.command("init")
+@click.argument("directory", required=False)
+@click.option("--fleet", default=lambda: os.environ.get("ZMAV_FLEET", "demo"), show_default="demo, or $ZMAV_FLEET")
+@click.option("--passphrase", is_flag=True, help=f"Encrypt the key: asked for, or ${PASSPHRASE}.")
+def init(directory: str | None, fleet: str, passphrase: bool) -> None:
+    """Make an authority: 'zmav mesh ca init --fleet alpha --passphrase'."""
+    folder = directory or os.environ.get("ZMAV_CA", DEFAULT)
+    Authority.create(folder, fleet, _new_passphrase() if passphrase or PASSPHRASE in os.environ else None)
+    click.echo(f"authority of {fleet} in {folder}: keep ca-key.pem to yourself, and a copy in a safe place")
+
+
+@command.command("issue")
+@click.argument("name")
+@click.option("--role", type=click.Choice([role.value for role in Role]), required=True)
+@days_option
+@out_option("Where the member's folder is made.")
+@click.option("--again", is_flag=True, help="Although a certificate of that name was revoked and has not ended.")
+@ca_option
+def issue(name: str, role: str, days: int, out: str | None, again: bool, folder: str) -> None:
+    """Admit a member: 'zmav mesh ca issue quad1 --role vehicle --out quad1'.
+
+    A vehicle's name is its name in the fleet file, so is a ground host's.
+    """
+    made = _open(folder).issue(name, Role(role), days, out, again=again)
+    click.echo(f"{made}: carry it to {name}, and start it there with --credentials")
+
+
+@command.command("renew")
+@click.argument("name", required=False)
+@click.option("--all", "every", is_flag=True, help="All that end within 30 days.")
+@days_option
+@out_option("Where the member's folder is made, in the place of the one there.")
+@ca_option
+def renew(name: str | None, every: bool, days: int, out: str | None, folder: str) -> None:
+    """Give a member a new key and certificate; the old one stays good until its end."""
+    if (name is None) != every or (every and out):
+        raise click.UsageError("give a NAME, or --all (without --out)")
+    authority = _open(folder)
+    names = authority.ending() if name is None else [name]
+    for each in names:
+        click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
+    if not names:
+        click.echo("none ends within 30 days")
+
+
+@command.command("revoke")
+@click.argument("name")
+@ca_option
+def revoke(name: str, folder: str) -> None:
+    """Turn a member out; tell the fleet with 'zmav mesh ca roster --publish'."""
+    for entry in _open(folder).revoke(name):
+        click.echo(f"revoked {name} ({entry.role}, until {day(entry.not_after)}): {entry.fingerprint}")
+    click.echo("tell the running fleet: zmav mesh ca roster --publish")
+
+
+@command.command("list")
+@json_option
+@ca_option
+def list_members(as_json: bool, folder: str) -> None:
+    """Every certificate that was issued."""
+    ledger, now = read_ledger(Path(folder)), time.time()
+    if as_json:
+        for entry in ledger.entries:
+            click.echo(dump(msgspec.to_builtins(entry), pretty=False))
+        return
+    table = Table("name", "role", "valid until", "", "fingerprint", box=None)
+    for entry in ledger.entries:
+        state = "revoked" if entry.revoked is not None else ("ended" if now > entry.not_after else "")
+        table.add_row(entry.name, entry.role, day(entry.not_after), state, entry.fingerprint)
+    console().print(table)
+
+
+@command.command("roster")
+@click.option("--publish", "tell", is_flag=True, help="Tell the running fleet, through the router of -e.")
+@json_option
+@ca_option
+@zenoh_options
+def roster(tell: bool, as_json: bool, folder: str, settings: SessionSettings) -> None:
+    """Show the roster, or bring it to the running fleet: every router keeps it, passes it on and acts by it."""
+    path = Path(folder)
+    ledger = read_ledger(path)
+    if tell:
+        run(_publish(settings, ledger.fleet, (path / ROSTER).read_bytes()))
+        return
+    found = ledger.roster(time.time())
+    if as_json:
+        click.echo(dump(msgspec.to_builtins(found), pretty=False))
+        return
+    click.echo(f"{found.fleet}, number {found.number}: {len(found.members)} members, {len(found.revoked)} revoked")
+
+
+async def _publish(settings: SessionSettings, fleet: str, signed: bytes) -> None:
+    """Ends with 1 where no router took it."""
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        answers = await rosters(z, fleet, payload=signed)
+    for answer in answers:
+        if isinstance(answer, ZmavError):
+            click.echo(f"refused: {answer}", err=True)
+        else:
+            click.echo(f"{answer.name} has number {answer.number}")
+    if not any(isinstance(answer, HeldRoster) for answer in answers):
+        raise BadConfig("no router of the fleet took it: is -e a router that has credentials?", field="connect")
+
+
+def _open(folder: str) -> Authority:
+    return Authority.open(folder, _passphrase)
+
+
+def _passphrase() -> bytes:
+    found = os.environ.get(PASSPHRASE)
+    return (click.prompt("passphrase", hide_input=True, err=True) if found is None else found).encode()
+
+
+def _new_passphrase() -> bytes:
+    """Raises :class:`BadConfig` for an empty one."""
+    found = os.environ.get(PASSPHRASE)
+    if found is None:
+        found = str(click.prompt("passphrase", hide_input=True, confirmation_prompt=True, err=True))
+    if not found:
+        raise BadConfig("an empty passphrase protects nothing", field="passphrase", value="", expected="a passphrase")
+    return found.encode()

@@ -1,0 +1,160 @@
+"""What ``zmav doctor`` says of credentials: our own folder, the fleet's rosters, the vehicles' certificates."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import msgspec
+import zenoh
+
+from zmav import keys, wire
+from zmav.cli.finding import Finding
+from zmav.client import Answer, Client
+from zmav.errors import BadInput, ZmavError
+from zmav.trust.certificate import Certificate
+from zmav.trust.credentials import Credentials
+from zmav.trust.roster import HeldRoster
+
+SOON = 30 * 86_400.0
+"""s before a certificate's end that it is said"""
+SLOW = 120.0
+"""s in which a new roster has reached every router that is linked"""
+RENEW = "renew it where the authority is: zmav mesh ca renew"
+
+
+class Trust(msgspec.Struct, frozen=True):
+    """What was seen of the fleet's credentials; None where we have none to judge them by."""
+
+    own: Credentials
+    rosters: list[HeldRoster | ZmavError]
+    certificates: dict[str, Certificate | ZmavError]
+    """by vehicle"""
+
+
+async def look_at_trust(z: Client, own: Credentials | None, vehicles: Iterable[str]) -> Trust | None:
+    """Ask the routers for their rosters and the vehicles for their certificates."""
+    if own is None:
+        return None
+    names = list(vehicles)
+    held = await rosters(z, own.fleet)
+    shown = await asyncio.gather(*(_certificate(z, own.fleet, name) for name in names))
+    return Trust(own, held, dict(zip(names, shown, strict=True)))
+
+
+async def rosters(z: Client, fleet: str, payload: bytes = b"", timeout: float = 2.0) -> list[HeldRoster | ZmavError]:
+    """Every router's answer: which roster it has, after it was offered the signed one in ``payload``."""
+    key = keys.FLEET.key(fleet, topic=keys.ROSTER)
+
+    def ask() -> list[zenoh.Reply]:
+        options = keys.Qos.MUST_ARRIVE.options()
+        return list(
+            z.session.get(
+                key, payload=payload, timeout=timeout, consolidation=zenoh.ConsolidationMode.NONE, **options
+            )
+        )  # fmt: skip
+
+    found: list[HeldRoster | ZmavError] = []
+    for reply in await asyncio.to_thread(ask):
+        if reply.ok is not None:
+            found.append(_decoded(reply.ok.payload.to_bytes()))
+        elif reply.err is not None and (said := reply.err.payload.to_bytes()) != b"Timeout":
+            found.append(wire.error_from(said))
+    return found
+
+
+def _decoded(data: bytes) -> HeldRoster | ZmavError:
+    try:
+        return wire.decode(data, HeldRoster, "roster")
+    except BadInput as e:
+        return e
+
+
+async def _certificate(z: Client, fleet: str, name: str) -> Certificate | ZmavError:
+    for answer in await z.ask(keys.CERTIFICATE.key(fleet, name), channel=keys.CERTIFICATE):
+        try:
+            return Certificate.read(answer.payload) if isinstance(answer, Answer) else answer
+        except BadInput as e:
+            return e
+    return ZmavError(f"{name} shows no certificate")
+
+
+def check_folder(folder: str | None, now: float | None = None) -> tuple[list[Finding], Credentials | None]:
+    """Our own credentials, before any session is opened with them."""
+    if folder is None:
+        return [Finding(True, "credentials", "none: this computer's own routers only")], None
+    now = time.time() if now is None else now
+    try:
+        own = Credentials.load(folder, now)
+    except ZmavError as e:
+        return [Finding(False, "credentials", e.message, "the fleet's authority issues them: zmav mesh ca")], None
+    return list(_judge_own(own, now)), own
+
+
+def _judge_own(own: Credentials, now: float) -> Iterator[Finding]:
+    who = f"{own.name}, {own.role.value} of {own.fleet}"
+    if own.roster.is_revoked(own.certificate.fingerprint):
+        yield Finding(False, "credentials", f"{who}: revoked", "ask the authority for others, under another name")
+    else:
+        yield _ends("credentials", who, own.certificate.not_after, now)
+    mode = Path(own.folder).stat().st_mode
+    if mode & 0o022:
+        advice = f"whoever writes there decides whom to trust: chmod go-w {own.folder}"
+        yield Finding(False, "credentials folder", f"{own.folder} can be written by others", advice)
+
+
+def _ends(subject: str, who: str, not_after: float, now: float) -> Finding:
+    on = datetime.datetime.fromtimestamp(not_after, datetime.timezone.utc).date().isoformat()
+    left = not_after - now
+    if left <= 0:
+        return Finding(False, subject, f"{who}: expired on {on}", RENEW)
+    found = f"{who}: until {on}"
+    return Finding(True, subject, found) if left > SOON else Finding(False, subject, f"{found}, soon", RENEW)
+
+
+def judge_trust(trust: Trust | None, now: float) -> Iterator[Finding]:
+    """Rosters and vehicles' certificates."""
+    if trust is None:
+        return
+    yield from _judge_rosters(trust, now)
+    for name, certificate in trust.certificates.items():
+        subject = f"{trust.own.fleet}/{name} certificate"
+        if isinstance(certificate, ZmavError):
+            advice = "start its 'zmav up' with --credentials: what it says and is told is not proven"
+            yield Finding(False, subject, certificate.message, advice)
+        else:
+            yield _judge_vehicle(subject, name, certificate, trust.own, now)
+
+
+def _judge_vehicle(subject: str, name: str, certificate: Certificate, own: Credentials, now: float) -> Finding:
+    try:
+        certificate.check(own.authority, max(certificate.not_before, min(now, certificate.not_after)))
+    except BadInput as e:
+        return Finding(False, subject, e.message, "it is a stranger, whatever it says")
+    if own.roster.is_revoked(certificate.fingerprint):
+        return Finding(False, subject, "revoked", "do not believe what it says")
+    if certificate.name != name:
+        return Finding(False, subject, f"it is {certificate.name}'s", "one of them speaks as the other")
+    return _ends(subject, certificate.role.value, certificate.not_after, now)
+
+
+def _judge_rosters(trust: Trust, now: float) -> Iterator[Finding]:
+    ours, held = trust.own.roster, [each for each in trust.rosters if isinstance(each, HeldRoster)]
+    age = f"{(now - ours.t) / 86_400:.0f} days old"
+    if not held:
+        advice = "its routers run without --credentials, or are not reached"
+        yield Finding(False, "roster", f"number {ours.number}, {age}; no router tells which one it has", advice)
+        return
+    newest = max(each.number for each in held)
+    if newest > ours.number:
+        advice = f"copy roster.json from a router's folder into {trust.own.folder}"
+        yield Finding(False, "roster", f"number {ours.number}, {age}; the fleet's is {newest}", advice)
+    else:
+        yield Finding(True, "roster", f"number {ours.number}, {age}")
+    late = [f"{each.name} ({each.number})" for each in held if each.number < max(newest, ours.number)]
+    if late:
+        advice = f"within {SLOW:.0f} s they should have it: zmav mesh ca roster --publish, and look at their links"
+        yield Finding(False, "routers' rosters", f"older than {max(newest, ours.number)}: {', '.join(late)}", advice)
