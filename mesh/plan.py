@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
-from zmav.config import FleetConfig, Host, Profile, Radio
-from zmav.session import SessionSettings
+from mesh.credentials.acl import access_control
+from mesh.credentials.exposure import check_exposed
+from mesh.neighbours import Neighbour, Way, neighbours
+from mesh.profiles import PROFILES, Rules
+from mesh.radios import Interfaces, Standing, interfaces, stand
+from zmav import keys
+from zmav.config import FleetConfig, Host, Profile, StationConfig, VehicleConfig
+from zmav.errors import BadConfig
+from zmav.session import DEFAULT_ROUTER, SessionSettings, config, defaults, sources
+from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
+
+__all__ = ["Neighbour", "RouterPlan", "Setting", "Way", "plan_router"]
+
+LISTEN, CONNECT, SCOUTING = "listen/endpoints", "connect/endpoints", "scouting/multicast/"
 
 
 @dataclass(frozen=True)
@@ -22,24 +36,6 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way to a neighbour: out of our radio, to its address."""
-
-    radio: Radio
-    address: str
-    port: int
-
-
-@dataclass(frozen=True)
-class Neighbour:
-    """A host that our router is to be linked with by name."""
-
-    name: str
-    ways: tuple[Way, ...]
-    """the cheapest first"""
-
-
-@dataclass(frozen=True)
 class RouterPlan:
     """One host's router."""
 
@@ -47,6 +43,7 @@ class RouterPlan:
     name: str
     profile: Profile
     host: Host
+    """its radios with the addresses and interfaces that were found"""
     settings: dict[str, Setting]
     """by Zenoh configuration path"""
     file: FleetConfig = field(default_factory=FleetConfig)
@@ -55,8 +52,201 @@ class RouterPlan:
     credentials: Credentials | None = None
     vehicle: bool = False
     """it is a vehicle's, and not a ground host's"""
+    radios: tuple[Standing, ...] = ()
+    """the host's radios and whether they are there"""
 
     def session(self, base: SessionSettings) -> SessionSettings:
         """``base`` as a router's settings, with what was worked out here."""
         values = {path: setting.value for path, setting in self.settings.items()}
         return msgspec.structs.replace(base, mode="router", values={**values, **base.values})
+
+    def value(self, path: str) -> Any:
+        """The value at a Zenoh configuration path; None where nothing was worked out for it."""
+        return self.settings[path].value if path in self.settings else None
+
+    @property
+    def listens(self) -> list[str]:
+        """The endpoints that it listens on."""
+        return _endpoints(self, LISTEN)
+
+    @property
+    def scouts_on(self) -> tuple[str, ...]:
+        """The interfaces on which neighbours are looked for by multicast."""
+        names = self.value(f"{SCOUTING}interface") if self.value(f"{SCOUTING}enabled") else None
+        return tuple(str(names).split(",")) if names else ()
+
+
+def plan_router(
+    file: FleetConfig | None, name: str, base: SessionSettings, *, fleet: str | None = None, insecure: bool = False,
+    vehicle: bool = False, there: Interfaces | None = None,
+) -> RouterPlan:  # fmt: skip
+    """The router of the host ``name``.
+
+    Without a ``file`` it keeps to loopback unless ``base``, what a person gave on the command line, says otherwise;
+    ``base`` goes before everything. ``there`` are the host's network interfaces; None: this computer's.
+    Raises :class:`BadConfig` for a host that the file has not, for what cannot be, and for what would let strangers in.
+    """
+    keys.check_name(name)
+    if fleet is not None:
+        keys.check_name(fleet, "fleet")
+    whole = file or FleetConfig()
+    table = file.host(name) if file else StationConfig()
+    found = interfaces() if there is None and table.mesh.radios else there or {}
+    radios = tuple(stand(radio, found) for radio in table.mesh.radios)
+    credentials = Credentials.load(base.credentials) if base.credentials else None
+    profile = table.mesh.profile or whole.mesh.profile
+    plan = RouterPlan(
+        fleet=fleet or (credentials.fleet if credentials and not file else whole.fleet),
+        name=name,
+        profile=profile,
+        host=msgspec.structs.replace(table.mesh, radios=[each.radio for each in radios]),
+        settings={path: Setting(value, "zmav") for path, value in defaults("router").items()},
+        file=whole,
+        neighbours=neighbours(whole, name, table.mesh, radios, PROFILES[profile]),
+        credentials=credentials,
+        vehicle=vehicle or name in whole.vehicles,
+        radios=radios,
+    )
+    if credentials:
+        _check_member(plan, credentials)
+    for settings in (_timers(plan), _links(plan, table), _scouting(plan), _trust(plan)):
+        plan.settings.update(settings)
+    given = _given(plan, base)
+    plan.settings.update(given)
+    reached = [*plan.listens, *_endpoints(plan, CONNECT)]
+    scouting = bool(plan.value(f"{SCOUTING}enabled"))
+    check_exposed(reached, credentials, insecure or whole.mesh.insecure, scouting=scouting)
+    return plan
+
+
+def _endpoints(plan: RouterPlan, path: str) -> list[str]:
+    """Zenoh also takes endpoints by the mode of who opens."""
+    value = plan.value(path)
+    return list(value.get("router") or ()) if isinstance(value, Mapping) else list(value or ())
+
+
+def _check_member(plan: RouterPlan, credentials: Credentials) -> None:
+    """Others take a router's name from its certificate: the two must not differ."""
+    for what, ours, theirs in (("name", plan.name, credentials.name), ("fleet", plan.fleet, credentials.fleet)):
+        if ours != theirs:
+            text = f"{credentials.folder} are the credentials of the {what} {theirs!r}, and this router's is {ours!r}"
+            raise BadConfig(text, field="credentials", value=theirs, expected=ours)
+    if plan.vehicle and credentials.role is not Role.VEHICLE:
+        text = f"{plan.name} is a vehicle, and its certificate is for the role {credentials.role.value!r}"
+        raise BadConfig(text, field="credentials", value=credentials.role.value, expected=Role.VEHICLE.value)
+
+
+def _timers(plan: RouterPlan) -> dict[str, Setting]:
+    """Leases, words within them, and how often a neighbour is called; one opening may take as long as a lease."""
+    mesh, rules, profile = plan.file.mesh, PROFILES[plan.profile], f"profile {plan.profile}"
+
+    def setting(name: str, value: Any, ours: Any) -> Setting:
+        return Setting(value, profile if ours is None else f"fleet file: mesh.{name}")
+
+    lease = round((mesh.lease or rules.lease) * 1000)
+    retry = round((mesh.retry or rules.retry) * 1000)
+    backoff = {"period_init_ms": min(200, retry), "period_max_ms": retry, "period_increase_factor": 1.5}
+    opening = setting("lease", max(1000, lease), mesh.lease)
+    return {
+        "transport/link/tx/lease": setting("lease", lease, mesh.lease),
+        "transport/link/tx/keep_alive": setting("keep_alive", mesh.keep_alive or rules.keep_alive, mesh.keep_alive),
+        "transport/unicast/open_timeout": opening,
+        "transport/unicast/accept_timeout": opening,
+        "connect/retry": setting("retry", backoff, mesh.retry),
+    }
+
+
+def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, Setting]:
+    """Where the router listens and whom it calls."""
+    place = f"{'vehicles' if plan.name in plan.file.vehicles else 'stations'}.{plan.name}"
+    profile, rules = f"profile {plan.profile}", PROFILES[plan.profile]
+    listen, why = (
+        (list(table.listen), [f"fleet file: {place}.listen"]) if table.listen else ([DEFAULT_ROUTER], ["zmav"])
+    )
+    called = _is_called(plan, rules)
+    for radio in called:
+        listen.append(_endpoint(plan, str(radio.radio.address), radio.radio.port or plan.file.mesh.port))
+        why.append(f"{radio.name}{'' if radio.present else ' (waited for)'}")
+    found = {LISTEN: Setting(list(dict.fromkeys(listen)), ", ".join(dict.fromkeys(why)))}
+    if any(not radio.present for radio in called):
+        found.update(_patience(plan))
+    connect, why = list(table.connect), [f"fleet file: {place}.connect"] if table.connect else []
+    direct = [each for each in plan.host.neighbours or () if "/" in each]
+    for neighbour in plan.neighbours:
+        connect += [_endpoint(plan, way.address, way.port) for way in neighbour.ways] + list(neighbour.endpoints)
+    connect += direct
+    if plan.neighbours or direct:
+        why.append(profile if plan.host.neighbours is None else f"fleet file: {place}.mesh.neighbours")
+    if plan.profile in ("cloud", "multi") and plan.file.mesh.rendezvous:
+        connect += [each for each in plan.file.mesh.rendezvous if each not in listen]
+        why.append("fleet file: mesh.rendezvous")
+    if connect:
+        found[CONNECT] = Setting(list(dict.fromkeys(connect)), ", ".join(why))
+    return found
+
+
+def _is_called(plan: RouterPlan, rules: Rules) -> list[Standing]:
+    """The radios on which the router listens: in the cloud, those whose address is a rendezvous."""
+    known = [radio for radio in plan.radios if radio.address is not None]
+    if rules.listens:
+        return known
+    meeting = " ".join(plan.file.mesh.rendezvous)
+    return [radio for radio in known if f"/{_host(str(radio.radio.address))}:" in meeting]
+
+
+def _patience(plan: RouterPlan) -> dict[str, Setting]:
+    """A radio that is not there yet (a modem, Wi-Fi after boot) is waited for.
+
+    Zenoh 1.10 tries a listener again only where all of them may be tried again.
+    """
+    waited = ", ".join(radio.name for radio in plan.radios if not radio.present)
+    again = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}
+    values = {"timeout_ms": -1, "exit_on_failure": False, "retry": again}
+    return {f"listen/{name}": Setting(value, f"{waited} is waited for") for name, value in values.items()}
+
+
+def _scouting(plan: RouterPlan) -> dict[str, Setting]:
+    """Multicast, on the radios only: of two routers that hear each other, the one with the greater id calls."""
+    rules, profile = PROFILES[plan.profile], f"profile {plan.profile}"
+    names = [radio.radio.interface for radio in plan.radios if radio.present and radio.radio.interface]
+    if not rules.scouting or plan.host.neighbours is not None or not names:
+        why = profile if not rules.scouting else "zmav" if not names else "the host names its neighbours"
+        return {f"{SCOUTING}enabled": Setting(False, why)}
+    return {
+        f"{SCOUTING}enabled": Setting(True, profile),
+        f"{SCOUTING}interface": Setting(",".join(dict.fromkeys(names)), "the host's radios"),
+        f"{SCOUTING}autoconnect": Setting({"router": ["router"], "peer": [], "client": []}, profile),
+        f"{SCOUTING}autoconnect_strategy": Setting("greater-zid", profile),
+        f"{SCOUTING}listen": Setting({"router": True, "peer": False, "client": False}, profile),
+        f"{SCOUTING}ttl": Setting(1, profile),
+    }
+
+
+def _trust(plan: RouterPlan) -> dict[str, Setting]:
+    """What the certificates bring, and what a router says of itself in its admin space."""
+    about = {"fleet": plan.fleet, "name": plan.name}
+    found = {"metadata": Setting(about, "the host's name")}
+    if plan.credentials:
+        source = f"credentials {plan.credentials.folder}"
+        found.update({path: Setting(value, source) for path, value in plan.credentials.zenoh().items()})
+        rules = access_control(plan.file, plan.fleet, plan.name, plan.credentials.roster)
+        found["access_control"] = Setting(rules, f"roster {plan.credentials.roster.number}, the channel registry")
+    return found
+
+
+def _endpoint(plan: RouterPlan, address: str, port: int) -> str:
+    """How routers speak to each other: QUIC, with TLS where there are credentials; see docs/mesh.md for why."""
+    place = f"{_host(address)}:{port}"
+    return f"quic/{place}?mixed_rel=1" if plan.credentials else f"udp/{place}?rel=1;mixed_rel=1"
+
+
+def _host(address: str) -> str:
+    return f"[{address}]" if ":" in address else address
+
+
+def _given(plan: RouterPlan, base: SessionSettings) -> dict[str, Setting]:
+    """What a person gave, as Zenoh took it."""
+    settings = plan.session(base)
+    built = config(settings)
+    return {path: Setting(json.loads(built.get_json(path)), source) for path, source in sources(settings).items()
+            if path != "mode"}  # fmt: skip

@@ -1,20 +1,46 @@
-"""A host's router and what runs beside it: measuring neighbours, answering measurements, passing the roster on."""
+"""A host's router and what runs beside it: measuring neighbours, answering measurements, passing the roster on.
+
+Zenoh takes listeners, scouting, timers and access rules only when a session opens. What makes them out of date (a radio
+that has come, a new roster) is told by :meth:`Router.outdated`; who runs the router then starts anew when it may.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
+import logging
+import socket
+import threading
 from collections.abc import Callable
 from types import TracebackType
+from typing import Protocol, runtime_checkable
 
 import zenoh
 
+from mesh.bench.responder import responder
+from mesh.credentials.rosterwatch import watch_roster
 from mesh.plan import RouterPlan
+from mesh.presence import say_name
+from mesh.quality import link_qualities
+from mesh.radiowatch import watch_radios
+from zmav.errors import SessionError
 from zmav.session import SessionSettings, open_session
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
 """Something that runs beside the router as long as it does"""
-PARTS: tuple[Part, ...] = ()
+PARTS: tuple[Part, ...] = (say_name, watch_radios, watch_roster, link_qualities, responder)
+CLOSING_S = 1.0
+"""how long a session's close is waited for: Zenoh 1.10 spends ten seconds on neighbours that it was calling in vain"""
+log = logging.getLogger(__name__)
+
+
+@runtime_checkable
+class Watch(Protocol):
+    """What a part may give: it sees when the router's settings are out of date."""
+
+    async def outdated(self) -> str:
+        """Return when they are, with the reason in words."""
 
 
 class Router:
@@ -27,6 +53,9 @@ class Router:
         self.plan, self._settings, self._parts = plan, plan.session(settings), parts
         self._stack = contextlib.AsyncExitStack()
         self._session: zenoh.Session | None = None
+        self._watches: list[Watch] = []
+        self.running: list[object] = []
+        """what the parts gave"""
 
     @property
     def session(self) -> zenoh.Session:
@@ -34,12 +63,29 @@ class Router:
             raise RuntimeError("the router is not open: use 'async with'")
         return self._session
 
+    async def outdated(self) -> str:
+        """Return, with the reason in words, when the router should be opened anew with a new plan."""
+        if not self._watches:
+            await asyncio.Event().wait()
+        tasks = [asyncio.ensure_future(watch.outdated()) for watch in self._watches]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            return next(iter(done)).result()
+        finally:
+            for task in tasks:
+                task.cancel()
+
     async def __aenter__(self) -> Router:
+        if self.plan.value("listen/timeout_ms") == -1:
+            _check_free(self.plan)
         async with contextlib.AsyncExitStack() as stack:
             session = self._session = await asyncio.to_thread(open_session, self._settings)
-            stack.push_async_callback(asyncio.to_thread, session.close)
+            stack.push_async_callback(asyncio.to_thread, _close, session)
             for part in self._parts:
-                await stack.enter_async_context(part(session, self.plan))
+                entered = await stack.enter_async_context(part(session, self.plan))
+                self.running.append(entered)
+                if isinstance(entered, Watch):
+                    self._watches.append(entered)
             self._stack = stack.pop_all()
         return self
 
@@ -48,3 +94,40 @@ class Router:
     ) -> None:
         self._session = None
         await self._stack.aclose()
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close it; where that takes long, go on: the thread is a daemon's, and the process may end without it."""
+
+    def close() -> None:
+        try:
+            session.close()
+        except zenoh.ZError as e:
+            log.debug("closing the router's session: %s", e)
+
+    thread = threading.Thread(target=close, name="close", daemon=True)
+    thread.start()
+    thread.join(CLOSING_S)
+
+
+def _check_free(plan: RouterPlan) -> None:
+    """Where Zenoh waits for listeners that cannot open, one whose port another program holds would say nothing.
+
+    Raises :class:`SessionError` for a port in use; an address that is not there is no fault here.
+    """
+    for endpoint in plan.value("listen/endpoints") or ():
+        protocol, _, rest = str(endpoint).partition("/")
+        host, _, port = rest.partition("?")[0].partition("#")[0].rpartition(":")
+        kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM
+        address = host.strip("[]")
+        with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, kind) as probe:
+            if kind == socket.SOCK_STREAM:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a former router's is no other program's
+            try:
+                probe.bind((address, int(port)))
+            except OSError as e:
+                if e.errno == errno.EADDRINUSE:
+                    text = f"a port of {endpoint} is in use by another program: choose another with -l"
+                    raise SessionError(text, endpoints=[endpoint]) from e
+            except ValueError:
+                continue  # no plain port: Zenoh says what is wrong with it

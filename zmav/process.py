@@ -1,9 +1,12 @@
-"""How a zmav process lives: it runs until SIGTERM or SIGINT and then ends cleanly."""
+"""How a zmav process lives: it runs until SIGTERM or SIGINT and then ends cleanly, or starts anew."""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
+import sys
+from typing import NoReturn
 
 
 async def until_stopped() -> None:
@@ -16,3 +19,10 @@ async def until_stopped() -> None:
     finally:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.remove_signal_handler(number)
+
+
+def restart() -> NoReturn:
+    """Start this program anew in its own place: same process id, arguments and environment; what was open is closed."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])

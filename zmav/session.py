@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -81,8 +81,7 @@ def defaults(mode: str) -> dict[str, Any]:
 def config(settings: SessionSettings) -> zenoh.Config:
     """The Zenoh configuration of ``settings``; raises :class:`BadConfig` naming the value Zenoh refuses."""
     built = _from_file(settings.file) if settings.file else zenoh.Config()
-    untouched = _texts(zenoh.Config())
-    in_file = {path: text for path, text in _texts(built).items() if text != untouched[path]}
+    in_file = _in_file(built, settings.values)
     given = settings.given()
     values = defaults(settings.mode or json.loads(in_file.get("mode", "null")) or "client")
     if settings.credentials:
@@ -101,6 +100,20 @@ def config(settings: SessionSettings) -> zenoh.Config:
     return built
 
 
+def sources(settings: SessionSettings) -> dict[str, str]:
+    """The Zenoh configuration paths that a person gave a value of, each with how: ``-l``, ``--cfg``, ``-c FILE``.
+
+    Raises what :func:`config` does.
+    """
+    found: dict[str, str] = {}
+    if settings.file:
+        found = dict.fromkeys(_in_file(_from_file(settings.file), settings.values), f"-c {settings.file}")
+    options = {"mode": "-m", "connect/endpoints": "-e", "listen/endpoints": "-l"}
+    found.update({path: options[path] for path in settings.given()})
+    found.update({pair.partition(":")[0]: "--cfg" for pair in settings.cfg})
+    return found
+
+
 def _from_file(file: str) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(Path(file))
@@ -108,9 +121,15 @@ def _from_file(file: str) -> zenoh.Config:
         raise BadConfig(f"cannot read the Zenoh configuration {file!r}: {reason(e)}", field="config", value=file) from e
 
 
-def _texts(built: zenoh.Config) -> dict[str, str]:
-    """The JSON of every value that zmav has a default of, as it stands in a configuration."""
-    return {path: built.get_json(path) for path in {**defaults("client"), **defaults("router")}}
+def _in_file(built: zenoh.Config, more: Iterable[str]) -> dict[str, str]:
+    """The JSON of what a file changed, among the values that zmav has a default of and ``more``, by path."""
+    untouched = zenoh.Config()
+    found = {}
+    for path in {**defaults("client"), **defaults("router"), **dict.fromkeys(more)}:
+        text = built.get_json(path)
+        if text != untouched.get_json(path):
+            found[path] = text
+    return found
 
 
 def _insert(built: zenoh.Config, path: str, value: str) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 
 import click
 import zenoh
 
 from mesh.cli.options import file_option, insecure_option
+from mesh.credentials.rosterwatch import RosterWatch
 from mesh.plan import RouterPlan, plan_router
 from mesh.router import Router
 from mesh.running import say_waiting, until_outdated
@@ -53,10 +53,11 @@ def up(
     url = link or (table.link if table else None)
     if url is None:
         raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
+    plan = plan_router(read, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
     vehicle = OnboardSettings(
         link=url,
         name=name,
-        fleet=fleet or file.fleet,
+        fleet=plan.fleet,
         sysid=sysid if sysid is not None else (table.sysid if table else None),
         dialect=dialect or (table.dialect if table else "ardupilotmega"),
         origin=origin_of(*origin) if origin else file.origin,
@@ -67,15 +68,16 @@ def up(
         cache=cache,
         credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
-        credentials=settings.credentials,
     )
-    plan = plan_router(read, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
     run(_up(vehicle, plan, settings))
 
 
 async def _up(vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings) -> None:
     async with Router(plan, settings) as router:
         onboard = Onboard(router.session, vehicle)
+        for watch in router.running:
+            if isinstance(watch, RosterWatch):
+                watch.tell(onboard.take_roster)
         router.session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
         async with onboard:
             click.echo(f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}", err=True)

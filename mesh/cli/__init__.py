@@ -6,7 +6,7 @@ import importlib
 
 import click
 
-VERBS: tuple[str, ...] = ("ca",)
+VERBS: tuple[str, ...] = ("bench", "ca", "config")
 """each is ``command`` in its own file here"""
 
 

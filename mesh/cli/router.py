@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import click
 
-from zmav.cli.common import listening, run, zenoh_options
-from zmav.process import until_stopped
-from zmav.session import SessionSettings, open_session
+from mesh.cli.options import file_option, insecure_option, own_name
+from mesh.plan import RouterPlan, plan_router
+from mesh.router import Router
+from mesh.running import say_waiting, until_outdated
+from zmav.cli.common import run, zenoh_options
+from zmav.config import load_fleet
+from zmav.process import restart
+from zmav.session import SessionSettings
 
 
 @click.command("router")
+@file_option
+@click.option("--name", help="The host's name in the fleet.  [default: the credentials', or the computer's]")
+@click.option("--fleet", help="The fleet's name.  [default: demo, or the fleet file's]")
+@insecure_option
 @zenoh_options
-def router(settings: SessionSettings) -> None:
-    """Run a Zenoh router: 'zmav router -l tcp/127.0.0.1:7447 -e "udp/10.77.0.1:7447?rel=1;mixed_rel=1"'.
+def router(
+    fleet_file: str | None, name: str | None, fleet: str | None, insecure: bool, settings: SessionSettings
+) -> None:
+    """Run a Zenoh router: 'zmav router --file fleet.toml --name ground'.
 
-    It listens on loopback only unless told otherwise. Ground programs are its clients; it relays to and for vehicles.
+    It listens on loopback only unless the fleet file, -l or -e say otherwise, and beyond it only with --credentials or
+    --insecure. Ground programs are its clients; it relays to and for vehicles.
     """
-    run(_route(listening(settings)))
+    file = load_fleet(fleet_file) if fleet_file else None
+    plan = plan_router(file, own_name(name, settings), settings, fleet=fleet, insecure=insecure)
+    run(_route(plan, settings))
 
 
-async def _route(settings: SessionSettings) -> None:
-    with await asyncio.to_thread(open_session, settings) as session:
-        click.echo(f"router {session.info.zid()} on {' '.join(settings.listen)}", err=True)
-        await until_stopped()
+async def _route(plan: RouterPlan, settings: SessionSettings) -> None:
+    async with Router(plan, settings) as router:
+        click.echo(f"router {router.session.info.zid()} on {' '.join(plan.listens)}", err=True)
+        say_waiting(plan)
+        why = await until_outdated(router)
+    if why:
+        click.echo(f"starting anew: {why}", err=True)
+        restart()

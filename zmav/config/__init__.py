@@ -17,11 +17,13 @@ from zmav.config.fleet import (
     load_fleet,
     origin_of,
 )
-from zmav.config.mesh import Host, Mesh, Profile, Radio, RadioKind
+from zmav.config.mesh import COST, Address, Host, Mesh, Profile, Radio, RadioKind
 from zmav.config.table import Table
 
 __all__ = [
+    "COST",
     "Action",
+    "Address",
     "Failsafe",
     "FleetConfig",
     "Geofence",

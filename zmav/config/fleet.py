@@ -47,7 +47,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from zmav import keys, wire
-from zmav.config.mesh import Host, Mesh
+from zmav.config.mesh import Host, Mesh, check_hosts
 from zmav.config.table import Positive, Table
 from zmav.errors import BadConfig, BadInput
 
@@ -154,6 +154,11 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     sim: dict[str, Any] = {}
     """the world of ``zmav sim``"""
 
+    def hosts(self) -> dict[str, VehicleConfig | StationConfig]:
+        """The tables of all hosts by their place in the file: ``vehicles.quad1``, ``stations.ground``."""
+        vehicles = {f"vehicles.{name}": table for name, table in self.vehicles.items()}
+        return {**vehicles, **{f"stations.{name}": table for name, table in self.stations.items()}}
+
     def host(self, name: str) -> VehicleConfig | StationConfig:
         """The table of a host, vehicle or not; raises :class:`BadConfig` naming those there are."""
         found = self.vehicles.get(name) or self.stations.get(name)
@@ -199,6 +204,7 @@ def load_fleet(path: str | Path) -> FleetConfig:
         for name, table in fleet.vehicles.items():
             _check_tables(f"vehicles.{name}.", table)
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
+        check_hosts(fleet.mesh, fleet.hosts())
     except msgspec.ValidationError as e:
         what, _, where = str(e).partition(" - at `$")
         field = where.strip("`").lstrip(".") or "the file"

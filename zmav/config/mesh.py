@@ -22,15 +22,25 @@ budget = "60 kB/s"
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import ipaddress
+from collections.abc import Mapping
+from typing import Annotated, Literal, Protocol, Union
 
 import msgspec
 
+from zmav import keys
 from zmav.config.table import Positive, Table
+from zmav.errors import BadConfig
 
 Profile = Literal["lan", "wds", "mesh", "multi", "cloud"]
 RadioKind = Literal["ethernet", "wifi", "lte", "serial"]
 Port = Annotated[int, msgspec.Meta(ge=1, le=65535)]
+Address = Union[ipaddress.IPv4Interface, ipaddress.IPv6Interface]  # noqa: UP007
+"""an IP address and the network it is in"""
+PREFIX = {4: 24, 6: 64}
+"""bits of the network, by IP version, where an address is written without them"""
+COST: Mapping[RadioKind, int] = {"ethernet": 10, "wifi": 20, "lte": 100, "serial": 500}
+"""what a way through such a radio costs, where the fleet file does not say"""
 
 
 class Radio(Table, frozen=True):
@@ -39,7 +49,8 @@ class Radio(Table, frozen=True):
     interface: str | None = None
     """``wlan0``, ``bat0``, ``wwan0``; None: whichever has the address"""
     address: str | None = None
-    """the host's own IP address there; None: read from the interface when the router starts"""
+    """the host's own IP address there, ``10.77.0.1`` or with its network's bits, ``10.77.0.1/16``, where these are
+    not 24 (64 for IPv6); None: read from the interface when the router starts"""
     kind: RadioKind = "wifi"
     port: Port | None = None
     """where its router listens; None: the fleet's"""
@@ -49,6 +60,21 @@ class Radio(Table, frozen=True):
     """``60 kB/s`` or ``1 Mbit/s``: what may leave through it, IP headers included"""
     thin: dict[str, Positive] = {}
     """message name -> Hz at most through it"""
+
+    def ip(self) -> Address | None:
+        """The address and its network, where one is given; raises :class:`BadConfig` for what is none."""
+        if self.address is None:
+            return None
+        try:
+            found = ipaddress.ip_interface(self.address)
+        except ValueError as e:
+            text = f"{self.address!r} is not an IP address"
+            raise BadConfig(text, field="address", value=self.address, expected="like 10.77.0.1 or 10.77.0.1/24") from e
+        return found if "/" in self.address else ipaddress.ip_interface(f"{self.address}/{PREFIX[found.version]}")
+
+    def way_cost(self) -> int:
+        """What a way through it costs: the cheaper one is preferred."""
+        return self.cost if self.cost is not None else COST[self.kind]
 
 
 class Host(Table, frozen=True):
@@ -80,3 +106,61 @@ class Mesh(Table, frozen=True):
     """words within a lease"""
     retry: Positive | None = None
     """s between attempts to reach a neighbour, at most"""
+
+
+class Member(Protocol):
+    """What the checks need of a host's table."""
+
+    mesh: Host
+
+
+def check_hosts(mesh: Mesh, hosts: Mapping[str, Member]) -> None:
+    """Raise :class:`BadConfig` where radios cannot be as they are written, or neighbours are not there.
+
+    ``hosts`` are the tables by their place in the file, ``vehicles.quad1``.
+    """
+    names = {place.partition(".")[2] for place in hosts}
+    taken: dict[tuple[str, int], str] = {}
+    for place, host in hosts.items():
+        for number, radio in enumerate(host.mesh.radios):
+            _check_radio(f"{place}.mesh.radios[{number}]", radio, mesh.port, taken)
+        for neighbour in host.mesh.neighbours or ():
+            _check_neighbour(f"{place}.mesh.neighbours", neighbour, place.partition(".")[2], names)
+    for endpoint in mesh.rendezvous:
+        if "/" not in endpoint:
+            raise _wrong("mesh.rendezvous", endpoint, "a Zenoh endpoint like quic/rendezvous.example.org:7447")
+    for name in mesh.thin:
+        keys.check_message(name)
+
+
+def _check_radio(place: str, radio: Radio, port: int, taken: dict[tuple[str, int], str]) -> None:
+    for name in radio.thin:
+        keys.check_message(name)
+    if radio.interface is None and radio.address is None:
+        raise _wrong(place, "without interface and address", "one of the two at least")
+    try:
+        address = radio.ip()
+    except BadConfig as e:
+        raise BadConfig(f"{place}.{e.message}", **{**e.detail, "field": f"{place}.address"}) from None
+    if address is None:
+        return
+    if address.ip.is_unspecified or address.ip.is_multicast:
+        raise _wrong(f"{place}.address", radio.address, "one host's own address")
+    network = address.network
+    if network.prefixlen < network.max_prefixlen - 1 and address.ip == network.network_address:
+        raise _wrong(f"{place}.address", radio.address, f"an address in {network}, not the network's own")
+    here = (str(address.ip), radio.port or port)
+    if here in taken:
+        raise _wrong(f"{place}.address", radio.address, f"another one than {taken[here]}.address")
+    taken[here] = place
+
+
+def _check_neighbour(place: str, neighbour: str, own: str, names: set[str]) -> None:
+    if neighbour == own:
+        raise _wrong(place, neighbour, "another host's name")
+    if "/" not in neighbour and neighbour not in names:
+        raise _wrong(place, neighbour, f"a Zenoh endpoint or one of {', '.join(sorted(names - {own})) or 'none'}")
+
+
+def _wrong(field: str, value: object, expected: str) -> BadConfig:
+    return BadConfig(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)

@@ -1,0 +1,72 @@
+"""``zmav mesh config``: what a host's router is opened with, and where each value came from."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import click
+from rich.table import Table
+from rich.text import Text
+
+from mesh.cli.options import file_option, insecure_option, own_name
+from mesh.plan import RouterPlan, plan_router
+from zmav.cli.common import console, dump, json_option, zenoh_options
+from zmav.config import load_fleet
+from zmav.session import SessionSettings
+
+WIDEST = 200
+
+
+@click.command("config")
+@file_option
+@click.option("--name", help="The host's name in the fleet.  [default: the credentials', or the computer's]")
+@insecure_option
+@json_option
+@click.option("--zenoh", "as_zenoh", is_flag=True, help="As a configuration file that zenohd takes.")
+@zenoh_options
+def command(
+    fleet_file: str | None, name: str | None, insecure: bool, as_json: bool, as_zenoh: bool, settings: SessionSettings
+) -> None:
+    """What results from the fleet file: 'zmav mesh config --file fleet.toml --name quad1'.
+
+    'zmav up' and 'zmav router' open their Zenoh router with these values. Interfaces are those of this computer.
+    """
+    file = load_fleet(fleet_file) if fleet_file else None
+    plan = plan_router(file, own_name(name, settings), settings, insecure=insecure)
+    if as_zenoh:
+        click.echo(json.dumps(nested(plan), indent=2))
+        return
+    rows = {path: {"value": setting.value, "source": setting.source} for path, setting in sorted(plan.settings.items())}
+    if as_json:
+        about = {"fleet": plan.fleet, "name": plan.name, "profile": plan.profile}
+        ways = {n.name: [[w.radio.interface, w.address, w.port] for w in n.ways] for n in plan.neighbours}
+        click.echo(dump({**about, "neighbours": ways, "settings": rows}, pretty=False))
+        return
+    table = Table("path", "value", "from", title=f"{plan.fleet}/{plan.name}, profile {plan.profile}")
+    for path, row in rows.items():
+        table.add_row(path, Text(_short(row["value"])), Text(str(row["source"])))  # brackets are no markup
+    console().print(table)
+    for radio in plan.radios:
+        state = f"{radio.address}" if radio.address else "no address"
+        click.echo(f"radio {radio.name}: {state}{'' if radio.present else ', not there yet: it will be waited for'}")
+
+
+def nested(plan: RouterPlan) -> dict[str, Any]:
+    """The plan as Zenoh's configuration files have it: an object in an object for each step of a path."""
+    whole: dict[str, Any] = {"mode": "router"}
+    for path, setting in sorted(plan.settings.items()):  # what holds another comes before it
+        *steps, last = path.split("/")
+        inside = whole
+        for step in steps:
+            inside = inside.setdefault(step, {})
+        inside[last] = copy.deepcopy(setting.value)
+    return whole
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        return "\n".join(value) or "none"
+    text = json.dumps(value)
+    return text if len(text) <= WIDEST else f"{text[:WIDEST]}... ({len(text)} characters; --json shows them)"

@@ -1,0 +1,83 @@
+"""Whom a router is to be linked with by name, and through which radios each can be reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mesh.profiles import Rules
+from mesh.radios import Standing
+from zmav.config import FleetConfig, Host, Radio, StationConfig, VehicleConfig
+from zmav.errors import BadConfig
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to a neighbour: out of our radio, to its address."""
+
+    radio: Radio
+    address: str
+    port: int
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """A host that our router is to be linked with by name."""
+
+    name: str
+    ways: tuple[Way, ...]
+    """the cheapest first"""
+    endpoints: tuple[str, ...] = ()
+    """where else it listens, as the fleet file has it under its ``listen``"""
+
+
+def neighbours(
+    file: FleetConfig, name: str, host: Host, radios: Sequence[Standing], rules: Rules
+) -> tuple[Neighbour, ...]:
+    """Those that ``host`` names, or all on its radios' networks where the profile calls all.
+
+    Raises :class:`BadConfig` for one that the file names and no radio of ours reaches.
+    """
+    if host.neighbours is None:
+        return tuple(_all(file, name, radios)) if rules.calls_all else ()
+    return tuple(_named(file, name, each, radios) for each in host.neighbours if "/" not in each)
+
+
+def _named(file: FleetConfig, name: str, other: str, radios: Sequence[Standing]) -> Neighbour:
+    table = file.host(other)
+    ways = _ways(file, table, radios)
+    waiting = [radio.name for radio in radios if radio.address is None]
+    if not ways and not table.listen and not waiting:
+        theirs = [radio.address for radio in table.mesh.radios if radio.address]
+        ours = ", ".join(str(radio.address.network) for radio in radios if radio.address) or "none"
+        where = f"its addresses ({', '.join(theirs)}) are" if theirs else "it has no address that is"
+        text = (
+            f"{name} cannot reach its neighbour {other}: {where} in none of {name}'s networks ({ours}). Give both an "
+            f'address with the network\'s size (address = "10.77.0.1/16"), or name an endpoint instead'
+        )
+        raise BadConfig(text, field="neighbours", value=other, expected=f"an address in {ours}")
+    return Neighbour(other, ways, tuple(table.listen))
+
+
+def _all(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[Neighbour]:
+    for place, table in file.hosts().items():
+        other = place.partition(".")[2]
+        if other == name:
+            continue
+        back = table.mesh.neighbours
+        if back is not None and name not in back:
+            continue  # it has said whom it wants
+        ways = _ways(file, table, radios)
+        if ways:
+            yield Neighbour(other, ways)
+
+
+def _ways(file: FleetConfig, table: VehicleConfig | StationConfig, radios: Sequence[Standing]) -> tuple[Way, ...]:
+    found = []
+    for mine in radios:
+        for theirs in table.mesh.radios:
+            address = theirs.ip()
+            if mine.address and address and address.ip in mine.address.network:
+                cost = mine.radio.way_cost() + theirs.way_cost()
+                found.append((cost, Way(mine.radio, str(address.ip), theirs.port or file.mesh.port)))
+    return tuple(way for _, way in sorted(found, key=lambda each: each[0]))

@@ -1,0 +1,65 @@
+"""Sees a host's radios come and change: what was planned without them is then out of date."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+
+import zenoh
+
+from mesh.plan import RouterPlan
+from mesh.profiles import PROFILES
+from mesh.radios import Interfaces, Standing, interfaces
+
+PERIOD_S = 1.0
+
+
+class RadioWatch:
+    """Compares the radios of a plan with what there is, once a second."""
+
+    def __init__(self, plan: RouterPlan, look: Callable[[], Interfaces] = interfaces) -> None:
+        self._radios, self._look = plan.radios, look
+        self._scouts = PROFILES[plan.profile].scouting and plan.host.neighbours is None
+        self._gone: set[Standing] = set()
+
+    async def outdated(self) -> str:
+        """Return when the plan is out of date, with the reason."""
+        while True:
+            await asyncio.sleep(PERIOD_S)
+            why = self.compare(await asyncio.to_thread(self._look))
+            if why:
+                return why
+
+    def compare(self, there: Interfaces) -> str | None:
+        """What makes the plan out of date, in words.
+
+        A listener on a known address comes up by itself, and lives through the interface's absence. Not so an address
+        that was not known, and multicast, which belongs to an interface as it was when the session opened.
+        """
+        return next(filter(None, (self._judge(radio, there) for radio in self._radios)), None)
+
+    def _judge(self, radio: Standing, there: Interfaces) -> str | None:
+        if radio.fixed and radio.address:
+            wanted = radio.address.ip
+            here = any(address.ip == wanted for addresses in there.values() for address in addresses)
+            back = here and (radio in self._gone or not radio.present)
+            if not here:
+                self._gone.add(radio)
+            return f"{radio.name} has come" if back and self._scouts else None
+        addresses = [str(address.ip) for address in there.get(radio.name, ())]
+        if not addresses or (radio.address and str(radio.address.ip) in addresses and radio not in self._gone):
+            if not addresses:
+                self._gone.add(radio)
+            return None
+        if radio.address is None:
+            return f"{radio.name} has come, with {addresses[0]}"
+        if str(radio.address.ip) not in addresses:
+            return f"{radio.name} has now {addresses[0]}"
+        return f"{radio.name} has come back" if self._scouts else None
+
+
+@contextlib.asynccontextmanager
+async def watch_radios(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[object]:
+    """A part of the router; there is nothing to watch where the fleet file names no radio."""
+    yield RadioWatch(plan) if plan.radios else None
