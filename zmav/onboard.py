@@ -46,6 +46,7 @@ from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, Origin
 from zmav.trust.proof import Signer
+from zmav.trust.roster import Roster
 from zmav.verbs import VERBS, Verb
 
 TICK = 0.2
@@ -143,6 +144,15 @@ class Onboard:
             self.events.emit("refused", "warning", f"refused: {error}", limit=f"proof {reason}", reason=reason)
 
         gate.on_refused = say
+
+    def take_roster(self, roster: Roster) -> None:
+        """The authority's newest: whom it has turned out is believed no more, and commands no more."""
+        if self.gate is None:
+            return
+        self.gate.roster = roster
+        lease = self.leases.info()
+        if lease and lease.origin and not any(lease.origin in roster.names(role.value) for role in Role):
+            self.leases.end("revoked", f"lease of {lease.holder} ended: the fleet turned {lease.origin} out")
 
     def _add_orders(self) -> None:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""

@@ -1,0 +1,219 @@
+"""The newest roster, kept, acted on and passed on.
+
+Routers tell each other which roster they have by the Trickle algorithm (RFC 6206): each puts its own at times that grow
+from seconds to a minute, and not at all where it has just heard the same; whoever hears an older one, or gets a newer
+one, speaks soon. So a change crosses the fleet in a second or two, also after a partition, and silence is cheap. The
+authority's own computer brings one as a query's payload, and sees who took it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import click
+import msgspec
+import zenoh
+
+from mesh.credentials import files
+from mesh.credentials.acl import access_control
+from mesh.plan import RouterPlan
+from zmav import keys, wire
+from zmav.errors import BadConfig, BadInput
+from zmav.services.port import on_loop
+from zmav.trust import credentials
+from zmav.trust.credentials import Credentials
+from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
+
+SHORTEST, LONGEST = 1.0, 64.0
+"""s: Trickle's interval"""
+ENOUGH = 1
+"""of others' that are like ours within an interval, and we need not speak"""
+MOST_CHECKED = 50
+"""signatures checked a second: what is forged costs no more than that"""
+
+
+class RosterWatch:
+    """One router's. Lives on the event loop. ``say`` gets what a person should know, a line each."""
+
+    def __init__(self, session: zenoh.Session, plan: RouterPlan, held: Credentials, say: Callable[[str], None]) -> None:
+        self._session, self._plan, self._credentials, self._say = session, plan, held, say
+        self._key = keys.FLEET.key(held.fleet, topic=keys.ROSTER)
+        self._signed = read_signed((held.folder / credentials.ROSTER).read_bytes())
+        self.roster = self._signed.open(held.authority, held.fleet)
+        self._rules = self._rules_by(self.roster)
+        self._outdated = asyncio.Event()
+        self._listeners: list[Callable[[Roster], None]] = []
+        self._alike = 0
+        self._hurry = asyncio.Event()
+        self._said: set[str] = set()
+        self._checked, self._since = 0, 0.0
+        self._tasks: list[asyncio.Task[None]] = []
+        self._declared: list[Any] = []
+
+    async def __aenter__(self) -> RosterWatch:
+        loop = asyncio.get_running_loop()
+        take, answer = on_loop(loop, self._on_sample), on_loop(loop, self._on_query)
+        self._declared = [
+            self._session.declare_subscriber(self._key, take),
+            self._session.declare_queryable(self._key, answer),
+            self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True),
+        ]
+        self._tasks = [loop.create_task(self._tell())]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for declared in self._declared:
+            declared.undeclare()
+
+    def tell(self, listener: Callable[[Roster], None]) -> None:
+        """Call ``listener`` with the roster there is, and with each that takes its place."""
+        self._listeners.append(listener)
+        listener(self.roster)
+
+    async def outdated(self) -> str:
+        """Return when the router's access rules are another roster's, with the reason in words."""
+        await self._outdated.wait()
+        return f"its access rules are older than roster {self.roster.number}"
+
+    def adopt(self, signed: SignedRoster) -> bool:
+        """Take ``signed`` in the place of ours where it is newer; whether it was.
+
+        Raises :class:`BadConfig` for one that says it is newer, and is not our authority's or of another fleet.
+        """
+        number = _number_in(signed)
+        if number <= self.roster.number:
+            if number == self.roster.number:
+                self._alike += 1
+            else:
+                self._hurry.set()
+            return False
+        if not self._may_check():
+            return False
+        roster = signed.open(self._credentials.authority, self._credentials.fleet)
+        self._signed, self.roster, self._alike = signed, roster, 0
+        self._say(f"roster {roster.number}: {len(roster.members)} members, {len(roster.revoked)} revoked")
+        if roster.is_revoked(self._credentials.certificate.fingerprint):
+            self._say_once("own", "our own certificate was revoked: others give us nothing, and take nothing from us")
+        try:
+            files.write(self._credentials.folder / credentials.ROSTER, msgspec.json.encode(signed))
+        except BadConfig as e:  # a read-only disk: what holds now is forgotten at the next start, and heard again
+            self._say_once("write", str(e))
+        if self._rules_by(roster) == self._rules:
+            self._outdated.clear()
+        else:
+            self._outdated.set()
+        self._hurry.set()
+        for listener in self._listeners:
+            listener(roster)
+        return True
+
+    def _rules_by(self, roster: Roster) -> dict[str, Any]:
+        return access_control(self._plan.file, self._credentials.fleet, self._credentials.name, roster)
+
+    def _may_check(self) -> bool:
+        now = time.monotonic()
+        if now - self._since >= 1.0:
+            self._checked, self._since = 0, now
+        self._checked += 1
+        return self._checked <= MOST_CHECKED
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(BadInput):
+            self._take(sample.payload.to_bytes())
+
+    def _take(self, data: bytes) -> None:
+        try:
+            self.adopt(read_signed(data))
+        except BadInput as e:
+            self._say_once(e.message, f"a roster was not taken: {e}")
+            raise
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        with query:
+            try:
+                if query.payload:
+                    self._take(query.payload.to_bytes())
+                newer = query.parameters.get("newer")
+                wanted = newer is not None and newer.isdecimal() and int(newer) < self.roster.number
+            except BadInput as e:
+                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                return
+            held = HeldRoster(
+                name=self._plan.name, number=self.roster.number, t=self.roster.t,
+                newer=self._signed if wanted else None,
+            )  # fmt: skip
+            query.reply(self._key, wire.encode(held), encoding=keys.JSON)
+
+    def _on_link(self, event: zenoh.LinkEvent) -> None:
+        """Say of each neighbour that shows a certificate and is no member, once, that it gets nothing."""
+        name = event.link.auth_identifier
+        if event.kind != zenoh.SampleKind.PUT or name is None or self._is_member(name):
+            return
+        self._say_once(
+            f"link {name}", f"{name} has a certificate, but is not on the roster: nothing passes to or from it"
+        )
+
+    def _is_member(self, name: str) -> bool:
+        return any(m.name == name and m.fingerprint not in self.roster.revoked for m in self.roster.members)
+
+    def _say_once(self, what: str, text: str) -> None:
+        if what not in self._said and len(self._said) < 1000:
+            self._said.add(what)
+            self._say(text)
+
+    async def _tell(self) -> None:
+        """Trickle's timer."""
+        interval = SHORTEST
+        while True:
+            self._alike, at = 0, random.uniform(interval / 2, interval)
+            hurried = await self._hurried(at, interval)
+            if not hurried and self._alike < ENOUGH:
+                with contextlib.suppress(zenoh.ZError):  # the session is closing
+                    self._session.put(
+                        self._key, msgspec.json.encode(self._signed), encoding=keys.JSON,
+                        **keys.Qos.MUST_ARRIVE.options(),
+                    )  # fmt: skip
+            hurried = hurried or await self._hurried(interval - at, interval)
+            interval = SHORTEST if hurried else min(2 * interval, LONGEST)
+
+    async def _hurried(self, seconds: float, interval: float) -> bool:
+        """Wait so long, or until there is reason to speak soon; sooner than in the shortest interval never is."""
+        if interval <= SHORTEST:
+            await asyncio.sleep(seconds)
+            self._hurry.clear()
+            return False
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._hurry.wait(), seconds)
+        hurried = self._hurry.is_set()
+        self._hurry.clear()
+        return hurried
+
+
+def _number_in(signed: SignedRoster) -> int:
+    """What it says its number is: cheap to see, and to be believed only once its signature was checked."""
+    try:
+        return msgspec.json.decode(signed.roster, type=_Numbered).number
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+        raise BadConfig(f"not a roster: {e}", field="roster") from e
+
+
+class _Numbered(msgspec.Struct):
+    number: int
+
+
+@contextlib.asynccontextmanager
+async def watch_roster(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[RosterWatch | None]:
+    """The part of a router: None where there are no credentials."""
+    if plan.credentials is None:
+        yield None
+        return
+    async with RosterWatch(session, plan, plan.credentials, lambda text: click.echo(text, err=True)) as watch:
+        yield watch
