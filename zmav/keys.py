@@ -180,19 +180,19 @@ CHANNELS: dict[str, Channel] = {
             encoding=RAW,
         ),
         Channel(
-            "bench", "{fleet}/{vehicle}/bench/{order}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
+            "bench", "{fleet}/{vehicle}/bench/order/{order}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
             "start or stop this host's part in measuring the network", (OPERATOR,), proven=True,
         ),
         Channel(
-            "bench_report", "{fleet}/{vehicle}/bench-report/{run}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
+            "bench_report", "{fleet}/{vehicle}/bench/report/{run}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
             "what a host has measured in a run", (ANYONE,),
         ),
         Channel(
-            "bench_ping", "{fleet}/{vehicle}/bench-ping", "query", wire.Pong, Qos.MUST_ARRIVE,
+            "bench_ping", "{fleet}/{vehicle}/bench/ping", "query", wire.Pong, Qos.MUST_ARRIVE,
             "answered at once: which host it is, and its clocks", (ANYONE,),
         ),
         Channel(
-            "bench_flow", "{fleet}/{vehicle}/bench-flow/{run}", "pub", None, Qos.BULK,
+            "bench_flow", "{fleet}/{vehicle}/bench/flow/{run}", "pub", None, Qos.BULK,
             "the datagrams of a measurement, in the class that is measured", (VEHICLE, OPERATOR, PLANNER), encoding=RAW,
         ),
         Channel(

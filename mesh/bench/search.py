@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from mesh.bench.asker import Bench, Stream, StreamResult
+from mesh.bench.asker import Bench
+from mesh.bench.flow import Stream, StreamResult
 from mesh.bench.units import duration, rate
 
 KEEPS_UP = 0.97

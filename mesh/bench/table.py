@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from mesh.bench.asker import Flow, StreamResult
+from mesh.bench.flow import Flow, StreamResult
 from mesh.bench.statistics import bin_start
 from mesh.bench.units import duration, rate, size
 from zmav.wire.bench import BenchInterval, BenchOutage, BenchReport, BenchTrip, Spread

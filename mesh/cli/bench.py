@@ -12,7 +12,8 @@ import msgspec
 
 import zmav
 from mesh.bench import table
-from mesh.bench.asker import Bench, Flow, Stream
+from mesh.bench.asker import Bench
+from mesh.bench.flow import Flow, Stream
 from mesh.bench.route import named, route
 from mesh.bench.search import Limits, Trial, search
 from mesh.bench.units import bits_per_second, duration, rate
@@ -132,6 +133,15 @@ def _wanted(options: Options, *, seconds: float, qos: keys.Qos, size: int, bits:
     )  # fmt: skip
 
 
+async def _announce(bench: Bench, options: Options, stream: Stream) -> None:
+    """Say what will be measured, once both hosts are found; raises what :meth:`Bench.pair` does."""
+    first, second = await bench.pair(options.a, options.b)
+    what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
+    click.echo(f"{first.host} > {second.host}: {what}, {stream.seconds:g} s")
+    silence = f"waiting for silences of {duration(stream.silence)} and more"
+    click.echo(silence if options.kind == "recover" else table.HEAD)
+
+
 async def _stream(z: Client, options: Options, until: asyncio.Event) -> None:
     recover = options.kind == "recover"
     if recover:
@@ -159,11 +169,10 @@ async def _stream(z: Client, options: Options, until: asyncio.Event) -> None:
         if recover and options.cuts and min(seen.values()) >= options.cuts:
             until.set()
 
+    bench = Bench(z)
     if say:
-        what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
-        click.echo(f"{options.a} > {options.b}: {what}, {stream.seconds:g} s")
-        click.echo(f"waiting for silences of {duration(stream.silence)}" if recover else table.HEAD)
-    result = await Bench(z).stream(
+        await _announce(bench, options, stream)
+    result = await bench.stream(
         options.a, options.b, stream, both=options.both, until=until, on_interval=on_interval, on_outage=on_outage
     )
     if options.csv:

@@ -15,7 +15,7 @@ BenchState = Literal["waiting", "running", "done", "stopped", "failed"]
 
 
 class BenchOrder(Wire, kw_only=True):
-    """``bench/start``: one host's part of a run. The same order sent again is the same run."""
+    """``bench/order/start``: one host's part of a run. The same order sent again is the same run."""
 
     run: str
     role: BenchRole
@@ -39,13 +39,13 @@ class BenchOrder(Wire, kw_only=True):
 
 
 class BenchStop(Wire, kw_only=True):
-    """``bench/stop``: end a run, if it is the one."""
+    """``bench/order/stop``: end a run, if it is the one."""
 
     run: str
 
 
 class BenchQuery(Wire, kw_only=True):
-    """``bench-report/{run}``: what there is to tell from these indices on."""
+    """``bench/report/{run}``: what there is to tell from these indices on."""
 
     since: int = 0
     """index of the first interval wanted"""
@@ -152,7 +152,7 @@ class BenchReport(Wire, kw_only=True):
 
 
 class Pong(Wire, kw_only=True):
-    """``bench-ping``: who answers, with its clocks."""
+    """``bench/ping``: who answers, with its clocks."""
 
     host: str
     zid: str
