@@ -5,7 +5,7 @@ Both are told apart by ``kind``; :func:`decode_link` reads either.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -13,6 +13,8 @@ from zmav.errors import BadInput
 from zmav.wire.base import Wire, decode
 
 LinkState = Literal["up", "silent", "indirect", "down"]
+Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+Amount = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
 class LinkQuality(Wire, kw_only=True, tag_field="kind", tag="autopilot"):
@@ -74,28 +76,28 @@ class NeighbourQuality(Wire, kw_only=True, tag_field="kind", tag="neighbour", om
     state: LinkState
     """silent: linked, and no probe comes; indirect: linked, but Zenoh sends what is for it over others; down: the link
     went away within the last minute"""
-    age: float | None = None
+    age: Amount | None = None
     """s since a probe of the neighbour was heard"""
-    rtt: float | None = None
+    rtt: Amount | None = None
     """s, median of the last probes"""
-    rtt_min: float | None = None
-    jitter: float | None = None
+    rtt_min: Amount | None = None
+    jitter: Amount | None = None
     """s, interarrival jitter of what comes in, as RFC 3550 reckons it"""
-    loss_in: float | None = None
+    loss_in: Share | None = None
     """0 to 1"""
-    loss_out: float | None = None
-    throughput_in: float | None = None
+    loss_out: Share | None = None
+    throughput_in: Amount | None = None
     """bytes/s that a short train of messages came at: an estimate, and where the link is faster than can be timed, a
     lower bound"""
-    throughput_out: float | None = None
+    throughput_out: Amount | None = None
     signal: float | None = None
     """dBm at our end"""
-    cost: int | None = None
+    cost: Annotated[int, msgspec.Meta(ge=1)] | None = None
     """:func:`mesh.quality.cost.cost`: about 10 µs a kilobyte, one way"""
     interface: str | None = None
-    interface_in: float | None = None
+    interface_in: Amount | None = None
     """bytes/s through the interface, whoever's"""
-    interface_out: float | None = None
+    interface_out: Amount | None = None
     since: float | None = None
     """UTC seconds since when the state is what it is"""
 

@@ -1,0 +1,223 @@
+"""``zmav mesh graph``: who is linked to whom, how well, and the way to each vehicle with its weakest hop."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import click
+import msgspec
+from rich.console import Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+import zmav
+from mesh.dot import dot
+from mesh.graph import Graph, Link, Way, gather
+from mesh.words import duration, milliseconds, percent, rate
+from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
+from zmav.client import Client
+from zmav.errors import BadInput
+from zmav.session import SessionSettings
+
+STYLES = {"good": "green", "fair": "yellow", "poor": "red", "down": "bold red", "unknown": "dim"}
+PERIOD = 2.0
+"""s between looks of ``--watch``"""
+
+
+@click.command("graph")
+@click.option("--from", "start", metavar="NODE", help="Whose ways to show.  [default: this computer's router's]")
+@click.option("--dot", "as_dot", is_flag=True, help="In Graphviz's language: | dot -Tsvg > fleet.svg")
+@click.option("--watch", is_flag=True, help="Again and again, until Ctrl-C.")
+@click.option(
+    "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
+)
+@fleet_option
+@json_option
+@zenoh_options
+def command(
+    start: str | None, as_dot: bool, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
+) -> None:
+    """Show the fleet's links with their quality, and for each vehicle the way to it and its weakest hop.
+
+    Colours: green below 5 % loss and 30 ms a kilobyte, red from 20 % and 150 ms. Figures with two values are from the
+    first host to the second, and back. The weakest hop is one that is down; else that of most loss, the longest round
+    trip, the least throughput, in this order.
+    """
+    if as_dot and (as_json or watch):
+        raise BadInput("--dot goes with neither --json nor --watch", field="--dot", expected="one of them")
+    run(_show(start, as_dot, watch, timeout, fleet, as_json, settings))
+
+
+async def _show(
+    start: str | None, as_dot: bool, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
+) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        if watch and not as_json:
+            await _watch(z, start, timeout)
+        while True:
+            graph = await gather(z, start, timeout)
+            if as_dot:
+                click.echo(dot(graph), nl=False)
+            elif as_json:
+                click.echo(dump(document(graph), pretty=False))
+            else:
+                console().print(view(graph))
+            if not watch:
+                return
+            await asyncio.sleep(PERIOD)
+
+
+async def _watch(z: Client, start: str | None, timeout: float) -> None:
+    with Live(console=console(), auto_refresh=False) as live:
+        while True:
+            live.update(view(await gather(z, start, timeout)), refresh=True)
+            await asyncio.sleep(PERIOD)
+
+
+# For a person.
+
+
+def view(graph: Graph) -> Group:
+    """Links, then ways to vehicles, then who says nothing."""
+    parts: list[Any] = [_links(graph)] if graph.links else [Text("no links between routers are known")]
+    if ways := _ways(graph):
+        parts += [Text(), ways]
+    parts += [Text(words, style="yellow") for words in notes(graph)]
+    return Group(*parts)
+
+
+def notes(graph: Graph) -> list[str]:
+    """What the tables cannot show."""
+    found = []
+    linked = {end for link in graph.links for end in (link.a, link.b)}
+    for name, node in graph.nodes.items():
+        if not node.answers and (name in linked or len(graph.nodes) > 1):
+            found.append(f"{name} tells nothing of its links" + ("" if node.role else " and has no token"))
+    if any(not way.traced for way in graph.ways.values()):
+        found.append("* by the fewest hops: the routers' tables did not answer")
+    if graph.bad:
+        found.append(f"{graph.bad} answers were not what they should be, and are left out")
+    return found
+
+
+def _links(graph: Graph) -> Table:
+    table = _table(
+        ("link", "state", "RTT ms", "loss", "throughput", "signal", "cost", "heard", "over"), right=(2, 6, 7)
+    )
+    for link in graph.links:
+        said = link.by_a or link.by_b
+        table.add_row(
+            f"{link.a} - {link.b}",
+            link.state,
+            milliseconds(link.rtt),
+            _both(percent(link.loss(link.a)), percent(link.loss(link.b))),
+            _both(rate(link.throughput(link.a)), rate(link.throughput(link.b))),
+            _both(*("-" if (dbm := link.signal(end)) is None else f"{dbm:.0f} dBm" for end in (link.a, link.b))),
+            "-" if link.cost is None else str(link.cost),
+            duration(link.age),
+            said.url.partition("?")[0] if said else "",
+            style=STYLES[link.grade],
+        )
+    return table
+
+
+def _ways(graph: Graph) -> Table | None:
+    """To vehicles, and where there are none to whatever there is."""
+    vehicles = {n for n, node in graph.nodes.items() if node.role == "vehicle"} or set(graph.nodes)
+    shown = sorted(vehicles & graph.ways.keys())
+    if not shown:
+        return None
+    table = _table(("to", "way", "weakest hop", "RTT ms", "delivery", "throughput"), right=(3,))
+    for name in shown:
+        way = graph.ways[name]
+        table.add_row(
+            name,
+            way_words(way) + ("" if way.traced else " *"),
+            _weakest(way.weakest) if len(way.links) else "-",
+            milliseconds(way.rtt),
+            _both(percent(way.delivery()), percent(way.delivery(back=True))),
+            rate(way.throughput),
+            style=STYLES[way.weakest.grade] if way.weakest else STYLES["down"],
+        )
+    return table
+
+
+def way_words(way: Way) -> str:
+    """``ground > quad1 > quad2``, with a question mark where it is lost."""
+    return " > ".join(way.hops) + ("" if way.complete else " > ?") if way.hops else "?"
+
+
+def _weakest(link: Link | None) -> str:
+    if link is None:
+        return "-"
+    words = [link.state] if link.state != "up" else []
+    if link.worst_loss:
+        words.append(f"{percent(link.worst_loss)} lost")
+    if link.rtt is not None:
+        words.append(f"{milliseconds(link.rtt)} ms")
+    return f"{link.a} - {link.b} ({', '.join(words)})"
+
+
+def _both(there: str, back: str) -> str:
+    return there if there == back else f"{there} / {back}"
+
+
+def _table(columns: tuple[str, ...], right: tuple[int, ...]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for number, name in enumerate(columns):
+        table.add_column(name, justify="right" if number in right else "left", no_wrap=True)
+    return table
+
+
+# For a script.
+
+
+def document(graph: Graph) -> dict[str, Any]:
+    """What ``--json`` prints: a graph's nodes, links and ways."""
+    return {
+        "t": graph.t,
+        "start": graph.start,
+        "nodes": [
+            {"name": node.name, "zid": node.zid, "role": node.role, "answers": node.answers}
+            for node in graph.nodes.values()
+        ],
+        "links": [_link(link) for link in graph.links],
+        "ways": {name: _way(way) for name, way in graph.ways.items()},
+        "bad": graph.bad,
+    }
+
+
+def _link(link: Link) -> dict[str, Any]:
+    ends = (link.a, link.b)
+    return {
+        "ends": ends,
+        "state": link.state,
+        "grade": link.grade,
+        "cost": link.cost,
+        "rtt": link.rtt,
+        "age": link.age,
+        "loss": {end: link.loss(end) for end in ends},
+        "throughput": {end: link.throughput(end) for end in ends},
+        "signal": {end: link.signal(end) for end in ends},
+        "said": {
+            end: msgspec.to_builtins(said)
+            for end, said in zip(ends, (link.by_a, link.by_b), strict=True)
+            if said is not None
+        },
+    }
+
+
+def _way(way: Way) -> dict[str, Any]:
+    weakest = way.weakest
+    return {
+        "hops": way.hops,
+        "complete": way.complete,
+        "traced": way.traced,
+        "weakest": (weakest.a, weakest.b) if weakest else None,
+        "rtt": way.rtt,
+        "delivery": way.delivery(),
+        "delivery_back": way.delivery(back=True),
+        "throughput": way.throughput,
+    }
