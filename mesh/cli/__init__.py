@@ -6,7 +6,7 @@ import importlib
 
 import click
 
-VERBS: tuple[str, ...] = ("bench", "ca", "config")
+VERBS: tuple[str, ...] = ("bench", "ca", "config", "graph")
 """each is ``command`` in its own file here"""
 
 
