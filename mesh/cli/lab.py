@@ -1,0 +1,264 @@
+"""``zmav lab``: a fleet of network namespaces on this machine, with links that are cut and worsened by hand."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+from rich.live import Live
+
+from mesh.lab import kernel
+from mesh.lab.control import Control, Room
+from mesh.lab.lab import Lab
+from mesh.lab.network import LabError, check_able
+from mesh.lab.remote import Remote, answers, directory_of_labs, running
+from mesh.lab.scenario import load_scenario
+from mesh.lab.status import status_of
+from mesh.lab.table import Picture
+from zmav.cli.common import assignments, console, dump, json_option, run
+from zmav.errors import BadConfig, BadInput
+from zmav.process import until_stopped
+
+SHOW_S = 1.0
+
+lab_option = click.option("--lab", "name", metavar="NAME", help="Which lab.  [default: the only one that runs]")
+
+
+@click.group("lab")
+def lab() -> None:
+    """A laboratory of network namespaces: 'zmav lab up deploy/labs/line5.toml', then 'zmav lab cut 2-3'.
+
+    Each host has a namespace of its own with its router in it, and vehicles are simulated. Links have delay, loss and
+    a rate, set while they run. Needs root. A LINK is two hosts (quad2-quad3, or 2-3), one direction of it (2>3), of
+    one medium (wifi:2-3), a medium's name for all in it, or 'all'.
+    """
+
+
+@lab.command("up")
+@click.argument("file")
+@click.option("--headless", is_flag=True, help="No live table (also where there is no terminal).")
+@click.option("--name", help="The lab's name.  [default: the file's]")
+@click.option("--bare", is_flag=True, help="Namespaces and links alone: no routers, no vehicles.")
+def up(file: str, headless: bool, name: str | None, bare: bool) -> None:
+    """Make a lab and run it until Ctrl-C, SIGTERM or 'zmav lab down'. Nothing of it is left then."""
+    check_able()
+    scenario = load_scenario(file)
+    if name is not None:
+        scenario = msgspec.structs.replace(scenario, name=name)
+    directory = directory_of_labs() / scenario.name
+    if answers(directory):
+        text = f"a lab {scenario.name!r} runs already: end it with 'zmav lab down', or give this one a --name"
+        raise BadConfig(text, field="name", value=scenario.name, expected="a name that no other lab has")
+    shutil.rmtree(directory, ignore_errors=True)  # of one that was killed together with its relay
+    made = Lab(scenario, directory, programs=not bare)
+    run(_up(made, live=sys.stdout.isatty() and not headless))
+
+
+async def _up(made: Lab, *, live: bool) -> None:
+    stopped = asyncio.ensure_future(until_stopped())  # heard from the first moment on
+    try:
+        async with made, Control(made) as control:
+            ready = asyncio.ensure_future(made.ready())
+            shown = asyncio.ensure_future(_show(made, ready, live=live))
+            asked = asyncio.ensure_future(control.down.wait())
+            assert made.failed is not None
+            over: set[asyncio.Future[Any]] = {stopped, asked, made.failed, shown}
+            done, _ = await asyncio.wait(over, return_when=asyncio.FIRST_COMPLETED)
+            for task in (ready, shown, asked):
+                task.cancel()
+            await asyncio.gather(ready, shown, asked, return_exceptions=True)
+        if made.failed in done:
+            raise LabError(made.failed.result())
+        if shown in done and not shown.cancelled() and (error := shown.exception()) is not None:
+            raise error
+    finally:
+        stopped.cancel()
+        await asyncio.gather(stopped, return_exceptions=True)
+
+
+async def _show(made: Lab, ready: asyncio.Future[None], *, live: bool) -> None:
+    """The live table, or two lines: it is made, it is up."""
+    begun, hosts = time.monotonic(), len(made.hosts)
+    click.echo(f"lab {made.scenario.name}: {hosts} hosts, {len(made.network.links())} links; files in {made.directory}")
+    if not live:
+        await ready
+        click.echo(f"up in {time.monotonic() - begun:.1f} s")
+        await asyncio.Event().wait()
+    picture = Picture(made.mobility.simulator)
+    with Live(console=console(), refresh_per_second=2) as view:
+        while True:
+            view.update(await asyncio.to_thread(picture.of, status_of(made)))
+            await asyncio.sleep(SHOW_S)
+
+
+@lab.command("status")
+@lab_option
+@json_option
+def status(name: str | None, as_json: bool) -> None:
+    """Show hosts and links: state, loss, rate, and what has crossed."""
+    with Remote(name) as remote:
+        found = remote.status()
+    if as_json:
+        click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
+        return
+    console().print(Picture(Path(found.directory) / "sim.sock").of(found))
+
+
+@lab.command("list")
+def list_labs() -> None:
+    """Show the labs that run."""
+    for name in running():
+        click.echo(name)
+
+
+@lab.command("cut")
+@click.argument("link")
+@lab_option
+def cut(link: str, name: str | None) -> None:
+    """Let nothing cross a link any more: 'zmav lab cut 2-3'."""
+    with Remote(name) as remote:
+        remote.call("cut", link=link)
+
+
+@lab.command("heal")
+@click.argument("link")
+@lab_option
+def heal(link: str, name: str | None) -> None:
+    """Undo a cut."""
+    with Remote(name) as remote:
+        remote.call("heal", link=link)
+
+
+@lab.command("set")
+@click.argument("link")
+@click.argument("conditions", nargs=-1, required=True)
+@lab_option
+def set_conditions(link: str, conditions: tuple[str, ...], name: str | None) -> None:
+    """Change a link: 'zmav lab set 2-3 loss=0.2 delay=100ms rate=1M'.
+
+    Also jitter, ordered (true or false), burst (frames lost in a row, on average), duplicate, queue (bytes that may
+    wait), bucket (bytes that may go at once) and up. rate=max: no limit.
+    """
+    with Remote(name) as remote:
+        remote.call("set", link=link, conditions=assignments(conditions))
+
+
+@lab.command("move")
+@click.argument("host")
+@click.argument("north", type=float)
+@click.argument("east", type=float)
+@lab_option
+def move(host: str, north: float, east: float, name: str | None) -> None:
+    """Put a host NORTH and EAST m from the origin: links with a range follow."""
+    with Remote(name) as remote:
+        remote.call("move", host=host, north=north, east=east)
+
+
+def _on_program(verb: str, text: str) -> click.Command:
+    @lab.command(verb, help=text)
+    @click.argument("host")
+    @lab_option
+    def command(host: str, name: str | None) -> None:
+        with Remote(name) as remote:
+            remote.call(verb, host=host)
+
+    return command
+
+
+start = _on_program("start", "Start a host's router (or 'simulator') again after stop or kill.")
+stop = _on_program("stop", "End a host's router in good order.")
+kill = _on_program("kill", "End a host's router as if its computer lost power.")
+
+
+@lab.command("down")
+@lab_option
+def down(name: str | None) -> None:
+    """End a lab; returns when it is gone."""
+    with Remote(name) as remote:
+        remote.call("down")
+        remote.wait()
+        deadline = time.monotonic() + 30.0
+        while remote.directory.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+
+
+@lab.command("exec", context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
+@click.argument("host")
+@click.argument("command", nargs=-1, required=True, type=click.UNPROCESSED)
+@lab_option
+def execute(host: str, command: tuple[str, ...], name: str | None) -> None:
+    """Run a program in a host: 'zmav lab exec ground zmav ls', 'zmav lab exec quad1 bash'.
+
+    It has this terminal, the host's network and credentials, and ends with the lab. Its exit code is ours.
+    """
+    check_able()
+    with Remote(name) as remote:
+        room = msgspec.convert(remote.call("room", host=host), Room)
+    try:
+        relay, namespace = os.pidfd_open(room.pid), os.open(room.namespace, os.O_RDONLY)
+    except OSError as e:
+        raise LabError(f"the lab has just ended: {e.strerror}") from e
+    kernel.setns(namespace, kernel.CLONE_NEWNET)
+    sys.exit(_run(command, relay, room.environment))
+
+
+def _run(command: tuple[str, ...], relay: int, environment: dict[str, str]) -> int:
+    """The program's exit code, as a shell gives it; killed when the lab ends."""
+    beside = str(Path(sys.executable).parent)  # where this zmav is
+    environment = {**os.environ, **environment, "PATH": f"{beside}:{os.environ.get('PATH', os.defpath)}"}
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells the program as well, and it decides
+    try:
+        process = subprocess.Popen(command, env=environment, preexec_fn=_as_a_shell_would)
+    except OSError as e:
+        raise BadInput(f"cannot run {command[0]!r}: {e.strerror}", field="command", value=command[0]) from e
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, _: process.send_signal(number))
+    poll = select.poll()
+    for fd in (os.pidfd_open(process.pid), relay):
+        poll.register(fd, select.POLLIN)
+    poll.poll()
+    if process.poll() is None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(0.1)  # both at once
+        if process.poll() is None:
+            click.echo("zmav: the lab has ended", err=True)
+            process.kill()
+    code = process.wait()
+    return code if code >= 0 else 128 - code
+
+
+def _as_a_shell_would() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    kernel.die_with_parent(signal.SIGKILL)
+
+
+@lab.command("pcap")
+@click.argument("link")
+@click.argument("file")
+@click.option("--for", "seconds", type=click.FloatRange(min=0.1), help="Seconds.  [default: until Ctrl-C]")
+@lab_option
+def pcap(link: str, file: str, seconds: float | None, name: str | None) -> None:
+    """Write what arrives over a link to a FILE that Wireshark reads."""
+    path = str(Path(file).absolute())
+    with Remote(name) as remote:
+        remote.call("record", link=link, path=path)
+        try:
+            run(_until(seconds))
+        finally:
+            remote.call("record", path=path)
+
+
+async def _until(seconds: float | None) -> None:
+    with contextlib.suppress(asyncio.TimeoutError):
+        await asyncio.wait_for(until_stopped(), seconds)

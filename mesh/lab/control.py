@@ -1,0 +1,169 @@
+"""The lab's end of its control socket: see :mod:`mesh.lab.remote`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+from types import TracebackType
+from typing import Any
+
+import msgspec
+
+from mesh.lab.lab import Lab
+from mesh.lab.remote import SOCKET
+from mesh.lab.status import LabStatus, status_of
+from mesh.lab.values import ask_from
+from zmav.errors import BadInput, ZmavError
+from zmav.sim.remote import Failure, Reply, Request
+
+_LONGEST_LINE = 1 << 20
+
+
+class OnLink(msgspec.Struct, forbid_unknown_fields=True):
+    """A link by name; see :meth:`mesh.lab.wiring.Wiring.find`."""
+
+    link: str
+
+
+class SetArgs(OnLink, forbid_unknown_fields=True):
+    """And what is to hold on it."""
+
+    conditions: dict[str, Any]
+
+
+class RecordArgs(msgspec.Struct, forbid_unknown_fields=True):
+    """A pcap file; without a link it ends."""
+
+    path: str
+    link: str | None = None
+
+
+class MoveArgs(msgspec.Struct, forbid_unknown_fields=True):
+    """A host and where it goes, in m."""
+
+    host: str
+    north: float
+    east: float
+
+
+class OnHost(msgspec.Struct, forbid_unknown_fields=True):
+    """A host's router, or the simulator, by name."""
+
+    host: str
+
+
+class Nothing(msgspec.Struct, forbid_unknown_fields=True):
+    """No arguments."""
+
+
+class Room(msgspec.Struct):
+    """Where a program of a host's runs, and with what environment."""
+
+    namespace: str
+    pid: int
+    """of the relay: when it has ended, the lab has"""
+    environment: dict[str, str]
+
+
+class Control:
+    """Serves a lab's socket while it is open (``async with``). ``down`` is set when somebody asks the lab to end."""
+
+    def __init__(self, lab: Lab) -> None:
+        self._lab = lab
+        self.down = asyncio.Event()
+        self._server: asyncio.AbstractServer | None = None
+        self._callers: set[asyncio.Task[None]] = set()
+        self._offers: dict[str, tuple[type[msgspec.Struct], Callable[[Any], Awaitable[Any]]]] = {
+            "status": (Nothing, self._status),
+            "cut": (OnLink, self._cut),
+            "heal": (OnLink, self._heal),
+            "set": (SetArgs, self._set),
+            "record": (RecordArgs, self._record),
+            "move": (MoveArgs, self._move),
+            "start": (OnHost, self._start),
+            "stop": (OnHost, self._stop),
+            "kill": (OnHost, self._kill),
+            "room": (OnHost, self._room),
+            "down": (Nothing, self._down),
+        }
+
+    async def __aenter__(self) -> Control:
+        path = self._lab.directory / SOCKET
+        self._server = await asyncio.start_unix_server(self._serve, path, limit=_LONGEST_LINE)
+        path.chmod(0o600)  # and nobody else could get into its directory meanwhile
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        assert self._server is not None
+        self._server.close()
+        for caller in list(self._callers):
+            caller.cancel()
+        await asyncio.gather(*self._callers, return_exceptions=True)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._callers.add(task)
+        try:
+            with contextlib.suppress(OSError, ValueError, asyncio.CancelledError):  # it left, or sent a line too long
+                while line := await reader.readline():
+                    writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
+                    await writer.drain()
+        finally:
+            self._callers.discard(task)
+            writer.close()
+
+    async def _answer(self, line: bytes) -> Reply:
+        try:
+            request = msgspec.json.decode(line, type=Request)
+            if request.verb not in self._offers:
+                known = ", ".join(self._offers)
+                raise BadInput(f"no verb {request.verb!r}; there are {known}", field="verb", value=request.verb)
+            kind, do = self._offers[request.verb]
+            return Reply(result=msgspec.to_builtins(await do(msgspec.convert(request.args, kind))))
+        except ZmavError as e:
+            return Reply(error=Failure(e.code, e.message, e.detail))
+        except msgspec.MsgspecError as e:
+            return Reply(error=Failure(BadInput.code, f"not a request: {e}"))
+
+    # ---- what can be asked
+
+    async def _status(self, _: Nothing) -> LabStatus:
+        return status_of(self._lab)
+
+    async def _cut(self, args: OnLink) -> None:
+        self._lab.cut(args.link)
+
+    async def _heal(self, args: OnLink) -> None:
+        self._lab.heal(args.link)
+
+    async def _set(self, args: SetArgs) -> None:
+        self._lab.network.set(args.link, ask_from(args.conditions))
+
+    async def _record(self, args: RecordArgs) -> None:
+        if args.link is None:
+            self._lab.network.stop_record(args.path)
+        else:
+            self._lab.network.start_record(args.link, args.path)
+
+    async def _move(self, args: MoveArgs) -> None:
+        self._lab.move(args.host, args.north, args.east)
+
+    async def _start(self, args: OnHost) -> None:
+        self._lab.start(args.host)
+
+    async def _stop(self, args: OnHost) -> None:
+        await self._lab.stop(args.host)
+
+    async def _kill(self, args: OnHost) -> None:
+        await self._lab.kill(args.host)
+
+    async def _room(self, args: OnHost) -> Room:
+        network = self._lab.network
+        return Room(str(network.namespace(args.host)), network.pid, self._lab.environment(args.host))
+
+    async def _down(self, _: Nothing) -> None:
+        self.down.set()

@@ -1,0 +1,128 @@
+"""Talking to a lab that runs by its control socket: ``zmav lab cut 2-3`` and its like do, and so may scripts.
+
+with Remote("line5") as lab:
+    lab.call("cut", link="2-3")
+
+Each lab has a directory of its own in :func:`directory_of_labs`, and in it a Unix socket that only its owner may open.
+It takes JSON, one request a line, as the simulator's does (:mod:`zmav.sim.remote`).
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mesh.lab.status import LabStatus
+from zmav import keys
+from zmav.errors import BadConfig, LinkDown, TimedOut, from_code
+from zmav.sim.remote import Reply, Request
+
+SOCKET = "control.sock"
+ANSWER_S = 30.0
+
+
+def directory_of_labs(environment: Mapping[str, str] = os.environ) -> Path:
+    """Where this user's labs have their directories; made where it is missing.
+
+    In ``XDG_RUNTIME_DIR``, or else in the directory for temporary files. :class:`BadConfig` where it belongs to
+    somebody else, or others may write to it.
+    """
+    runtime = environment.get("XDG_RUNTIME_DIR")
+    base = Path(runtime) / "zmav-lab" if runtime else Path(tempfile.gettempdir()) / f"zmav-lab-{os.getuid()}"
+    try:
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = base.lstat()
+    except OSError as e:
+        raise BadConfig(f"no directory {base} for labs: {e.strerror}", field="directory", value=str(base)) from e
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        text = f"{base} is not a directory of yours alone; remove it, or set XDG_RUNTIME_DIR"
+        raise BadConfig(text, field="directory", value=str(base), expected="a directory that only you may write to")
+    return base
+
+
+def answers(directory: Path) -> bool:
+    """Whether a lab runs in that directory."""
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.settimeout(ANSWER_S)
+        try:
+            probe.connect(str(directory / SOCKET))
+        except OSError:
+            return False
+        return True
+
+
+def running() -> list[str]:
+    """The names of this user's labs that run now."""
+    return [path.name for path in sorted(directory_of_labs().iterdir()) if answers(path)]
+
+
+def _choose(name: str | None) -> Path:
+    found = running()
+    if name is not None:
+        keys.check_name(name)
+        if name not in found:
+            raise LinkDown(f"no lab {name!r} runs; there are {', '.join(found) or 'none'}")
+        return directory_of_labs() / name
+    if not found:
+        raise LinkDown("no lab runs: start one with 'zmav lab up FILE'")
+    if len(found) > 1:
+        names = ", ".join(found)
+        raise BadConfig(f"several labs run: say which with --lab ({names})", field="lab", value=None, expected=names)
+    return directory_of_labs() / found[0]
+
+
+class Remote:
+    """A connection to the lab called ``name`` (None: the only one that runs). Raises :class:`LinkDown` where none runs,
+    :class:`BadConfig` where there are several to choose from, and what the lab says.
+    """
+
+    def __init__(self, name: str | None = None) -> None:
+        self.directory = _choose(name)
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.settimeout(ANSWER_S)
+        try:
+            self._socket.connect(str(self.directory / SOCKET))
+        except OSError as e:
+            self._socket.close()
+            raise LinkDown(f"the lab {self.directory.name} has ended: {e.strerror}") from e
+        self._lines = self._socket.makefile("rb")
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._lines.close()
+        self._socket.close()
+
+    def call(self, verb: str, **args: Any) -> Any:
+        """Have the lab do ``verb``; gives its answer as JSON has it."""
+        try:
+            self._socket.sendall(msgspec.json.encode(Request(verb, args)) + b"\n")
+            line = self._lines.readline()
+        except TimeoutError:
+            raise TimedOut(f"the lab did not answer {verb!r} within {ANSWER_S:g} s") from None
+        except OSError as e:
+            raise LinkDown(f"the lab {self.directory.name} has ended: {e.strerror}") from e
+        if not line:
+            raise LinkDown(f"the lab {self.directory.name} has ended")
+        reply = msgspec.json.decode(line, type=Reply)
+        if reply.error is not None:
+            raise from_code(reply.error.code, reply.error.message, reply.error.detail)
+        return reply.result
+
+    def status(self) -> LabStatus:
+        """Everything at this moment."""
+        return msgspec.convert(self.call("status"), LabStatus)
+
+    def wait(self) -> None:
+        """Return when the lab has ended."""
+        self._socket.settimeout(None)
+        while self._lines.readline():
+            pass

@@ -1,0 +1,110 @@
+"""A lab for a person: its hosts and its links as two tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from mesh.lab.status import HostStatus, LabStatus, WayStatus
+from zmav.errors import ZmavError
+from zmav.sim.remote import Remote as Simulator
+from zmav.sim.status import VehicleStatus
+
+
+class Picture:
+    """Draws a status; rates are since the one drawn before."""
+
+    def __init__(self, simulator: Path | None) -> None:
+        self._simulator = simulator
+        self._before: LabStatus | None = None
+
+    def of(self, status: LabStatus) -> Group:
+        """Both tables, and a line about the relay."""
+        before, self._before = self._before, status
+        return Group(self._hosts(status), Text(), _links(status, before), _relay(status, before))
+
+    def _hosts(self, status: LabStatus) -> Table:
+        flown = self._flown()
+        table = _table("host", "router", "addresses", "position", "vehicle", "mode", "height")
+        for host in status.hosts:
+            vehicle = flown.get(host.name)
+            place = "-" if host.position is None else f"{host.position[0]:.0f}, {host.position[1]:.0f}"
+            addresses = " ".join(f"{name} {address}" for name, address in host.addresses.items())
+            row = [host.name, _router(host), addresses, place, host.vehicle or "-"]
+            if vehicle is None:
+                row += ["-", "-"]
+            else:
+                row += [vehicle.mode + (", armed" if vehicle.armed else ""), f"{vehicle.height_m:.1f} m"]
+            table.add_row(*row)
+        return table
+
+    def _flown(self) -> dict[str, VehicleStatus]:
+        if self._simulator is None or not self._simulator.exists():
+            return {}
+        try:
+            with Simulator(self._simulator, timeout=1.0) as simulator:
+                return {vehicle.name: vehicle for vehicle in simulator.status().vehicles}
+        except ZmavError:  # it is just beginning, or has been stopped
+            return {}
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for column in columns:
+        table.add_column(column, no_wrap=True)
+    return table
+
+
+def _router(host: HostStatus) -> str:
+    return "-" if host.running is None else "up" if host.running else "[red]DOWN[/]"
+
+
+def _links(status: LabStatus, before: LabStatus | None) -> Table:
+    table = _table("link", "state", "delay", "loss", "rate", "frames", "arrived", "lost", "full", "down", "now")
+    old = {(w.sender, w.receiver, link.name): w for link in before.links for w in link.ways} if before else {}
+    for link in status.links:
+        for way in link.ways:
+            past = old.get((way.sender, way.receiver, link.name))
+            medium = f"{link.medium}:" if ":" in link.name else ""
+            table.add_row(f"{medium}{way.sender}>{way.receiver}", *_way(way), _now(status, before, way, past))
+    return table
+
+
+def _way(way: WayStatus) -> tuple[str, ...]:
+    c, n = way.conditions, way.counters
+    jitter = f"±{1e3 * c.jitter:g}" if c.jitter else ""
+    return (
+        "up" if c.up else "[red]CUT[/]",
+        f"{1e3 * c.delay:g}{jitter} ms",
+        f"{100 * c.loss:.3g} %" + (f" in bursts of {c.burst:g}" if c.burst > 1 and c.loss else ""),
+        "-" if c.rate is None else bits(c.rate),
+        str(n.frames),
+        str(n.arrived),
+        str(n.lost),
+        str(n.queue_full),
+        str(n.down),
+    )
+
+
+def _now(status: LabStatus, before: LabStatus | None, way: WayStatus, past: WayStatus | None) -> str:
+    if before is None or past is None or status.t <= before.t:
+        return "-"
+    return bits(8 * (way.counters.arrived_bytes - past.counters.arrived_bytes) / (status.t - before.t))
+
+
+def bits(rate: float) -> str:
+    """bit/s with a prefix."""
+    for scale, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if rate >= scale:
+            return f"{rate / scale:.3g} {prefix}bit/s"
+    return f"{rate:.0f} bit/s"
+
+
+def _relay(status: LabStatus, before: LabStatus | None) -> Text:
+    text = f"{status.name}: fleet {status.fleet}, {status.under_way} frames under way"
+    if before is not None and status.t > before.t:
+        text += f", relay {100 * (status.relay_cpu_s - before.relay_cpu_s) / (status.t - before.t):.0f} % of a core"
+    return Text(f"{text}; files in {status.directory}")
