@@ -1,0 +1,156 @@
+"""The bearer that a router's plan calls for: which neighbours it carries, and what the router listens and calls with.
+
+A pair of hosts meets through bearers where one of the two has the profile ``multi``, or a radio between them has a
+budget: both have the same fleet file and find the same. A bearer listens one port above the radio's router. Of a
+pair, the one whose name comes first opens the link.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+from collections.abc import Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Any
+
+from mesh.bearer.bearer import Bearer, Far
+from mesh.bearer.budget import parse_budget
+from mesh.bearer.port import Address
+from mesh.neighbours import Neighbour, Way
+from mesh.plan import RouterPlan, Setting
+from zmav.config import FleetConfig, Radio
+
+LISTEN, CONNECT = "listen/endpoints", "connect/endpoints"
+ABOVE = 1
+"""from a radio's port to its bearer's"""
+BATCH = 2048
+"""bytes of Zenoh's batches: with 64 kB, a batch of telemetry holds up setpoints (p99 212 ms against 129 at 1 Mbit/s)"""
+
+
+def carried(plan: RouterPlan) -> tuple[Neighbour, ...]:
+    """The neighbours of a plan that are met through bearers."""
+    return tuple(each for each in plan.neighbours if each.ways and _meets(plan.file, plan.name, each))
+
+
+def borne(plan: RouterPlan) -> tuple[Radio, ...]:
+    """The host's radios on which a bearer listens."""
+    ways = {way.radio.address for each in carried(plan) for way in each.ways}
+    return tuple(r for r in plan.host.radios if r.address and (r.budget or r.address in ways))
+
+
+def _meets(file: FleetConfig, name: str, neighbour: Neighbour) -> bool:
+    profiles = {file.host(each).mesh.profile or file.mesh.profile for each in (name, neighbour.name)}
+    addresses = {way.address for way in neighbour.ways}
+    theirs = [r for r in file.host(neighbour.name).mesh.radios if _plain(r) in addresses]
+    return "multi" in profiles or any(radio.budget for radio in (*theirs, *(way.radio for way in neighbour.ways)))
+
+
+def _plain(radio: Radio) -> str | None:
+    """A radio's address without its network's size."""
+    return radio.address.partition("/")[0] if radio.address else None
+
+
+class Bearers:
+    """``async with Bearers(plan) as bearers: bearers.plan`` is what the router is to be opened with.
+
+    Where nothing is to be carried it is the plan itself, and no thread runs. Raises
+    :class:`~zmav.errors.BadConfig` for a budget that is none.
+    """
+
+    def __init__(self, plan: RouterPlan) -> None:
+        self.plan, self._given = plan, plan
+        self.bearer: Bearer | None = None
+
+    async def __aenter__(self) -> Bearers:
+        plan, radios = self._given, borne(self._given)
+        for radio in plan.host.radios:
+            if radio.budget:
+                parse_budget(radio.budget)
+        if not radios:
+            return self
+        router = ("127.0.0.1", _free_port())
+        fars = [_far(plan, each, radios) for each in carried(plan)]
+        ports = [(radio, (radio.port or plan.file.mesh.port) + ABOVE) for radio in radios]
+        known = [*plan.file.vehicles, *plan.file.stations]
+        self.bearer = Bearer(plan.fleet, plan.name, ports, fars, router, known)
+        self.plan = _rewired(plan, radios, router, [self.bearer.local[far.name] for far in fars if far.opens])
+        await asyncio.to_thread(self.bearer.__enter__)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self.bearer is not None:
+            await asyncio.to_thread(self.bearer.__exit__, kind, error, tb)
+            self.bearer = None
+
+
+def _far(plan: RouterPlan, neighbour: Neighbour, radios: Sequence[Radio]) -> Far:
+    ways = [(_place(radios, way), (way.address, way.port + ABOVE), _cost(plan.file, neighbour.name, way))
+            for way in neighbour.ways]  # fmt: skip
+    return Far(neighbour.name, ways, opens=plan.name < neighbour.name)
+
+
+def _place(radios: Sequence[Radio], way: Way) -> int:
+    return next(place for place, radio in enumerate(radios) if radio.address == way.radio.address)
+
+
+def _cost(file: FleetConfig, name: str, way: Way) -> int:
+    """A way's cost is that of the radios at both its ends."""
+    theirs = [r.way_cost() for r in file.host(name).mesh.radios if _plain(r) == way.address]
+    return way.radio.way_cost() + (theirs[0] if theirs else way.radio.way_cost())
+
+
+def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: Sequence[Address]) -> RouterPlan:
+    """The plan with the bearers' endpoints in place of the radios' that they carry."""
+    direct = {(way.address, way.port) for each in carried(plan) for way in each.ways}
+    own = {(str(r.address), r.port or plan.file.mesh.port) for r in radios if r.budget or plan.profile == "multi"}
+    ours = {LISTEN: ([router], own), CONNECT: (list(local), direct)}
+    settings = dict(plan.settings)
+    for path, (added, replaced) in ours.items():
+        before = plan.settings.get(path, Setting([], "zmav"))
+        kept = [each for each in _list(before.value) if _address(each) not in replaced]
+        new = [*kept, *(_endpoint(plan, *each) for each in added)]
+        settings[path] = Setting(new, f"{before.source}, bearers")
+    settings.update(_scouting(plan, {r.interface for r in radios if r.budget}))
+    if "transport/link/tx/batch_size" not in settings:
+        settings["transport/link/tx/batch_size"] = Setting(BATCH, "QoS")
+    return replace(plan, settings=settings)
+
+
+def _scouting(plan: RouterPlan, budgeted: set[str | None]) -> dict[str, Setting]:
+    """Whoever is found by multicast is called directly, past any budget: so not on radios that have one."""
+    left = [name for name in plan.scouts_on if name not in budgeted]
+    if len(left) == len(plan.scouts_on):
+        return {}
+    if not left:
+        return {"scouting/multicast/enabled": Setting(False, "the radios have budgets")}
+    return {"scouting/multicast/interface": Setting(",".join(left), "the radios without a budget")}
+
+
+def _list(value: Any) -> list[str]:
+    return [str(each) for each in value] if isinstance(value, list | tuple) else []
+
+
+def _address(endpoint: str) -> Address | None:
+    """Address and port of a Zenoh endpoint; None where it names neither."""
+    host, _, port = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")
+    try:
+        return str(ipaddress.ip_address(host.strip("[]"))), int(port)
+    except ValueError:
+        return None
+
+
+def _endpoint(plan: RouterPlan, address: str, port: int) -> str:
+    place = f"{address}:{port}"
+    return f"quic/{place}?mixed_rel=1" if plan.credentials else f"udp/{place}?rel=1;mixed_rel=1"
+
+
+def _free_port() -> int:
+    """A UDP port of loopback that nobody has: the router takes it a moment later."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port

@@ -1,0 +1,103 @@
+"""A neighbour as a bearer sees it: the paths to it, the one that is taken, and the flows with its router."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mesh.bearer.budget import Bucket
+from mesh.bearer.flows import Local, Opened, Taken
+from mesh.bearer.path import Choice, Path, Quality
+from mesh.bearer.port import Address, RadioPort
+
+ECHOES = 4000.0
+"""bytes/s of echoes to one address: about a hundred, and no probe that is answered takes more from the budget"""
+LEARNED = 4
+"""addresses of a neighbour beside those in the fleet file: behind a NAT they change"""
+FORGET = 30.0
+"""s of silence after which a learned address is forgotten"""
+
+
+@dataclass(eq=False)
+class Route:
+    """One path and where it leads."""
+
+    port: RadioPort
+    to: Address
+    path: Path
+    echoes: Bucket
+    learned: bool = False
+    proven: bool = True
+    """somebody there has echoed what only he was asked; those of the fleet file need no proof"""
+    since: float = 0.0
+
+
+@dataclass(frozen=True)
+class RouteStatus:
+    """A path for people to look at."""
+
+    radio: str
+    address: str
+    in_use: bool
+    quality: Quality
+
+
+class Peer:
+    """One neighbour. Lives on the bearer's thread."""
+
+    def __init__(self, name: str, tag: int, router: Local, *, opens: bool) -> None:
+        self.name, self.tag = name, tag
+        self.routes: list[Route] = []
+        self.opened = Opened() if opens else None
+        self.taken = Taken(router)
+        self.choice = Choice()
+        self.route: Route | None = None
+        """where data goes now"""
+
+    def add(self, port: RadioPort, to: Address, cost: int, now: float, *, learned: bool = False) -> Route | None:
+        """A path to it; None where too many have been learned."""
+        if learned and sum(route.learned for route in self.routes) >= LEARNED:
+            return None
+        path = Path(port.name, cost, port.budget)
+        route = Route(port, to, path, Bucket(ECHOES, now), learned, not learned, now)
+        self.routes.append(route)
+        return route
+
+    def find(self, port: RadioPort, source: Address) -> Route | None:
+        """The path on which something came."""
+        for route in self.routes:
+            if route.port is port and route.to == source:
+                return route
+        return None
+
+    def judge(self, now: float) -> None:
+        """Choose the path anew, and forget learned ones that have long been silent."""
+        self.routes = [route for route in self.routes if not self._forgotten(route, now)]
+        proven = {route.path: route for route in self.routes if route.proven}
+        chosen = self.choice.judge(list(proven), now)
+        self.route = proven[chosen] if chosen is not None else None
+
+    def _forgotten(self, route: Route, now: float) -> bool:
+        heard = route.path.heard or route.since
+        return route.learned and now - heard > FORGET
+
+    def status(self, now: float) -> list[RouteStatus]:
+        return [
+            RouteStatus(r.port.name, f"{r.to[0]}:{r.to[1]}", r is self.route, r.path.quality(now))
+            for r in self.routes
+            if r.proven
+        ]
+
+    def close(self) -> None:
+        if self.opened is not None:
+            self.opened.close()
+        self.taken.close()
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a bearer says of itself; made anew every tick."""
+
+    routes: dict[str, list[RouteStatus]] = field(default_factory=dict)
+    """by neighbour"""
+    switches: dict[str, int] = field(default_factory=dict)
+    """how often the path to a neighbour was changed"""

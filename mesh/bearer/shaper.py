@@ -1,0 +1,92 @@
+"""What waits to leave through one radio that has a budget: a queue as short as it can be, fair to the neighbours.
+
+The queue is short so that the links above learn at once that there is no more room: what waits in Zenoh's queues is
+sorted by priority, what waits here is not. A neighbour's flood takes nothing from another: they take turns by bytes.
+"""
+
+from __future__ import annotations
+
+import collections
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
+from mesh.bearer.budget import LARGEST, Bucket
+
+QUEUE = 0.03
+"""s of the budget that may wait: less, and QUIC does not fill the radio (at 15 ms half of 1 Mbit/s); more is delay"""
+FEWEST = 4
+"""datagrams of full size that may wait for each neighbour, however slow the radio: QUIC sends two at a time"""
+MOST_FIRST = 16
+"""probes and echoes that may wait"""
+
+
+T = TypeVar("T")
+
+
+class Shaper(Generic[T]):
+    """Items by neighbour (any hashable), each with its size as the radio carries it, headers included."""
+
+    def __init__(self, rate: float, now: float) -> None:
+        self.bucket = Bucket(rate, now)
+        self.dropped = 0
+        self._room = max(QUEUE * rate, FEWEST * LARGEST)
+        self._queues: collections.OrderedDict[object, collections.deque[tuple[T, int]]] = collections.OrderedDict()
+        self._waiting: collections.Counter[object] = collections.Counter()
+        self._credit: collections.Counter[object] = collections.Counter()
+        self._first: collections.deque[tuple[T, int]] = collections.deque()
+        self._stuck: int | None = None
+        """bytes of what the bucket had no tokens for"""
+
+    def put(self, neighbour: object, item: T, size: int) -> bool:
+        """Have ``item`` wait; False where there is no room for it."""
+        queue = self._queues.setdefault(neighbour, collections.deque())
+        if self._waiting[neighbour] + size > self._room / len(self._queues) and self._waiting[neighbour]:
+            self.dropped += 1
+            return False
+        queue.append((item, size))
+        self._waiting[neighbour] += size
+        return True
+
+    def put_first(self, item: T, size: int) -> bool:
+        """Have ``item`` leave before all else: what measures the path must not wait behind what is carried."""
+        if len(self._first) >= MOST_FIRST:
+            self.dropped += 1
+            return False
+        self._first.append((item, size))
+        return True
+
+    def take(self, now: float) -> Iterator[T]:
+        """What may leave now, in order."""
+        self._stuck = None
+        while self._first:
+            if not self._pays(self._first[0][1], now):
+                return
+            yield self._first.popleft()[0]
+        while self._queues:
+            neighbour, queue = next(iter(self._queues.items()))
+            item, size = queue[0]
+            if self._credit[neighbour] < size:
+                self._credit[neighbour] += LARGEST
+                self._queues.move_to_end(neighbour)
+                continue
+            if not self._pays(size, now):
+                return
+            queue.popleft()
+            self._credit[neighbour] -= size
+            self._waiting[neighbour] -= size
+            if not queue:
+                del self._queues[neighbour], self._credit[neighbour], self._waiting[neighbour]
+            yield item
+
+    def _pays(self, size: int, now: float) -> bool:
+        paid = self.bucket.take(size, now)
+        self._stuck = None if paid else size
+        return paid
+
+    def wait(self, now: float) -> float | None:
+        """Seconds until what :meth:`take` left behind may leave; None where it left nothing."""
+        return self.bucket.wait(self._stuck, now) if self._stuck is not None else None
+
+    def __len__(self) -> int:
+        """Bytes that wait."""
+        return sum(self._waiting.values()) + sum(size for _, size in self._first)
