@@ -18,6 +18,7 @@ from typing import Protocol, runtime_checkable
 
 import zenoh
 
+from mesh.bearer.bearers import Bearers
 from mesh.bench.responder import responder
 from mesh.credentials.rosterwatch import watch_roster
 from mesh.plan import RouterPlan
@@ -50,7 +51,7 @@ class Router:
     """
 
     def __init__(self, plan: RouterPlan, settings: SessionSettings, parts: tuple[Part, ...] = PARTS) -> None:
-        self.plan, self._settings, self._parts = plan, plan.session(settings), parts
+        self.plan, self._settings, self._parts = plan, settings, parts
         self._stack = contextlib.AsyncExitStack()
         self._session: zenoh.Session | None = None
         self._watches: list[Watch] = []
@@ -79,7 +80,8 @@ class Router:
         if self.plan.value("listen/timeout_ms") == -1:
             _check_free(self.plan)
         async with contextlib.AsyncExitStack() as stack:
-            session = self._session = await asyncio.to_thread(open_session, self._settings)
+            bearers = await stack.enter_async_context(Bearers(self.plan))
+            session = self._session = await asyncio.to_thread(open_session, bearers.session(self._settings))
             stack.push_async_callback(asyncio.to_thread, _close, session)
             for part in self._parts:
                 entered = await stack.enter_async_context(part(session, self.plan))

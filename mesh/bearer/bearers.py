@@ -15,12 +15,15 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
+import msgspec
+
 from mesh.bearer.bearer import Bearer, Far
 from mesh.bearer.budget import parse_budget
 from mesh.bearer.port import Address
 from mesh.neighbours import Neighbour, Way
 from mesh.plan import RouterPlan, Setting
 from zmav.config import FleetConfig, Radio
+from zmav.session import SessionSettings
 
 LISTEN, CONNECT = "listen/endpoints", "connect/endpoints"
 ABOVE = 1
@@ -78,6 +81,12 @@ class Bearers:
         self.plan = _rewired(plan, radios, router, [self.bearer.local[far.name] for far in fars if far.opens])
         await asyncio.to_thread(self.bearer.__enter__)
         return self
+
+    def session(self, base: SessionSettings) -> SessionSettings:
+        """What to open the router's session with; what ``base`` says of endpoints is in the plan already."""
+        if self.bearer is None:
+            return self.plan.session(base)
+        return self.plan.session(msgspec.structs.replace(base, listen=(), connect=()))
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
