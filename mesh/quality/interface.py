@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import socket
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import ifaddr
 
 from mesh.quality.nl80211 import station_signal
 
@@ -84,3 +89,20 @@ def address_of(locator: str) -> str | None:
     """The IP address in a Zenoh locator ``udp/10.77.0.2:7447?rel=1``; None: it holds none."""
     found = re.fullmatch(r"\w+/(?:\[([0-9a-fA-F:.]+)(?:%\w+)?\]|([0-9.]+)):\d+(?:[?#].*)?", locator)
     return (found[1] or found[2]) if found else None
+
+
+def interface_to(locator: str, named: Sequence[str]) -> str | None:
+    """The interface by which this computer reaches a Zenoh locator; ``named``: those that Zenoh names, often all."""
+    if len(named) == 1:
+        return named[0]
+    address = address_of(locator)
+    if address is None:
+        return None
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as asked:
+        asked.connect((address, 9))  # sends nothing: it asks the kernel for the route
+        own = asked.getsockname()[0]
+        for adapter in ifaddr.get_adapters():
+            if any(own == (ip.ip if isinstance(ip.ip, str) else ip.ip[0]) for ip in adapter.ips):
+                return adapter.name
+    return None

@@ -52,6 +52,7 @@ class Meter:
     def stamp(self, now: float, period: float) -> bytes:
         """The next stamp, to be sent at once."""
         self._number = (self._number + 1) % NUMBERS
+        self._dispersion.settle(now)
         held = None if self._last is None or self.heard is None else int((now - self.heard) * 1e6)
         return Stamp(
             self._own, period, self._number, clock(now),

@@ -2,8 +2,8 @@
 
 A router listens on ``@probe/{its own id}/*``, a key that nobody else answers, and Zenoh sends what is for a neighbour
 straight to it, as long as the link's weight is not more than that of a way around. Our own router's table of successors
-says whether it does; while it does not, nothing is sent, because it would measure another way. Names come with the keys
-of what is heard: with access rules, a router can only write under its own.
+says whether it does; while it does not, nothing is sent, because it would measure another way. A neighbour's name comes
+with the certificate by which its link was opened, or else with the key of what it sends.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 import zenoh
 from zenoh import handlers
 
+from mesh.quality.interface import interface_to
 from mesh.quality.meter import Meter
 from mesh.quality.pace import Pace
 from mesh.quality.stamp import SOURCE, unpack
@@ -35,8 +36,8 @@ KEEP = 60.0
 """s for which a neighbour that went away is still told of"""
 MOST_WAITING = 4096
 """probes that wait for the next turn; of a flood the oldest go"""
-FIRST_TRAIN = 2.0
-"""s after a link came up"""
+FIRST_TRAIN, FIRST_TRAINS = 2.0, 3
+"""s from a link's coming up to the first train, and between so many first ones"""
 
 
 @dataclass
@@ -51,8 +52,11 @@ class Neighbour:
     direct: bool = True
     """what is for it goes over the link to it"""
     name: str | None = None
+    proven: bool = False
+    """the name is that of the certificate by which the link was opened"""
     url: str = ""
     interface: str | None = None
+    trains: int = 0
     next_stamp: float = 0.0
     next_train: float = 0.0
     publishers: dict[keys.Qos, zenoh.Publisher] = field(default_factory=dict)
@@ -110,7 +114,8 @@ class Prober:
             now = time.monotonic()
             if now - looked >= LOOK:
                 looked = now
-                self._look(now)
+                with contextlib.suppress(zenoh.ZError):  # while the session closes
+                    self._look(now)
             if now - traced >= TRACE and self.neighbours:
                 traced = now
                 await self._trace()
@@ -130,13 +135,16 @@ class Prober:
         links = {str(link.zid): link for link in sorted(self._session.info.links(), key=_reliable)}
         for zid in linked - self.neighbours.keys():
             self.neighbours[zid] = Neighbour(zid, Meter(bytes.fromhex(self.zid.zfill(32))), now)
-            self.neighbours[zid].next_train = now + FIRST_TRAIN * random.uniform(1.0, 2.0)
+            self.neighbours[zid].next_train = now + FIRST_TRAIN * random.uniform(1.0, 1.4)
         for zid, neighbour in list(self.neighbours.items()):
             if neighbour.linked != (zid in linked):
                 neighbour.linked, neighbour.since = zid in linked, now
             if link := links.get(zid):
-                neighbour.url = str(link.dst)
-                neighbour.interface = next(iter(link.interfaces), None)
+                if neighbour.url != str(link.dst):
+                    neighbour.url = str(link.dst)
+                    neighbour.interface = interface_to(neighbour.url, link.interfaces)
+                if link.auth_identifier and keys.NAME.match(link.auth_identifier):
+                    neighbour.name, neighbour.proven = link.auth_identifier, True
             if not neighbour.linked:
                 neighbour.close()
                 if now - neighbour.since > KEEP:
@@ -171,7 +179,7 @@ class Prober:
                 self.refused += 1
                 continue
             neighbour = self._by_source(probe.source)
-            if neighbour is None:
+            if neighbour is None or (neighbour.proven and name != neighbour.name):
                 self.refused += 1
                 continue
             neighbour.name = name
@@ -193,7 +201,9 @@ class Prober:
             self._put(neighbour, keys.Qos.LATEST_WINS, [neighbour.meter.stamp(time.monotonic(), period)])
         if now >= neighbour.next_train:
             count, every = self._pace.trains(linked, budget)
-            neighbour.next_train = now + every * random.uniform(0.8, 1.2)
+            neighbour.trains += 1
+            soon = FIRST_TRAIN if neighbour.trains < FIRST_TRAINS else every
+            neighbour.next_train = now + soon * random.uniform(1.0, 1.4)
             self._put(neighbour, keys.Qos.BULK, neighbour.meter.train(count))
 
     def _put(self, neighbour: Neighbour, qos: keys.Qos, messages: list[bytes]) -> None:

@@ -10,12 +10,14 @@ from collections.abc import AsyncIterator, Callable
 import msgspec
 import zenoh
 
+from mesh.bearer.budget import parse_budget
 from mesh.plan import RouterPlan
 from mesh.quality.cost import cost
 from mesh.quality.interface import Counters, address_of, counters, signal
 from mesh.quality.pace import Pace
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
+from zmav.config import Host
 
 PERIOD = 1.0
 NAMELESS = 3.0
@@ -34,8 +36,9 @@ class LinkQualities:
         name: str,
         pace: Pace | None = None,
         budget: Callable[[str | None], float | None] = lambda interface: None,
+        period: float = PERIOD,
     ) -> None:
-        self._session, self._fleet, self._name = session, fleet, name
+        self._session, self._fleet, self._name, self._period = session, fleet, name, period
         self.prober = Prober(session, fleet, name, pace, budget)
         self.latest: dict[str, wire.NeighbourQuality] = {}
         """by the neighbour's name; never changed, only replaced: any thread may read it"""
@@ -57,7 +60,7 @@ class LinkQualities:
 
     async def _run(self) -> None:
         while True:
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(self._period)
             self.latest = self.measure()
             for name, quality in self.latest.items():
                 with contextlib.suppress(zenoh.ZError):
@@ -145,5 +148,12 @@ def _rounded(value: float | None, digits: int) -> float | None:
 @contextlib.asynccontextmanager
 async def link_qualities(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[LinkQualities]:
     """The part of :class:`mesh.router.Router`."""
-    async with LinkQualities(session, plan.fleet, plan.name) as running:
+    async with LinkQualities(session, plan.fleet, plan.name, budget=budgets(plan.host)) as running:
         yield running
+
+
+def budgets(host: Host) -> Callable[[str | None], float | None]:
+    """The budget in bytes/s of what leaves through an interface; through loopback, where bearers are, the least one."""
+    found = {r.interface or "": parse_budget(r.budget) for r in host.radios if r.budget}
+    least = min(found.values(), default=None)
+    return lambda interface: least if interface in (None, "lo") else found.get(interface, found.get(""))

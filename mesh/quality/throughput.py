@@ -16,6 +16,8 @@ OVERHEAD = 85
 """bytes on the wire beyond a train's message: Zenoh's frame and key 55, UDP and IP 28, measured"""
 RESOLUTION = 1e-3
 """s below which a spread is not told from the computer's own: of a faster link only that is said"""
+OVER = 2.0
+"""s without a message after which a train is over"""
 TRAINS = 3
 """the best of so many: what disturbs a train nearly always slows it"""
 
@@ -45,6 +47,11 @@ class Dispersion:
             span = max(self._last - self._first, RESOLUTION)
             self._rates.append((self._came - 1) * (TRAIN_SIZE + OVERHEAD) / span)
         self._came = 0
+
+    def settle(self, now: float) -> None:
+        """A train whose end was lost is over when nothing more comes of it."""
+        if self._came and now - self._last > OVER:
+            self._close()
 
     @property
     def rate(self) -> float | None:
