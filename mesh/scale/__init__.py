@@ -1,1 +1,1 @@
-"""What a fleet costs as it grows: simulated vehicles on real routers, measured, fitted, and the hierarchy that follows."""
+"""What a fleet costs as it grows: simulated vehicles on real routers, measured and fitted, and gateways of groups."""

@@ -105,9 +105,11 @@ class Copter:
             keys.UPLOAD.key(fleet, name, file="*", offset="*"),
         )
         state, do = keys.STATE.key(fleet, name), keys.DO.key(fleet, name, verb="*")
+        link = keys.LINK.key(fleet, name, link="autopilot")
         return [
             *(session.declare_queryable(key, _drop) for key in silent),
             session.declare_queryable(state, _replying(state, lambda: wire.encode(self.state()))),
+            session.declare_queryable(link, _replying(link, lambda: wire.encode(self._link))),
             session.declare_queryable(do, _replying("", lambda: wire.encode(_DONE))),
         ]
 

@@ -62,7 +62,9 @@ class Meter:
             for key, _ in self._selector.select():
                 if key.fileobj == self._wake:
                     return
-                with contextlib.suppress(OSError):  # nobody listens there yet or any more: as on any network, it is lost
+                with contextlib.suppress(
+                    OSError
+                ):  # nobody listens there yet or any more: as on any network, it is lost
                     if key.data is None:
                         self._towards()
                     else:

@@ -16,11 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+from zenoh import handlers
 
 from mesh.scale.footprint import TICK_HZ, Copter
 from zmav import keys
 from zmav.session import SessionSettings, open_session
 
+GET_TIMEOUT = 20.0
+"""s"""
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -34,6 +37,25 @@ def usage() -> dict[str, float]:
 def alive_key(fleet: str) -> str:
     """Every vehicle's token."""
     return keys.ALIVE.key(fleet, "*", role=keys.VEHICLE, sys="*", autopilot="*", uid="*", instance="*")
+
+
+def count_tokens(session: zenoh.Session, fleet: str) -> int:
+    """Vehicles whose tokens ``session`` finds.
+
+    With the default channel, which holds 256 replies, a router that knows more would wait in ``get`` for ever: it
+    answers itself before anybody can read.
+    """
+    found: list[str] = []
+    over = threading.Event()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            found.append(str(reply.ok.key_expr))
+
+    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
+    session.liveliness().get(alive_key(fleet), handler, timeout=GET_TIMEOUT)
+    over.wait(GET_TIMEOUT + 1.0)
+    return len(found)
 
 
 class Node:
@@ -67,7 +89,7 @@ class Node:
 
     def tokens(self) -> int:
         """Vehicles whose tokens this router knows."""
-        return sum(1 for reply in self._session.liveliness().get(alive_key(self._fleet), timeout=10.0) if reply.ok)
+        return count_tokens(self._session, self._fleet)
 
     def close(self) -> None:
         self._stop.set()

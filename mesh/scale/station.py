@@ -14,7 +14,8 @@ import time
 from typing import Any
 
 import zmav
-from mesh.scale.node import alive_key, usage
+from mesh.scale.footprint import STREAMED
+from mesh.scale.node import count_tokens, usage
 from zmav import keys, wire
 from zmav.errors import BadInput, ZmavError
 
@@ -30,6 +31,7 @@ class Station:
         self._z, self._fleet, self._vehicles = z, fleet, vehicles
         self._states = self._raw = self._bytes = self._groups = 0
         self._members: dict[str, wire.GroupMember] = {}
+        self._wants: list[Any] = []
 
     async def watch(self) -> None:
         """Count states as they are taken (the client itself decodes them too), and one vehicle's frames."""
@@ -57,7 +59,15 @@ class Station:
                 return
             self._members.update({each.name: each for each in states.vehicles})
 
-        self._z.session.declare_subscriber(keys.GROUP.key(self._fleet, group="*"), heard)
+        def raw(sample: Any) -> None:
+            self._raw += 1
+
+        session = self._z.session
+        session.declare_subscriber(keys.GROUP.key(self._fleet, group="*"), heard)
+        session.declare_subscriber(keys.RX.key(self._fleet, RAW, sys="*", comp="*", msg="*"), raw)
+        for msg, (hz, _) in STREAMED.items():  # a gateway lets out what a token asks for
+            want = keys.WANT.key(self._fleet, RAW, msg=msg, hz=f"{hz:g}", instance="station")
+            self._wants.append(session.liveliness().declare_token(want))
 
     async def do(self, verb: str) -> dict[str, Any]:
         if verb == "known":
@@ -81,7 +91,7 @@ class Station:
 
     def _history(self) -> dict[str, Any]:
         start = time.perf_counter()
-        found = sum(1 for reply in self._z.session.liveliness().get(alive_key(self._fleet), timeout=20.0) if reply.ok)
+        found = count_tokens(self._z.session, self._fleet)
         return {"seconds": time.perf_counter() - start, "answers": found}
 
     async def _ping(self) -> dict[str, Any]:

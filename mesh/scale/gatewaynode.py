@@ -1,0 +1,29 @@
+"""A gateway's host in a study: the trunk's router in this process, and a client of its group's router."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+
+from mesh.scale.gateway import Gateway
+from mesh.scale.node import count_tokens, usage
+from zmav.session import SessionSettings, open_session
+
+
+async def main() -> None:
+    how = json.loads(sys.argv[1])
+    loop = asyncio.get_running_loop()
+    trunk = SessionSettings(mode="router", listen=how["listen"], connect=how["connect"], cfg=("scouting/delay:0",))
+    with open_session(SessionSettings(connect=how["inside"])) as inside, open_session(trunk) as outside:
+        async with Gateway(inside, outside, how["fleet"], how["group"]):
+            print(json.dumps({"ready": str(outside.info.zid())}), flush=True)
+            while line := await loop.run_in_executor(None, sys.stdin.readline):
+                count = json.loads(line)["do"] == "count"
+                tokens = await asyncio.to_thread(count_tokens, inside, how["fleet"]) if count else 0
+                print(json.dumps({**usage(), "tokens": tokens, "late": 0, "routers": len(outside.info.routers_zid())}),
+                      flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -1,0 +1,44 @@
+"""The same fleet as a hierarchy: each group a network of its own, joined to the trunk by its gateway."""
+
+from __future__ import annotations
+
+import time
+
+from mesh.scale.fleet import Child, Children, tcp_port, udp_port, until
+from mesh.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint, know, measure
+
+
+def grouped(children: Children, shape: Shape) -> Run:
+    """As the flat run, the ground's router being on the trunk: its neighbour is the trunk's first router."""
+    port = udp_port()
+    trunk = children.start("trunk", NODE, {"fleet": FLEET, "listen": [endpoint(port)], "connect": []})
+    trunk.hear()
+    each = max(shape.routers // shape.groups, 1)
+    networks = [Network(children, f"g{i}-", shape.topology, each) for i in range(shape.groups)]
+    shares = [range(i * shape.vehicles // shape.groups, (i + 1) * shape.vehicles // shape.groups)
+              for i in range(shape.groups)]  # fmt: skip
+    for network in networks:
+        network.ready()
+        until(network.formed, "every router has a neighbour")
+    start = time.monotonic()
+    for network, share in zip(networks, shares, strict=True):
+        network.populate(share)
+    for network, share in zip(networks, shares, strict=True):
+        nodes, count = network.nodes, len(share)
+        until(lambda n=nodes, c=count: know(n, c), "every router knows its group")  # type: ignore[misc]
+    form = time.monotonic() - start
+    gateways = [_gateway(children, i, network, port) for i, network in enumerate(networks)]
+    for gateway in gateways:
+        gateway.hear()
+        until(lambda g=gateway: bool(g.ask("usage")["routers"]), "the gateway is on the trunk")  # type: ignore[misc]
+    routers = [node for network in networks for node in network.nodes]
+    forming_cpu = routers[0].ask("usage")["cpu"]
+    return measure(children, shape, routers, port, 0, form, forming_cpu)
+
+
+def _gateway(children: Children, i: int, network: Network, port: int) -> Child:
+    how = {
+        "fleet": FLEET, "group": f"g{i}", "inside": [network.local], "connect": [endpoint(port)],
+        "listen": [f"tcp/127.0.0.1:{tcp_port()}"],
+    }  # fmt: skip
+    return children.start(f"gateway{i}", GATEWAY, how)

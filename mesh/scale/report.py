@@ -1,0 +1,98 @@
+"""The tables of a study. What was measured and what a line was laid through stand in columns of their own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from mesh.scale.fit import COSTS, LIMITS, SYSTEM_IDS, fit
+from mesh.scale.footprint import STREAMED
+from mesh.scale.study import Run
+
+
+def report(runs: Sequence[Run]) -> RenderableType:
+    """Everything a study found."""
+    flat = [run for run in runs if not run.shape.groups]
+    grouped = [run for run in runs if run.shape.groups]
+    tables: list[RenderableType] = [measured(runs)]
+    if len(flat) > 1:
+        tables += [fitted(flat), limits(flat)]
+    if grouped and flat:
+        tables.append(compared(flat, grouped))
+    return Group(*tables)
+
+
+def measured(runs: Sequence[Run]) -> RenderableType:
+    """One line a run."""
+    table = _table("measured", "vehicles", "routers", "groups", "form", "re-sync", "in", "idle", "to the ground",
+                   "states", "RSS", "station CPU", "all states", "all tokens", "order", "worst", "late")  # fmt: skip
+    for run in runs:
+        shape = run.shape
+        table.add_row(
+            str(shape.vehicles), f"{shape.routers} {shape.topology}", str(shape.groups or "-"), f"{run.form:.1f} s",
+            f"{run.sync_bytes / 1e3:.0f} kB", f"{run.sync:.1f} s", f"{run.idle_rate / 1e3:.2f} kB/s",
+            f"{run.trunk_rate / 1e3:.1f} kB/s", f"{run.states:.0f}/{run.offered:.0f} Hz",
+            f"{run.rss_ground / 1e6:.0f} MB", f"{run.station_cpu:.1%}", _ms(run.ask if run.ask_answers else None),
+            _ms(run.history if run.history_answers else None), _ms(run.ping), _ms(run.ping_worst), str(run.late),
+        )  # fmt: skip
+    raw = f"one vehicle's raw telemetry crosses beside it: {len(STREAMED)} messages, {runs[-1].raw:.0f} frames/s here"
+    return Group(table, Text(raw))
+
+
+def fitted(runs: Sequence[Run]) -> RenderableType:
+    """A straight line through the runs, for each cost, beside the largest run."""
+    largest = max(runs, key=lambda run: run.shape.vehicles)
+    table = _table("flat key space", "cost", f"measured at {largest.shape.vehicles}", "fitted: fixed", "per vehicle",
+                   "worst miss", "fitted at 1000")  # fmt: skip
+    for cost in COSTS:
+        line, value = fit(runs, cost), cost.of(largest)
+        if line is None or value is None:
+            continue
+        table.add_row(
+            cost.name, f"{value * cost.scale:.4g} {cost.unit}", f"{line.fixed:.4g}", f"{line.each:.4g}",
+            f"{line.worst:.0%}", f"{line.at(1000):.4g} {cost.unit}",
+        )  # fmt: skip
+    return table
+
+
+def limits(runs: Sequence[Run]) -> RenderableType:
+    """What is full first, in order."""
+    by_name = {cost.name: fit(runs, cost) for cost in COSTS}
+    found = [(limit.what, line.reaches(limit.full)) for limit in LIMITS if (line := by_name[limit.cost])]
+    found.append(("MAVLink's system ids", float(SYSTEM_IDS)))
+    table = _table("where the flat key space ends", "what is full", "at so many vehicles", "by")
+    for what, vehicles in sorted(found, key=lambda each: each[1]):
+        number = "never" if math.isinf(vehicles) else f"{max(vehicles, 0.0):.0f}"
+        table.add_row(what, number, "the protocol" if what.startswith("MAVLink") else "fit")
+    return table
+
+
+def compared(flat: Sequence[Run], grouped: Sequence[Run]) -> RenderableType:
+    """The same fleet flat and in groups, where both were run."""
+    table = _table("flat and in groups, measured", "cost", *(_title(run) for run in (*flat, *grouped)))
+    for cost in COSTS:
+        values = [cost.of(run) for run in (*flat, *grouped)]
+        table.add_row(
+            f"{cost.name}, {cost.unit}", *("-" if value is None else f"{value * cost.scale:.4g}" for value in values)
+        )
+    return table
+
+
+def _title(run: Run) -> str:
+    groups = f" in {run.shape.groups}" if run.shape.groups else ""
+    return f"{run.shape.vehicles}{groups}"
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="left" if i == 0 else "right")
+    return table
+
+
+def _ms(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{1e3 * seconds:.1f} ms"
