@@ -34,6 +34,8 @@ class Member:
         self.credentials, self._monotonic = credentials, monotonic
         self.verifier, self._signer = Verifier.of(credentials), Signer(credentials)
         self._gates: dict[Place, bytes] = {}
+        self._others: dict[tuple[Place, str], bytes] = {}
+        """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
         self._introduced: dict[Place, float] = {}
         self._last: dict[Place, float] = {}
         """UTC at which the newest state believed was signed"""
@@ -53,7 +55,8 @@ class Member:
             return None
         place = (parts["fleet"], parts["vehicle"])
         introduce = self._introduces(place) or channel is keys.DO
-        return self._signer.sign(key, payload, introduce=introduce, answers=self._gates.get(place, NOTHING))
+        gate = self._others.get((place, channel.name)) or self._gates.get(place, NOTHING)
+        return self._signer.sign(key, payload, introduce=introduce, answers=gate)
 
     def _introduces(self, place: Place) -> bool:
         now = self._monotonic()
@@ -64,22 +67,22 @@ class Member:
             return True
 
     def answers(self, place: Place, gate: object) -> None:
-        """What proofs for this vehicle are to answer from now on, as its state or its refusal says."""
-        try:
-            found = bytes.fromhex(gate) if isinstance(gate, str) else b""
-        except ValueError:
-            return
-        if len(found) == ANSWERS and self._gates.get(place) != found:
+        """What proofs for this vehicle are to answer from now on, as its state says."""
+        found = _gate(gate)
+        if found and self._gates.get(place) != found:
             with self._lock:
                 self._gates[place] = found
                 self._introduced.pop(place, None)
+                self._others = {at: other for at, other in self._others.items() if at[0] != place}
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
         """A refusal that another proof mends: the vehicle's agent has been started anew, or does not know us yet."""
-        _, parts = keys.match(key)
+        channel, parts = keys.match(key)
         place, reason = (parts["fleet"], parts["vehicle"]), error.detail.get("reason")
-        if reason == EPOCH:
-            self.answers(place, error.detail.get("gate"))
+        if reason == EPOCH and (gate := _gate(error.detail.get("gate"))):
+            with self._lock:
+                self._others[place, channel.name] = gate
+                self._introduced.pop(place, None)
         elif reason == "unknown":
             with self._lock:
                 self._introduced.pop(place, None)
@@ -127,3 +130,12 @@ class Member:
             self.verifier.roster = signed.open(self.verifier.authority, self.verifier.fleet)
         except BadInput:
             self.counts["roster"] += 1
+
+
+def _gate(text: object) -> bytes:
+    """As it stands in a state or a refusal; empty for what is none."""
+    try:
+        found = bytes.fromhex(text) if isinstance(text, str) else b""
+    except ValueError:
+        return b""
+    return found if len(found) == ANSWERS else b""
