@@ -16,6 +16,7 @@ from collections.abc import AsyncIterator
 from typing import NamedTuple
 
 import msgspec
+import zenoh
 
 from mesh.bench.flow import Flow, Stream, StreamResult
 from mesh.bench.follow import GIVE_UP, POLL, TRIES, Follow, OnInterval, OnOutage, pause
@@ -34,6 +35,8 @@ from zmav.wire.bench import (
 HERE = "here"
 ANSWER = 1.0
 """s to wait for an answer before it is asked again"""
+LOOK = 0.3
+"""s before we look again for a host that is not there"""
 AGAIN = ("epoch", "unknown", "busy")
 """reasons of a refusal that another proof of origin mends"""
 
@@ -49,20 +52,25 @@ class Bench:
     def __init__(self, client: Client) -> None:
         if client.fleet_name == "*":
             raise BadInput("measure in one fleet: name it", field="fleet", value="*", expected="a fleet's name")
-        self._client, self._fleet = client, client.fleet_name
+        self.client, self._fleet = client, client.fleet_name
         self._asker = _who()
 
     # Who is there.
 
     async def everyone(self) -> list[Pong]:
         """Every host that answers within a second, by name."""
-        answers = await self._client.ask(keys.BENCH_PING.key(self._fleet, "*"), timeout=ANSWER, channel=keys.BENCH_PING)
-        found = [_pong(answer) for answer in answers if isinstance(answer, Answer)]
+        key, session = keys.BENCH_PING.key(self._fleet, "*"), self.client.session
+        options = {**keys.BENCH_PING.qos.options(), "consolidation": zenoh.ConsolidationMode.NONE}  # namesakes, too
+
+        def ask() -> list[zenoh.Reply]:
+            return list(session.get(key, timeout=ANSWER, **options))
+
+        found = [_pong(reply) for reply in await asyncio.to_thread(ask)]
         return sorted((pong for pong in found if pong), key=lambda pong: pong.host)
 
     async def find(self, name: str) -> Pong:
         """The host of that name, or ours for ``here``; raises :class:`NoSuchVehicle` naming those there are."""
-        zids = [str(zid) for zid in self._client.session.info.routers_zid()]
+        zids = [str(zid) for zid in self.client.session.info.routers_zid()]
         if name != HERE:
             keys.check_name(name, "host")
         for _ in range(TRIES):
@@ -72,6 +80,7 @@ class Bench:
                 raise Clash(f"{len(found)} hosts are named {name}: which is meant?", host=name)
             if found:
                 return found[0]
+            await asyncio.sleep(LOOK)
         if name == HERE:
             text = "our own host's router takes part in no measurement: run 'zmav router' or 'zmav up' of this version"
             raise SessionError(text, routers=zids)
@@ -166,7 +175,7 @@ class Bench:
             reports = []
             for host, order in parts:
                 begun.append(host)
-                reports.append(await self._tell(host, "start", order))
+                reports.append(await self.tell(host, "start", order))
             yield reports
         finally:
             run = parts[0].order.run
@@ -174,9 +183,9 @@ class Bench:
 
     async def _stop(self, host: str, run: str) -> None:
         with contextlib.suppress(ZmavError):  # it ends by itself, then: nobody asks for its report any more
-            await self._tell(host, "stop", BenchStop(run=run), tries=2)
+            await self.tell(host, "stop", BenchStop(run=run), tries=2)
 
-    async def _tell(self, host: str, order: str, payload: msgspec.Struct, tries: int = TRIES) -> BenchReport:
+    async def tell(self, host: str, order: str, payload: msgspec.Struct, tries: int = TRIES) -> BenchReport:
         key = keys.BENCH.key(self._fleet, host, order=order)
         return await self._answer(host, key, wire.encode(payload), keys.BENCH, tries)
 
@@ -188,13 +197,17 @@ class Bench:
 
     async def _answer(self, host: str, key: str, payload: bytes, channel: keys.Channel, tries: int) -> BenchReport:
         refused: Forbidden | None = None
-        for _ in range(tries):
-            for answer in await self._client.ask(key, payload, ANSWER, channel, enough=lambda _: True):
+        loop = asyncio.get_running_loop()
+        for number in range(tries):
+            begun = loop.time()
+            for answer in await self.client.ask(key, payload, ANSWER, channel, enough=lambda _: True):
                 if isinstance(answer, Answer):
                     return wire.decode(answer.payload, BenchReport, f"report of {host}")
                 if not isinstance(answer, Forbidden) or answer.detail.get("reason") not in AGAIN:
                     raise answer
                 refused = answer
+            if refused is None and number + 1 < tries:  # where no way is known, Zenoh says at once that nobody answers
+                await asyncio.sleep(max(begun + ANSWER - loop.time(), 0.0))
         if refused is not None:
             raise refused
         raise TimedOut(f"{host} does not answer", host=host)
@@ -212,8 +225,8 @@ def _new_run() -> str:
     return secrets.token_hex(4)
 
 
-def _pong(answer: Answer) -> Pong | None:
+def _pong(reply: zenoh.Reply) -> Pong | None:
     try:
-        return wire.decode(answer.payload, Pong, "pong")
+        return wire.decode(reply.ok.payload.to_bytes(), Pong, "pong") if reply.ok is not None else None
     except BadInput:
         return None

@@ -57,13 +57,13 @@ class Follow:
             await self._look()
             if until is not None and until.is_set() and not stopped:
                 stopped = True
-                for host in self._hosts():
-                    await self._stop(host, run)
+                for host in sorted({flow.source for flow in self._flows}):
+                    await self._stop(host, run)  # what is on its way is still counted
                 deadline = min(deadline, loop.time() + GRACE)
             if self._failed():
                 break
             if all(flow.sender.state not in ("waiting", "running") or self._sent_all(flow) for flow in self._flows):
-                if all(self._whole(flow) for flow in self._flows):
+                if all(self._whole(flow, stopped) for flow in self._flows):
                     break
                 deadline = min(deadline, loop.time() + GRACE)
             await pause(POLL if not stopped else 0.1, None if stopped else until)
@@ -78,8 +78,8 @@ class Follow:
     def _sent_all(self, flow: Flow) -> bool:
         return flow.sender.send_seconds >= self._stream.seconds
 
-    def _whole(self, flow: Flow) -> bool:
-        told = len(flow.intervals) >= int(self._stream.seconds)
+    def _whole(self, flow: Flow, stopped: bool) -> bool:
+        told = stopped or len(flow.intervals) >= int(self._stream.seconds)
         return told and flow.receiver.total is not None and flow.receiver.total.received >= flow.sender.sent
 
     def _failed(self) -> bool:
@@ -87,7 +87,9 @@ class Follow:
 
     async def _look(self, tries: int = 1) -> None:
         """Ask every host, side by side; one that does not answer is asked again the next time."""
-        found = await asyncio.gather(*(self._ask(host, tries) for host in self._hosts()))
+        found = await asyncio.gather(
+            *(self._ask(host, 1 if self._silent.get(host, 0) > 1 else tries) for host in self._hosts())
+        )
         reports = dict(zip(self._hosts(), found, strict=True))
         for flow in self._flows:
             flow.sender = reports[flow.source] or flow.sender

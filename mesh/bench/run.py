@@ -220,7 +220,7 @@ class Run:
                 await idle.ask_for(FIRST_LOOKS / FIRST_HZ, FIRST_HZ)
                 self._pingers.append(Pinger(self._session, self._fleet, order.peers[0], keys.Qos.REALTIME, idle.clock))
             await self._send(publisher, stack)
-            await asyncio.sleep(TAIL)
+            await self._tail()
 
     async def _send(self, publisher: Any, stack: contextlib.ExitStack) -> None:
         order = self.order
@@ -237,6 +237,14 @@ class Run:
                 guard.cancel()
         if sender.error:
             self._state, self._why = "failed", sender.error
+
+    async def _tail(self) -> None:
+        """Wait for what is on its way, and be there for what has to be sent again."""
+        end = time.monotonic() + TAIL
+        while time.monotonic() < end:
+            if self.order.role == "ping" and self._sender and self._trips.answered >= self._sender.sent:
+                return
+            await asyncio.sleep(BEAT)
 
     async def _is_heard(self) -> bool:
         if await heard(self._session, self._flow(self._host), FOUND_WITHIN):

@@ -56,7 +56,7 @@ class Sender:
         try:
             self._send_all()
         except zenoh.ZError as e:
-            self.error = reason(e)
+            self.error = reason(e)  # the session has closed
         finally:
             planned = 0 if self._stop or self.error else int((self.sent + self.skipped) * self._period)
             self._ended = max(time.monotonic_ns(), self._began + planned)

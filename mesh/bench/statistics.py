@@ -38,9 +38,10 @@ class Samples:
 
     def spread(self, *, bins: bool = False) -> Spread | None:
         """In seconds; None of nothing."""
-        if not self._values:
+        found = self._values[:]  # a copy: numpy would hold on to the array while another thread appends
+        if not found:
             return None
-        values = np.array(self._values, dtype=np.float64) / SECOND
+        values = np.array(found, dtype=np.float64) / SECOND
         low, median, p95, p99, high = np.percentile(values, [0, 50, 95, 99, 100]).tolist()
         return Spread(
             count=len(values), min=low, median=median, p95=p95, p99=p99, max=high, mean=float(values.mean()),
@@ -88,7 +89,7 @@ class Tally:
     def take(self, number: int, sent_ns: int, size: int, now_ns: int) -> None:
         """One datagram, in the order of arrival."""
         with self._lock:
-            if number >= self._total or now_ns < self._last:
+            if number >= self._total:
                 self.foreign += 1
                 return
             if self._first is None:
@@ -100,7 +101,7 @@ class Tally:
                 return
             if now_ns - self._last > self._gap:
                 self._note_outage(number, now_ns)
-            self._last = now_ns
+            self._last = max(self._last, now_ns)
             if number > self._highest:
                 self._highest = number
             else:

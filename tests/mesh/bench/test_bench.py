@@ -1,0 +1,379 @@
+"""Measurements between real routers: what is sent arrives and is counted, and nothing goes on that nobody wants."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from mesh.bench import datagram
+from mesh.bench.asker import HERE
+from mesh.bench.flow import Flow, Stream, StreamResult
+from mesh.bench.responder import Responder
+from mesh.bench.route import named, route
+from mesh.bench.run import check
+from mesh.bench.search import Limits, Trial, judge, search
+from mesh.credentials.ca import Authority
+from tests.conftest import PATIENCE_S, Net
+from tests.mesh.bench.conftest import Line, Start, plan_of
+from zmav import keys, wire
+from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused
+from zmav.trust.certificate import Role
+from zmav.trust.credentials import Credentials
+from zmav.waiting import within
+from zmav.wire.bench import BenchInterval, BenchOrder, BenchReport, BenchTrip, Spread
+
+SHORT = Stream(seconds=1.0, hz=50.0, size=100, guard=5.0)
+
+
+async def idle(host: Responder) -> None:
+    """Wait until nothing is measured there."""
+
+    async def wait() -> None:
+        while host.busy:
+            await asyncio.sleep(0.02)
+
+    await within(PATIENCE_S, wait())
+
+
+async def test_a_stream_arrives_and_both_ends_tell_of_it(line: Start) -> None:
+    made, bench = await line("quad1", "quad2", "ground")
+    seen: list[BenchInterval] = []
+    result = await bench.stream("quad1", "ground", SHORT, on_interval=lambda flow, each: seen.append(each))
+    (flow,) = result.flows
+    assert result.faults == []
+    assert (flow.source, flow.target, flow.sender.sent + flow.sender.skipped) == ("quad1", "ground", 50)
+    total = flow.total
+    assert (total.received, total.lost, total.bytes) == (flow.sender.sent, 0, 100 * flow.sender.sent)
+    assert flow.loss == 0.0
+    assert len(seen) == 1 and seen == flow.intervals
+    assert 0 < seen[0].received <= total.received
+    assert flow.sender.lateness is not None and flow.sender.lateness.min >= 0.0
+    assert flow.clock is not None
+    assert abs(flow.clock.offset) <= flow.clock.within  # the hosts of a test share one clock
+    assert result.idle is not None and result.idle.sent == 5
+    assert result.loaded is not None and result.loaded.sent == 5
+    await asyncio.gather(*map(idle, made.responders.values()))
+
+
+@pytest.mark.parametrize("qos", [each.value for each in keys.Qos])
+async def test_both_ways_in_each_class(line: Start, qos: Any) -> None:
+    _, bench = await line("quad1", "quad2")
+    result = await bench.stream("quad1", "quad2", _in(qos, 0.5), both=True)
+    there, back = result.flows
+    assert result.faults == []
+    assert (there.source, there.target, back.source, back.target) == ("quad1", "quad2", "quad2", "quad1")
+    for flow in result.flows:
+        assert flow.total.received == flow.sender.sent > 0
+    assert there.clock is not None and back.clock is not None
+    assert there.clock.offset == -back.clock.offset
+
+
+def _in(qos: Any, seconds: float) -> Stream:
+    return msgspec.structs.replace(SHORT, qos=qos, seconds=seconds)
+
+
+@pytest.mark.parametrize("qos", ["realtime", "must-arrive"])
+async def test_round_trips(line: Start, qos: Any) -> None:
+    """By datagrams that come back, and by queries."""
+    _, bench = await line("quad1", "quad2")
+    report = await bench.round_trips("quad1", "quad2", _in(qos, 0.4))
+    (trip,) = report.trips
+    assert (trip.peer, trip.sent, trip.lost, trip.late) == ("quad2", 20, 0, 0)
+    assert trip.rtt is not None
+    assert 0.0 < trip.rtt.min <= trip.rtt.median <= trip.rtt.max < 60.0
+    assert sum(count for _, count in trip.rtt.bins) == 20
+
+
+async def test_the_way_and_the_round_trip_to_each_hop(line: Start) -> None:
+    _, bench = await line("quad1", "quad2", "ground")
+    here, there = await bench.pair(HERE, "ground")
+    assert here.host == "quad1"
+    names = await named(bench, await route(bench.client, here, there))
+    assert names == ["quad1", "quad2", "ground"]
+    report = await bench.queries("quad1", names[1:], _in("realtime", 0.3))
+    assert [(trip.peer, trip.sent, trip.lost) for trip in report.trips] == [("quad2", 15, 0), ("ground", 15, 0)]
+
+
+async def test_who_is_not_there_or_not_another_is_said(line: Start) -> None:
+    _, bench = await line("quad1", "quad2")
+    with pytest.raises(NoSuchVehicle, match=r"quad9.*quad1, quad2"):
+        await bench.stream("quad1", "quad9", SHORT)
+    for other in ("quad1", HERE):
+        with pytest.raises(BadInput, match="one host"):
+            await bench.stream("quad1", other, SHORT)
+    with pytest.raises(BadInput, match="Quad"):
+        await bench.stream("quad1", "Quad 2", SHORT)
+
+
+async def test_two_hosts_of_one_name_are_a_clash(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+    await made.add(plan_of("quad1"), made.endpoints["quad2"])
+
+    async def until_both() -> None:
+        while sum(pong.host == "quad1" for pong in await bench.everyone()) < 2:
+            pass
+
+    await within(PATIENCE_S, until_both())
+    with pytest.raises(Clash, match="2 hosts are named quad1"):
+        await bench.stream("quad1", "quad2", SHORT)
+
+
+ORDER = BenchOrder(run="one", role="send", peers=["quad2"], seconds=1.0, hz=10.0, size=100, qos="bulk", reliable=False)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("seconds", 1e9), ("seconds", 0.0), ("seconds", math.nan), ("seconds", -math.inf), ("hz", math.nan),
+        ("hz", 0.0), ("hz", math.inf), ("hz", 1e6), ("size", 0), ("size", -1), ("size", 10**12), ("gap", math.nan),
+        ("guard", 1e4), ("patience", math.inf), ("patience", 1e9), ("peers", []), ("peers", ["quad1"]),
+        ("peers", ["a", "b"]), ("peers", ["*"]), ("peers", ["Quad 2"]), ("run", "a/b"), ("run", "*"), ("run", "x" * 41), ("run", ""),
+    ],
+)  # fmt: skip
+def test_hostile_orders_are_refused_with_the_field(field: str, value: Any) -> None:
+    with pytest.raises(BadInput) as caught:
+        check(msgspec.structs.replace(ORDER, **{field: value}), "quad1")
+    assert caught.value.detail["field"] == field
+    check(ORDER, "quad1")
+
+
+def test_too_much_altogether_is_refused() -> None:
+    with pytest.raises(BadInput, match="datagrams in a run"):
+        check(msgspec.structs.replace(ORDER, hz=50_000.0, seconds=3600.0), "quad1")
+    with pytest.raises(BadInput, match="Mbit/s"):
+        check(msgspec.structs.replace(ORDER, hz=50_000.0, size=60_000), "quad1")
+
+
+async def test_garbage_instead_of_an_order_is_answered_with_an_error(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+    for order, payload in (("start", b"{"), ("start", b"{}"), ("stop", b'{"run": 7}'), ("dance", b""), ("stop", b"")):
+        (answer,) = await bench.client.ask(keys.BENCH.key("demo", "quad2", order=order), payload, 30.0, keys.BENCH)
+        assert isinstance(answer, BadInput), answer
+    unknown = keys.BENCH_REPORT.key("demo", "quad2", run="none")
+    (answer,) = await bench.client.ask(unknown, b"", 30.0, keys.BENCH_REPORT)
+    assert isinstance(answer, Refused)
+    assert made.responders["quad2"].busy is None
+
+
+async def test_one_at_a_time_and_the_second_hears_of_whom(line: Start) -> None:
+    made, bench = await line("quad1", "quad2", "quad3")
+    until = asyncio.Event()
+    first = asyncio.ensure_future(bench.stream("quad1", "quad2", _in("bulk", 30.0), until=until))
+    other = await made.ask("quad3")
+
+    async def refused() -> Refused:
+        while not made.responders["quad1"].busy:
+            await asyncio.sleep(0.01)
+        with pytest.raises(Refused) as caught:
+            await other.stream("quad3", "quad2", SHORT)
+        return caught.value
+
+    error = await within(PATIENCE_S, refused())
+    assert "quad2 measures already: receive with quad1 for" in error.message
+    until.set()
+    result = await first
+    assert result.faults == []
+    await idle(made.responders["quad2"])
+    assert (await other.stream("quad3", "quad2", _in("bulk", 0.2))).faults == []
+
+
+async def test_what_is_stopped_ends_on_the_hosts_and_its_report_can_be_had_later(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+    until = asyncio.Event()
+    task = asyncio.ensure_future(
+        bench.stream("quad1", "quad2", _in("bulk", 60.0), until=until, on_interval=lambda *_: until.set())
+    )
+    result = await task
+    (flow,) = result.flows
+    assert flow.total.received == flow.sender.sent > 0
+    assert flow.sender.state == "stopped"
+    await asyncio.gather(*map(idle, made.responders.values()))
+    later = await bench.report("quad2", flow.sender.run)
+    assert later.state == "stopped"
+    assert later.total is not None and later.total.received == flow.total.received
+
+
+async def test_a_cancelled_measurement_ends_on_the_hosts(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+    begun = asyncio.Event()
+    task = asyncio.ensure_future(bench.stream("quad1", "quad2", _in("bulk", 60.0), on_interval=lambda *_: begun.set()))
+    await within(PATIENCE_S, begun.wait())
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await asyncio.gather(*map(idle, made.responders.values()))
+
+
+async def test_an_asker_that_vanishes_is_not_waited_for(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+    order = msgspec.structs.replace(ORDER, seconds=600.0, patience=1.0)
+    await bench.tell("quad2", "start", msgspec.structs.replace(order, role="receive", peers=["quad1"]))
+    await bench.tell("quad1", "start", order)
+    assert made.responders["quad1"].busy and made.responders["quad2"].busy
+    await asyncio.gather(*map(idle, made.responders.values()))
+    report = await bench.report("quad1", "one")
+    assert (report.state, "no word" in report.why) == ("stopped", True)
+    assert report.sent < 600
+
+
+async def test_a_host_that_vanishes_midway_is_said_and_the_rest_is_told(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+
+    def vanish(flow: Flow, interval: BenchInterval) -> None:
+        made.sessions["quad2"].close()
+
+    result = await within(PATIENCE_S, bench.stream("quad1", "quad2", _in("realtime", 2.0), on_interval=vanish))
+    assert any("quad2 does not answer" in fault for fault in result.faults)
+    (flow,) = result.flows
+    assert len(flow.intervals) == 1
+    assert flow.sender.sent > flow.total.received > 0
+    await idle(made.responders["quad1"])
+
+
+async def test_what_is_not_of_the_run_is_left_out_and_repeats_are_counted(line: Start) -> None:
+    made, bench = await line("quad1", "quad2")
+    until, took = asyncio.Event(), list[bytes]()
+    made.sessions["quad1"].declare_subscriber(
+        keys.BENCH_FLOW.key("demo", "quad1", run="*"), lambda sample: took.append(sample.payload.to_bytes())
+    )
+
+    def meddle(flow: Flow, interval: BenchInterval) -> None:
+        if not until.is_set():
+            key = keys.BENCH_FLOW.key("demo", "quad1", run=flow.sender.run)
+            old = datagram.head(datagram.MAGIC, 0, datagram.tag_of("older"), 1, 0)
+            huge = datagram.head(datagram.MAGIC, 0, datagram.tag_of(flow.sender.run), 2**32 - 1, 0)
+            for payload in (took[0], took[0], old, huge, b"", b"garbage" * 9):
+                made.sessions["quad1"].put(key, payload)
+        until.set()
+
+    task = bench.stream("quad1", "quad2", _in("realtime", 30.0), until=until, on_interval=meddle)
+    (flow,) = (await within(PATIENCE_S, task)).flows
+    assert (flow.total.duplicates, flow.receiver.foreign) == (2, 4)
+    assert flow.total.received == flow.sender.sent
+
+
+async def test_a_cut_is_an_outage_with_its_losses(line: Start) -> None:
+    """The router in the middle is closed, and another one takes its place."""
+    made, bench = await line("quad1", "middle", "quad2")
+    until = asyncio.Event()
+    cut = asyncio.Event()
+    stream = msgspec.structs.replace(_in("realtime", 60.0), gap=0.2, patience=60.0, guard=0.0)
+    task = asyncio.ensure_future(
+        bench.stream(
+            "quad1", "quad2", stream, until=until, on_interval=lambda *_: cut.set(), on_outage=lambda *_: until.set()
+        )
+    )
+    await within(PATIENCE_S, cut.wait())
+    await asyncio.to_thread(made.sessions["middle"].close)
+    await asyncio.sleep(0.3)  # longer than the silence that counts
+    await made.add(plan_of("middle2"), made.endpoints["quad1"], made.endpoints["quad2"])
+    (flow,) = (await task).flows
+    outage = flow.outages[0]
+    assert outage.length > 0.2
+    assert outage.lost > 0
+    assert flow.total.lost >= outage.lost
+    assert flow.total.received > 0
+
+
+# The search for the capacity.
+
+
+async def test_the_search_goes_no_further_than_the_budget(line: Start) -> None:
+    _, bench = await line("quad1", "quad2", budget="10 kB/s")
+    trials: list[Trial] = []
+    limits = Limits(start=40e3, trial=0.5, most=1e9)
+    stream = Stream(qos="bulk", size=250)
+    found = await search(bench, "quad1", "quad2", stream, limits, on_trial=trials.append)
+    assert trials == found.trials
+    assert all(trial.bits <= 80e3 for trial in trials)
+    if all(trial.passed for trial in trials):  # on a machine that is not choked
+        assert found.best == 80e3
+        assert "budget of quad1" in found.ended
+
+
+def _trip(median: float, *, lost: int = 0, sent: int = 20) -> BenchTrip:
+    spread = Spread(count=20, min=median, median=median, p95=median, p99=median, max=median, mean=median)
+    return BenchTrip(peer="quad2", sent=sent, lost=lost, rtt=spread)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({}, ""),
+        ({"received": 98}, "2.0 % lost"),
+        ({"received": 99}, ""),
+        ({"seconds": 1.2}, "a buffer fills"),
+        ({"loaded": _trip(0.2)}, "round trips took"),
+        ({"loaded": _trip(0.09)}, ""),
+        ({"loaded": _trip(0.01, lost=6)}, "unanswered"),
+        ({"faults": ["quad2 does not answer any more"]}, "does not answer"),
+    ],
+)
+def test_what_passes(change: dict[str, Any], why: str) -> None:
+    result = _result(**change)
+    trial = judge(result, 8e3, 0.01)
+    assert trial.passed is not bool(why)
+    assert why in trial.why
+
+
+def _result(
+    received: int = 100, seconds: float = 1.0, loaded: BenchTrip | None = None, faults: list[str] | None = None
+) -> StreamResult:
+    total = BenchInterval(
+        start=0.0, end=seconds, bytes=10 * received, received=received, expected=100, jitter=0.0, out_of_order=0,
+        duplicates=0,
+    )  # fmt: skip
+    sender = BenchReport(
+        run="r", host="quad1", role="send", state="done", elapsed=1.0, sent=100, send_seconds=1.0,
+        trips=[_trip(0.01), loaded or _trip(0.02)],
+    )  # fmt: skip
+    receiver = BenchReport(run="r", host="quad2", role="receive", state="done", elapsed=1.0, total=total)
+    flow = Flow(source="quad1", target="quad2", sender=sender, receiver=receiver)
+    return StreamResult(stream=Stream(seconds=1.0, hz=100.0, size=10), flows=[flow], faults=faults or [])
+
+
+# Who may.
+
+
+ORDER_BACK = msgspec.structs.replace(ORDER, role="receive", peers=["quad1"], seconds=60.0, patience=60.0)
+
+
+async def test_only_an_operator_may_start_one(line: Start, net: Net, tmp_path: Path) -> None:
+    """With credentials; a run's report may be had by every member."""
+    authority = Authority.create(tmp_path / "ca", "demo")
+    folders = {
+        name: authority.issue(name, role, out=tmp_path / name)
+        for name, role in (
+            ("quad1", Role.VEHICLE), ("quad2", Role.VEHICLE), ("ann", Role.OPERATOR), ("vic", Role.VIEWER),
+            ("pat", Role.PLANNER),
+        )
+    }  # fmt: skip
+    async with contextlib.AsyncExitStack() as stack:
+        made = Line(net, stack)
+        await made.add(plan_of("quad1", Credentials.load(folders["quad1"])))
+        await made.add(plan_of("quad2", Credentials.load(folders["quad2"])), made.endpoints["quad1"])
+        for who in ("vic", "pat", "quad1"):
+            with pytest.raises(Forbidden, match="allowed: operator"):
+                await (await made.ask("quad1", str(folders[who]))).tell("quad2", "start", ORDER_BACK)
+        with pytest.raises(Forbidden, match="proof"):
+            await (await made.ask("quad1")).tell("quad2", "start", ORDER_BACK)
+        ann = await made.ask("quad1", str(folders["ann"]))
+        assert (await ann.tell("quad2", "start", ORDER_BACK)).state == "waiting"
+        viewer = await made.ask("quad1", str(folders["vic"]))
+        assert (await viewer.report("quad2", "one")).host == "quad2"
+        authority.revoke("ann")
+        roster = (folders["quad2"] / "roster.json", authority.roster())
+        roster[0].write_bytes(wire.encode(roster[1]))
+
+        async def refused() -> None:
+            while True:  # the same order again changes nothing, and the newest roster is read once a second
+                await ann.tell("quad2", "start", ORDER_BACK)
+
+        with pytest.raises(Forbidden, match="revoked"):
+            await within(PATIENCE_S, refused())

@@ -1,0 +1,46 @@
+"""Rates as people write them, and what a datagram holds."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mesh.bench import datagram
+from mesh.bench.units import bits_per_second, duration, rate, size
+from zmav.errors import BadInput
+
+
+@pytest.mark.parametrize(
+    ("text", "bits"),
+    [("1Mbit/s", 1e6), ("60 kB/s", 480e3), ("500k", 500e3), ("0.5 Mbit/s", 5e5), ("9600", 9600.0), ("2Gbit/s", 2e9)],
+)
+def test_rates(text: str, bits: float) -> None:
+    assert bits_per_second(text) == bits
+
+
+@pytest.mark.parametrize("text", ["", "fast", "-1k", "0", "1 MB", "nan", "inf", "1e9", "1Mbit", "1..5k"])
+def test_what_is_no_rate_is_said(text: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        bits_per_second(text)
+    assert caught.value.detail["field"] == "rate"
+
+
+def test_how_they_are_printed() -> None:
+    assert (rate(1.5e6), rate(12_000), rate(3)) == ("1.50 Mbit/s", "12.00 kbit/s", "3 bit/s")
+    assert (size(2.5e6), size(12)) == ("2.50 MB", "12 B")
+    assert (duration(2), duration(0.0015), duration(-0.00002)) == ("2.00 s", "1.50 ms", "-20 µs")
+
+
+@given(st.integers(0, datagram.NUMBERS - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=100))
+def test_a_datagram_says_its_number_and_time_to_its_own_run_only(number: int, sent: int, filling: bytes) -> None:
+    tag = datagram.tag_of("one")
+    data = datagram.head(datagram.MAGIC, 0, tag, number, sent) + filling
+    assert datagram.read(data, tag) == (number, sent)
+    assert datagram.read(data, datagram.tag_of("another")) is None
+    assert datagram.read(data[: datagram.LEAST - 1], tag) is None
+
+
+@given(st.binary(max_size=64))
+def test_garbage_is_no_datagram(data: bytes) -> None:
+    assert datagram.read(data, datagram.tag_of("one")) is None or data[:2] == b"\x42\x5a"
