@@ -33,8 +33,8 @@ SHORTEST, LONGEST = 1.0, 64.0
 """s: Trickle's interval"""
 ENOUGH = 1
 """of others' that are like ours within an interval, and we need not speak"""
-MOST_CHECKED = 50
-"""signatures checked a second: what is forged costs no more than that"""
+MOST_CHECKED, PAUSE = 50, 1.0
+"""signatures checked in so many seconds: what is forged costs no more than that"""
 
 
 class RosterWatch:
@@ -120,7 +120,7 @@ class RosterWatch:
 
     def _may_check(self) -> bool:
         now = time.monotonic()
-        if now - self._since >= 1.0:
+        if now - self._since >= PAUSE:
             self._checked, self._since = 0, now
         self._checked += 1
         return self._checked <= MOST_CHECKED

@@ -83,10 +83,8 @@ def test_a_member_that_was_revoked_gets_nothing_from_a_router_that_knows(fleet: 
     home = fleet.home(door)
     for endpoint in (door.tls, door.quic):
         out, member = fleet.open("ops", endpoint), fleet.open("view", endpoint)
-        heard: list[str] = []
-        out.declare_subscriber(
-            "zmav/**", lambda s, heard=heard: heard.append(str(s.key_expr)), allowed_origin=zenoh.Locality.REMOTE
-        )  # type: ignore[misc, call-overload]
+        heard: list[zenoh.Sample] = []
+        out.declare_subscriber("zmav/**", heard.append, allowed_origin=zenoh.Locality.REMOTE)
         for key in ("zmav/alpha/quad1/do/arm", "zmav/alpha/quad1/state", "@/*/router"):
             out.get(key, lambda reply: None, timeout=1.0)
         out.put("zmav/alpha/quad1/setpoint/x", b"")
