@@ -1,0 +1,170 @@
+"""What a member believes of vehicles, and which namesake a vehicle takes for one."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+import zenoh
+
+from tests.trust.conftest import Authority, StartGuarded
+from zmav import keys, wire
+from zmav.errors import Clash, Forbidden
+from zmav.trust.proof import Signer
+from zmav.trust.verify import Verifier
+
+if TYPE_CHECKING:
+    from tests.conftest import Net, StartOnboard
+    from tests.services.conftest import StartPeer
+    from tests.trust.conftest import Guarded
+    from zmav.client import Client
+
+BLOCK: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.BLOCK}
+STATE, EVENT = keys.STATE.key("demo", "quad1"), keys.EVENT.key("demo", "quad1")
+
+
+async def refused(z: Client, reason: str, count: int = 1) -> None:
+    """Wait until the client has left out so many for that reason."""
+    assert z.member is not None
+    while z.member.counts[reason] < count:
+        await asyncio.sleep(0.01)
+    assert z.member.counts[reason] == count
+
+
+async def test_a_state_is_its_vehicles_or_nobodys(
+    guarded: StartGuarded, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    g: Guarded = await guarded()
+    async with g.client("eye", "viewer") as z:
+        assert z.member is not None
+        quad2, op = g.authority.member("quad2", "vehicle"), g.authority.member("quad1", "operator", folder="op")
+        rogue = Authority(tmp_path_factory.mktemp("rogue")).member("quad1", "vehicle")
+        lie = msgspec.structs.replace(z.vehicle("quad1").state, mode="LIE")
+        data = wire.encode(lie)
+
+        def put(attachment: bytes | None, payload: bytes = data) -> None:
+            g.b.ground.session.put(STATE, payload, attachment=attachment, **BLOCK)
+
+        for member in (quad2, op):
+            z.member.verifier.learn(member.certificate.der)
+        put(None)
+        await refused(z, "unsigned")
+        put(b"rubbish")
+        await refused(z, "malformed")
+        put(Signer(quad2).sign(STATE, data))
+        await refused(z, "name")
+        put(Signer(op).sign(STATE, data))
+        await refused(z, "name", 2)
+        put(Signer(rogue).sign(STATE, data, introduce=True))
+        await refused(z, "stranger")
+        put(Signer(rogue).sign(STATE, data))
+        await refused(z, "unknown")
+        modes = set()
+        for _ in range(5):
+            await z.news(10.0)
+            modes.add(z.vehicle("quad1").state.mode)
+        assert modes == {"STABILIZE"}
+
+
+async def test_an_earlier_state_is_not_taken_for_a_new_one(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    recorded: list[tuple[bytes, bytes]] = []
+
+    def record(sample: zenoh.Sample) -> None:
+        assert sample.attachment is not None
+        recorded.append((sample.payload.to_bytes(), sample.attachment.to_bytes()))
+
+    tap = g.b.ground.session.declare_subscriber(STATE, record)
+    async with g.client("eye", "viewer") as z:
+        g.b.peer.mode = 4
+        await z.vehicle("quad1").wait_until(lambda s: s.mode == "GUIDED", 20.0)
+        tap.undeclare()
+        payload, attachment = next(r for r in recorded if json.loads(r[0])["mode"] == "STABILIZE")
+        g.b.ground.session.put(STATE, payload, attachment=attachment, **BLOCK)
+        await refused(z, "replayed")
+        assert z.vehicle("quad1").state.mode == "GUIDED"
+
+
+async def test_events_are_its_vehicles_and_may_be_old(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    async with g.client("eye", "viewer") as z, z.subscribe("quad1/event") as events:
+        own = g.vehicle.events._signer
+        assert own is not None
+        event = wire.Event(t=time.time() - 100.0, kind="fault", severity="error", text="old and true")
+        old, lie = wire.encode(event), wire.encode(msgspec.structs.replace(event, text="a lie"))
+        for payload, attachment in (
+            (lie, None),
+            (lie, own.sign(EVENT, old)),
+            (lie, Signer(g.authority.member("quad2", "vehicle")).sign(EVENT, lie)),
+            (old, own.sign(EVENT, old, now=time.time() - 100.0)),
+        ):
+            g.b.ground.session.put(EVENT, payload, attachment=attachment, **BLOCK)
+        sample = await asyncio.wait_for(events.get(), 20.0)
+        assert json.loads(sample.payload.to_bytes())["text"] == "old and true"
+        assert events.bad == 3
+
+
+async def test_it_shows_its_certificate(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    (reply,) = await g.b.ground.ask(keys.CERTIFICATE.key("demo", "quad1"))
+    assert reply.ok is not None
+    certificate = Verifier.of(g.authority.member("eye", "viewer")).learn(reply.ok.payload.to_bytes())
+    assert (certificate.name, certificate.role.value) == ("quad1", "vehicle")
+
+
+def token(g: Guarded, name: str, sysid: int, instance: str) -> zenoh.LivelinessToken:
+    key = keys.ALIVE.key("demo", name, role=keys.VEHICLE, sys=sysid, autopilot="ardupilot", uid="77", instance=instance)
+    return g.b.ground.session.liveliness().declare_token(key)
+
+
+async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    asked: list[str] = []
+    quad2 = Signer(g.authority.member("quad2", "vehicle"))
+    lie = json.loads(wire.encode(g.vehicle.state.build()))
+
+    def answer(query: zenoh.Query) -> None:
+        """As quad2, which has credentials of its own, would speak as another quad1; and with what it recorded."""
+        with query:
+            key = str(query.key_expr)
+            asked.append(key)
+            assert query.payload is not None
+            data = json.dumps({**lie, "instance": "ghost", "name": key.split("/")[2]}).encode()
+            answers = query.payload.to_bytes() if "quad1" in key else bytes(8)
+            proof = quad2.sign(key, data, introduce=True, answers=answers)
+            query.reply(key, data, attachment=proof)
+
+    for name in ("quad1", "quad2"):
+        g.b.ground.session.declare_queryable(keys.STATE.key("demo", name), answer)
+    tokens = [token(g, "quad1", 9, "ghost"), token(g, "quad2", 1, "ghost")]
+    while len(set(asked)) < 2:
+        await asyncio.sleep(0.02)
+    async with g.client("op", "operator") as z:
+        await z.vehicle("quad1").set_mode("GUIDED")
+        assert z.vehicle("quad1").state.clash is None
+    assert g.vehicle.presence.clash is None
+    assert len(g.vehicle.presence._others) == 2
+    for one in tokens:
+        one.undeclare()
+
+
+async def test_a_namesake_that_proves_it_is_a_clash(
+    guarded: StartGuarded, net: Net, onboard: StartOnboard, peer: StartPeer
+) -> None:
+    """The same credentials on two computers."""
+    g: Guarded = await guarded()
+    session, _ = net.router(g.b.endpoint)
+    other = await peer(2, uid=2)
+    twin = await onboard(session, other.url, "quad1", **g.settings)
+    said = await g.b.event("another vehicle is named quad1", kind="clash")
+    assert said["severity"] == "critical"
+    async with g.client("op", "operator") as z:
+        with pytest.raises((Clash, Forbidden)):  # of one of the two, or not for the gate of the other
+            await z.vehicle("quad1").set_mode("GUIDED")
+    assert (g.b.peer.mode, other.mode) == (0, 0)
+    await onboard.close(twin)
+    await g.b.event("the clash is over", kind="clash")

@@ -1,0 +1,246 @@
+"""Orders, frames and uploads of strangers, of the wrong role and of yesterday, at a vehicle that has credentials."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+
+import zmav
+from tests.trust.conftest import Authority, StartGuarded
+from zmav import keys
+from zmav.errors import BadConfig, BadInput, Forbidden
+from zmav.mavlink import Packer
+from zmav.onboard import OnboardSettings, _credentials
+from zmav.session import SessionSettings
+from zmav.trust.proof import MOST
+from zmav.trust.roster import read_signed
+from zmav.trust.verify import FORGERIES
+
+if TYPE_CHECKING:
+    from tests.conftest import StartOnboard
+    from tests.trust.conftest import Guarded
+
+
+async def reason(asked: Any) -> str:
+    with pytest.raises(Forbidden) as e:
+        await asked
+    return str(e.value.detail["reason"])
+
+
+async def test_orders_that_are_not_proven(guarded: StartGuarded, tmp_path_factory: pytest.TempPathFactory) -> None:
+    g: Guarded = await guarded()
+    op, key = g.authority.member("op", "operator"), g.key(verb="arm")
+    arm = json.dumps({"ready_timeout": 0}).encode()
+    rogue = Authority(tmp_path_factory.mktemp("rogue")).member("op", "operator")
+    quad2 = g.authority.member("quad2", "vehicle")
+    for expected, proof in (
+        ("unsigned", None),
+        ("malformed", b"garbage"),
+        ("malformed", bytes(100_000)),
+        ("malformed", g.proof(op, key, arm) + bytes(MOST)),
+        ("signature", g.proof(op, key, arm + b" ")),
+        ("signature", g.proof(op, key.replace("quad1", "quad2"), arm)),
+        ("clock", g.proof(op, key, arm, now=1.0)),
+        ("clock", g.proof(op, key, arm, now=4e9)),
+        ("unknown", g.proof(g.authority.member("op2", "operator"), key, arm, introduce=False)),
+        ("stranger", g.proof(rogue, key, arm)),
+        ("expired", g.proof(g.authority.strange("late", "operator", ends=-60.0), key, arm)),
+        ("fleet", g.proof(g.authority.strange("foreign", "operator", fleet="other"), key, arm)),
+        ("role", g.proof(quad2, key, arm)),
+        ("role", g.proof(g.authority.member("eye", "viewer"), key, arm)),
+        ("epoch", g.proof(op, key, arm, answers=bytes(8))),
+    ):
+        assert await reason(g.ask(proof, arm, key)) == expected
+        await g.b.event("refused: ", kind="refused", detail={"reason": expected})
+    assert (g.b.peer.armed, g.b.peer.commands(400)) == (False, [])
+    proof = g.proof(op, key, arm)
+    assert (await g.ask(proof, arm, key)).status == "done"
+    assert g.b.peer.armed
+    assert await reason(g.ask(proof, arm, key)) == "replayed"
+    state = await g.b.state(lambda s: s["forbidden"].get("replayed") == 1, "its counts")
+    assert (state["forbidden"]["malformed"], state["forbidden"]["role"]) == (3, 2)
+    assert state["gate"] == g.vehicle.gate.epoch.hex()  # type: ignore[union-attr]
+
+
+async def test_refusals_are_said_once_a_second_with_how_many_were_left_out(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    for _ in range(20):
+        with contextlib.suppress(Forbidden):
+            await g.ask(None)
+    said = [e for e in g.b.events.objects() if e["detail"].get("reason") == "unsigned"]
+    assert 1 <= len(said) < 20
+    assert "open the session with --credentials" in said[0]["text"]
+    assert sum(1 + e["detail"].get("left_out", 0) for e in said) <= 20
+
+
+async def test_a_client_with_credentials_does_not_notice(guarded: StartGuarded, onboard: StartOnboard) -> None:
+    """Not even that the vehicle's agent is started anew, which makes every earlier proof worthless."""
+    g: Guarded = await guarded()
+    async with g.client("op", "operator") as z:
+        vehicle = z.vehicle("quad1")
+        await vehicle.arm(ready_timeout=0)
+        assert g.b.peer.armed
+        recorded = g.proof(z.member.credentials, g.key(), b"{}")  # type: ignore[union-attr]
+        session = g.vehicle.adapter.session
+        await onboard.close(g.vehicle)
+        again = await onboard(session, g.b.peer.url, "quad1", **g.settings)
+        await g.b.state(lambda s: s["gate"] == again.gate.epoch.hex() and s["connected"], "the new start's state")  # type: ignore[union-attr]
+        assert await reason(g.ask(recorded)) == "epoch"
+        assert z.member is not None
+        z.member._gates.clear()  # as if its first state had not come yet
+        assert await vehicle.ping() > 0.0
+        z.member._gates.clear()
+        await vehicle.set_mode("LOITER")
+    assert g.b.peer.mode == 5
+
+
+async def test_planners_fly_and_do_not_configure(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    async with g.client("swap", "planner") as z:
+        vehicle = z.vehicle("quad1")
+        await vehicle.set_mode("GUIDED")
+        for order in (
+            vehicle.params.set("ARMING_CHECK", 0), vehicle.reboot(), vehicle.revoke(), vehicle.files.remove("/a"),
+            vehicle.command("PREFLIGHT_REBOOT_SHUTDOWN"),
+        ):  # fmt: skip
+            assert await reason(order) == "role"
+    async with g.client("eye", "viewer") as z:
+        vehicle = z.vehicle("quad1")
+        await vehicle.ping()
+        for refused in (vehicle.hold(), vehicle.land(), vehicle.disarm(), vehicle.params.refresh()):
+            assert await reason(refused) == "role"
+        with pytest.raises(Forbidden):
+            async with vehicle.lease("eye"):
+                pass
+    assert g.b.peer.commands(246) == []
+
+
+async def test_a_vehicles_own_programs_fly_it_and_no_other(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    async with g.client("quad1", "vehicle") as z:
+        await z.vehicle("quad1").set_mode("GUIDED")
+        assert await reason(z.vehicle("quad1").reboot()) == "role"
+    async with g.client("quad2", "vehicle") as z:
+        assert await reason(z.vehicle("quad1").set_mode("STABILIZE")) == "role"
+    assert g.b.peer.mode == 4
+
+
+async def test_raw_frames_are_the_operators(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    frame = Packer(g.b.peer.dialect, 255, 190).pack("COMMAND_LONG", command=400, param1=1.0, target_system=1)
+    key = g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG")
+    op = g.authority.member("op", "operator")
+    first = g.proof(op, key, frame)
+
+    def put(attachment: bytes | None) -> None:
+        g.b.ground.session.put(key, frame, attachment=attachment, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    put(None)
+    put(first[:-1])
+    put(g.proof(g.authority.member("swap", "planner"), key, frame))
+    await g.b.state(lambda s: s["forbidden"] == {"unsigned": 1, "malformed": 1, "role": 1}, "three refusals")
+    assert g.b.peer.commands(400) == []
+    put(first)
+    put(first)
+    await g.b.state(lambda s: s["forbidden"].get("replayed") == 1, "a refused replay")
+    assert len(g.b.peer.commands(400)) == 1
+    put(g.proof(op, key, frame, introduce=False))
+    await g.b.peer.until(lambda: len(g.b.peer.commands(400)) == 2, "the next")
+
+
+async def test_a_clients_frames_and_uploads(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    frame = Packer(g.b.peer.dialect, 255, 190).pack("COMMAND_LONG", command=400, param1=1.0, target_system=1)
+    key = g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG")
+    upload = g.key(keys.UPLOAD, file="x", offset=0)
+    async with g.client("op", "operator") as z:
+        for _ in range(3):
+            z.put(keys.TX, key, frame)
+        await g.b.peer.until(lambda: len(g.b.peer.commands(400)) == 3, "three frames")
+        (answer,) = await z.ask(upload, b"hello", channel=keys.UPLOAD)
+        assert not isinstance(answer, Exception)
+        assert json.loads(answer.payload) == {"file": "x", "bytes": 5}
+    async with g.client("swap", "planner") as z:
+        (error,) = await z.ask(upload, b"hullo", channel=keys.UPLOAD)
+        assert isinstance(error, Forbidden)
+    assert await reason(g.ask(None, b"hullo", upload)) == "unsigned"
+    assert bytes(g.vehicle.files.uploads["x"].data) == b"hello"
+
+
+async def test_a_revoked_operator_and_a_newer_roster(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    async with g.client("op", "operator") as z:
+        await z.vehicle("quad1").set_mode("GUIDED")
+        assert z.member is not None
+        assert g.vehicle.gate is not None
+        g.authority.revoked.append(z.member.credentials.certificate.fingerprint.hex())
+        g.vehicle.gate.roster = read_signed(g.authority.roster()).open(g.authority.certificate, "demo")
+        assert await reason(z.vehicle("quad1").set_mode("STABILIZE")) == "revoked"
+    assert g.b.peer.mode == 4
+
+
+async def test_an_order_is_its_givers(guarded: StartGuarded) -> None:
+    """Another member who has overheard an order's id does not read its outcome under it."""
+    g: Guarded = await guarded()
+    payload = b'{"id": "overheard"}'
+    await g.ask(g.proof(g.authority.member("op", "operator"), g.key(), payload), payload)
+    with pytest.raises(BadInput, match="was used for another order"):
+        await g.ask(g.proof(g.authority.member("eye", "viewer"), g.key(), payload), payload)
+
+
+async def test_a_flood_of_forgeries_leaves_it_flying(guarded: StartGuarded) -> None:
+    """Its stream goes on, another operator is heard, and what the forgeries cost is limited: each is not checked."""
+    g: Guarded = await guarded()
+    op, other = g.authority.member("op", "operator"), g.authority.member("op2", "operator")
+    g.vehicle.gate.learn(op.certificate.der)  # type: ignore[union-attr]
+    key = g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG")
+    forged = g.proof(op, g.key(verb="land"), b"")
+    block: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.BLOCK}
+    async with g.client("pilot", "planner") as z:
+        await g.b.flying()
+        async with z.vehicle("quad1").lease("pilot") as lease:
+
+            def flood() -> None:
+                for _ in range(3000):
+                    g.b.ground.session.put(key, b"", attachment=forged, **block)
+
+            flooding = asyncio.create_task(asyncio.to_thread(flood))
+            while not flooding.done():
+                lease.setpoint(vel=(1.0, 0.0, 0.0))
+                await asyncio.sleep(0.02)
+            await flooding
+            state = await g.b.state(lambda s: sum(s["forbidden"].values()) == 3000, "all of them")
+            checks = state["forbidden"]["signature"]
+            assert checks < 3000
+            assert state["forbidden"]["busy"] == 3000 - checks
+            assert checks >= FORGERIES
+            assert state["setpoints"]["flown"] >= 1
+            assert (await g.ask(g.proof(other, g.key(), b"{}"))).status == "done"
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "fleet", "words"),
+    [
+        ("quad2", "vehicle", "demo", "the name 'quad2'; expected 'quad1'"),
+        ("quad1", "operator", "demo", "the role 'operator'; expected 'vehicle'"),
+        ("quad1", "vehicle", "other", "the fleet 'other'; expected 'demo'"),
+    ],
+)
+def test_credentials_of_somebody_else(tmp_path: Path, name: str, role: str, fleet: str, words: str) -> None:
+    folder = Authority(tmp_path, fleet).issue(name, role)
+    with pytest.raises(BadConfig, match=words):
+        _credentials(OnboardSettings(link="udpin:127.0.0.1:0", name="quad1", credentials=str(folder)))
+
+
+async def test_a_client_of_another_fleet_is_told_so(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    settings = SessionSettings(connect=[g.b.endpoint], credentials=str(g.authority.issue("op", "operator")))
+    with pytest.raises(BadConfig, match="say --fleet demo, not other"):
+        async with zmav.open(fleet="other", settings=settings):
+            pass
