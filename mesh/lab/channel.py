@@ -182,9 +182,11 @@ class Channel:
         due = left + c.delay
         if c.jitter:
             due += c.jitter * (2.0 * self._random() - 1.0)
-        if c.ordered:
-            due = self._last_due = max(due, self._last_due)
-        if due <= now:
+        behind = c.ordered and due <= self._last_due  # that one may still be under way
+        if behind:
+            due = self._last_due
+        self._last_due = max(due, self._last_due)
+        if due <= now and not behind:
             self.arrive(frame, now)
         else:
             self._agenda.add(due, self, frame)

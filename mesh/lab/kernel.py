@@ -22,11 +22,14 @@ LONGEST_NAME = 15
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x4004_54CA, 0x0002, 0x1000
 _SIOCGIFFLAGS, _SIOCSIFFLAGS = 0x8913, 0x8914
 _SIOCSIFADDR, _SIOCSIFNETMASK, _SIOCSIFMTU, _SIOCSIFHWADDR = 0x8916, 0x891C, 0x8922, 0x8924
+_SIOCSIFTXQLEN = 0x8943
 _IFF_UP, _ARPHRD_ETHER = 0x1, 1
 _PR_SET_PDEATHSIG = 1
 _TFD_FLAGS, _TFD_TIMER_ABSTIME = os.O_NONBLOCK | os.O_CLOEXEC, 1
 _CLOCK_MONOTONIC = 1
 _ETHERNET_HEADER = 14
+_QUEUE = 4096
+"""frames that may wait for the reader of a TAP: what the kernel drops there, nobody counts"""
 
 
 def _libc() -> ctypes.CDLL:
@@ -70,15 +73,15 @@ class Timer:
         self._value = (ctypes.c_long * 4)()
 
     def arm(self, at: float) -> None:
-        """Be readable from ``at`` on."""
+        """Be unreadable until ``at``, and readable from then on."""
         self._value[2] = seconds = int(at)
         self._value[3] = max(1, int((at - seconds) * 1e9))  # all zero would disarm it
         _checked(self._settime(self.fd, _TFD_TIMER_ABSTIME, self._value, None))
 
-    def take(self) -> None:
-        """Be unreadable until armed again."""
-        with contextlib.suppress(BlockingIOError):
-            os.read(self.fd, 8)
+    def disarm(self) -> None:
+        """Be unreadable."""
+        self._value[2] = self._value[3] = 0
+        _checked(self._settime(self.fd, _TFD_TIMER_ABSTIME, self._value, None))
 
     def close(self) -> None:
         os.close(self.fd)
@@ -96,6 +99,7 @@ def open_tap(name: str, *, mac: bytes, address: str, prefix: int, mtu: int) -> i
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
             _configure(s, name, _SIOCSIFHWADDR, struct.pack("H14s", _ARPHRD_ETHER, mac))
             _configure(s, name, _SIOCSIFMTU, struct.pack("i", mtu))
+            _configure(s, name, _SIOCSIFTXQLEN, struct.pack("i", _QUEUE))
             _configure(s, name, _SIOCSIFADDR, _address(address))
             _configure(s, name, _SIOCSIFNETMASK, _address(_mask(prefix)))
         bring_up(name)
