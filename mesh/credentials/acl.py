@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from mesh.credentials.exposure import GUARDED
 from zmav import keys
 from zmav.config import FleetConfig
 from zmav.errors import Forbidden
@@ -24,6 +25,7 @@ from zmav.verbs import VERBS
 Rule = dict[str, Any]
 READING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
 SAYING = ("put", "liveliness_token", "declare_queryable", "reply")
+SPREADING = ("put", "declare_subscriber", "query", "reply", "declare_queryable")
 EVERYTHING = ("put", "delete", "query", "reply", *READING, "declare_queryable", "liveliness_token")
 STRANGER = "*"
 """stands for every vehicle but the member's own: no name has it, and in a key expression it holds them all"""
@@ -33,12 +35,16 @@ LOCAL: tuple[Rule, ...] = (
     {"id": "local-socket", "link_protocols": ["unixsock-stream"]},
 )
 """this host's own programs: nobody else reaches a plain TCP port of loopback"""
+CERTIFIED: Rule = {"id": "certified", "link_protocols": list(GUARDED)}
+"""who shows any certificate of our authority: one that was issued since our roster, or that was revoked"""
 ADMIN = "@/**"
 """routers' admin spaces, which 'zmav mesh graph' and 'zmav doctor' read; nothing can be written there"""
 
 
 def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> dict[str, Any]:
-    """Zenoh's ``access_control`` for the router of host ``name``: whoever is not on the roster gets nothing at all.
+    """Zenoh's ``access_control`` for the router of host ``name``.
+
+    Whoever is not on the roster gets nothing but rosters, so that a new member can bring the one that admits it.
 
     ``file`` says who relays; a host that is not in it relays if its role does. The same input gives the same output,
     so that two can be compared.
@@ -46,11 +52,15 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
     others = sorted({member for role in Role for member in roster.names(role.value)} - {name})
     rules: list[Rule] = [
         _rule("local", ("ingress", "egress"), EVERYTHING, ("**", "**/@adv/**", *_spaces(fleet), ADMIN)),
+        _rule("roster", ("ingress", "egress"), SPREADING, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),
         _rule("read", ("ingress",), READING, (*_spaces(fleet), ADMIN)),
     ]
-    subjects: list[Rule] = list(LOCAL)
-    policies: list[Rule] = [{"rules": ["local"], "subjects": [subject["id"] for subject in LOCAL]}]
+    subjects: list[Rule] = [*LOCAL, CERTIFIED]
+    policies: list[Rule] = [
+        {"rules": ["local"], "subjects": [subject["id"] for subject in LOCAL]},
+        {"rules": ["roster"], "subjects": [CERTIFIED["id"]]},
+    ]
     relays = []
     for role in Role:
         for member in roster.names(role.value):

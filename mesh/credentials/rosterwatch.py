@@ -158,7 +158,7 @@ class RosterWatch:
         if event.kind != zenoh.SampleKind.PUT or name is None or self._is_member(name):
             return
         self._say_once(
-            f"link {name}", f"{name} has a certificate, but is not on the roster: nothing passes to or from it"
+            f"link {name}", f"{name} has a certificate, but is not on the roster: nothing but rosters passes"
         )
 
     def _is_member(self, name: str) -> bool:
