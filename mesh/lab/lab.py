@@ -40,6 +40,7 @@ from zmav.errors import BadConfig, TimedOut
 from zmav.trust.certificate import Role
 
 SIMULATOR = "simulator"
+RELAY_DIED = "the lab's relay has died"
 READY_S = 60.0
 _LOOK_AGAIN_S = 0.05
 
@@ -123,10 +124,14 @@ class Lab:
 
     async def _watch_relay(self) -> None:
         await self.network.ended()
-        self._fail("the lab's relay has died")
+        self._fail(RELAY_DIED)
 
     def _ended(self, program: Program, code: int) -> None:
-        self._fail(f"{program.name} has ended with code {code}; it said:\n{program.said()}")
+        if not self.network.alive:
+            self._fail(RELAY_DIED)
+            return
+        said = program.said().rstrip()
+        self._fail(f"{program.name} has ended with code {code}; it said" + (f":\n{said}" if said else " nothing"))
 
     def _fail(self, text: str) -> None:
         if self.failed is not None and not self.failed.done():

@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -116,7 +117,12 @@ class Network:
 
     @property
     def alive(self) -> bool:
-        return self._relay is not None and self._relay.poll() is None
+        """Whether the relay is: its end of our socket closes before anything dies of its death."""
+        if self._socket is None or self._socket.fileno() < 0:
+            return False
+        poll = select.poll()
+        poll.register(self._socket, select.POLLHUP)
+        return not poll.poll(0)
 
     async def ended(self) -> None:
         """Return when the relay has died, which ends everything."""
