@@ -14,6 +14,7 @@ from mesh.credentials.exposure import check_exposed
 from mesh.neighbours import Neighbour, Way, neighbours
 from mesh.profiles import PROFILES, Rules
 from mesh.radios import Interfaces, Standing, interfaces, stand
+from mesh.shaping import downsampling, thinned
 from zmav import keys
 from zmav.config import FleetConfig, Host, Profile, StationConfig, VehicleConfig
 from zmav.errors import BadConfig
@@ -109,7 +110,7 @@ def plan_router(
     )
     if credentials:
         _check_member(plan, credentials)
-    for settings in (_timers(plan), _links(plan, table), _scouting(plan), _trust(plan)):
+    for settings in (_timers(plan), _links(plan, table), _scouting(plan), _thinning(plan), _trust(plan)):
         plan.settings.update(settings)
     given = _given(plan, base)
     plan.settings.update(given)
@@ -173,7 +174,9 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
     connect, why = list(table.connect), [f"fleet file: {place}.connect"] if table.connect else []
     direct = [each for each in plan.host.neighbours or () if "/" in each]
     for neighbour in plan.neighbours:
-        connect += [_endpoint(plan, way.address, way.port) for way in neighbour.ways] + list(neighbour.endpoints)
+        # One way only: Zenoh would call the others without end, 27 kB/s each, and be refused. Bearers carry several.
+        best = [_endpoint(plan, way.address, way.port) for way in neighbour.ways[:1]] or list(neighbour.endpoints)
+        connect += best if neighbour.calls else []
     connect += direct
     if plan.neighbours or direct:
         why.append(profile if plan.host.neighbours is None else f"fleet file: {place}.mesh.neighbours")
@@ -208,6 +211,8 @@ def _patience(plan: RouterPlan) -> dict[str, Setting]:
 def _scouting(plan: RouterPlan) -> dict[str, Setting]:
     """Multicast, on the radios only: of two routers that hear each other, the one with the greater id calls."""
     rules, profile = PROFILES[plan.profile], f"profile {plan.profile}"
+    if rules.calls_all and not _is_unknown(plan):
+        return {f"{SCOUTING}enabled": Setting(False, "the file has everybody's address")}
     names = [radio.radio.interface for radio in plan.radios if radio.present and radio.radio.interface]
     if not rules.scouting or plan.host.neighbours is not None or not names:
         why = profile if not rules.scouting else "zmav" if not names else "the host names its neighbours"
@@ -220,6 +225,21 @@ def _scouting(plan: RouterPlan) -> dict[str, Setting]:
         f"{SCOUTING}listen": Setting({"router": True, "peer": False, "client": False}, profile),
         f"{SCOUTING}ttl": Setting(1, profile),
     }
+
+
+def _thinning(plan: RouterPlan) -> dict[str, Setting]:
+    """How often what is read behind radios with a budget may leave through them."""
+    thin = thinned(plan.file, plan.host.radios)
+    if not thin:
+        return {}
+    sources = "; ".join(dict.fromkeys(each.source for each in thin))
+    return {"downsampling": Setting(downsampling(plan.file, plan.fleet, plan.name, thin), sources)}
+
+
+def _is_unknown(plan: RouterPlan) -> bool:
+    """Whether there is a host whose address the fleet file has not."""
+    hosts = (host for place, host in plan.file.hosts().items() if place.partition(".")[2] != plan.name)
+    return any(radio.address is None for host in hosts for radio in host.mesh.radios)
 
 
 def _trust(plan: RouterPlan) -> dict[str, Setting]:

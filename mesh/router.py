@@ -52,6 +52,7 @@ class Router:
 
     def __init__(self, plan: RouterPlan, settings: SessionSettings, parts: tuple[Part, ...] = PARTS) -> None:
         self.plan, self._settings, self._parts = plan, settings, parts
+        self.bearers = Bearers(plan)
         self._stack = contextlib.AsyncExitStack()
         self._session: zenoh.Session | None = None
         self._watches: list[Watch] = []
@@ -80,8 +81,8 @@ class Router:
         if self.plan.value("listen/timeout_ms") == -1:
             _check_free(self.plan)
         async with contextlib.AsyncExitStack() as stack:
-            bearers = await stack.enter_async_context(Bearers(self.plan))
-            session = self._session = await asyncio.to_thread(open_session, bearers.session(self._settings))
+            await stack.enter_async_context(self.bearers)
+            session = self._session = await asyncio.to_thread(open_session, self.bearers.session(self._settings))
             stack.push_async_callback(asyncio.to_thread, _close, session)
             for part in self._parts:
                 entered = await stack.enter_async_context(part(session, self.plan))

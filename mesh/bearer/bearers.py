@@ -121,7 +121,8 @@ def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: 
     for path, (added, replaced) in ours.items():
         before = plan.settings.get(path, Setting([], "zmav"))
         kept = [each for each in _list(before.value) if _address(each) not in replaced]
-        new = [*kept, *(_endpoint(plan, *each) for each in added)]
+        ends = [_endpoint(plan, *each) for each in added]
+        new = [*kept, *(ends if path == LISTEN else map(_bound, ends))]
         settings[path] = Setting(new, f"{before.source}, bearers")
     settings.update(_scouting(plan, {r.interface for r in radios if r.budget}))
     if "transport/link/tx/batch_size" not in settings:
@@ -155,6 +156,11 @@ def _address(endpoint: str) -> Address | None:
 def _endpoint(plan: RouterPlan, address: str, port: int) -> str:
     place = f"{address}:{port}"
     return f"quic/{place}?mixed_rel=1" if plan.credentials else f"udp/{place}?rel=1;mixed_rel=1"
+
+
+def _bound(endpoint: str) -> str:
+    """A link that is opened from no address in particular is on every interface, for Zenoh's rules."""
+    return f"{endpoint}#bind=127.0.0.1:0"
 
 
 def _free_port() -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import collections
 import enum
+import math
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -76,7 +77,7 @@ class Path:
         self._waiting: collections.OrderedDict[int, tuple[int, float]] = collections.OrderedDict()
         self._outcomes: collections.deque[bool] = collections.deque(maxlen=WINDOW)
         self._health = Health.SILENT
-        self._since = 0.0
+        self._since = -math.inf
         self._next = 0.0
 
     def use(self, now: float) -> None:
@@ -149,7 +150,9 @@ class Path:
         before, self._health = self._health, self._judged(now)
         if self._health is not before:
             self._since = now
-            if self._health is Health.SILENT and before is not Health.SILENT:
+            if before is Health.SILENT:
+                self._outcomes.clear()  # what was lost in the silence says nothing of how it carries now
+            elif self._health is Health.SILENT:
                 self.hold = min(2.0 * self.hold, LONGEST_HOLD)
                 self.hurry(now)
         elif self._health is Health.CARRIES and now - self._since > FORGIVEN:
@@ -160,6 +163,8 @@ class Path:
         # One that has just been taken was listened to more rarely until now.
         if self.heard is None or now - max(self.heard, self._used or 0.0) >= self._patience:
             return Health.SILENT
+        if self._health is Health.SILENT and self.heard <= self._since:
+            return Health.SILENT  # its patience grew because it was left, and nothing has come since
         if self._health is Health.LIMPS:
             return Health.CARRIES if self.loss < CARRIES else Health.LIMPS
         return Health.LIMPS if self.loss > LIMPS else Health.CARRIES
