@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mesh.profiles import Rules
+from mesh.profiles import PROFILES, Rules
 from mesh.radios import Standing
-from zmav.config import FleetConfig, Host, Radio, StationConfig, VehicleConfig
+from zmav.config import FleetConfig, Host, Profile, Radio, StationConfig, VehicleConfig
 from zmav.errors import BadConfig
 
 
@@ -29,6 +29,8 @@ class Neighbour:
     """the cheapest first"""
     endpoints: tuple[str, ...] = ()
     """where else it listens, as the fleet file has it under its ``listen``"""
+    calls: bool = True
+    """we call it; False: it calls us. Two that call each other keep two connections, at twice the cost"""
 
 
 def neighbours(
@@ -56,7 +58,7 @@ def _named(file: FleetConfig, name: str, other: str, radios: Sequence[Standing])
             f'address with the network\'s size (address = "10.77.0.1/16"), or name an endpoint instead'
         )
         raise BadConfig(text, field="neighbours", value=other, expected=f"an address in {ours}")
-    return Neighbour(other, ways, tuple(table.listen))
+    return Neighbour(other, ways, tuple(table.listen), calls=name < other or not _calls(file, other, name))
 
 
 def _all(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[Neighbour]:
@@ -64,12 +66,26 @@ def _all(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[N
         other = place.partition(".")[2]
         if other == name:
             continue
-        back = table.mesh.neighbours
-        if back is not None and name not in back:
-            continue  # it has said whom it wants
+        wanted = table.mesh.neighbours
+        if (wanted is not None and name not in wanted) or not PROFILES[_profile(file, table)].listens:
+            continue  # it has said whom it wants, or cannot be called
         ways = _ways(file, table, radios)
         if ways:
-            yield Neighbour(other, ways)
+            yield Neighbour(other, ways, calls=name < other or not _calls(file, other, name))
+
+
+def _calls(file: FleetConfig, name: str, other: str) -> bool:
+    """Whether the host ``name`` takes ``other`` for a neighbour that it can call, as far as the file says."""
+    table, far = file.host(name), file.host(other)
+    wanted, rules = table.mesh.neighbours, PROFILES[_profile(file, table)]
+    if other not in wanted if wanted is not None else not rules.calls_all:
+        return False
+    theirs, ours = ([radio.ip() for radio in each.mesh.radios] for each in (table, far))
+    return bool(far.listen and not any(ours)) or any(a and b and b.ip in a.network for a in theirs for b in ours)
+
+
+def _profile(file: FleetConfig, table: VehicleConfig | StationConfig) -> Profile:
+    return table.mesh.profile or file.mesh.profile
 
 
 def _ways(file: FleetConfig, table: VehicleConfig | StationConfig, radios: Sequence[Standing]) -> tuple[Way, ...]:

@@ -88,7 +88,7 @@ def test_local_programs_and_each_radio_have_a_listener(plan: Plan) -> None:
     assert plan(name="quad2", there={}).listens == ["tcp/127.0.0.1:7447", *udp("10.77.0.2:7447", "10.8.2.2:7500")]
 
 
-@pytest.mark.parametrize(("profile", "scouts"), [("lan", True), ("wds", True), ("mesh", True), ("multi", False)])
+@pytest.mark.parametrize(("profile", "scouts"), [("lan", True), ("wds", False), ("mesh", True), ("multi", False)])
 def test_scouting_is_on_the_radios_and_between_routers_only(plan: Plan, profile: str, scouts: bool) -> None:
     found = plan(profile=profile)
     assert found.value("scouting/multicast/enabled") is scouts
@@ -103,8 +103,22 @@ def test_scouting_is_on_the_radios_and_between_routers_only(plan: Plan, profile:
 def test_who_is_called_where_nobody_is_named(plan: Plan, profile: str, called: bool) -> None:
     found = plan(profile=profile)
     assert [n.name for n in found.neighbours] == (["quad2", "ground"] if called else [])
-    everybody = udp("10.77.0.2:7447", "10.8.2.2:7500", "10.77.0.9:7447")
-    assert found.value("connect/endpoints") == (everybody if called else [])
+    # One way each: the cheapest. Of two, the first in the alphabet calls: ground calls quad1.
+    assert found.value("connect/endpoints") == (udp("10.77.0.2:7447") if called else [])
+    assert plan(name="ground", profile=profile, there={}).value("connect/endpoints") == (
+        udp("10.77.0.1:7447", "10.77.0.2:7447") if called else []
+    )
+
+
+def test_where_an_address_is_not_known_it_is_looked_for_and_who_has_it_calls(plan: Plan) -> None:
+    text = FLEET.replace('interface = "wlan0"\naddress = "10.77.0.2"', 'interface = "wlan0"')
+    assert plan(text, profile="wds").scouts_on == ("wlan0", "wwan0")
+    text = FLEET.replace('address = "10.77.0.9"', 'interface = "eth0"')
+    ground = plan(text, "ground", "wds", there={"eth0": [ip_interface("10.77.0.9/24")]})
+    assert ground.value("connect/endpoints") == udp("10.77.0.1:7447", "10.77.0.2:7447")
+    quad2 = plan(text, "quad2", "wds", there={"wlan0": [ip_interface("10.77.0.2/24")]})
+    assert quad2.value("connect/endpoints") == []
+    assert quad2.scouts_on == ("wlan0",)
 
 
 def test_the_cheaper_way_is_first(plan: Plan) -> None:
@@ -119,7 +133,8 @@ def test_who_names_its_neighbours_is_linked_with_no_other(plan: Plan) -> None:
     for profile in ("lan", "wds", "mesh", "multi", "cloud"):
         found = plan(named, profile=profile)
         assert [n.name for n in found.neighbours] == ["ground"]
-        assert found.value("connect/endpoints") == [*udp("10.77.0.9:7447"), "udp/203.0.113.5:7"]
+        calls = [] if profile in ("wds", "multi") else udp("10.77.0.9:7447")  # there, ground calls: it comes first
+        assert found.value("connect/endpoints") == [*calls, "udp/203.0.113.5:7"]
         assert found.scouts_on == ()
         assert [n.name for n in plan(named, "quad2", "multi").neighbours] == ["ground"]  # quad1 has said whom it wants
     assert "vehicles.quad1.mesh.neighbours" in found.settings["connect/endpoints"].source
