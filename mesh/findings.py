@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from mesh.linkstate import ROUTER_ID
 from mesh.topology import Link, Node
-from mesh.trace import ROUTER_ID
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput

@@ -7,7 +7,7 @@
         print(graph.ways["quad3"].hops, graph.ways["quad3"].weakest)
 
 It is a query and nothing else: what the routers say of their neighbours on ``link/*``, their liveliness tokens, and the
-tables by which Zenoh's routers pass messages on. Nobody needs to be asked twice a second; a viewer asks every few.
+map by which Zenoh's routers pass messages on. Nobody needs to be asked twice a second; a viewer asks every few.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from typing import Any
 
 import zenoh
 
+from mesh import linkstate
 from mesh.findings import Findings
 from mesh.topology import Grade, Graph, Link, Node, Way
-from mesh.trace import fewest_hops, trace
+from mesh.trace import trace
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle
@@ -85,21 +86,21 @@ async def _ways(
     z: Client, nodes: dict[str, Node], links: dict[tuple[str, str], Link], root: str, timeout: float
 ) -> dict[str, Way]:
     names = {node.zid: name for name, node in nodes.items() if node.zid}
-    found = await trace(z, root, set(names) - {root}, timeout)
-    near: dict[str, set[str]] = {}
-    for link in links.values():
-        if link.state != "down":
-            near.setdefault(link.a, set()).add(link.b)
-            near.setdefault(link.b, set()).add(link.a)
+    start = names.get(root, root)
+    found = await trace(z, root, timeout)
+    traced = bool(found)
+    if not traced:  # its admin space is not to be read: by the links that were told of
+        near: dict[str, dict[str, float]] = {}
+        for link in links.values():
+            if link.state != "down":
+                near.setdefault(link.a, {})[link.b] = near.setdefault(link.b, {})[link.a] = 1.0
+        found = linkstate.ways(near, start)
     ways = {}
     for zid, name in names.items():
         if zid == root:
             continue
-        hops, traced = [names.get(hop, hop) for hop in found.get(zid, [])], True
-        if len(hops) < 2:  # no router tells: its table is not to be read, or it knows of no way
-            hops, traced = fewest_hops(near, names.get(root, root), name), False
-        over = [tuple(sorted(pair)) for pair in itertools.pairwise(hops)]
-        ways[name] = Way(
-            tuple(hops), tuple(links.get((a, b)) or Link(a, b) for a, b in over), hops[-1:] == [name], traced
-        )
+        hops = [names.get(hop, hop) for hop in found.get(zid if traced else name, [start])]
+        over = [sorted(pair) for pair in itertools.pairwise(hops)]
+        crossed = tuple(links.get((a, b)) or Link(a, b) for a, b in over)
+        ways[name] = Way(tuple(hops), crossed, complete=hops[-1] == name, traced=traced)
     return ways

@@ -61,6 +61,8 @@ def stand(radio: Radio, there: Interfaces) -> Standing:
         assert radio.interface is not None  # the fleet file was checked
         addresses = sorted(there.get(radio.interface, ()), key=lambda a: a.version)
         return _standing(radio, addresses[0] if addresses else None, present=bool(addresses), fixed=False)
+    if wanted.ip.is_loopback:  # all of 127.0.0.0/8 is there, whatever the interface is said to have
+        return _standing(radio, wanted, present=True, fixed=True)
     for interface, here in there.items():
         for address in here:
             if address.ip != wanted.ip:

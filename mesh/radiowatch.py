@@ -16,17 +16,17 @@ PERIOD_S = 1.0
 
 
 class RadioWatch:
-    """Compares the radios of a plan with what there is, once a second."""
+    """Compares the radios of a plan with what there is, every ``period`` seconds."""
 
-    def __init__(self, plan: RouterPlan, look: Callable[[], Interfaces] = interfaces) -> None:
-        self._radios, self._look = plan.radios, look
+    def __init__(self, plan: RouterPlan, look: Callable[[], Interfaces] = interfaces, period: float = PERIOD_S) -> None:
+        self._radios, self._look, self._period = plan.radios, look, period
         self._scouts = PROFILES[plan.profile].scouting and plan.host.neighbours is None
         self._gone: set[Standing] = set()
 
     async def outdated(self) -> str:
         """Return when the plan is out of date, with the reason."""
         while True:
-            await asyncio.sleep(PERIOD_S)
+            await asyncio.sleep(self._period)
             why = self.compare(await asyncio.to_thread(self._look))
             if why:
                 return why

@@ -127,7 +127,7 @@ class Way:
     """one for each hop"""
     complete: bool = True
     traced: bool = True
-    """by the routers' own tables; False: these were not to be had, and it is the way of fewest hops"""
+    """by the routers' own map; False: that was not to be had, and it is the way of fewest hops"""
 
     @property
     def weakest(self) -> Link | None:

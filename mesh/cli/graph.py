@@ -96,7 +96,7 @@ def notes(graph: Graph) -> list[str]:
         if not node.answers and (name in linked or len(graph.nodes) > 1):
             found.append(f"{name} tells nothing of its links" + ("" if node.role else " and has no token"))
     if any(not way.traced for way in graph.ways.values()):
-        found.append("* by the fewest hops: the routers' tables did not answer")
+        found.append("* by the fewest hops: the routers' own map did not answer")
     if graph.bad:
         found.append(f"{graph.bad} answers were not what they should be, and are left out")
     return found

@@ -1,7 +1,7 @@
 """Probing each router that ours is linked to: over that link, and no other.
 
 A router listens on ``@probe/{its own id}/*``, a key that nobody else answers, and Zenoh sends what is for a neighbour
-straight to it, as long as the link's weight is not more than that of a way around. Our own router's table of successors
+straight to it, as long as the link's weight is not more than that of a way around. Our own router's map of the network
 says whether it does; while it does not, nothing is sent, because it would measure another way. A neighbour's name comes
 with the certificate by which its link was opened, or else with the key of what it sends.
 """
@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
-import json
 import random
 import time
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from typing import Any
 import zenoh
 from zenoh import handlers
 
+from mesh import linkstate
 from mesh.quality.interface import interface_to
 from mesh.quality.meter import Meter
 from mesh.quality.pace import Pace
@@ -151,20 +151,18 @@ class Prober:
                     del self.neighbours[zid]
 
     async def _trace(self) -> None:
-        """Ask our own router where it sends what is for each neighbour."""
-        start = f"@/{self.zid}/router/route/successor/src/{self.zid}/dst/"
-        found: dict[str, str] = {}
+        """Whether what is for a neighbour goes straight to it, by our own router's map."""
 
-        def ask() -> None:
-            for reply in self._session.get(start + "*", timeout=1.0):
-                if reply.ok is not None and str(reply.ok.key_expr).startswith(start):
-                    with contextlib.suppress(ValueError):
-                        found[str(reply.ok.key_expr)[len(start) :]] = str(json.loads(reply.ok.payload.to_bytes()))
+        def ask() -> dict[str, list[str]]:
+            for reply in self._session.get(linkstate.key(self.zid), timeout=1.0):
+                if reply.ok is not None:
+                    return linkstate.ways(linkstate.read(reply.ok.payload.to_bytes()), self.zid)
+            return {}
 
         with contextlib.suppress(zenoh.ZError):
-            await asyncio.to_thread(ask)
-        for zid, neighbour in self.neighbours.items():
-            neighbour.direct = found.get(zid, zid) == zid
+            ways = await asyncio.to_thread(ask)
+            for zid, neighbour in self.neighbours.items():
+                neighbour.direct = len(ways.get(zid, ())) <= 2
 
     # What comes.
 

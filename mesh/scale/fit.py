@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -24,6 +25,18 @@ class Line(NamedTuple):
     def reaches(self, limit: float) -> float:
         """Vehicles at which it reaches ``limit``; infinite where it does not grow."""
         return (limit - self.fixed) / self.each if self.each > 0.0 else float("inf")
+
+
+class Curve(NamedTuple):
+    """``at (vehicles / where) ** power``: through the two largest runs, for what is no line."""
+
+    where: float
+    there: float
+    power: float
+
+    def reaches(self, limit: float) -> float:
+        """Vehicles at which it reaches ``limit``; infinite where it does not grow."""
+        return self.where * (limit / self.there) ** (1.0 / self.power) if self.power > 0.0 else math.inf
 
 
 class Cost(NamedTuple):
@@ -68,13 +81,15 @@ LIMITS = (
     Limit("ground's router's one core", "CPU of the ground's router", 100.0),
     Limit("router in 256 MB", "memory of a router without vehicles", 256.0),
 )
+STRAIGHT = 0.25
+"""a line that misses a measured point by more is none"""
 SYSTEM_IDS = 255
 """MAVLink's: two vehicles of one fleet with the same one are a clash, and refuse orders"""
 
 
 def fit(runs: Sequence[Run], cost: Cost) -> Line | None:
     """The straight line with the least relative misses (a few vehicles weigh as much as many); None: too few runs."""
-    points = [(run.shape.vehicles, value * cost.scale) for run in runs if (value := cost.of(run)) is not None]
+    points = _points(runs, cost)
     if len({vehicles for vehicles, _ in points}) < 2:
         return None
     n, y = np.array([p[0] for p in points], float), np.array([p[1] for p in points], float)
@@ -83,3 +98,16 @@ def fit(runs: Sequence[Run], cost: Cost) -> Line | None:
     (fixed, each), *_ = np.linalg.lstsq(columns * weight[:, None], y * weight, rcond=None)
     missed = np.abs(columns @ np.array([fixed, each]) - y) * weight
     return Line(float(fixed), float(each), float(missed.max()))
+
+
+def bend(runs: Sequence[Run], cost: Cost) -> Curve | None:
+    """The curve through the two largest fleets; None: too few runs."""
+    points = sorted({n: y for n, y in _points(runs, cost) if y > 0.0}.items())[-2:]
+    if len(points) < 2:
+        return None
+    (n, y), (where, there) = points
+    return Curve(where, there, math.log(there / y) / math.log(where / n))
+
+
+def _points(runs: Sequence[Run], cost: Cost) -> list[tuple[int, float]]:
+    return [(run.shape.vehicles, value * cost.scale) for run in runs if (value := cost.of(run)) is not None]

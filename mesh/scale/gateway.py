@@ -87,6 +87,11 @@ class Gateway:
         for name in list(self._doors):
             self._shut(name)
 
+    @property
+    def doors(self) -> int:
+        """Vehicles that the trunk can ask."""
+        return len(self._doors)
+
     # What the group says.
 
     def _on_state(self, sample: zenoh.Sample) -> None:

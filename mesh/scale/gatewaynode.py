@@ -7,7 +7,7 @@ import json
 import sys
 
 from mesh.scale.gateway import Gateway
-from mesh.scale.node import count_tokens, usage
+from mesh.scale.node import usage
 from zmav.session import SessionSettings, open_session
 
 
@@ -16,13 +16,11 @@ async def main() -> None:
     loop = asyncio.get_running_loop()
     trunk = SessionSettings(mode="router", listen=how["listen"], connect=how["connect"], cfg=("scouting/delay:0",))
     with open_session(SessionSettings(connect=how["inside"])) as inside, open_session(trunk) as outside:
-        async with Gateway(inside, outside, how["fleet"], how["group"]):
+        async with Gateway(inside, outside, how["fleet"], how["group"]) as gateway:
             print(json.dumps({"ready": str(outside.info.zid())}), flush=True)
-            while line := await loop.run_in_executor(None, sys.stdin.readline):
-                count = json.loads(line)["do"] == "count"
-                tokens = await asyncio.to_thread(count_tokens, inside, how["fleet"]) if count else 0
-                print(json.dumps({**usage(), "tokens": tokens, "late": 0, "routers": len(outside.info.routers_zid())}),
-                      flush=True)  # fmt: skip
+            while await loop.run_in_executor(None, sys.stdin.readline):
+                said = {**usage(), "doors": gateway.doors, "routers": len(outside.info.routers_zid())}
+                print(json.dumps(said), flush=True)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from mesh.scale.fleet import Child, Children, tcp_port, udp_port, until
+from mesh.scale.fleet import Child, Children, ask_all, tcp_port, udp_port, until
 from mesh.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint, know, measure
 
 
@@ -32,8 +32,14 @@ def grouped(children: Children, shape: Shape) -> Run:
         gateway.hear()
         until(lambda g=gateway: bool(g.ask("usage")["routers"]), "the gateway is on the trunk")  # type: ignore[misc]
     routers = [node for network in networks for node in network.nodes]
+    ask_all(routers, "speak")  # a gateway opens a door for a vehicle when it hears it
+    until(lambda: _doors(gateways) == shape.vehicles, "the gateways have heard everybody")
     forming_cpu = routers[0].ask("usage")["cpu"]
     return measure(children, shape, routers, port, 0, form, forming_cpu)
+
+
+def _doors(gateways: list[Child]) -> int:
+    return sum(int(answer["doors"]) for answer in ask_all(gateways, "usage"))
 
 
 def _gateway(children: Children, i: int, network: Network, port: int) -> Child:

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mesh.scale.fit import COSTS, LIMITS, SYSTEM_IDS, fit
+from mesh.scale.fit import COSTS, LIMITS, STRAIGHT, SYSTEM_IDS, bend, fit
 from mesh.scale.footprint import STREAMED
 from mesh.scale.study import Run
 
@@ -52,22 +52,28 @@ def fitted(runs: Sequence[Run]) -> RenderableType:
         line, value = fit(runs, cost), cost.of(largest)
         if line is None or value is None:
             continue
+        there = f"{line.at(1000):.4g} {cost.unit}" if line.worst <= STRAIGHT else "no line"
         table.add_row(
             cost.name, f"{value * cost.scale:.4g} {cost.unit}", f"{line.fixed:.4g}", f"{line.each:.4g}",
-            f"{line.worst:.0%}", f"{line.at(1000):.4g} {cost.unit}",
+            f"{line.worst:.0%}", there,
         )  # fmt: skip
     return table
 
 
 def limits(runs: Sequence[Run]) -> RenderableType:
-    """What is full first, in order."""
-    by_name = {cost.name: fit(runs, cost) for cost in COSTS}
-    found = [(limit.what, line.reaches(limit.full)) for limit in LIMITS if (line := by_name[limit.cost])]
-    found.append(("MAVLink's system ids", float(SYSTEM_IDS)))
+    """What is full first, in order; nothing here was measured, but reckoned from what was."""
+    by_name = {cost.name: cost for cost in COSTS}
+    found = [("MAVLink's system ids", float(SYSTEM_IDS), "the protocol")]
+    for limit in LIMITS:
+        cost = by_name[limit.cost]
+        line, curve = fit(runs, cost), bend(runs, cost)
+        if line is not None and line.worst <= STRAIGHT:
+            found.append((limit.what, line.reaches(limit.full), "fitted line"))
+        elif curve is not None:
+            found.append((limit.what, curve.reaches(limit.full), f"power {curve.power:.1f} of the two largest"))
     table = _table("where the flat key space ends", "what is full", "at so many vehicles", "by")
-    for what, vehicles in sorted(found, key=lambda each: each[1]):
-        number = "never" if math.isinf(vehicles) else f"{max(vehicles, 0.0):.0f}"
-        table.add_row(what, number, "the protocol" if what.startswith("MAVLink") else "fit")
+    for what, vehicles, by in sorted(found, key=lambda each: each[1]):
+        table.add_row(what, "never" if math.isinf(vehicles) else f"{max(vehicles, 0.0):.0f}", by)
     return table
 
 

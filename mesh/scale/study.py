@@ -129,6 +129,7 @@ def _flat(children: Children, shape: Shape) -> Run:
     until(lambda: know(network.nodes, shape.vehicles), "every router knows every vehicle")
     form = time.monotonic() - start
     forming_cpu = network.nodes[0].ask("usage")["cpu"]
+    ask_all(network.nodes, "speak")
     return measure(children, shape, network.nodes, network.ports[0], shape.vehicles, form, forming_cpu)
 
 
@@ -140,7 +141,7 @@ def know(nodes: list[Child], vehicles: int) -> bool:
 def measure(
     children: Children, shape: Shape, nodes: list[Child], port: int, tokens: int, form: float, forming_cpu: float
 ) -> Run:
-    """The ground's side, from the start of its router on. ``tokens``: of how many vehicles it learns."""
+    """The ground's side, from the start of its router on, vehicles speaking. ``tokens``: of how many it learns."""
     with Meter(port) as meter:
         local = f"tcp/127.0.0.1:{tcp_port()}"
         start = time.monotonic()
@@ -151,10 +152,8 @@ def measure(
         until(lambda: bool(ground.ask("usage")["routers"]), "the ground's router has its neighbour", 0.05)
         until(lambda: bool(ground.ask("count")["tokens"] >= tokens), "the ground knows every vehicle", 0.05)
         sync = time.monotonic() - start
-        ask_all(nodes, "usage")
         time.sleep(1.0)  # queryables and subscribers come beside the tokens
         sync_bytes, sync_cpu = meter.bytes, ground.ask("usage")["cpu"] - cpu
-        ask_all(nodes, "speak")
         idle_rate = _rate(meter, shape.seconds)
         said: dict[str, Any] = {"fleet": FLEET, "connect": [local], "vehicles": shape.vehicles, "groups": shape.groups}
         station = children.start("station", STATION, said)

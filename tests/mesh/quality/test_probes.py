@@ -187,7 +187,7 @@ def test_what_disturbed_one_train_is_forgotten_with_the_next() -> None:
 
 
 def exchange(seconds: float, lose_there: int, lose_back: int, there: float, back: float) -> tuple[Meter, Meter]:
-    """Two meters that stamp each other. Every so manieth is lost (0: none), delays in s; their clocks are not the same."""
+    """Two meters that stamp each other. Every so manieth is lost (0: none); delays in s; their clocks differ."""
     a, b, ahead = Meter(A, 100.0), Meter(B, 100.0 + 7.0), 7.0
     for n in range(1, int(seconds * 4) + 1):
         now = 100.0 + (n - 1) * 0.25

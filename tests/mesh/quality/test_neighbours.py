@@ -1,0 +1,198 @@
+"""Routers measuring each other over links whose loss, delay and rate are known."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+
+import zenoh
+
+from mesh.quality.loss import WINDOW
+from mesh.quality.pace import STAMP_BYTES, Pace
+from mesh.quality.stamp import unpack
+from tests.mesh.quality.conftest import Routers, known, until
+from tests.mesh.quality.relay import HEADERS
+from zmav import keys, wire
+
+STAMP = 0x51
+
+
+def every(nth: int, source: bytes) -> Callable[[bytes], bool]:
+    """Loses each nth of the stamps that the router of that id sends, and nothing else."""
+    count = 0
+
+    def drop(data: bytes) -> bool:
+        nonlocal count
+        at = data.find(source)
+        if at < 3 or data[at - 3] != STAMP:
+            return False
+        count += 1
+        return count % nth == 0
+
+    return drop
+
+
+def source(session: zenoh.Session) -> bytes:
+    return bytes.fromhex(str(session.info.zid()).zfill(32))[:8]
+
+
+async def test_each_end_knows_loss_round_trip_and_speed_of_both_directions(routers: Routers) -> None:
+    relay = routers.relay(await routers.open("quad1"))
+    await routers.open("quad2", relay.endpoint)
+    relay.drop[0] = every(4, source(routers.sessions["quad2"]))  # quad2 -> quad1
+    relay.delay, relay.rate = [0.02, 0.03], 100_000.0
+    one, two = await routers.measure("quad1"), await routers.measure("quad2")
+
+    def told() -> bool:
+        said = (one.latest.get("quad2"), two.latest.get("quad1"))
+        return all(q and None not in (q.rtt, q.loss_in, q.loss_out, q.throughput_in, q.throughput_out) for q in said)
+
+    await until(told, "every figure")
+
+    def a_quarter_one_way() -> bool:
+        """While a train fills the link, stamps may be lost, too."""
+        seen, seen_back = known(one, "quad2"), known(two, "quad1")
+        losses = [abs((loss or 0.0) - 0.25) <= 2 / WINDOW for loss in (seen.loss_in, seen_back.loss_out)]
+        return all(losses) and seen.loss_out == seen_back.loss_in == 0.0
+
+    await until(a_quarter_one_way, "a loss of a quarter one way, and none the other")
+    seen, seen_back = known(one, "quad2"), known(two, "quad1")
+    for quality in (seen, seen_back):
+        assert quality.state == "up"
+        assert quality.rtt_min is not None and quality.rtt is not None
+        assert 0.05 <= quality.rtt_min <= quality.rtt  # no shorter than the way is
+        assert quality.throughput_in is not None and quality.throughput_in <= 1.15 * relay.rate
+        assert quality.interface == "lo"
+        assert quality.cost is not None and quality.cost > 2_500  # half the round trip alone
+
+
+async def test_what_it_tells_is_published_and_answered_and_no_wildcard_hears_the_probes(routers: Routers) -> None:
+    await routers.open("quad2", f"udp/127.0.0.1:{await routers.open('quad1')}?rel=1;mixed_rel=1")
+    heard: list[str] = []
+    published: dict[str, wire.NeighbourQuality] = {}
+
+    def on_link(sample: zenoh.Sample) -> None:
+        quality = wire.decode_link(sample.payload.to_bytes())
+        assert isinstance(quality, wire.NeighbourQuality)
+        published[str(sample.key_expr)] = quality
+
+    session = routers.sessions["quad1"]
+    session.declare_subscriber("zmav/**", lambda sample: heard.append(str(sample.key_expr)))
+    session.declare_subscriber(keys.LINK.key("*", "*", link="*"), on_link)
+    await routers.measure("quad1")
+    await routers.measure("quad2")
+    links = {keys.LINK.key("demo", a, link=b) for a, b in (("quad1", "quad2"), ("quad2", "quad1"))}
+    await until(lambda: published.keys() == links, "both ends")
+    answered = {str(r.ok.key_expr): r.ok.payload.to_bytes() for r in session.get("zmav/*/*/link/*") if r.ok}
+    assert answered.keys() == links
+    for key, data in answered.items():
+        quality = wire.decode_link(data)
+        assert key.endswith(f"/link/{quality.name}")
+    (only,) = [r for r in session.get(keys.LINK.key("demo", "quad2", link="quad1")) if r.ok]
+    assert only.ok is not None and str(only.ok.key_expr) == keys.LINK.key("demo", "quad2", link="quad1")
+    assert list(session.get(keys.LINK.key("demo", "quad2", link="quad7"))) == []
+    assert not [key for key in heard if "/@" in key]
+
+
+async def test_a_neighbour_that_freezes_or_goes_is_told_of_and_comes_back(routers: Routers) -> None:
+    port = await routers.open("quad1")
+    one = await routers.measure("quad1")
+    code = (
+        "import asyncio, sys\n"
+        "from mesh.quality.publisher import LinkQualities\n"
+        "from zmav.session import SessionSettings, open_session\n"
+        "async def main():\n"
+        "    settings = SessionSettings(mode='router', connect=[sys.argv[1]], cfg=['scouting/delay:0'])\n"
+        "    with open_session(settings) as session:\n"
+        "        async with LinkQualities(session, 'demo', 'quad2'):\n"
+        "            await asyncio.sleep(120)\n"
+        "asyncio.run(main())\n"
+    )
+    other = subprocess.Popen([sys.executable, "-c", code, f"udp/127.0.0.1:{port}?rel=1;mixed_rel=1"])
+    try:
+        await until(lambda: "quad2" in one.latest and known(one, "quad2").state == "up", "it is up")
+        os.kill(other.pid, signal.SIGSTOP)
+        await until(lambda: known(one, "quad2").state == "down", "it is down")
+        down = known(one, "quad2")
+        assert down.cost == 65_535
+        await until(lambda: (known(one, "quad2").age or 0.0) > (down.age or 0.0), "its age goes on")
+        os.kill(other.pid, signal.SIGCONT)
+        await until(lambda: known(one, "quad2").state == "up", "it is up again")
+        other.kill()
+        await until(lambda: known(one, "quad2").state == "down", "it is gone")
+    finally:
+        other.kill()
+        other.wait()
+
+
+async def test_nonsense_and_strangers_are_refused_and_measuring_goes_on(routers: Routers) -> None:
+    port = await routers.open("quad1")
+    endpoint = f"udp/127.0.0.1:{port}?rel=1;mixed_rel=1"
+    await routers.open("quad2", endpoint)
+    await routers.open("plain", endpoint)  # a router that has never heard of zmav
+    one = await routers.measure("quad1")
+    await routers.measure("quad2")
+    plain = str(routers.sessions["plain"].info.zid())
+    chance = random.Random(7)
+    await until(lambda: "quad2" in one.latest, "quad2")
+    probe = keys.PROBE.key("demo", "quad2", to=one.prober.zid)
+    before = one.prober.refused
+    for size in (0, 1, 33, 34, 1000, 1100):
+        for _ in range(20):
+            routers.sessions["plain"].put(probe, chance.randbytes(size))
+    stranger = bytes.fromhex("5102580000000000000000") + bytes(23)
+    routers.sessions["plain"].put(probe, stranger)
+    await until(lambda: one.prober.refused >= before + 100, "refusals")
+    seen = known(one, "quad2").t
+    await until(lambda: known(one, "quad2").t > seen + 0.2 and known(one, "quad2").state == "up", "it goes on")
+    one.prober.neighbours[plain].since -= 10.0  # it had time enough to say its name
+    await until(lambda: plain in one.latest, "the router without a name")
+    await until(lambda: known(one, plain).state == "silent", "it is silent")
+
+
+async def test_where_zenoh_goes_around_a_link_nothing_is_measured_on_it(routers: Routers) -> None:
+    """ground - quad2 weighs more than ground - quad1 - quad2: a probe would measure the way around."""
+    weights = '[{dst_zid: "%s", weight: 1000}]'
+    ids = {name: f"{n}{n}{n}{n}" for n, name in enumerate(("ground", "quad1", "quad2"), start=1)}
+    ports: dict[str, int] = {}
+    for name, heavy in (("quad2", "ground"), ("quad1", None), ("ground", "quad2")):
+        cfg = [f'id:"{ids[name]}"']
+        if heavy:
+            cfg.append(f"routing/router/linkstate/transport_weights:{weights % ids[heavy]}")
+        others = [f"udp/127.0.0.1:{port}?rel=1;mixed_rel=1" for port in ports.values()]
+        ports[name] = await routers.open(name, *others, cfg=tuple(cfg))
+    sent: list[bytes] = []
+    key = keys.PROBE.key("demo", "*", to=ids["ground"])
+    routers.sessions["ground"].declare_subscriber(key, lambda sample: sent.append(sample.payload.to_bytes()))
+    parts = {name: await routers.measure(name) for name in ports}
+    ground, quad2 = parts["ground"], parts["quad2"]
+    await until(lambda: ground.latest.get("quad1") and known(ground, "quad1").state == "up", "the direct links")
+    await until(lambda: "indirect" in {q.state for q in ground.latest.values() if q.peer == ids["quad2"]}, "indirect")
+    await until(lambda: "indirect" in {q.state for q in quad2.latest.values() if q.peer == ids["ground"]}, "both ways")
+    count = len(sent)
+    await until(lambda: len(sent) > count + 20, "more probes")
+    assert {unpack(data).source for data in sent[count:]} == {source(routers.sessions["quad1"])}
+
+
+async def test_what_probing_costs(routers: Routers) -> None:
+    """A stamp is as large on the wire as the pace reckons with."""
+    relay = routers.relay(await routers.open("quad1"))
+    await routers.open("quad2", relay.endpoint)
+    one = await routers.measure("quad1", Pace(period=0.02, per_host=1000.0, train_every=1e6))
+    two = await routers.measure("quad2", Pace(period=0.02, per_host=1000.0, train_every=1e6))
+    await until(lambda: "quad2" in one.latest and "quad1" in two.latest, "both ends")
+    sizes: list[int] = []
+    mine = source(routers.sessions["quad2"])
+
+    def look(data: bytes) -> bool:
+        if mine in data and data[data.find(mine) - 3] == STAMP:
+            sizes.append(len(data) + HEADERS)
+        return False
+
+    relay.drop[0] = look
+    await until(lambda: len(sizes) >= 20, "stamps")
+    assert sorted(sizes)[len(sizes) // 2] <= STAMP_BYTES
