@@ -1,0 +1,92 @@
+"""``zmav mesh config``: what results from the fleet file, for a person, for a script, and for zenohd."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import zenoh
+from click.testing import CliRunner, Result
+
+from mesh.cli.config import command
+
+FLEET = """
+fleet = "alpha"
+[mesh]
+profile = "wds"
+insecure = true
+lease = 3.0
+[vehicles.quad1]
+link = "/dev/ttyAMA0"
+[[vehicles.quad1.mesh.radios]]
+interface = "nosuch0"
+address = "10.77.0.1"
+[stations.ground.mesh]
+[[stations.ground.mesh.radios]]
+interface = "nosuch0"
+address = "fd00::9"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "fleet.toml"
+    path.write_text(FLEET)
+    return path
+
+
+def told(*arguments: str) -> Result:
+    return CliRunner().invoke(command, list(arguments))
+
+
+def test_a_table_of_values_and_where_they_came_from(file: Path) -> None:
+    said = told("--file", str(file), "--name", "ground", "-e", "tcp/127.0.0.1:9").output
+    assert "alpha/ground, profile wds" in said
+    rows = {row.split("│")[1].strip(): row for row in said.splitlines() if row.count("│") == 4}
+    assert "3000" in rows["transport/link/tx/lease"]
+    assert "fleet file: mesh.lease" in rows["transport/link/tx/lease"]
+    assert "profile wds" in rows["transport/link/tx/keep_alive"]
+    assert "tcp/127.0.0.1:9" in rows["connect/endpoints"]
+    assert rows["connect/endpoints"].split("│")[3].strip() == "-e"
+    assert "[fd00::9]:7447" in said
+    assert "radio nosuch0: fd00::9/64, not there yet: it will be waited for" in said
+
+
+def test_json_for_scripts(file: Path) -> None:
+    body = json.loads(told("--file", str(file), "--name", "quad1", "--json").output)
+    assert (body["fleet"], body["name"], body["profile"], body["neighbours"]) == ("alpha", "quad1", "wds", {})
+    assert body["settings"]["transport/link/tx/lease"] == {"value": 3000, "source": "fleet file: mesh.lease"}
+
+
+def test_zenohd_takes_it(file: Path) -> None:
+    """One value below another that is whole: ``--cfg`` does not lose its neighbours."""
+    said = told("--file", str(file), "--name", "quad1", "--zenoh", "--cfg", "scouting/multicast/ttl:3").output
+    built = zenoh.Config.from_json5(said)
+    assert json.loads(built.get_json("mode")) == "router"
+    assert json.loads(built.get_json("transport/link/tx/lease")) == 3000
+    assert json.loads(built.get_json("connect/retry"))["period_max_ms"] == 1000
+    assert json.loads(built.get_json("scouting/multicast/ttl")) == 3
+    assert json.loads(built.get_json("listen/endpoints"))[0] == "tcp/127.0.0.1:7447"
+    assert json.loads(built.get_json("metadata")) == {"fleet": "alpha", "name": "quad1"}
+
+
+def test_without_a_file_it_is_a_router_on_loopback() -> None:
+    body = json.loads(told("--json", "--name", "base").output)
+    assert body["name"] == "base"
+    assert body["settings"]["listen/endpoints"] == {"value": ["tcp/127.0.0.1:7447"], "source": "zmav"}
+    assert json.loads(told("--json").output)["name"]  # the computer's own
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--name", "quad9"], "no host 'quad9' in the fleet file; it has quad1, ground"),
+        (["--name", "Quad 1"], "name 'Quad 1' cannot stand in a key"),
+        (["--name", "quad1", "--cfg", "no/such:1"], "Zenoh refuses no/such"),
+        (["--name", "quad1", "-l", "7447"], "<protocol>/<address>"),
+        (["--name", "quad1", "--credentials", "/no/such"], "cannot read /no/such"),
+    ],
+)
+def test_what_cannot_be_is_said(file: Path, arguments: list[str], words: str) -> None:
+    assert words in str(told("--file", str(file), *arguments).exception)
