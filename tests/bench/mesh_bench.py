@@ -98,7 +98,7 @@ async def _rate(table: Table, lab: Lab, bench: Bench, label: str) -> None:
         flow.bandwidth / 1e6,
     )
     found = await search(bench, "a", "b", Stream(qos="bulk", size=1000), Limits(start=250e3, seconds=60.0))
-    table.add(f"{label}: --max over 2 Mbit/s, payload", "Mbit/s", 2.0 * 1000 / 1087, found.best / 1e6)
+    table.add(f"{label}: --max over 2 Mbit/s, payload", "Mbit/s", 2.0 * 1000 / frame, found.best / 1e6)
     lab.set(LINK, rate=None)
 
 
