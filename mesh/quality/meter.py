@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from mesh.quality.loss import NUMBERS, Jitter, LossWindow
-from mesh.quality.stamp import CLOCK, SOURCE, Car, Stamp, clock
+from mesh.quality.stamp import CLOCK, Car, Stamp, clock
 from mesh.quality.throughput import Dispersion
 
 ROUND_TRIPS = 20
@@ -37,7 +37,7 @@ class Meter:
     """The probes to and from one neighbour. On one thread; times are monotonic seconds."""
 
     def __init__(self, own: bytes, born: float | None = None) -> None:
-        self._own = own[:SOURCE]
+        self._own = own
         self.born = time.monotonic() if born is None else born
         self.heard: float | None = None
         self.period: float | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mesh.quality.stamp import TRAIN_SIZE
 from mesh.quality.throughput import OVERHEAD
 
-STAMP_BYTES = 116
+STAMP_BYTES = 124
 """of a stamp on the wire, IP and UDP headers included, measured over ``udp/``"""
 
 

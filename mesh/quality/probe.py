@@ -134,7 +134,7 @@ class Prober:
         linked = {str(t.zid) for t in self._session.info.transports() if str(t.whatami).lower() == "router"}
         links = {str(link.zid): link for link in sorted(self._session.info.links(), key=_reliable)}
         for zid in linked - self.neighbours.keys():
-            self.neighbours[zid] = Neighbour(zid, Meter(bytes.fromhex(self.zid.zfill(32))), now)
+            self.neighbours[zid] = Neighbour(zid, Meter(_source(self.zid)), now)
             self.neighbours[zid].next_train = now + FIRST_TRAIN * random.uniform(1.0, 1.4)
         for zid, neighbour in list(self.neighbours.items()):
             if neighbour.linked != (zid in linked):
@@ -184,8 +184,7 @@ class Prober:
             neighbour.meter.take(probe, now)
 
     def _by_source(self, source: bytes) -> Neighbour | None:
-        start = source.hex()
-        return next((n for zid, n in self.neighbours.items() if zid.zfill(32)[: 2 * SOURCE] == start), None)
+        return next((n for zid, n in self.neighbours.items() if _source(zid) == source), None)
 
     # What goes.
 
@@ -222,3 +221,8 @@ class Prober:
 def _reliable(link: zenoh.Link) -> bool:
     """Of a neighbour's two links, that of what must arrive is told of: it comes last here."""
     return str(link.reliability).endswith("RELIABLE")
+
+
+def _source(zid: str) -> bytes:
+    """By which probes tell routers apart: the end of an id, because one that a person gave may be short."""
+    return bytes.fromhex(zid.zfill(32))[-SOURCE:]

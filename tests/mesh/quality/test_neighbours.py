@@ -37,7 +37,7 @@ def every(nth: int, source: bytes) -> Callable[[bytes], bool]:
 
 
 def source(session: zenoh.Session) -> bytes:
-    return bytes.fromhex(str(session.info.zid()).zfill(32))[:8]
+    return bytes.fromhex(str(session.info.zid()).zfill(32))[-8:]
 
 
 async def test_each_end_knows_loss_round_trip_and_speed_of_both_directions(routers: Routers) -> None:
