@@ -12,15 +12,16 @@ import msgspec
 from rich.table import Table
 
 import zmav
+from mesh.credentials import files
 from mesh.credentials.ca import DAYS, Authority
 from mesh.credentials.certify import day
-from mesh.credentials.ledger import read_ledger
+from mesh.credentials.ledger import LEDGER, read_ledger
 from zmav.cli.common import console, dump, json_option, run, zenoh_options
 from zmav.cli.trustcheck import rosters
 from zmav.errors import BadConfig, ZmavError
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
-from zmav.trust.credentials import ROSTER
+from zmav.trust.credentials import ROSTER, Credentials
 from zmav.trust.roster import HeldRoster
 
 PASSPHRASE = "ZMAV_CA_PASSPHRASE"
@@ -121,17 +122,30 @@ def list_members(as_json: bool, folder: str) -> None:
 
 @command.command("roster")
 @click.option("--publish", "tell", is_flag=True, help="Tell the running fleet, through the router of -e.")
+@click.option("--fetch", is_flag=True, help="Bring the fleet's newer one into the folder of --credentials.")
 @json_option
 @ca_option
 @zenoh_options
-def roster(tell: bool, as_json: bool, folder: str, settings: SessionSettings) -> None:
-    """Show the roster, or bring it to the running fleet: every router keeps it, passes it on and acts by it."""
-    path = Path(folder)
-    ledger = read_ledger(path)
-    if tell:
-        run(_publish(settings, ledger.fleet, (path / ROSTER).read_bytes()))
+def roster(tell: bool, fetch: bool, as_json: bool, folder: str, settings: SessionSettings) -> None:
+    """Show the roster, or bring it to the running fleet: every router keeps it, passes it on and acts by it.
+
+    Where there is no authority's folder, it is that of the member's folder of --credentials.
+    """
+    own = Credentials.load(settings.credentials) if settings.credentials else None
+    if fetch:
+        if own is None:
+            raise BadConfig("--fetch needs a member's folder: --credentials DIR", field="credentials", value=None)
+        run(_fetch(settings, own))
         return
-    found = ledger.roster(time.time())
+    here = Path(folder)
+    if own is not None and not (here / LEDGER).exists():
+        fleet, found, here = own.fleet, own.roster, own.folder
+    else:
+        ledger = read_ledger(here)
+        fleet, found = ledger.fleet, ledger.roster(time.time())
+    if tell:
+        run(_publish(settings, fleet, (here / ROSTER).read_bytes()))
+        return
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=False))
         return
@@ -149,6 +163,22 @@ async def _publish(settings: SessionSettings, fleet: str, signed: bytes) -> None
             click.echo(f"{answer.name} has number {answer.number}")
     if not any(isinstance(answer, HeldRoster) for answer in answers):
         raise BadConfig("no router of the fleet took it: is -e a router that has credentials?", field="connect")
+
+
+async def _fetch(settings: SessionSettings, own: Credentials) -> None:
+    """Ends with 1 where no router has one."""
+    async with zmav.open(fleet=own.fleet, settings=settings) as z:
+        answers = await rosters(z, own.fleet, newer=own.roster.number)
+    held = [answer for answer in answers if isinstance(answer, HeldRoster)]
+    if not held:
+        raise BadConfig("no router of the fleet has a roster: is -e a router that has credentials?", field="connect")
+    newest = max(held, key=lambda answer: answer.number)
+    if newest.newer is None:
+        click.echo(f"number {own.roster.number} is the fleet's, too")
+        return
+    found = newest.newer.open(own.authority, own.fleet)
+    files.write(own.folder / ROSTER, msgspec.json.encode(newest.newer))
+    click.echo(f"number {found.number}, in the place of {own.roster.number}")
 
 
 def _open(folder: str) -> Authority:

@@ -21,8 +21,6 @@ from zmav.trust.roster import HeldRoster
 
 SOON = 30 * 86_400.0
 """s before a certificate's end that it is said"""
-SLOW = 120.0
-"""s in which a new roster has reached every router that is linked"""
 RENEW = "renew it where the authority is: zmav mesh ca renew"
 
 
@@ -45,9 +43,14 @@ async def look_at_trust(z: Client, own: Credentials | None, vehicles: Iterable[s
     return Trust(own, held, dict(zip(names, shown, strict=True)))
 
 
-async def rosters(z: Client, fleet: str, payload: bytes = b"", timeout: float = 2.0) -> list[HeldRoster | ZmavError]:
-    """Every router's answer: which roster it has, after it was offered the signed one in ``payload``."""
-    key = keys.FLEET.key(fleet, topic=keys.ROSTER)
+async def rosters(
+    z: Client, fleet: str, payload: bytes = b"", *, newer: int | None = None, timeout: float = 2.0
+) -> list[HeldRoster | ZmavError]:
+    """Every router's answer: which roster it has, after it was offered the signed one in ``payload``.
+
+    It comes itself where it is newer than the number ``newer``.
+    """
+    key = keys.FLEET.key(fleet, topic=keys.ROSTER) + (f"?newer={newer}" if newer is not None else "")
 
     def ask() -> list[zenoh.Reply]:
         options = keys.Qos.MUST_ARRIVE.options()
@@ -150,11 +153,11 @@ def _judge_rosters(trust: Trust, now: float) -> Iterator[Finding]:
         return
     newest = max(each.number for each in held)
     if newest > ours.number:
-        advice = f"copy roster.json from a router's folder into {trust.own.folder}"
+        advice = f"bring it here: zmav mesh ca roster --fetch --credentials {trust.own.folder}"
         yield Finding(False, "roster", f"number {ours.number}, {age}; the fleet's is {newest}", advice)
     else:
         yield Finding(True, "roster", f"number {ours.number}, {age}")
     late = [f"{each.name} ({each.number})" for each in held if each.number < max(newest, ours.number)]
     if late:
-        advice = f"within {SLOW:.0f} s they should have it: zmav mesh ca roster --publish, and look at their links"
+        advice = "bring it to them: zmav mesh ca roster --publish; where it does not arrive, look at their links"
         yield Finding(False, "routers' rosters", f"older than {max(newest, ours.number)}: {', '.join(late)}", advice)
