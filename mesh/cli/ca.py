@@ -71,7 +71,9 @@ def issue(name: str, role: str, days: int, out: str | None, again: bool, folder:
 
     A vehicle's name is its name in the fleet file, so is a ground host's.
     """
-    made = _open(folder).issue(name, Role(role), days, out, again=again)
+    authority = _open(folder)
+    made = authority.issue(name, Role(role), days, out, again=again)
+    authority.refresh()
     click.echo(f"{made}: carry it to {name}, and start it there with --credentials")
 
 
@@ -89,6 +91,7 @@ def renew(name: str | None, every: bool, days: int, out: str | None, folder: str
     names = authority.ending() if name is None else [name]
     for each in names:
         click.echo(f"{authority.renew(each, days, out)}: carry it to {each}, in the place of the old one")
+    authority.refresh()
     if not names:
         click.echo("none ends within 30 days")
 
@@ -98,7 +101,10 @@ def renew(name: str | None, every: bool, days: int, out: str | None, folder: str
 @ca_option
 def revoke(name: str, folder: str) -> None:
     """Turn a member out; tell the fleet with 'zmav mesh ca roster --publish'."""
-    for entry in _open(folder).revoke(name):
+    authority = _open(folder)
+    gone = authority.revoke(name)
+    authority.refresh()
+    for entry in gone:
         click.echo(f"revoked {name} ({entry.role}, until {day(entry.not_after)}): {entry.fingerprint}")
     click.echo("tell the running fleet: zmav mesh ca roster --publish")
 

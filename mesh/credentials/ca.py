@@ -147,6 +147,14 @@ class Authority:
         """The newest, signed."""
         return self._signed(self.ledger.roster(time.time()))
 
+    def refresh(self, *folders: Path) -> None:
+        """Put the newest roster into members' folders, by default those under ``members``: who starts with an older one
+        hears of it from others, and starts anew.
+        """
+        signed = msgspec.json.encode(self.roster())
+        for folder in folders or sorted((self.folder / MEMBERS).glob("[!.]*")):
+            files.write(folder / credentials.ROSTER, signed)
+
     def _folder_of(self, name: str, out: str | Path | None) -> Path:
         return Path(out) if out is not None else self.folder / MEMBERS / name
 

@@ -103,6 +103,7 @@ class Lab:
         for name, host in self.scenario.hosts.items():
             role = Role.OPERATOR if host.vehicle is None else Role.VEHICLE
             authority.issue(name, role, out=self.credentials(name))
+        authority.refresh(*map(self.credentials, self.scenario.hosts))
 
     def _make_programs(self) -> None:
         (self.directory / "logs").mkdir()

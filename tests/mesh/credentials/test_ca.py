@@ -177,11 +177,19 @@ def test_the_verbs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = str(tmp_path / "quad1")
     assert out in run("issue", "quad1", "--role", "vehicle", "--days", "10", "--out", out, typed="secret\n")
     assert Credentials.load(out).fleet == "alpha"
+    run("issue", "quad2", "--role", "vehicle", typed="secret\n")
+    run("issue", "quad3", "--role", "vehicle", typed="secret\n")
+    assert Credentials.load(tmp_path / "ca" / "members" / "quad2").roster.names("vehicle") == [
+        "quad1",
+        "quad2",
+        "quad3",
+    ]
     monkeypatch.setenv("ZMAV_CA_PASSPHRASE", "secret")
     assert "quad1" in run("renew", "--all")
     assert "none ends" in run("renew", "--all")
     run("revoke", "quad1")
     assert run("list").count("revoked") == 2
+    assert Credentials.load(tmp_path / "ca" / "members" / "quad2").roster.names("vehicle") == ["quad2", "quad3"]
     assert '"fleet": "alpha"' in run("roster", "--json")
     assert "2 revoked" in run("roster")
     refused = CliRunner().invoke(command, ["renew"])
