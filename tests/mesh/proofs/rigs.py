@@ -1,9 +1,10 @@
-"""The labs of the proofs, and what is watched in them. Used by the short tests here and by tests/bench/mesh_proofs.py."""
+"""The labs of the proofs, and what is watched in them: for the short tests here, and for tests/bench/mesh_proofs.py."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import statistics
 import time
 from collections.abc import AsyncIterator, Sequence
@@ -34,7 +35,7 @@ def chain(vehicles: int, *, relays: int = 0, credentials: bool = False, **condit
     """ground - relay1 ... - quad1 - quad2 ...: each hears only those beside it."""
     names = ["ground", *(f"relay{i + 1}" for i in range(relays)), *(f"quad{i + 1}" for i in range(vehicles))]
     hosts = {name: {"vehicle": "copter"} if name.startswith("quad") else {} for name in names}
-    pairs = list(zip(names, names[1:], strict=False))
+    pairs = list(itertools.pairwise(names))
     return scenario(
         name="chain", profile="mesh", credentials=credentials, hosts=_placed(hosts),
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
@@ -110,7 +111,7 @@ class Events:
         self._subscriber = ext.declare_advanced_subscriber(
             session, keys.EVENT.key(fleet, name), on_loop(asyncio.get_running_loop(), self._take),
             history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(heartbeat=True),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
         )  # fmt: skip
 
     def _take(self, sample: zenoh.Sample) -> None:
@@ -145,7 +146,7 @@ class Gaps:
     def longest(self, since: float) -> float:
         """The longest silence since a moment, the one that still lasts included, in s."""
         times = [since, *(t for t in list(self.times) if t >= since), time.monotonic()]
-        return max(b - a for a, b in zip(times, times[1:], strict=False))
+        return max(b - a for a, b in itertools.pairwise(times))
 
     async def again(self, since: float, timeout: float = PATIENCE) -> float:
         """Wait until it comes again after ``since``, and steadily; the silence in s."""
@@ -181,5 +182,5 @@ def milliseconds(values: Sequence[float]) -> str:
 
 def logs(lab: Lab) -> str:
     """The end of what every program said, for a failure."""
-    said = {name: Path(program.log).read_text("utf-8", "replace")[-500:] for name, program in lab.programs.items()}
+    said = {name: Path(program.log).read_text("utf-8", "replace")[-900:] for name, program in lab.programs.items()}
     return "\n".join(f"--- {name}\n{text}" for name, text in said.items())

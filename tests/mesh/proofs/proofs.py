@@ -1,0 +1,237 @@
+"""What is proven in the labs: each proof acts on a lab that runs and returns what it saw."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import time
+from collections import Counter
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+
+import zenoh
+
+import zmav
+from mesh.lab.lab import Lab
+from tests.mesh.proofs.rigs import PATIENCE, Events, Gaps, active
+from tests.mesh.proofs.tap import STEP, Tap
+from zmav import wire
+from zmav.errors import NotHolder, ZmavError
+
+
+@dataclass
+class Orders:
+    """Orders given one after the other, each seen through with its id."""
+
+    done: int = 0
+    lost: list[str] = field(default_factory=list)
+    slowest: float = 0.0
+    """s"""
+
+
+@contextlib.asynccontextmanager
+async def giving_orders(vehicle: zmav.Vehicle, every: float = 0.1) -> AsyncIterator[Orders]:
+    """Give orders meanwhile."""
+    orders, stop = Orders(), asyncio.Event()
+
+    async def give() -> None:
+        while not stop.is_set():
+            start = time.monotonic()
+            try:
+                await vehicle.order("ping", wire.Order())
+                orders.done += 1
+            except ZmavError as e:
+                orders.lost.append(str(e))
+            orders.slowest = max(orders.slowest, time.monotonic() - start)
+            await asyncio.sleep(every)
+
+    giving = asyncio.create_task(give())
+    try:
+        yield orders
+    finally:
+        stop.set()
+        await giving
+
+
+@dataclass
+class Recovery:
+    """What cuts of the active path did."""
+
+    gaps: list[float]
+    """s without telemetry, cut by cut"""
+    orders: Orders
+    sent: int
+    """setpoints"""
+    flown: int
+
+
+SIDES = {"ground-a1": ("ground-a1", "a1-a2", "a2-quad1"), "ground-b1": ("ground-b1", "b1-b2", "b2-quad1")}
+
+
+async def recovery(lab: Lab, z: zmav.Client, cuts: int, rest: float = 3.0) -> Recovery:
+    """Cut the path that is in use, on each of its links in turn, and wait until telemetry flows over the other."""
+    vehicle, gaps = z.vehicle("quad1"), []
+    one, other = SIDES
+    async with vehicle.lease("planner", ttl=30.0) as lease:
+        stream, times = vehicle.stream("ATTITUDE", hz=50.0), Gaps(z, lab.fleet, "quad1")
+        steering = asyncio.create_task(_steer(lease))
+        async with stream, giving_orders(vehicle) as orders:
+            await times.again(time.monotonic())
+            _, before = active(lab, one, other, [0, 0])
+            for i in range(cuts):
+                await asyncio.sleep(1.0)
+                side, _ = active(lab, one, other, before)
+                link, at = SIDES[side][i % 3], time.monotonic()
+                lab.cut(link)
+                gaps.append(await times.again(at))
+                lab.heal(link)
+                await asyncio.sleep(rest)
+                _, before = active(lab, one, other, [0, 0])
+        steering.cancel()
+        sent = lease.sent
+        times.close()
+    counts = (await vehicle.wait_until(lambda state: True, PATIENCE)).setpoints
+    return Recovery(gaps, orders, sent, sum(n for why, n in counts.items() if why in ("flown", "engaging")))
+
+
+async def _steer(lease: zmav.Lease) -> None:
+    """Velocities of nought, so that it stays where it is."""
+    with contextlib.suppress(ZmavError):
+        while True:
+            lease.setpoint(vel=(0.0, 0.0, 0.0))
+            await asyncio.sleep(0.05)
+
+
+@dataclass
+class MustArrive:
+    """Leases taken and given back over a bad network, and what the vehicle said of it."""
+
+    given: list[str]
+    """what its events ought to say, in order"""
+    heard: list[str]
+    """what a reader of its events was told"""
+    failed: list[str]
+    took: float
+
+
+async def must_arrive(lab: Lab, z: zmav.Client, name: str, count: int) -> MustArrive:
+    """Orders with an effect that shows how often they were done, and the events that tell of it."""
+    vehicle, events = z.vehicle(name), Events(z.session, lab.fleet, name)
+    given, failed, start = [], [], time.monotonic()
+    for i in range(count):
+        agent = f"agent{i}"
+        try:
+            async with vehicle.lease(agent, ttl=60.0):
+                given.append(f"{agent} commands")
+            given.append(f"{agent} gave the lease back")
+        except ZmavError as e:
+            failed.append(str(e))
+    took = time.monotonic() - start
+    with contextlib.suppress(asyncio.TimeoutError):
+        await events.until("lease", f"agent{count - 1} gave", 30.0)
+    events.close()
+    return MustArrive(given, events.texts("lease"), failed, took)
+
+
+@dataclass
+class Partition:
+    """A vehicle under a stream of setpoints, alone for a while."""
+
+    sent: dict[int, float]
+    """number -> monotonic s"""
+    cut: float
+    healed: float
+    back: float
+    """s from the healing until its state was heard again"""
+    oldest: float
+    """s between a setpoint's put and the last frame made from it"""
+    during: set[int]
+    """numbers of frames that the autopilot received while it was alone, from half a second after the cut"""
+    stale: set[int]
+    """numbers put while it was alone that the autopilot received at any time"""
+    again: int
+    """frames of the stream under the new lease"""
+    said: list[str]
+    """what it said of its failsafes"""
+    lost: str
+    """what the first lease's holder was told"""
+
+
+async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: float) -> Partition:
+    """Cut ``link`` on the way to quad1, which flies a stream of numbered velocities, and go on streaming."""
+    vehicle, events = z.vehicle("quad1"), Events(z.session, lab.fleet, "quad1")
+    sent: dict[int, float] = {}
+    why = "nothing"
+    async with vehicle.lease("planner", ttl=3.0) as lease:
+        await _stream(lease, sent, 2.0)
+        cut = time.monotonic()
+        lab.cut(link)
+        await _stream(lease, sent, seconds)
+        healed = time.monotonic()
+        lab.heal(link)
+        try:
+            while not (state := vehicle.age) or state > 1.0:
+                await _stream(lease, sent, 0.2)
+            back = time.monotonic() - healed
+            await _stream(lease, sent, PATIENCE)
+        except NotHolder as e:
+            why, back = str(e), time.monotonic() - healed
+    first = max(sent)
+    await vehicle.set_mode("GUIDED")
+    async with vehicle.lease("planner", ttl=3.0) as lease:
+        await _stream(lease, sent, 1.0)
+    events.close()
+    alone = {n for n, at in sent.items() if cut + 0.1 < at < healed and n <= first}
+    heard = [h for h in tap.heard if h.number > 0]
+    return Partition(
+        sent, cut, healed, back,
+        max(h.at - sent[h.number] for h in heard),
+        {h.number for h in heard if cut + 1.1 < h.at < healed},
+        {h.number for h in heard} & alone,
+        len({h.number for h in heard if h.number > first}),
+        [*events.texts("setpoint"), *events.texts("failsafe")], why,
+    )  # fmt: skip
+
+
+async def _stream(lease: zmav.Lease, sent: dict[int, float], seconds: float) -> None:
+    """Velocities that say their number, 20 a second; raises :class:`NotHolder` when the lease is known to be lost."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        number = max(sent, default=0) + 1
+        sent[number] = time.monotonic()
+        try:
+            lease.setpoint(vel=(number * STEP, 0.0, 0.0))
+        except ZmavError:
+            del sent[number]
+            raise
+        await asyncio.sleep(0.05)
+
+
+async def formed(session: zenoh.Session, hosts: int, timeout: float = PATIENCE) -> float:
+    """Seconds until every router of the network has all ``hosts`` in its link state."""
+    start = time.monotonic()
+    while True:
+        seen = await asyncio.to_thread(_link_states, session)
+        if len(seen) == hosts and set(seen.values()) == {hosts}:
+            return time.monotonic() - start
+        if time.monotonic() - start > timeout:
+            raise asyncio.TimeoutError(f"{len(seen)} routers answer; how many they see: {Counter(seen.values())}")
+        await asyncio.sleep(0.1)
+
+
+def _link_states(session: zenoh.Session) -> dict[str, int]:
+    """By router: how many it knows of."""
+    found = {}
+    for reply in session.get("@/*/router/linkstate/north", timeout=2.0):
+        if reply.ok is not None:
+            found[str(reply.ok.key_expr).split("/")[1]] = reply.ok.payload.to_bytes().count(b"label") - (
+                reply.ok.payload.to_bytes().count(b"--")
+            )
+    return found
+
+
+def states_twice(samples: list[bytes]) -> int:
+    """States that came more than once, by the time they carry."""
+    times = Counter(json.loads(payload)["t"] for payload in samples)
+    return sum(n - 1 for n in times.values())
