@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -25,12 +26,15 @@ from zmav.process import until_stopped
 from zmav.session import SessionSettings
 from zmav.wire.bench import BenchInterval, BenchOutage
 
-SECONDS, RTT_SECONDS, HOPS_SECONDS, RECOVER_SECONDS, MAX_SECONDS = 20.0, 10.0, 5.0, 3600.0, 60.0
 RATE = 1e6
-PING_SIZE, PING_HZ, RECOVER_SIZE, RECOVER_HZ = 64, 50.0, 100, 50.0
-HOPS_HZ = 10.0
-RECOVER_PATIENCE = 60.0
-"""s for which a host goes on unasked while its outages are counted: the cut may part us from it"""
+"""bit/s, as iperf's"""
+STREAM = Stream(seconds=20.0, hz=RATE / 8.0 / 1000.0, size=1000, qos="latest-wins")
+RTT = Stream(seconds=10.0, hz=50.0, size=64, qos="realtime")
+HOPS = Stream(seconds=5.0, hz=10.0, size=64, qos="realtime")
+RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0)
+"""it goes on unasked for a minute: the cut may part us from the hosts"""
+MAX = Stream(qos="bulk", size=1000)
+MAX_SECONDS = 60.0
 
 
 class Options(msgspec.Struct, kw_only=True, frozen=True):
@@ -91,10 +95,10 @@ def command(
         a=a, b=b, kind=kind or "stream", seconds=seconds, qos=keys.Qos(qos) if qos else None, rate=rate, hz=hz,
         size=size, both=both, cuts=cuts, gap=gap, limit=limit, reliable=reliable, as_json=as_json, csv=csv,
     )  # fmt: skip
-    run(_bench(options, fleet, settings))
+    run(measure(options, fleet, settings))
 
 
-async def _bench(options: Options, fleet: str, settings: SessionSettings) -> None:
+async def measure(options: Options, fleet: str, settings: SessionSettings) -> None:
     work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _hops, "max": _max}[options.kind]
     async with zmav.open(fleet=fleet, settings=settings) as z, _until_stopped() as until:
         await work(z, options, until)
@@ -118,19 +122,27 @@ async def _until_stopped() -> AsyncIterator[asyncio.Event]:
             await task
 
 
-def _wanted(options: Options, *, seconds: float, qos: keys.Qos, size: int, bits: float | None, hz: float) -> Stream:
-    """What was asked for, and otherwise these."""
+def wanted(options: Options, otherwise: Stream) -> Stream:
+    """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
     if options.rate and options.hz:
         raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
-    size = options.size or size
-    if options.hz:
-        hz = options.hz
-    elif options.rate or bits:
-        hz = (bits_per_second(options.rate) if options.rate else bits or RATE) / 8.0 / size
-    return Stream(
-        seconds=options.seconds or seconds, hz=hz, size=size, qos=(options.qos or qos).value, gap=options.gap,
+    for name in ("hz", "seconds", "gap"):
+        if (value := getattr(options, name)) is not None and not math.isfinite(value):
+            raise BadInput(f"--{name} {value}: expected a number", field=name, value=value, expected="a number")
+    size, hz = options.size or otherwise.size, options.hz or otherwise.hz
+    if options.rate:
+        hz = bits_per_second(options.rate) / 8.0 / size
+    elif options.size and options.kind == "stream" and not options.hz:
+        hz = RATE / 8.0 / size
+    return msgspec.structs.replace(
+        otherwise,
+        seconds=options.seconds or otherwise.seconds,
+        hz=hz,
+        size=size,
+        qos=(options.qos.value if options.qos else otherwise.qos),
+        gap=options.gap,
         reliable=options.reliable,
-    )  # fmt: skip
+    )
 
 
 async def _announce(bench: Bench, options: Options, stream: Stream) -> None:
@@ -144,13 +156,7 @@ async def _announce(bench: Bench, options: Options, stream: Stream) -> None:
 
 async def _stream(z: Client, options: Options, until: asyncio.Event) -> None:
     recover = options.kind == "recover"
-    if recover:
-        stream = _wanted(
-            options, seconds=RECOVER_SECONDS, qos=keys.Qos.REALTIME, size=RECOVER_SIZE, bits=None, hz=RECOVER_HZ
-        )
-        stream = msgspec.structs.replace(stream, patience=RECOVER_PATIENCE, guard=0.0)
-    else:
-        stream = _wanted(options, seconds=SECONDS, qos=keys.Qos.LATEST_WINS, size=1000, bits=RATE, hz=0.0)
+    stream = wanted(options, RECOVER if recover else STREAM)
     say = not options.as_json
     seen: dict[str, int] = {}
 
@@ -185,7 +191,7 @@ async def _stream(z: Client, options: Options, until: asyncio.Event) -> None:
 
 
 async def _rtt(z: Client, options: Options, until: asyncio.Event) -> None:
-    stream = _wanted(options, seconds=RTT_SECONDS, qos=keys.Qos.REALTIME, size=PING_SIZE, bits=None, hz=PING_HZ)
+    stream = wanted(options, RTT)
     report = await Bench(z).round_trips(options.a, options.b, stream, until=until)
     if options.as_json:
         click.echo(dump(msgspec.to_builtins(report), pretty=False))
@@ -201,7 +207,7 @@ async def _hops(z: Client, options: Options, until: asyncio.Event) -> None:
     bench = Bench(z)
     first, second = await bench.pair(options.a, options.b)
     names = await named(bench, await route(z, first, second))
-    stream = _wanted(options, seconds=HOPS_SECONDS, qos=keys.Qos.REALTIME, size=PING_SIZE, bits=None, hz=HOPS_HZ)
+    stream = wanted(options, HOPS)
     known = {pong.host for pong in await bench.everyone()}
     peers = [name for name in names[1:] if name in known]
     if not peers:
@@ -216,11 +222,10 @@ async def _hops(z: Client, options: Options, until: asyncio.Event) -> None:
 
 
 async def _max(z: Client, options: Options, until: asyncio.Event) -> None:
-    stream = _wanted(options, seconds=0.0, qos=keys.Qos.BULK, size=1000, bits=RATE, hz=0.0)
+    stream = wanted(options, MAX)
     defaults = Limits()
-    start = options.hz * stream.size * 8.0 if options.hz else None
     limits = Limits(
-        start=start or (bits_per_second(options.rate) if options.rate else defaults.start),
+        start=stream.bits if options.hz or options.rate else defaults.start,
         most=bits_per_second(options.limit, "limit"), seconds=options.seconds or MAX_SECONDS,
     )  # fmt: skip
 

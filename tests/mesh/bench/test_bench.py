@@ -130,10 +130,11 @@ ORDER = BenchOrder(run="one", role="send", peers=["quad2"], seconds=1.0, hz=10.0
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("seconds", 1e9), ("seconds", 0.0), ("seconds", math.nan), ("seconds", -math.inf), ("hz", math.nan),
-        ("hz", 0.0), ("hz", math.inf), ("hz", 1e6), ("size", 0), ("size", -1), ("size", 10**12), ("gap", math.nan),
-        ("guard", 1e4), ("patience", math.inf), ("patience", 1e9), ("peers", []), ("peers", ["quad1"]),
-        ("peers", ["a", "b"]), ("peers", ["*"]), ("peers", ["Quad 2"]), ("run", "a/b"), ("run", "*"), ("run", "x" * 41), ("run", ""),
+        ("seconds", 1e9), ("seconds", 0.0), ("seconds", math.nan), ("seconds", -math.inf),
+        ("hz", math.nan), ("hz", 0.0), ("hz", math.inf), ("hz", 1e6), ("size", 0), ("size", -1), ("size", 10**12),
+        ("gap", math.nan), ("guard", 1e4), ("patience", math.inf), ("patience", 1e9),
+        ("peers", []), ("peers", ["quad1"]), ("peers", ["a", "b"]), ("peers", ["*"]), ("peers", ["Quad 2"]),
+        ("run", "a/b"), ("run", "*"), ("run", "x" * 41), ("run", ""),
     ],
 )  # fmt: skip
 def test_hostile_orders_are_refused_with_the_field(field: str, value: Any) -> None:

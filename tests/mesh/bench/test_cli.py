@@ -1,0 +1,135 @@
+"""``zmav mesh bench``: what a person and a script get of it."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import math
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from mesh.bench import table
+from mesh.bench.flow import Flow
+from mesh.cli import bench as verb
+from tests.conftest import PATIENCE_S
+from tests.mesh.bench.conftest import Start
+from zmav.errors import BadInput
+from zmav.session import SessionSettings
+from zmav.waiting import within
+from zmav.wire.bench import BenchClock, BenchInterval, BenchReport, Spread
+
+
+def options(a: str, b: str, kind: str, **more: Any) -> verb.Options:
+    given: dict[str, Any] = {
+        "seconds": None, "qos": None, "rate": None, "hz": None, "size": None, "both": False, "cuts": None, "gap": None,
+        "limit": "50Mbit/s", "reliable": None, "as_json": False, "csv": None,
+    }  # fmt: skip
+    return verb.Options(a=a, b=b, kind=kind, **{**given, **more})
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "said"),
+    [
+        ("rtt", {"seconds": 0.3}, ["quad1 > quad2 > quad1: realtime, 64 B, 50 Hz", "0 of 15 without an answer", "█"]),
+        ("hops", {"seconds": 0.2}, ["quad1 > quad2\n", "0/2"]),
+        ("stream", {"seconds": 0.3, "hz": 50.0, "both": True}, ["quad1 > quad2", "quad2 > quad1", "one way", "(0 %)"]),
+        ("recover", {"seconds": 0.3, "gap": 60.0}, ["silences of 60.00 s", "no outage longer than 60.00 s"]),
+        ("max", {"limit": "20kbit/s", "rate": "20kbit/s", "size": 100, "seconds": 1.0}, ["passes", "20.00 kbit/s"]),
+    ],
+)
+async def test_each_kind_is_told_in_words(
+    line: Start, capsys: pytest.CaptureFixture[str], kind: str, more: dict[str, Any], said: list[str]
+) -> None:
+    made, _ = await line("quad1", "quad2")
+    settings = SessionSettings(connect=[made.endpoints["quad1"]])
+    await verb.measure(options("quad1", "quad2", kind, **more), "demo", settings)
+    printed = capsys.readouterr().out
+    for words in said:
+        assert words in printed, printed
+
+
+async def test_ctrl_c_shows_the_totals_and_ends_it_on_the_hosts(line: Start) -> None:
+    made, _ = await line("quad1", "quad2")
+    command = ["mesh", "bench", "quad1", "quad2", "--seconds", "600", "--hz", "20", "-e", made.endpoints["quad1"]]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "zmav", *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+    )
+    assert process.stdout is not None
+    for _ in range(3):  # what is measured, the table's head, the first second
+        first = (await within(PATIENCE_S, process.stdout.readline())).decode()
+    assert "0.0-1.0 s" in first
+    process.send_signal(signal.SIGINT)
+    out, err = await within(PATIENCE_S, process.communicate())
+    assert (process.returncode, err) == (0, b"")
+    assert "quad1 sent" in out.decode()
+    assert all(responder.busy is None or responder.busy.over for responder in made.responders.values())
+
+
+async def test_json_and_csv_hold_the_same_numbers(
+    line: Start, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    made, _ = await line("quad1", "quad2")
+    path = tmp_path / "seconds.csv"
+    given = options("quad1", "quad2", "stream", seconds=1.0, hz=50.0, size=100, as_json=True, csv=path)
+    await verb.measure(given, "demo", SessionSettings(connect=[made.endpoints["quad1"]]))
+    *intervals, result = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
+    (flow,) = result["flows"]
+    assert [each["interval"]["received"] for each in intervals] == [each["received"] for each in flow["intervals"]]
+    assert flow["total"]["received"] == flow["sender"]["sent"]
+    assert abs(flow["clock"]["offset"]) <= flow["clock"]["within"]
+    with path.open(encoding="utf-8", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["source"], int(row["bytes"])) == ("quad1", flow["intervals"][0]["bytes"])
+
+
+@pytest.mark.parametrize("arguments", [["--rate", "fast"], ["--rate", "1k", "--hz", "5"]])
+def test_what_cannot_be_is_said(arguments: list[str]) -> None:
+    given = dict(zip((a.strip("-") for a in arguments[::2]), arguments[1::2], strict=True))
+    hz = float(given["hz"]) if "hz" in given else None
+    with pytest.raises(BadInput) as caught:
+        verb.wanted(options("a", "b", "stream", rate=given["rate"], hz=hz), verb.STREAM)
+    assert caught.value.detail["field"] == "rate"
+
+
+def test_numbers_that_no_stream_has_are_refused_at_once() -> None:
+    for arguments in (["--size", "0"], ["--size", "1000000"], ["--seconds", "1e9"], ["--hz", "0"], ["--cuts", "-1"]):
+        found = CliRunner().invoke(verb.command, ["a", "b", *arguments])
+        assert found.exit_code == 2, found.output
+    for name in ("hz", "seconds", "gap"):
+        with pytest.raises(BadInput) as caught:
+            verb.wanted(options("a", "b", "stream", **{name: math.nan}), verb.STREAM)
+        assert caught.value.detail["field"] == name
+
+
+def test_the_table_is_that_of_iperf() -> None:
+    """Ten datagrams of a thousand bytes in a second, of twelve that were sent; the target's clock is 5 s ahead."""
+    transit = Spread(count=10, min=5.01, median=5.02, p95=5.03, p99=5.04, max=5.05, mean=5.02)
+    total = BenchInterval(
+        start=0.0, end=1.0, bytes=10_000, received=10, expected=12, jitter=0.0015, out_of_order=1, duplicates=3,
+        transit=transit,
+    )  # fmt: skip
+    report = BenchReport(run="r", host="quad1", role="send", state="done", elapsed=1.0)
+    clock = BenchClock(offset=5.0, within=0.004, utc_offset=0.0)
+    flow = Flow(source="quad1", target="quad2", sender=report, receiver=report, clock=clock)
+    words = table.interval_line(flow, total).split()
+    assert words == [
+        "0.0-1.0", "s", "10.00", "kB", "80.00", "kbit/s", "1.50", "ms", "2/12", "(17", "%)", "1", "3", "20.00", "ms",
+    ]  # fmt: skip
+
+
+def test_the_longest_bar_is_the_fullest_bin() -> None:
+    spread = Spread(
+        count=5, min=1e-3, median=1e-3, p95=2e-3, p99=2e-3, max=2e-3, mean=1e-3, bins=[(30, 4), (31, 0), (33, 1)]
+    )
+    lines = table.histogram(spread)
+    assert len(lines) == 4
+    assert lines[0].count("█") == table.BAR
+    assert lines[0].startswith("   1.00 ms - 1.26 ms")
+    assert lines[3].count("█") == table.BAR // 4
+    assert "█" not in lines[1]
