@@ -65,6 +65,7 @@ class Heard(NamedTuple):
 class Subscription(Generic[T]):
     """Samples of a key expression, newest wins: a reader that is slow loses the oldest, and nobody else waits for it.
 
+    Of events none is lost on the way, nor is their order: what went out while a link was down comes when it is back.
     Use it with ``async with`` and iterate; it lasts until it is left, and goes on when a lost router is found again.
     """
 
@@ -75,7 +76,7 @@ class Subscription(Generic[T]):
         self._token: zenoh.LivelinessToken | None = None
         self._samples: collections.deque[zenoh.Sample] = collections.deque(maxlen=depth)
         self._arrived = asyncio.Event()
-        self._subscriber: zenoh.Subscriber[None] | None = None
+        self._subscriber: Any = None
         self.dropped = 0
         """samples lost because the reader was slow"""
         self.bad = 0
@@ -83,7 +84,14 @@ class Subscription(Generic[T]):
 
     async def __aenter__(self) -> Subscription[T]:
         arrived = on_loop(asyncio.get_running_loop(), self._on_sample)
-        self._subscriber = self._session.declare_subscriber(self._key, arrived)
+        if zenoh.KeyExpr(keys.EVENT.key("*", "*")).includes(zenoh.KeyExpr(self._key)):
+            # What was published while a link was down is fetched from the vehicle's cache when it is up again.
+            recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
+            self._subscriber = zenoh.ext.declare_advanced_subscriber(
+                self._session, self._key, arrived, recovery=recovery
+            )
+        else:
+            self._subscriber = self._session.declare_subscriber(self._key, arrived)
         if self._token_key:
             self._token = self._session.liveliness().declare_token(self._token_key)
         return self
