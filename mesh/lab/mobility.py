@@ -112,9 +112,8 @@ class Mobility:
         """Put a host there, to stay. Raises :class:`BadConfig` for a host there is not."""
         self._network.namespace(host)
         if not (math.isfinite(north) and math.isfinite(east)):
-            raise BadConfig(
-                f"no place {north}, {east}", field="position", value=[north, east], expected="m north, east"
-            )
+            text = f"no host can stand at {north}, {east}; expected metres north and east"
+            raise BadConfig(text, field="position", value=[north, east], expected="metres north and east")
         self._follows.discard(host)
         self._tracks[host] = Track((north, east), (), 1.0)
         self.update()

@@ -1,0 +1,191 @@
+"""``zmav lab`` as a person types it, in one lab for all of these."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from mesh.cli.lab import lab as lab_command
+from mesh.lab.network import LabError, check_able
+from mesh.lab.remote import Remote, directory_of_labs
+from mesh.lab.status import LabStatus
+from zmav.errors import BadConfig, BadInput, LinkDown, ZmavError
+
+pytestmark = pytest.mark.root
+
+PATIENCE_S = 60.0
+FILE = """
+name = "pair"
+[hosts.box1]
+program = "none"
+[hosts.box2]
+position = [0, 10]
+[[media]]
+kind = "radio"
+name = "air"
+delay = "1 ms"
+range = { free = 100, cut = 200 }
+"""
+Environment = dict[str, str]
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Environment]:
+    """A lab that runs; what programs that are to find it have set."""
+    try:
+        check_able()
+    except LabError as e:
+        pytest.skip(str(e))
+    folder = tmp_path_factory.mktemp("labs")
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+    (folder / "pair.toml").write_text(FILE)
+    command = [sys.executable, "-m", "zmav", "lab", "up", str(folder / "pair.toml"), "--headless"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+    assert process.stdout is not None
+    try:
+        said = [process.stdout.readline(), process.stdout.readline()]
+        assert said[0] == f"lab pair: 2 hosts, 1 links; files in {folder}/zmav-lab/pair\n"
+        assert said[1].startswith("up in"), said
+        yield environment
+        assert zmav(environment, "lab", "down").returncode == 0
+        assert not (folder / "zmav-lab" / "pair").exists()  # 'down' returns when all is gone
+        assert process.wait(PATIENCE_S) == 0
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def zmav(environment: Environment, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "zmav", *arguments]
+    return subprocess.run(command, env=environment, text=True, capture_output=True, timeout=PATIENCE_S, **options)
+
+
+@pytest.fixture
+def remote(lab: Environment, monkeypatch: pytest.MonkeyPatch) -> Iterator[Remote]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", lab["XDG_RUNTIME_DIR"])
+    with Remote() as remote:
+        yield remote
+
+
+def test_what_runs_is_shown(lab: Environment, remote: Remote) -> None:
+    done = zmav(lab, "lab", "status")
+    assert done.returncode == 0, done.stderr
+    assert "box1>box2" in done.stdout
+    found = msgspec.json.decode(zmav(lab, "lab", "status", "--json").stdout, type=LabStatus)
+    assert [(host.name, host.running, host.position) for host in found.hosts] == [
+        ("box1", None, None),
+        ("box2", True, (0.0, 10.0)),
+    ]
+    assert [(link.name, link.medium) for link in found.links] == [("box1-box2", "air")]
+    assert zmav(lab, "lab", "list").stdout == "pair\n"
+    assert remote.directory.stat().st_mode & 0o077 == 0
+    assert stat.S_IMODE((remote.directory / "control.sock").stat().st_mode) == 0o600
+
+
+def test_links_are_cut_healed_and_changed(lab: Environment, remote: Remote) -> None:
+    assert zmav(lab, "lab", "cut", "1-2").returncode == 0
+    (link,) = remote.status().links
+    assert [way.conditions.up for way in link.ways] == [False, False]
+    remote.call("heal", link="1>2")
+    assert [way.conditions.up for way in remote.status().links[0].ways] == [True, False]
+    remote.call("heal", link="all")
+    done = zmav(lab, "lab", "set", "2>1", "loss=20%", "delay=0.1", "rate=1M", "ordered=false")
+    assert done.returncode == 0, done.stderr
+    there, back = (way.conditions for way in remote.status().links[0].ways)
+    assert (there.loss, there.delay, there.rate) == (0.0, 0.001, None)
+    assert (back.loss, back.delay, back.rate, back.ordered) == (0.2, 0.1, 1e6, False)
+    remote.call("set", link="1-2", conditions={"loss": 0, "delay": 0, "rate": 0})
+
+
+def test_hosts_move(remote: Remote) -> None:
+    remote.call("move", host="box1", north=0.0, east=-300.0)
+    assert [way.conditions.up for way in remote.status().links[0].ways] == [False, False]
+    remote.call("move", host="box1", north=0.0, east=0.0)
+    assert [way.conditions.up for way in remote.status().links[0].ways] == [True, True]
+
+
+def test_a_program_in_a_host_is_as_one_here(lab: Environment) -> None:
+    script = "read line; echo got $line from $ZMAV_FLEET; cat /proc/net/dev >&2; exit 7"
+    done = zmav(lab, "lab", "exec", "box1", "sh", "-c", script, input="words\n")
+    assert done.returncode == 7
+    assert done.stdout == "got words from pair\n"
+    assert "wlan0" in done.stderr
+    assert zmav(lab, "lab", "exec", "box2", "sh", "-c", "kill -TERM $$").returncode == 143
+    # The zmav beside this Python is found, and finds the host's own router.
+    done = zmav(lab, "lab", "exec", "box2", "zmav", "ls")
+    assert "no vehicle in fleet 'pair'" in done.stderr + done.stdout
+    done = zmav(lab, "lab", "exec", "box1", "zmav", "ls")
+    assert "no Zenoh router answers" in done.stderr
+    done = zmav(lab, "lab", "exec", "box1", "no-such-program")
+    assert done.returncode == 1
+    assert done.stderr.startswith("zmav: cannot run 'no-such-program'")
+
+
+def test_routers_die_and_come_back(lab: Environment, remote: Remote) -> None:
+    for verb in ("kill", "stop"):
+        assert zmav(lab, "lab", verb, "box2").returncode == 0
+        assert remote.status().hosts[1].running is False
+        remote.call("start", host="box2")
+        assert remote.status().hosts[1].running is True
+    with pytest.raises(Exception, match="box2 runs already"):
+        remote.call("start", host="box2")
+    with pytest.raises(BadConfig, match="nothing runs as 'box1'; there are box2"):
+        remote.call("kill", host="box1")
+
+
+def test_a_link_is_recorded(lab: Environment, tmp_path: Path) -> None:
+    path = tmp_path / "x.pcap"
+    assert zmav(lab, "lab", "pcap", "1-2", str(path), "--for", "0.1").returncode == 0
+    assert path.read_bytes()[:4] == b"\x4d\x3c\xb2\xa1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("cut", "1-9"), "no link '1-9'; expected one of box1-box2"),
+        (("set", "1-2", "los=1"), "no condition 'los'; there are up, delay, jitter"),
+        (("set", "1-2", "loss"), "'loss' is not NAME=VALUE"),
+        (("set", "1-2", "loss=much"), "loss is 'much'; expected a share"),
+        (("exec", "box3", "true"), "no host 'box3' in the lab; it has box1, box2"),
+        (("cut", "1-2", "--lab", "other"), "no lab 'other' runs; there are pair"),
+        (("pcap", "1-2", "/nowhere/x.pcap", "--for", "1"), "/nowhere/x.pcap: No such file"),
+        (("up", "/nowhere.toml"), "cannot read the lab's file /nowhere.toml"),
+    ],
+)
+def test_what_cannot_be_is_said(remote: Remote, arguments: tuple[str, ...], words: str) -> None:
+    with pytest.raises(ZmavError) as caught:
+        lab_command.main(list(arguments), standalone_mode=False)
+    assert words in str(caught.value)
+
+
+def test_two_labs_of_one_name_are_refused(lab: Environment, remote: Remote) -> None:
+    with pytest.raises(BadConfig, match="a lab 'pair' runs already"):
+        lab_command.main(["up", str(Path(lab["XDG_RUNTIME_DIR"]) / "pair.toml")], standalone_mode=False)
+
+
+def test_the_socket_survives_nonsense(remote: Remote) -> None:
+    with pytest.raises(BadInput, match="no verb 'fly'"):
+        remote.call("fly")
+    with pytest.raises(BadInput, match="not a request"):
+        remote.call("cut", links="1-2")
+    remote._socket.sendall(b"{]\n")
+    assert b"bad_input" in remote._lines.readline()
+    assert remote.status().name == "pair"
+
+
+def test_no_lab_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with pytest.raises(LinkDown, match="no lab runs: start one"):
+        Remote()
+    directory_of_labs().chmod(0o777)
+    with pytest.raises(BadConfig, match="not a directory of yours alone"):
+        Remote()
