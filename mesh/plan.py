@@ -138,7 +138,7 @@ def _check_member(plan: RouterPlan, credentials: Credentials) -> None:
 
 
 def _timers(plan: RouterPlan) -> dict[str, Setting]:
-    """Leases, words within them, and how often a neighbour is called; one opening may take as long as a lease."""
+    """Leases, words within them, how often a neighbour is called and how long opening a link may take."""
     mesh, rules, profile = plan.file.mesh, PROFILES[plan.profile], f"profile {plan.profile}"
 
     def setting(name: str, value: Any, ours: Any) -> Setting:
@@ -147,7 +147,7 @@ def _timers(plan: RouterPlan) -> dict[str, Setting]:
     lease = round((mesh.lease or rules.lease) * 1000)
     retry = round((mesh.retry or rules.retry) * 1000)
     backoff = {"period_init_ms": min(200, retry), "period_max_ms": retry, "period_increase_factor": 1.5}
-    opening = setting("lease", max(1000, lease), mesh.lease)
+    opening = Setting(round(rules.opening * 1000), profile)
     return {
         "transport/link/tx/lease": setting("lease", lease, mesh.lease),
         "transport/link/tx/keep_alive": setting("keep_alive", mesh.keep_alive or rules.keep_alive, mesh.keep_alive),
