@@ -51,10 +51,10 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
     """
     others = sorted({member for role in Role for member in roster.names(role.value)} - {name})
     rules: list[Rule] = [
-        _rule("local", ("ingress", "egress"), EVERYTHING, ("**", "**/@adv/**", *_spaces(fleet), ADMIN)),
+        _rule("local", ("ingress", "egress"), EVERYTHING, (*_wide(), *_spaces(fleet), ADMIN)),
         _rule("roster", ("ingress", "egress"), SPREADING, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),
-        _rule("read", ("ingress",), READING, (*_spaces(fleet), ADMIN)),
+        _rule("read", ("ingress", "egress"), READING, (*_wide(), ADMIN)),
     ]
     subjects: list[Rule] = [*LOCAL, CERTIFIED]
     policies: list[Rule] = [
@@ -144,7 +144,7 @@ def _relay(fleet: str, name: str, others: Iterable[str]) -> Iterator[Rule]:
     """For neighbours that bring others' words: all but those that only ``name``, our own vehicle, can say."""
     theirs = [key for other in others for key in _under(fleet, other)]
     yield _rule("relay-say", ("ingress",), SAYING, (*theirs, *_fleetwide(fleet), *_answers(fleet)))
-    yield _rule("relay-ask", ("ingress",), ("query",), (*_spaces(fleet), ADMIN))
+    yield _rule("relay-ask", ("ingress", "egress"), ("query",), (*_wide(), ADMIN))
     ours: dict[str, list[str]] = {"put": [], "query": [], "token": []}
     for role in Role:
         if role is not Role.VEHICLE:
@@ -168,10 +168,19 @@ def _under(fleet: str, name: str) -> tuple[str, ...]:
     return f"{ROOT}/{fleet}/{name}/**", f"{ROOT}/{fleet}/{name}/**/@adv/**"
 
 
+def _at() -> tuple[str, ...]:
+    """``@fleet`` and its like: a wildcard does not hold a chunk that begins with ``@``."""
+    return tuple(dict.fromkeys(c.template.split("/")[1] for c in CHANNELS.values() if "/@" in c.template))
+
+
 def _fleetwide(fleet: str) -> tuple[str, ...]:
-    """``zmav/alpha/@fleet/**`` and its like: a wildcard does not hold a chunk that begins with ``@``."""
-    spaces = dict.fromkeys(c.template.split("/")[1] for c in CHANNELS.values() if "/@" in c.template)
-    return tuple(f"{ROOT}/{fleet}/{space}/**" for space in spaces)
+    """What is nobody's own."""
+    return tuple(f"{ROOT}/{fleet}/{chunk}/**" for chunk in _at())
+
+
+def _wide() -> tuple[str, ...]:
+    """Whatever a reader names: ``zmav/**`` is wider than the fleet, and finds no more for that."""
+    return "**", "**/@adv/**", *(f"**/{chunk}/**" for chunk in _at())
 
 
 def _spaces(fleet: str) -> tuple[str, ...]:

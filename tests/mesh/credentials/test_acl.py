@@ -248,3 +248,18 @@ def test_what_was_missed_of_an_event_is_recovered_through_the_door(fleet: Fleet,
     assert heard == [b"0", b"1", b"2"]
     subscriber.undeclare()
     publisher.undeclare()
+
+
+def test_who_reads_more_than_the_fleet_hears_the_fleet(fleet: Fleet, door: Door, home: Home) -> None:
+    """``zmav/**`` crosses a door in both directions, and brings what is the fleet's."""
+    ops, heard = fleet.open("ops", door.quic), threading.Event()
+    ops.declare_subscriber("zmav/**", lambda sample: heard.set(), allowed_origin=zenoh.Locality.REMOTE)
+    meet("ops", ops, home)
+    reached(home.session, "zmav/alpha/quad1/state")
+    for key in ("zmav/beta/quad1/state", "elsewhere"):
+        home.session.put(key, b"")
+    ops.get("zmav/*/*/msg/X", lambda reply: None, timeout=5.0)
+    home.asked.until("zmav/*/*/msg/X")
+    assert not heard.is_set()
+    home.session.put("zmav/alpha/quad1/state", b"")
+    assert heard.wait(PATIENCE_S)
