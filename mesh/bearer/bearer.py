@@ -1,7 +1,7 @@
 """The bearer of one host: a thread between its router's sockets on loopback and its radios.
 
-A thread of its own and no event loop: what it carries must not wait for the adapter and the services beside it, and a
-datagram costs a third of what it costs through asyncio (tests/bench/qos.py).
+A thread of its own and no event loop: what it carries must not wait for the adapter and the services beside it. A
+datagram costs it 13 µs without a budget and 22 µs with one (tests/bench/qos.py).
 """
 
 from __future__ import annotations
