@@ -1,0 +1,214 @@
+"""Links, ways and how they are drawn, without any network."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shutil
+import subprocess
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mesh import linkstate
+from mesh.cli.graph import document, view, way_words
+from mesh.dot import dot, quoted
+from mesh.findings import Findings
+from mesh.topology import Graph, Link, Node, Way
+from mesh.words import duration, milliseconds, percent, rate
+from zmav import keys, wire
+from zmav.client import Answer
+
+
+def said(name: str, state: wire.LinkState = "up", **figures: object) -> wire.NeighbourQuality:
+    known = {"t": 1.0, "name": name, "router": "aa", "peer": "bb", "url": "udp/1.2.3.4:5", "state": state, **figures}
+    return wire.NeighbourQuality(**known)  # type: ignore[arg-type]
+
+
+def link(a: str, b: str, **figures: object) -> Link:
+    return Link(a, b, said(b, **figures), said(a, **figures))  # type: ignore[arg-type]
+
+
+CLEAN = {"rtt": 0.01, "loss_in": 0.0, "loss_out": 0.0, "throughput_in": 1e6, "throughput_out": 1e6, "cost": 600}
+FIRST = link("a", "b", **CLEAN)
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        link("b", "c", **{**CLEAN, "state": "down"}),
+        link("b", "c", **{**CLEAN, "loss_in": 0.1, "rtt": 0.001}),
+        link("b", "c", **{**CLEAN, "rtt": 0.02, "throughput_in": 1e9}),
+        link("b", "c", **{**CLEAN, "throughput_in": 9e5}),
+    ],
+    ids=["down", "loss", "round trip", "throughput"],
+)
+def test_the_weakest_hop_is_the_one_that_is_worse(worse: Link) -> None:
+    for links in ((FIRST, worse), (worse, FIRST)):
+        assert Way(("a", "b", "c"), links).weakest is worse
+
+
+def test_one_thing_after_the_other_makes_a_hop_weak() -> None:
+    down = link("a", "b", state="down")
+    lossy = link("b", "c", **{**CLEAN, "loss_in": 0.3})
+    slow = link("c", "d", **{**CLEAN, "rtt": 0.5})
+    narrow = link("d", "e", **{**CLEAN, "throughput_in": 1e3})
+    mixed = [narrow, FIRST, down, slow, lossy]
+    assert sorted(mixed, key=Link.badness, reverse=True) == [down, lossy, slow, narrow, FIRST]
+
+
+def test_an_asymmetric_link_is_told_from_where_it_is_received() -> None:
+    one = Link("a", "b", said("b", loss_in=0.1, loss_out=0.9), said("a", loss_in=0.4, loss_out=0.8))
+    assert (one.loss("a"), one.loss("b"), one.worst_loss) == (0.4, 0.1, 0.4)
+    alone = Link("a", "b", said("b", loss_in=0.1, loss_out=0.9, throughput_out=5.0))
+    assert (alone.loss("a"), alone.loss("b")) == (0.9, 0.1)
+    assert (alone.throughput("a"), alone.throughput("b"), alone.least_throughput) == (5.0, None, 5.0)
+    assert Link("a", "b").state == "unknown"
+    assert Link("a", "b", said("b"), said("a", "down")).state == "down"
+
+
+def test_a_way_adds_round_trips_and_multiplies_delivery() -> None:
+    second = Link("b", "c", said("c", rtt=0.03, loss_in=0.5, throughput_in=10.0), said("b", rtt=0.05, loss_in=0.2))
+    way = Way(("a", "b", "c"), (FIRST, second))
+    assert way.rtt == pytest.approx(0.05)
+    assert way.delivery() == pytest.approx(0.8)
+    assert way.delivery(back=True) == pytest.approx(0.5)
+    assert way.throughput == 10.0
+    unknown = Way(("a", "b", "c"), (FIRST, Link("b", "c")))
+    assert (unknown.rtt, unknown.delivery(), unknown.throughput) == (None, None, None)
+    lost = Way(("a",), (), complete=False)
+    assert (lost.rtt, lost.delivery(), lost.weakest) == (None, None, None)
+    assert way_words(lost) == "a > ?"
+
+
+@pytest.mark.parametrize(
+    ("figures", "grade"),
+    [
+        (CLEAN, "good"),
+        ({**CLEAN, "loss_out": 0.06, "loss_in": 0.06}, "fair"),
+        ({**CLEAN, "cost": 5_000}, "fair"),
+        ({**CLEAN, "loss_in": 0.2}, "poor"),
+        ({**CLEAN, "cost": 20_000}, "poor"),
+        ({**CLEAN, "state": "silent"}, "down"),
+        ({}, "unknown"),
+    ],
+)
+def test_a_links_grade(figures: dict[str, object], grade: str) -> None:
+    assert link("a", "b", **figures).grade == grade
+
+
+# The routers' map.
+
+MAP = b"""graph {
+    0 [ label = "aa" ]
+    1 [ label = "bb" ]
+    2 [ label = "cc" ]
+    3 [ label = "dd" ]
+    1 -- 0 [ label = "100.3" ]
+    2 -- 1 [ label = "100.1" ]
+    2 -- 0 [ label = "1000.8" ]
+}
+"""
+
+
+def test_a_map_and_the_ways_of_least_weight_over_it() -> None:
+    links = linkstate.read(MAP)
+    assert links == {
+        "aa": {"bb": 100.3, "cc": 1000.8}, "bb": {"aa": 100.3, "cc": 100.1}, "cc": {"bb": 100.1, "aa": 1000.8}, "dd": {}
+    }  # fmt: skip
+    assert linkstate.ways(links, "aa") == {"aa": ["aa"], "bb": ["aa", "bb"], "cc": ["aa", "bb", "cc"]}
+    assert linkstate.ways(links, "dd") == {"dd": ["dd"]}
+
+
+@given(st.binary(max_size=300) | st.text(alphabet='0123 -[]labe="\n.a', max_size=300).map(str.encode))
+def test_any_map_is_survived(data: bytes) -> None:
+    for text in (data, MAP + data):
+        links = linkstate.read(text)
+        for zid in links:
+            linkstate.ways(links, zid)
+
+
+# What hosts say.
+
+
+def test_a_silent_host_is_known_by_its_token_and_its_neighbours() -> None:
+    found = Findings(several=False)
+    token = {"role": "router", "sys": 0, "autopilot": "-", "uid": "-"}
+    found.present([keys.ALIVE.key("demo", "relay", instance="cc", **token), "zmav/nonsense"])
+    told = {"quad2": "bb", "cc": "cc"}
+    found.read([
+        Answer(keys.LINK.key("demo", "quad1", link=n), wire.encode(said(n, peer=zid))) for n, zid in told.items()
+    ])  # fmt: skip
+    assert found.bad == 1
+    assert found.missing() == [("demo", "cc"), ("demo", "quad2"), ("demo", "relay")]
+    nodes = found.nodes()
+    assert {(n.name, n.zid, n.role, n.answers) for n in nodes.values()} == {
+        ("quad1", "aa", None, True), ("quad2", "bb", None, False), ("relay", "cc", "router", False)
+    }  # fmt: skip
+    assert set(found.links()) == {("quad1", "quad2"), ("quad1", "relay")}
+
+
+def test_hosts_of_several_fleets_are_told_apart() -> None:
+    found = Findings(several=True)
+    for fleet, zid in (("north", "aa"), ("south", "cc")):
+        quality = said("quad2", router=zid, peer=zid + "00")
+        found.read([Answer(keys.LINK.key(fleet, "quad1", link="quad2"), wire.encode(quality))])
+    assert set(found.links()) == {(f"{fleet}/quad1", f"{fleet}/quad2") for fleet in ("north", "south")}
+
+
+# As it is drawn.
+
+ID = r'(?:[A-Za-z_][A-Za-z_0-9]*|-?(?:\.\d+|\d+(?:\.\d*)?)|"(?:[^"\\]|\\.)*")'
+ATTRIBUTES = rf"\[\s*(?:{ID}\s*=\s*{ID}\s*[,;]?\s*)*\]"
+STATEMENT = rf"\s*{ID}(?:\s*--\s*{ID})*\s*(?:{ATTRIBUTES})?\s*;?"
+GRAPH = re.compile(rf"graph\s+{ID}\s*\{{(?:{STATEMENT})*\s*\}}\s*\Z")
+"""the part of DOT's grammar that undirected graphs without subgraphs need"""
+
+
+def graph_of(*names: str) -> Graph:
+    nodes = {name: Node(name, None, "vehicle" if number else None, bool(number)) for number, name in enumerate(names)}
+    links = [link(a, b, **CLEAN) for a, b in itertools.pairwise(names)]
+    return Graph(1.0, names[0], nodes, (*links, link("x", "y", state="down", loss_in=0.123)))
+
+
+@given(st.lists(st.text(max_size=12), min_size=1, max_size=4, unique=True))
+def test_any_name_makes_a_graph_in_dots_grammar(names: list[str]) -> None:
+    drawn = dot(graph_of(*names))
+    assert GRAPH.match(drawn), drawn
+
+
+def test_the_grammar_here_refuses_what_is_none() -> None:
+    assert GRAPH.match('graph fleet { "a" -- "b" [label="x\\"y", color=red]; }')
+    for wrong in ('graph fleet { "a" -- "b" [label="x"y"]; }', "graph fleet { a -> b }", 'graph fleet { "a" '):
+        assert not GRAPH.match(wrong)
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+def test_graphviz_takes_it() -> None:
+    drawn = dot(graph_of('a"b', "c\\", "d\nf"))
+    done = subprocess.run(["dot", "-Tplain"], input=drawn, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("graph ")
+
+
+def test_quotes_and_backslashes_are_escaped() -> None:
+    assert quoted('a"b', "c\\") == r'"a\"b\nc\\"'
+
+
+def test_tables_and_documents_of_odd_graphs() -> None:
+    for graph in (Graph(1.0, None), graph_of("a"), graph_of("a", "b", "c")):
+        assert view(graph).renderables
+        assert document(graph)["start"] == graph.start
+
+
+def test_words() -> None:
+    assert [milliseconds(s) for s in (None, 0.00012, 0.0123, 1.5)] == ["-", "0.12", "12.3", "1500"]
+    assert [percent(s) for s in (None, 0.0, 0.0123, 0.5)] == ["-", "0%", "1.2%", "50%"]
+    assert [rate(s) for s in (None, 10.0, 7500.0, 1.25e6, 1e9)] == [
+        "-",
+        "80 bit/s",
+        "60 kbit/s",
+        "10 Mbit/s",
+        "8 Gbit/s",
+    ]
+    assert [duration(s) for s in (None, 0.26, 120.4)] == ["-", "0.3 s", "120 s"]
