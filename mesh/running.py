@@ -15,13 +15,16 @@ from zmav.process import until_stopped
 LOOK_S = 0.5
 
 
-async def until_outdated(router: Router, idle: Callable[[], bool] = lambda: True) -> str | None:
+async def until_outdated(router: Router, line: str, idle: Callable[[], bool] = lambda: True) -> str | None:
     """Return None when the process is asked to end, or why its router is to be opened anew, as soon as it is ``idle``.
 
-    Run in the main thread.
+    ``line`` is said once it can be asked to end; then, which radios are waited for. Run in the main thread.
     """
     stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, idle))
     try:
+        await asyncio.sleep(0)  # the tasks begin
+        click.echo(line, err=True)
+        _say_waiting(router.plan)
         await asyncio.wait((stopped, outdated), return_when=asyncio.FIRST_COMPLETED)
         return None if stopped.done() else outdated.result()
     finally:
@@ -40,7 +43,7 @@ async def _outdated(router: Router, idle: Callable[[], bool]) -> str:
     return why
 
 
-def say_waiting(plan: RouterPlan) -> None:
+def _say_waiting(plan: RouterPlan) -> None:
     """A line for each radio that is not there yet."""
     for radio in plan.radios:
         if not radio.present:

@@ -11,7 +11,7 @@ from mesh.cli.options import file_option, insecure_option
 from mesh.credentials.rosterwatch import RosterWatch
 from mesh.plan import RouterPlan, plan_router
 from mesh.router import Router
-from mesh.running import say_waiting, until_outdated
+from mesh.running import until_outdated
 from zmav import keys, wire
 from zmav.cli.common import run, zenoh_options
 from zmav.config import FleetConfig, Signing, load_fleet, origin_of
@@ -80,9 +80,10 @@ async def _up(vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSetti
                 watch.tell(onboard.take_roster)
         router.session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
         async with onboard:
-            click.echo(f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}", err=True)
-            say_waiting(plan)
-            why = await until_outdated(router, lambda: not onboard.identity.armed and onboard.leases.holder is None)
+            line = f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}"
+            why = await until_outdated(
+                router, line, lambda: not onboard.identity.armed and onboard.leases.holder is None
+            )
     if why:
         click.echo(f"starting anew: {why}", err=True)
         restart()

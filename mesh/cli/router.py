@@ -7,7 +7,7 @@ import click
 from mesh.cli.options import file_option, insecure_option, own_name
 from mesh.plan import RouterPlan, plan_router
 from mesh.router import Router
-from mesh.running import say_waiting, until_outdated
+from mesh.running import until_outdated
 from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
 from zmav.process import restart
@@ -35,9 +35,7 @@ def router(
 
 async def _route(plan: RouterPlan, settings: SessionSettings) -> None:
     async with Router(plan, settings) as router:
-        click.echo(f"router {router.session.info.zid()} on {' '.join(plan.listens)}", err=True)
-        say_waiting(plan)
-        why = await until_outdated(router)
+        why = await until_outdated(router, f"router {router.session.info.zid()} on {' '.join(plan.listens)}")
     if why:
         click.echo(f"starting anew: {why}", err=True)
         restart()

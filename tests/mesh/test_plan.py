@@ -110,6 +110,23 @@ def test_who_is_called_where_nobody_is_named(plan: Plan, profile: str, called: b
     )
 
 
+def test_in_a_large_fleet_each_is_linked_with_a_few_and_all_are_joined(plan: Plan) -> None:
+    hosts = [f"h{number}" for number in range(1, 31)]
+    radios = "".join(f'[[stations.h{n}.mesh.radios]]\naddress = "10.77.0.{n}"\n' for n in range(1, 31))
+    text = f'[mesh]\nprofile = "wds"\ninsecure = true\n{radios}'
+    linked = {name: {n.name for n in plan(text, name, there={}).neighbours} for name in hosts}
+    assert all(name in linked[other] for name in hosts for other in linked[name])  # both know of it
+    assert max(map(len, linked.values())) <= 8
+    for away in (set(), {"h3"}, {"h3", "h4", "h5"}, {"h10", "h20", "h30"}):
+        joined, edge = set[str](), {"h1"}
+        while edge:
+            joined |= edge
+            edge = {far for near in edge for far in linked[near]} - joined - away
+        assert joined == set(hosts) - away
+    calls = sum(len(plan(text, name, there={}).value("connect/endpoints")) for name in hosts)
+    assert calls == sum(map(len, linked.values())) / 2
+
+
 def test_where_an_address_is_not_known_it_is_looked_for_and_who_has_it_calls(plan: Plan) -> None:
     text = FLEET.replace('interface = "wlan0"\naddress = "10.77.0.2"', 'interface = "wlan0"')
     assert plan(text, profile="wds").scouts_on == ("wlan0", "wwan0")
