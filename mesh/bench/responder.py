@@ -29,7 +29,7 @@ from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 
 ROSTER_AGE = 1.0
 """s for which the roster in our folder is not read again"""
-KEPT, KEPT_FOR = 8, 120.0
+KEPT, KEPT_FOR = 4, 120.0
 """runs that are over whose reports can be had, and s for which they can"""
 
 

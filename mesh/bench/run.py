@@ -28,6 +28,8 @@ MOST_HZ = 50_000.0
 MOST_BITS = 1e9
 MOST_DATAGRAMS = 50_000_000
 MOST_PEERS = 16
+MOST_QUERIES = 500.0
+"""a second: they are made on the event loop, where everything else of the host is, too"""
 FOUND_WITHIN = 10.0
 """s for the other's subscription to become known here"""
 TAIL = 3.0
@@ -56,6 +58,8 @@ def check(order: BenchOrder, host: str) -> None:
         raise _wrong("hz", order.hz, f"at most {MOST_DATAGRAMS:,} datagrams in a run")
     if order.hz * order.size * 8.0 > MOST_BITS:
         raise _wrong("hz", order.hz, f"at most {MOST_BITS / 1e6:.0f} Mbit/s")
+    if order.role == "query" and order.hz * len(order.peers) > MOST_QUERIES:
+        raise _wrong("hz", order.hz, f"at most {MOST_QUERIES:.0f} queries a second")
     keys.check_name(order.run, "run")
     if len(order.run) > 40:
         raise _wrong("run", order.run, "40 characters at most")
@@ -196,7 +200,8 @@ class Run:
                 return
 
             def take(sample: zenoh.Sample) -> None:
-                publisher.put(sample.payload)
+                with contextlib.suppress(zenoh.ZError):  # it has just ended
+                    publisher.put(sample.payload)
 
             with self._receiver(take):
                 self._state = "running"

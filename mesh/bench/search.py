@@ -114,7 +114,7 @@ def judge(result: StreamResult, bits: float, most_lost: float) -> Trial:
     why = ""
     if result.faults:
         why = result.faults[0]
-    elif flow.loss > most_lost:
+    elif flow.loss > most_lost and flow.total.lost > 1:  # one of few is no share
         why = f"{100.0 * flow.loss:.1f} % lost"
     elif flow.bandwidth < KEEPS_UP * bits:
         why = f"came at {rate(flow.bandwidth)} only: a buffer fills"

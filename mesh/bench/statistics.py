@@ -60,6 +60,23 @@ def bin_start(k: int) -> float:
     return math.pow(10.0, k / BINS) / 1e6
 
 
+class _Seen:
+    """Which numbers have come: a bit each."""
+
+    def __init__(self) -> None:
+        self._bits = bytearray()
+
+    def add(self, number: int) -> bool:
+        """False where it came before."""
+        place, bit = number >> 3, 1 << (number & 7)
+        if place >= len(self._bits):
+            self._bits.extend(bytes(max(4096, place + 1 - len(self._bits))))
+        if self._bits[place] & bit:
+            return False
+        self._bits[place] |= bit
+        return True
+
+
 class _Count:
     """Of one interval, or of all."""
 
@@ -74,7 +91,7 @@ class Tally:
     def __init__(self, total: int, period_ns: int, gap_ns: int) -> None:
         self._total, self._period, self._gap = total, period_ns, gap_ns
         self._lock = threading.Lock()
-        self._seen = bytearray()
+        self._seen = _Seen()
         self._now, self._all = _Count(), _Count()
         self._intervals: list[BenchInterval] = []
         self._outages: list[BenchOutage] = []
@@ -95,7 +112,7 @@ class Tally:
             if self._first is None:
                 self._first = self._last = now_ns
             self._roll(now_ns)
-            if self._is_repeated(number):
+            if not self._seen.add(number):
                 self._now.duplicates += 1
                 self._all.duplicates += 1
                 return
@@ -115,15 +132,6 @@ class Tally:
                 count.received += 1
                 count.bytes += size
                 count.transit.add(transit)
-
-    def _is_repeated(self, number: int) -> bool:
-        place, bit = number >> 3, 1 << (number & 7)
-        if place >= len(self._seen):
-            self._seen.extend(bytes(max(4096, place + 1 - len(self._seen))))
-        if self._seen[place] & bit:
-            return True
-        self._seen[place] |= bit
-        return False
 
     def _note_outage(self, number: int, now: int) -> None:
         assert self._first is not None
@@ -179,15 +187,15 @@ class RoundTrips:
     def __init__(self, timeout_ns: int) -> None:
         self._timeout, self._lock = timeout_ns, threading.Lock()
         self._trips = Samples()
-        self._answered: set[int] = set()
+        self._seen, self._count = _Seen(), 0
         self.late = 0
 
     def take(self, number: int, sent_ns: int, now_ns: int) -> None:
         """An answer; a second one to the same number counts for nothing."""
         with self._lock:
-            if number in self._answered:
+            if not self._seen.add(number):
                 return
-            self._answered.add(number)
+            self._count += 1
             if now_ns - sent_ns > self._timeout:
                 self.late += 1
             elif now_ns >= sent_ns:
@@ -196,7 +204,7 @@ class RoundTrips:
     @property
     def answered(self) -> int:
         with self._lock:
-            return len(self._answered) - self.late
+            return self._count - self.late
 
     def spread(self) -> Spread | None:
         with self._lock:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import threading
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +11,8 @@ import zenoh
 import zenoh.ext
 
 from zmav import keys
+from zmav.services.port import on_loop
+from zmav.waiting import within
 
 KEPT = 2000
 """datagrams of the must-arrive class that can be fetched again"""
@@ -40,19 +42,23 @@ def open_receiver(session: zenoh.Session, key: str, qos: keys.Qos, take: Sample)
 
 async def heard(session: zenoh.Session, key: str, timeout: float) -> bool:
     """Wait until somebody subscribes to ``key``; False when nobody did within ``timeout`` seconds."""
-    known = threading.Event()
+    known = asyncio.Event()
+    found = on_loop(asyncio.get_running_loop(), known.set)
 
     def on_match(status: Any) -> None:
         if status.matching:
-            known.set()
+            found()
 
-    def wait() -> bool:
-        publisher = session.declare_publisher(key)
-        listener = publisher.declare_matching_listener(on_match)
+    publisher = session.declare_publisher(key)
+    listener = publisher.declare_matching_listener(on_match)
+    try:
         status: Any = publisher.matching_status
-        found = bool(status.matching) or known.wait(timeout)
-        listener.undeclare()
-        publisher.undeclare()
-        return found
-
-    return await asyncio.to_thread(wait)
+        if not status.matching:
+            await within(timeout, known.wait())
+    except asyncio.TimeoutError:
+        return False
+    finally:
+        with contextlib.suppress(zenoh.ZError):  # the session may be gone before us
+            listener.undeclare()
+            publisher.undeclare()
+    return True

@@ -226,7 +226,9 @@ async def _max(z: Client, options: Options, until: asyncio.Event) -> None:
     defaults = Limits()
     limits = Limits(
         start=stream.bits if options.hz or options.rate else defaults.start,
-        most=bits_per_second(options.limit, "limit"), seconds=options.seconds or MAX_SECONDS,
+        most=bits_per_second(options.limit, "limit"),
+        seconds=options.seconds or MAX_SECONDS,
+        trial=min(defaults.trial, max((options.seconds or MAX_SECONDS) / 20.0, 0.5)),
     )  # fmt: skip
 
     def on_trial(trial: Trial) -> None:

@@ -147,6 +147,8 @@ def test_hostile_orders_are_refused_with_the_field(field: str, value: Any) -> No
 def test_too_much_altogether_is_refused() -> None:
     with pytest.raises(BadInput, match="datagrams in a run"):
         check(msgspec.structs.replace(ORDER, hz=50_000.0, seconds=3600.0), "quad1")
+    with pytest.raises(BadInput, match="queries a second"):
+        check(msgspec.structs.replace(ORDER, role="query", hz=100.0, peers=[f"quad{n}" for n in range(2, 9)]), "quad1")
     with pytest.raises(BadInput, match="Mbit/s"):
         check(msgspec.structs.replace(ORDER, hz=50_000.0, size=60_000), "quad1")
 
