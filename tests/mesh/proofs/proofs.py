@@ -212,7 +212,7 @@ async def formed(session: zenoh.Session, hosts: int, timeout: float = PATIENCE) 
     """Seconds until every router of the network has all ``hosts`` in its link state."""
     start = time.monotonic()
     while True:
-        seen = await asyncio.to_thread(_link_states, session)
+        seen = await asyncio.to_thread(link_states, session)
         if len(seen) == hosts and set(seen.values()) == {hosts}:
             return time.monotonic() - start
         if time.monotonic() - start > timeout:
@@ -220,8 +220,8 @@ async def formed(session: zenoh.Session, hosts: int, timeout: float = PATIENCE) 
         await asyncio.sleep(0.1)
 
 
-def _link_states(session: zenoh.Session) -> dict[str, int]:
-    """By router: how many it knows of."""
+def link_states(session: zenoh.Session) -> dict[str, int]:
+    """By router that answers: how many it knows of."""
     found = {}
     for reply in session.get("@/*/router/linkstate/north", timeout=2.0):
         if reply.ok is not None:

@@ -1,0 +1,122 @@
+"""The mesh's proofs, short: tests/bench/mesh_proofs.py has them at full length."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+
+import zmav
+from mesh.lab import network
+from mesh.lab.lab import Lab
+from mesh.lab.scenario import Scenario
+from tests.mesh.proofs import proofs, rigs
+from tests.mesh.proofs.tap import Tap
+from zmav import keys
+
+pytestmark = pytest.mark.root
+Run = Callable[..., AbstractAsyncContextManager[tuple[Lab, zmav.Client]]]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """``async with run(scenario) as (lab, z)``: its vehicles are heard at the ground."""
+    try:
+        network.check_able()
+    except network.LabError as e:
+        pytest.skip(str(e))
+
+    @asynccontextmanager
+    async def running(scenario: Scenario) -> AsyncIterator[tuple[Lab, zmav.Client]]:
+        async with Lab(scenario, tmp_path / "lab") as lab:
+            await lab.ready()
+            async with rigs.station(lab) as z:
+                await rigs.all_heard(z, lab)
+                yield lab, z
+
+    return running
+
+
+async def test_the_last_of_six_in_a_line_is_heard_and_obeys(run: Run) -> None:
+    """Behind four relays that it does not hear beyond, with mutual TLS on every link."""
+    async with run(rigs.chain(1, relays=4, credentials=True)) as (lab, z):
+        quad = z.vehicle("quad1")
+        assert len(await rigs.pings(quad, 5)) == 5
+        frames = rigs.Gaps(z, lab.fleet, "quad1")
+        await frames.again(time.monotonic())
+        await quad.arm(ready_timeout=rigs.PATIENCE)
+        await quad.disarm()
+        direct = lab.network.counted()
+        crossed = [direct.channels[edge.ab].arrived_bytes for edge in lab.network.wiring.edges]
+        assert len(crossed) == 5
+        assert min(crossed) > 0
+
+
+async def test_a_ring_outlives_the_cut_of_the_path_in_use(run: Run) -> None:
+    async with run(rigs.ring(delay="2 ms")) as (lab, z):
+        await z.vehicle("quad1").arm(ready_timeout=rigs.PATIENCE)
+        saw = await proofs.recovery(lab, z, 2)
+    assert len(saw.gaps) == 2
+    assert min(saw.gaps) > 0.2  # it was the path in use
+    assert saw.orders.lost == []
+    assert saw.orders.done > 0
+
+
+async def test_what_must_arrive_does_once_and_in_order_though_a_tenth_is_lost(run: Run) -> None:
+    async with run(rigs.chain(1, relays=1, loss=0.1, delay="20 ms")) as (lab, z):
+        saw = await proofs.must_arrive(lab, z, "quad1", 5)
+        lost = sum(each.lost for each in lab.counters("all"))
+    assert saw.failed == []
+    assert len(saw.given) == 10
+    assert saw.heard == saw.given
+    assert lost > 0
+
+
+async def test_nothing_stale_reaches_an_autopilot_that_was_alone(tmp_path: Path, run: Run) -> None:
+    scenario = rigs.chain(1, relays=1, delay="5 ms")
+    link = tmp_path / "tap"
+    quad = msgspec.structs.replace(scenario.hosts["quad1"], arguments=["--link", str(link)])
+    scenario = msgspec.structs.replace(scenario, hosts={**scenario.hosts, "quad1": quad})
+    with Tap(tmp_path / "lab" / "quad1.pty", link) as tap:
+        async with run(scenario) as (lab, z):
+            await rigs.in_the_air(z.vehicle("quad1"), 3.0)
+            saw = await proofs.partition(lab, z, tap, "relay1-quad1", 5.0)
+    assert len({heard.number for heard in tap.heard}) > 20
+    assert any("holding position" in text for text in saw.said)
+    assert saw.during == set()
+    assert saw.stale == set()
+    assert saw.again > 0
+    assert "lease" in saw.lost
+
+
+async def test_a_segment_of_three_bridges_comes_back_when_its_middle_does(run: Run) -> None:
+    async with run(rigs.wds(delay="3 ms")) as (lab, z):
+        states: list[bytes] = []
+        z.session.declare_subscriber(keys.STATE.key(lab.fleet, "*"), lambda s: states.append(s.payload.to_bytes()))
+        times = rigs.Gaps(z, lab.fleet, "quad2")
+        await times.again(time.monotonic())
+        lab.cut("roof-van")
+        await asyncio.sleep(3.0)
+        healed = time.monotonic()
+        lab.heal("roof-van")
+        await times.again(healed)
+        assert len(await rigs.pings(z.vehicle("quad2"), 3)) == 3
+        assert proofs.states_twice(states) == 0
+        assert len(states) > 10
+
+
+async def test_a_grid_forms_again_after_every_link_was_gone(tmp_path: Path, run: Run) -> None:
+    async with Lab(rigs.grid(2, 2), tmp_path / "lab") as lab:
+        await lab.ready()
+        async with rigs.station(lab, "h0") as z:
+            await proofs.formed(z.session, 4)
+            lab.cut("all")
+            while len(await asyncio.to_thread(proofs.link_states, z.session)) > 1:
+                await asyncio.sleep(0.1)
+            lab.heal("all")
+            await proofs.formed(z.session, 4)
