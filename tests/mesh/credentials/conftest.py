@@ -91,6 +91,8 @@ class Fleet:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.authority = folder, Authority.create(folder / "ca", "alpha")
+        self.first_roster = (folder / "ca" / "roster.json").read_bytes()
+        """number 0: of nobody"""
         self.members: dict[str, Path] = {}
         self._stack = contextlib.ExitStack()
 
