@@ -75,7 +75,7 @@ class Lab:
     async def __aenter__(self) -> Lab:
         self.failed = asyncio.get_running_loop().create_future()
         async with contextlib.AsyncExitStack() as stack:
-            self.directory.mkdir(mode=0o700, parents=True)
+            self._make_directory()
             stack.callback(shutil.rmtree, self.directory, ignore_errors=True)
             self.file = write_fleet(self.scenario, self.network.wiring, self.directory)
             if self.scenario.credentials:
@@ -97,6 +97,14 @@ class Lab:
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:
         await self._stack.aclose()
+
+    def _make_directory(self) -> None:
+        try:
+            self.directory.mkdir(mode=0o700, parents=True)
+        except OSError as e:
+            expected = "a directory that is not there yet, in one that may be written to"
+            text = f"cannot make the lab's directory {self.directory}: {e.strerror}; expected {expected}"
+            raise BadConfig(text, field="directory", value=str(self.directory), expected=expected) from e
 
     def _issue(self) -> None:
         authority = Authority.create(self.directory / "ca", self.fleet)

@@ -100,12 +100,14 @@ class Segment:
 
     Where hops form a loop, some carry nothing: the tree is that of the fewest hops from the first bridge of each part
     that hangs together. It is found anew at once when a hop goes down or comes back; a real spanning tree protocol
-    takes a second or more, which an outage of the hops involved adds.
+    takes a second or more. A hop that is cut in one direction carries nothing: its bridges no longer hear each other.
     """
 
     def __init__(self, behind: Sequence[Sequence[Tap]]) -> None:
         self.bridges = [Bridge() for _ in behind]
         self.hops: list[Hop] = []
+        self._tree: set[int] | None = None
+        """the hops that carry frames"""
         for bridge, taps in zip(self.bridges, behind, strict=True):
             for tap in taps:
                 tap.send = partial(bridge.receive, len(bridge.ports))
@@ -138,6 +140,9 @@ class Segment:
                         reached.add(there)
                         used.add(number)
                         edge.append(there)
+        if used == self._tree:
+            return
+        self._tree = used
         for number, hop in enumerate(self.hops):
             for end, port in zip(hop.ends, hop.ports, strict=True):
                 self.bridges[end].open[port] = number in used

@@ -90,19 +90,13 @@ class Mobility:
             await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
-        remote: Remote | None = None
-        try:
-            while True:
-                await asyncio.sleep(EVERY_S)
-                if self._follows and self.simulator is not None:
-                    with contextlib.suppress(ZmavError):  # it is not up yet, or has been stopped
-                        remote = remote or Remote(self.simulator, timeout=1.0)
-                        self._follow(await asyncio.to_thread(_positions, remote))
-                with contextlib.suppress(ZmavError):  # the relay has died: the lab says so
-                    self.update()
-        finally:
-            if remote is not None:
-                remote.close()
+        while True:
+            await asyncio.sleep(EVERY_S)
+            if self._follows and self.simulator is not None:
+                with contextlib.suppress(ZmavError):  # it is not up yet, or has been stopped
+                    self._follow(await asyncio.to_thread(_positions, self.simulator))
+            with contextlib.suppress(ZmavError):  # the relay has died: the lab says so
+                self.update()
 
     def _follow(self, found: Mapping[str, Place]) -> None:
         for name in self._follows & set(found):
@@ -131,5 +125,6 @@ class Mobility:
         self._network.set_reach(found)
 
 
-def _positions(remote: Remote) -> dict[str, Place]:
-    return {vehicle.name: vehicle.ned_m[:2] for vehicle in remote.status().vehicles}
+def _positions(simulator: Path) -> dict[str, Place]:
+    with Remote(simulator, timeout=1.0) as remote:
+        return {vehicle.name: vehicle.ned_m[:2] for vehicle in remote.status().vehicles}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import resource
 import select
 import shutil
 import signal
@@ -30,6 +31,8 @@ EARLY_S = 50e-6
 def main() -> None:
     """Become the first process of a new PID namespace and serve the lab on the socket ``argv[1]``."""
     kernel.unshare(kernel.CLONE_NEWPID)
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # two for each host, and one for each interface
     gc.disable()  # nothing here makes cycles, and frames come by the million
     child = os.fork()
     if child:

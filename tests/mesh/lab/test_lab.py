@@ -6,14 +6,15 @@ import asyncio
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import zmav
-from mesh.lab.lab import SIMULATOR
+from mesh.lab.lab import SIMULATOR, Lab
 from mesh.lab.network import LabError
-from tests.mesh.lab.conftest import StartLab
+from tests.mesh.lab.conftest import StartLab, scenario
 from zmav.errors import BadConfig, TimedOut
 
 pytestmark = pytest.mark.root
@@ -80,6 +81,13 @@ async def test_files_are_gone_with_the_lab(start_lab: StartLab) -> None:
     assert not lab.directory.exists()
     with pytest.raises(LabError, match="relay has died"):
         lab.cut("1-2")
+
+
+async def test_a_directory_that_is_there_is_nobody_elses(able: None, tmp_path: Path) -> None:
+    with pytest.raises(BadConfig, match="File exists; expected a directory that is not there yet"):
+        async with Lab(scenario(**PAIR), tmp_path):
+            pass
+    assert tmp_path.exists()
 
 
 async def test_a_program_that_cannot_run_is_told_with_its_last_words(start_lab: StartLab) -> None:

@@ -91,6 +91,11 @@ def test_a_ring_of_bridges_is_no_loop(bench: Bench) -> None:
     assert bench.heard() == [1, 2, 3]
     bench.send(1, 0)
     assert bench.heard() == [0]
+    # What leaves the tree as it is leaves what was learnt.
+    bench.channels[2].set(Conditions(loss=0.0, delay=0.5), 1.0)
+    segment.changed()
+    bench.send(0, 1)
+    assert bench.heard() == [1]
 
 
 def test_a_segment_in_two_parts(bench: Bench) -> None:

@@ -69,6 +69,28 @@ def test_driving_away_cuts_what_a_hand_has_not(able: None) -> None:
 
 
 @pytest.mark.root
+async def test_a_host_is_where_its_simulated_vehicle_is(start_lab: StartLab) -> None:
+    lab = await start_lab(
+        hosts={
+            "box": {"position": [0, 0], "program": "none"},
+            "rover": {
+                "vehicle": "rover", "program": "none", "follow": True, "sim": {"start_ned_m": [30.0, 400.0, 0.0]},
+            },
+        },
+        media=[{"kind": "radio", "name": "air", "range": {"free": 100, "cut": 200}}],
+    )  # fmt: skip
+    (edge,) = lab.network.links()
+    assert lab.network.state(edge.ab).up  # nobody knows yet where it is
+
+    async def out_of_range() -> None:
+        while lab.network.state(edge.ab).up:
+            await asyncio.sleep(0.05)
+
+    await asyncio.wait_for(out_of_range(), 60.0)
+    assert lab.mobility.positions["rover"] == pytest.approx((30.0, 400.0), abs=1.0)
+
+
+@pytest.mark.root
 async def test_hosts_move_by_themselves(start_lab: StartLab) -> None:
     lab = await start_lab(
         programs=False,
