@@ -61,9 +61,10 @@ def _some(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[
 def few(others: Collection[str], name: str) -> list[str]:
     """Which of many hosts on one network ``name`` is linked with, so that all are joined and any few may be away.
 
-    The hosts stand in a ring by name, and each is linked with those 1, 3, 9, ... places before and behind it: the steps
-    of Chord (Stoica et al. 2001) with 3 for 2. Of 30 hosts that is 90 links for 435. Zenoh's routers flood their
-    link states over every link: 30 in a full mesh put 36 MB on the air to form, and 1.6 MB/s when idle.
+    The hosts stand in a ring by name, and each is linked with those 1, 3, 9, ... places before and behind it: the
+    steps of Chord (Stoica et al. 2001) with 3 for 2. Zenoh's routers flood their link
+    states over every link: 30 of them on two cores formed 90 such links in 1.1 s with 2.5 MB, and kept 59 kB/s when
+    idle; the 435 of a full mesh took 8.7 s and 36 MB, and came and went from then on, with 1.6 MB/s.
     """
     if len(others) < FULL:
         return list(others)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import subprocess
+import sys
 import threading
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -14,6 +17,7 @@ import pytest
 import zenoh
 
 import zmav
+from mesh.lab import kernel
 from mesh.lab.lab import Lab
 from mesh.lab.network import LabError, check_able
 from mesh.lab.scenario import Scenario, check
@@ -182,3 +186,41 @@ async def events_until(events: zmav.Subscription[zenoh.Sample], mode: str, times
         sample = await asyncio.wait_for(events.get(), PATIENCE_S)
         texts.append(wire.decode(sample.payload.to_bytes(), wire.Event, "event").text)
     return texts
+
+
+LATE = """
+[mesh]
+insecure = true
+[stations.a.mesh]
+[[stations.a.mesh.radios]]
+interface = "late0"
+"""
+
+
+async def test_a_radio_that_comes_late_has_the_router_start_anew(labs: Labs, tmp_path: Path) -> None:
+    """A modem that is plugged in after boot: its address was not known, and multicast was not on it."""
+    link = {"kind": "link", "between": ["a", "b"], "interface": "eth0"}
+    lab = await labs.lab(hosts={"a": {"program": "none"}, "b": {"program": "none"}}, media=[link])
+    file = tmp_path / "fleet.toml"
+    file.write_text(LATE)
+    command = [sys.executable, "-m", "zmav", "router", "--file", str(file), "--name", "a"]
+    router = lab.spawn("a", *command, stderr=subprocess.PIPE, text=True)
+    errors = router.stderr
+    assert errors is not None
+
+    async def line() -> str:
+        return str(await asyncio.wait_for(asyncio.to_thread(errors.readline), PATIENCE_S)).rstrip()
+
+    said = [await line(), await line()]
+    assert said[0].endswith(" on tcp/127.0.0.1:7447")
+    assert said[1] == "late0 is not there or has no address yet: waiting for it"
+    with lab.enter("a"):
+        radio = kernel.open_tap("late0", mac=bytes.fromhex("020000000901"), address="10.9.0.1", prefix=24, mtu=1500)
+    try:
+        assert await line() == "starting anew: late0 has come, with 10.9.0.1"
+        assert (await line()).endswith(" on tcp/127.0.0.1:7447 udp/10.9.0.1:7447?rel=1;mixed_rel=1")
+        router.terminate()
+        assert await asyncio.to_thread(router.wait, PATIENCE_S) == 0
+    finally:
+        os.close(radio)
+        errors.close()
