@@ -39,6 +39,9 @@ CERTIFIED: Rule = {"id": "certified", "link_protocols": list(GUARDED)}
 """who shows any certificate of our authority: one that was issued since our roster, or that was revoked"""
 ADMIN = "@/**"
 """routers' admin spaces, which 'zmav mesh graph' and 'zmav doctor' read; nothing can be written there"""
+ADMIN_ASKED = ("@/*/router", "@/*/router/linkstate/**")
+"""what a neighbour may ask of them, and no more: a router that is asked for its ``route/successor`` tables just while
+another joins panics in the task that reads from that neighbour (Zenoh 1.10.2), and never hears it again"""
 
 
 def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> dict[str, Any]:
@@ -136,7 +139,7 @@ def _leaf(fleet: str, role: Role, name: str) -> Iterator[Rule]:
     """For a neighbour that brings only what is its own."""
     yield _rule(f"say-{name}", ("ingress",), SAYING, (*_under(fleet, name), *_answers(fleet)))
     for message, keys_ in _by_message(_both(granted(role, name, fleet), granted(role, name, fleet, name))):
-        more = (f"{ROOT}/{fleet}/**/@adv/**", ADMIN) if message == "query" else ()
+        more = (f"{ROOT}/{fleet}/**/@adv/**", *ADMIN_ASKED) if message == "query" else ()
         yield _rule(f"{message}-{name}", ("ingress",), (message,), (*keys_, *more))
 
 
@@ -144,7 +147,7 @@ def _relay(fleet: str, name: str, others: Iterable[str]) -> Iterator[Rule]:
     """For neighbours that bring others' words: all but those that only ``name``, our own vehicle, can say."""
     theirs = [key for other in others for key in _under(fleet, other)]
     yield _rule("relay-say", ("ingress",), SAYING, (*theirs, *_fleetwide(fleet), *_answers(fleet)))
-    yield _rule("relay-ask", ("ingress", "egress"), ("query",), (*_wide(), ADMIN))
+    yield _rule("relay-ask", ("ingress", "egress"), ("query",), (*_wide(), *ADMIN_ASKED))
     ours: dict[str, list[str]] = {"put": [], "query": [], "token": []}
     for role in Role:
         if role is not Role.VEHICLE:
