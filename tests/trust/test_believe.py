@@ -162,6 +162,8 @@ async def test_a_namesake_that_proves_it_is_a_clash(
     twin = await onboard(session, other.url, "quad1", **g.settings)
     said = await g.b.event("another vehicle is named quad1", kind="clash")
     assert said["severity"] == "critical"
+    await g.b.state(lambda s: s["clash"] and s["instance"] == g.vehicle.presence.instance, "the one's clash")
+    await g.b.state(lambda s: s["clash"] and s["instance"] == twin.presence.instance, "the other's clash")
     async with g.client("op", "operator") as z:
         with pytest.raises((Clash, Forbidden)):  # of one of the two, or not for the gate of the other
             await z.vehicle("quad1").set_mode("GUIDED")

@@ -100,7 +100,8 @@ class Presence:
             self._others[key] = parts
         else:
             self._others.pop(key, None)
-            self._proven.discard((parts["vehicle"], parts["instance"]))
+            if not any(_who(other) == _who(parts) for other in self._others.values()):  # one that says more is there
+                self._proven.discard(_who(parts))
         self._judge()
 
     def _judge(self) -> None:
