@@ -143,9 +143,11 @@ async def test_an_overheard_token_is_its_holders(guarded: StartGuarded) -> None:
             await vehicle.order("lease", wire.TakeLease(holder="alice", lease=token, ttl=20.0))
             lease.setpoint(vel=FORWARD)
             await counted(g, "flown", 1)
+            assert g.b.peer.mode == 4
             await vehicle.set_mode("LOITER")
-        await g.b.event("alice gave the lease back", kind="lease")
-    assert (g.b.peer.mode, g.b.peer.commands(176)[-1].fields["param2"]) == (5, 5.0)
+            assert g.b.peer.mode == 5
+            await other.order("hold", wire.Order(lease=token))  # open to all, and so it ends a stranger's lease
+            await g.b.event("lease of alice revoked: hold was ordered", kind="lease")
 
 
 async def test_it_needs_a_key_and_keeps_it_when_renewed(guarded: StartGuarded) -> None:
