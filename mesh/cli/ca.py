@@ -26,6 +26,8 @@ from zmav.trust.roster import HeldRoster
 
 PASSPHRASE = "ZMAV_CA_PASSPHRASE"
 DEFAULT = "fleet-ca"
+PATIENCE_S = 10.0
+"""for routers to answer, some of them over bad links"""
 
 ca_option = click.option(
     "--ca", "folder", metavar="DIR", default=lambda: os.environ.get("ZMAV_CA", DEFAULT),
@@ -161,7 +163,7 @@ def roster(tell: bool, fetch: bool, as_json: bool, folder: str, settings: Sessio
 async def _publish(settings: SessionSettings, fleet: str, signed: bytes) -> None:
     """Ends with 1 where no router took it."""
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        answers = await rosters(z, fleet, payload=signed)
+        answers = await rosters(z, fleet, payload=signed, timeout=PATIENCE_S)
     for answer in answers:
         if isinstance(answer, ZmavError):
             click.echo(f"refused: {answer}", err=True)
@@ -174,7 +176,7 @@ async def _publish(settings: SessionSettings, fleet: str, signed: bytes) -> None
 async def _fetch(settings: SessionSettings, own: Credentials) -> None:
     """Ends with 1 where no router has one."""
     async with zmav.open(fleet=own.fleet, settings=settings) as z:
-        answers = await rosters(z, own.fleet, newer=own.roster.number)
+        answers = await rosters(z, own.fleet, newer=own.roster.number, timeout=PATIENCE_S)
     held = [answer for answer in answers if isinstance(answer, HeldRoster)]
     if not held:
         raise BadConfig("no router of the fleet has a roster: is -e a router that has credentials?", field="connect")

@@ -13,7 +13,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.cli.finding import Finding
-from zmav.client import Answer, Client
+from zmav.client import OVER, Answer, Client
 from zmav.errors import BadInput, ZmavError
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
@@ -52,21 +52,23 @@ async def rosters(
     """
     key = keys.FLEET.key(fleet, topic=keys.ROSTER) + (f"?newer={newer}" if newer is not None else "")
 
-    def ask() -> list[zenoh.Reply]:
-        options = keys.Qos.MUST_ARRIVE.options()
-        return list(
-            z.session.get(
-                key, payload=payload, timeout=timeout, consolidation=zenoh.ConsolidationMode.NONE, **options
-            )
-        )  # fmt: skip
-
-    found: list[HeldRoster | ZmavError] = []
-    for reply in await asyncio.to_thread(ask):
-        if reply.ok is not None:
-            found.append(_decoded(reply.ok.payload.to_bytes()))
-        elif reply.err is not None and (said := reply.err.payload.to_bytes()) != b"Timeout":
-            found.append(wire.error_from(said))
+    deadline, found = time.monotonic() + timeout, list[HeldRoster | ZmavError]()
+    while not found and (left := deadline - time.monotonic()) > 0:
+        for reply in await asyncio.to_thread(_all_replies, z, key, payload, left):
+            if reply.ok is not None:
+                found.append(_decoded(reply.ok.payload.to_bytes()))
+            elif reply.err is not None and (said := reply.err.payload.to_bytes()) != OVER:
+                found.append(wire.error_from(said))
+        if not found:  # a session that has just opened may not know yet who answers
+            await asyncio.sleep(0.2)
     return found
+
+
+def _all_replies(z: Client, key: str, payload: bytes, timeout: float) -> list[zenoh.Reply]:
+    """All have the same key: the usual consolidation would keep one of them."""
+    every = zenoh.ConsolidationMode.NONE
+    options = keys.Qos.MUST_ARRIVE.options()
+    return list(z.session.get(key, payload=payload, timeout=timeout, consolidation=every, **options))
 
 
 def _decoded(data: bytes) -> HeldRoster | ZmavError:
