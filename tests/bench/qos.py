@@ -1,13 +1,14 @@
-"""Quality of service over 1 Mbit/s: what a vehicle's setpoints, orders, telemetry and video take to cross, and in order.
+"""Quality of service over 1 Mbit/s: what setpoints, orders, telemetry and video take to cross, and in which order.
 
-Everything goes one way, from the vehicle's router to the ground's: 50 setpoints, 10 orders, 5 states, 200 raw messages a
-second (45 kB/s on the wire), and 4 Mbit/s of video. First through a radio's own queue, then behind bearers that keep the
-budget themselves; then what a bearer costs. Prints tables; asserts nothing.
+Everything goes one way, from the vehicle's router to the ground's: 50 setpoints, 10 orders, 5 states, 200 raw messages
+a second (45 kB/s on the wire), and 4 Mbit/s of video. First through a radio's own queue, then behind bearers that keep
+the budget themselves; then what a bearer costs. Prints tables; asserts nothing.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import socket
 import subprocess
@@ -49,7 +50,8 @@ def line(process: subprocess.Popen[str]) -> str:
 def measure(seconds: float, queue: float, credentials: list[str] | None, **more: Any) -> dict[str, Any]:
     """One run; what was sent and heard."""
     config: dict[str, Any] = {
-        "local": [free_port(), free_port()], "router": free_port(), "air": free_port(), "radios": [free_port(), free_port()],
+        "local": [free_port(), free_port()], "router": free_port(), "air": free_port(),
+        "radios": [free_port(), free_port()],
         "budget": None, "video": VIDEO, "chunk": 1100, "best_effort": False, "cfg": [], "seconds": seconds,
         "credentials": credentials, **more,
     }  # fmt: skip
@@ -91,7 +93,7 @@ def row(what: str, result: dict[str, Any]) -> None:
         given = result["orders"]["given"] if kind == "do" else sum(sent.get(name, 0) for name in names)
         for name in names:
             numbers = [number for number, _ in heard.get(name, ())]
-            disorder += sum(later <= earlier for earlier, later in zip(numbers, numbers[1:], strict=False))
+            disorder += sum(later <= earlier for earlier, later in itertools.pairwise(numbers))
         came = f"{100 * len(delays) / given:.0f}%" if given else "-"
         cells.append(f"{at(delays, 0.5)}/{at(delays, 0.99)} {came}")
     trips = result["orders"]["times"]
@@ -155,7 +157,9 @@ def cost(count: int) -> None:
         for side, name in enumerate(("near", "far")):
             far = Far(("far", "near")[side], [(0, ("127.0.0.1", ports[1 - side]), 20)], opens=side == 0)
             radio = Radio(address="127.0.0.1", budget=budget)
-            bearers.append(Bearer("demo", name, [(radio, ports[side])], [far], ("127.0.0.1", routers[side])).__enter__())
+            bearers.append(
+                Bearer("demo", name, [(radio, ports[side])], [far], ("127.0.0.1", routers[side])).__enter__()
+            )
         there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         there.bind(("127.0.0.1", routers[1]))
         there.settimeout(1.0)
