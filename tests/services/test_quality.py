@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from zmav import keys
+from zmav import keys, wire
 from zmav.mavlink import Packer, encode, load_dialect
 
 if TYPE_CHECKING:
@@ -51,6 +51,15 @@ async def test_what_was_injected_is_counted(bench: StartBench) -> None:
     sums = list(itertools.accumulate(map(len, b.peer.sent)))
     assert report["rx_frames"] == sums.index(report["rx_bytes"]) + 1 - len(wrong)
     assert (report["name"], report["url"], report["state"], report["opens"]) == ("autopilot", b.peer.url, "up", 1)
+
+
+async def test_it_answers_queries_too(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    (reply,) = await b.ground.ask(keys.LINK.key("*", "*", link="*"))
+    assert reply.ok is not None
+    assert str(reply.ok.key_expr) == keys.LINK.key("demo", "quad1", link="autopilot")
+    quality = wire.decode_link(reply.ok.payload.to_bytes())
+    assert isinstance(quality, wire.LinkQuality) and quality.state == "up"
 
 
 async def test_loss_rate_and_age_over_the_last_interval(bench: StartBench) -> None:

@@ -7,6 +7,7 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -29,13 +30,19 @@ class Routers:
         self._stack = stack
         self.sessions: dict[str, zenoh.Session] = {}
 
-    async def open(self, name: str, *connect: str, cfg: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> int:
-        """A router alone; the UDP port it listens on."""
-        endpoints = ("udp/127.0.0.1:0?rel=1;mixed_rel=1", *listen)
-        settings = SessionSettings(mode="router", listen=endpoints, connect=connect, cfg=("scouting/delay:0", *cfg))
+    async def open(
+        self, name: str, *connect: str, cfg: tuple[str, ...] = (), listen: tuple[str, ...] = (),
+        credentials: Path | None = None,
+    ) -> int:  # fmt: skip
+        """A router alone; the UDP port it listens on, with credentials by QUIC."""
+        endpoints = (("quic/127.0.0.1:0?mixed_rel=1" if credentials else "udp/127.0.0.1:0?rel=1;mixed_rel=1"), *listen)
+        settings = SessionSettings(
+            mode="router", listen=endpoints, connect=connect, cfg=("scouting/delay:0", *cfg),
+            credentials=str(credentials) if credentials else None,
+        )  # fmt: skip
         session = self.sessions[name] = await asyncio.to_thread(open_session, settings)
         self._stack.push_async_callback(asyncio.to_thread, session.close)
-        (locator,) = (each for each in self.locators(name) if each.startswith("udp/"))
+        (locator,) = (each for each in self.locators(name) if each.startswith(("udp/", "quic/")))
         return int(locator.partition("?")[0].rpartition(":")[2])
 
     def locators(self, name: str) -> list[str]:

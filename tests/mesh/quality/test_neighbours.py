@@ -8,15 +8,18 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import zenoh
 
+from mesh.credentials.ca import Authority
 from mesh.quality.loss import WINDOW
 from mesh.quality.pace import STAMP_BYTES, Pace
-from mesh.quality.stamp import unpack
+from mesh.quality.stamp import Stamp, unpack
 from tests.mesh.quality.conftest import Routers, known, until
 from tests.mesh.quality.relay import HEADERS
 from zmav import keys, wire
+from zmav.trust.certificate import Role
 
 STAMP = 0x51
 
@@ -138,7 +141,7 @@ async def test_nonsense_and_strangers_are_refused_and_measuring_goes_on(routers:
     await routers.measure("quad2")
     plain = str(routers.sessions["plain"].info.zid())
     chance = random.Random(7)
-    await until(lambda: "quad2" in one.latest, "quad2")
+    await until(lambda: "quad2" in one.latest and plain in one.prober.neighbours, "both")
     probe = keys.PROBE.key("demo", "quad2", to=one.prober.zid)
     before = one.prober.refused
     for size in (0, 1, 33, 34, 1000, 1100):
@@ -146,12 +149,27 @@ async def test_nonsense_and_strangers_are_refused_and_measuring_goes_on(routers:
             routers.sessions["plain"].put(probe, chance.randbytes(size))
     stranger = bytes.fromhex("5102580000000000000000") + bytes(23)
     routers.sessions["plain"].put(probe, stranger)
-    await until(lambda: one.prober.refused >= before + 100, "refusals")
+    await until(lambda: one.prober.refused >= before + 50, "refusals")
     seen = known(one, "quad2").t
     await until(lambda: known(one, "quad2").t > seen + 0.2 and known(one, "quad2").state == "up", "it goes on")
     one.prober.neighbours[plain].since -= 10.0  # it had time enough to say its name
     await until(lambda: plain in one.latest, "the router without a name")
     await until(lambda: known(one, plain).state == "silent", "it is silent")
+
+
+async def test_with_credentials_a_neighbour_is_who_its_certificate_says(routers: Routers, tmp_path: Path) -> None:
+    authority = Authority.create(tmp_path / "ca", "demo")
+    folders = {n: authority.issue(n, Role.VEHICLE, out=tmp_path / n) for n in ("quad1", "quad2")}
+    port = await routers.open("quad1", credentials=folders["quad1"])
+    await routers.open("quad2", f"quic/127.0.0.1:{port}?mixed_rel=1", credentials=folders["quad2"])
+    one, two = await routers.measure("quad1"), await routers.measure("quad2")
+    await until(lambda: "quad2" in one.latest and known(one, "quad2").loss_in is not None, "quad2 over quic")
+    before = one.prober.refused
+    forged = Stamp(source(routers.sessions["quad2"]), 0.1, 1, 1).pack()
+    routers.sessions["quad2"].put(keys.PROBE.key("demo", "quad7", to=one.prober.zid), forged)
+    await until(lambda: one.prober.refused > before, "the refusal")
+    assert one.latest.keys() == {"quad2"}
+    assert two.latest.keys() == {"quad1"}
 
 
 async def test_where_zenoh_goes_around_a_link_nothing_is_measured_on_it(routers: Routers) -> None:
