@@ -205,7 +205,8 @@ async def test_what_is_stopped_ends_on_the_hosts_and_its_report_can_be_had_later
 async def test_a_cancelled_measurement_ends_on_the_hosts(line: Start) -> None:
     made, bench = await line("quad1", "quad2")
     begun = asyncio.Event()
-    task = asyncio.ensure_future(bench.stream("quad1", "quad2", _in("bulk", 60.0), on_interval=lambda *_: begun.set()))
+    stream = msgspec.structs.replace(_in("bulk", 300.0), patience=300.0)
+    task = asyncio.ensure_future(bench.stream("quad1", "quad2", stream, on_interval=lambda *_: begun.set()))
     await within(PATIENCE_S, begun.wait())
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
