@@ -53,14 +53,14 @@ def home(fleet: Fleet, door: Door) -> Home:
 
 
 def reached(session: zenoh.Session, key: str) -> None:
-    """Wait until a subscriber of the key is known."""
+    """Wait until another session's subscriber of the key is known."""
     known = threading.Event()
 
     def on_match(status: Any) -> None:
         if status.matching:
             known.set()
 
-    publisher = session.declare_publisher(key)
+    publisher = session.declare_publisher(key, allowed_destination=zenoh.Locality.REMOTE)
     listener = publisher.declare_matching_listener(on_match)
     status: Any = publisher.matching_status
     assert status.matching or known.wait(PATIENCE_S)
