@@ -1,6 +1,7 @@
 """The named kinds of network: how neighbours find each other in each, and how soon one that is gone is noticed.
 
-``lan``    one wired segment: everybody hears everybody at little cost. Neighbours find each other by multicast.
+``lan``    one wired segment: everybody hears everybody at little cost. Neighbours find each other by multicast, and
+           each is linked with each: beyond a dozen hosts, name neighbours or take ``wds``.
 ``wds``    bridged Wi-Fi, one segment over several hops: everybody reaches everybody, and multicast is slow and lossy.
            Neighbours whose addresses the file has are called by address, the others found by multicast.
 ``mesh``   only neighbours hear each other, and who that is changes: single-hop ad-hoc Wi-Fi (IBSS, or 802.11s with
