@@ -2,7 +2,7 @@
 
     python tests/bench/_bench_node.py NAME LISTEN [CONNECT]
 
-A line on standard input is a task (zsend, zreceive, usend, ureceive, zping, zecho, uping, uecho, each with its numbers);
+A line on standard input is a task with its numbers (zsend, zreceive, usend, ureceive, zping, zecho, uping, uecho);
 a line of JSON on standard output is what came of it.
 """
 
