@@ -41,9 +41,9 @@ def router() -> Iterator[Callable[..., zenoh.Session]]:
             return f"udp/127.0.0.1:{port}?rel=1;mixed_rel=1"
 
         connect = [ends(port) for _, port in bearer.local.values()]
-        how = SessionSettings(
-            mode="router", listen=[ends(pair.routers[side])], connect=connect, cfg=["scouting/delay:0"]
-        )
+        # A busy machine may hold everything up for a second: that must not end the link.
+        cfg = ["scouting/delay:0", "transport/link/tx/lease:5000"]
+        how = SessionSettings(mode="router", listen=[ends(pair.routers[side])], connect=connect, cfg=cfg)
         opened.append(open_session(how))
         return opened[-1]
 
@@ -94,16 +94,16 @@ def test_a_session_lives_on_when_its_radio_dies_and_nothing_is_lost(
     near = router(both, LEFT, left)
     heard: list[int] = []
     far.declare_subscriber("t/n", lambda sample: heard.append(int(sample.payload.to_bytes())))
-    publisher = near.declare_publisher("t/n")
+    publisher = near.declare_publisher("t/n", congestion_control=zenoh.CongestionControl.BLOCK)
     until(lambda: bool(publisher.matching_status.matching), "subscriber")  # type: ignore[attr-defined]
     for n in range(50):
         if n == 20:
             both.airs[0].cut = True
         publisher.put(str(n))
         time.sleep(0.01)
-    until(lambda: len(heard) == 50, "fifty words")
+    until(lambda: bool(heard) and heard[-1] == 49, "last word")
     assert heard == list(range(50))
-    assert left.status.switches == {"right": 1}
+    assert left.status.switches["right"] >= 1
     routes = {route.in_use: route for route in left.status.routes["right"]}
     assert routes[True].address.endswith(str(both.airs[1].end(LEFT)[1]))
     assert [str(zid) for zid in near.info.routers_zid()] == [str(far.info.zid())]
