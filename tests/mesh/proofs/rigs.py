@@ -31,13 +31,16 @@ def scenario(**tables: Any) -> Scenario:
     return check(msgspec.convert(tables, Scenario))
 
 
-def chain(vehicles: int, *, relays: int = 0, credentials: bool = False, **conditions: Any) -> Scenario:
-    """ground - relay1 ... - quad1 - quad2 ...: each hears only those beside it."""
+def chain(
+    vehicles: int, *, relays: int = 0, credentials: bool = False, lease: float | None = None, **conditions: Any
+) -> Scenario:
+    """ground - relay1 ... - quad1 - quad2 ...: each hears only those beside it. ``lease``: not the profile's."""
     names = ["ground", *(f"relay{i + 1}" for i in range(relays)), *(f"quad{i + 1}" for i in range(vehicles))]
     hosts = {name: {"vehicle": "copter"} if name.startswith("quad") else {} for name in names}
     pairs = list(itertools.pairwise(names))
     return scenario(
         name="chain", profile="mesh", credentials=credentials, hosts=_placed(hosts),
+        fleet={"mesh": {"lease": lease}} if lease else {},
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
     )  # fmt: skip
 
