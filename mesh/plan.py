@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
+import zenoh
 
 from mesh.credentials.acl import access_control
-from mesh.credentials.exposure import check_exposed
+from mesh.credentials.exposure import check_opened
 from mesh.neighbours import Neighbour, Way, neighbours
 from mesh.profiles import PROFILES, Rules
 from mesh.radios import Interfaces, Standing, interfaces, stand
@@ -112,11 +113,9 @@ def plan_router(
         _check_member(plan, credentials)
     for settings in (_timers(plan), _links(plan, table), _scouting(plan), _thinning(plan), _trust(plan)):
         plan.settings.update(settings)
-    given = _given(plan, base)
-    plan.settings.update(given)
-    reached = [*plan.listens, *_endpoints(plan, CONNECT)]
-    scouting = bool(plan.value(f"{SCOUTING}enabled"))
-    check_exposed(reached, credentials, insecure or whole.mesh.insecure, scouting=scouting)
+    opened, ours = config(plan.session(base)), config(plan.session(SessionSettings(credentials=base.credentials)))
+    check_opened(opened, ours, credentials, insecure or whole.mesh.insecure)
+    plan.settings.update(_given(plan, base, opened))
     return plan
 
 
@@ -264,9 +263,8 @@ def _host(address: str) -> str:
     return f"[{address}]" if ":" in address else address
 
 
-def _given(plan: RouterPlan, base: SessionSettings) -> dict[str, Setting]:
-    """What a person gave, as Zenoh took it."""
-    settings = plan.session(base)
-    built = config(settings)
-    return {path: Setting(json.loads(built.get_json(path)), source) for path, source in sources(settings).items()
-            if path != "mode"}  # fmt: skip
+def _given(plan: RouterPlan, base: SessionSettings, opened: zenoh.Config) -> dict[str, Setting]:
+    """What a person gave, as Zenoh took it; of a whole table (``--cfg listen:{...}``) what stands in it, too."""
+    given = {path.strip("/"): source for path, source in sources(plan.session(base)).items() if path != "mode"}
+    inside = {path: how for path in plan.settings for place, how in given.items() if path.startswith(f"{place}/")}
+    return {path: Setting(json.loads(opened.get_json(path)), how) for path, how in {**inside, **given}.items()}

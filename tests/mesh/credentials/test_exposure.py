@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from mesh.credentials.ca import Authority
 from mesh.credentials.exposure import check_exposed, is_exposed
+from mesh.plan import RouterPlan, plan_router
 from zmav.errors import BadConfig
+from zmav.session import SessionSettings
+from zmav.trust.certificate import Role
 
 HERE = (
     "tcp/127.0.0.1:7447",
@@ -60,3 +66,55 @@ def test_scouting_speaks_to_whoever_hears_it() -> None:
         check_exposed([], None, insecure=False, scouting=True)
     check_exposed([], None, insecure=True, scouting=True)
     check_exposed([], object(), insecure=False, scouting=True)
+
+
+def plan(
+    credentials: Path | None = None, *listen: str, file: Path | None = None, cfg: list[str] | None = None
+) -> RouterPlan:
+    folder, path = str(credentials) if credentials else None, str(file) if file else None
+    settings = SessionSettings(mode="router", listen=listen, credentials=folder, file=path, cfg=cfg or ())
+    return plan_router(None, "quad1", settings, fleet="alpha")
+
+
+@pytest.mark.parametrize(
+    "cfg",
+    [
+        ['listen/endpoints:["tcp/0.0.0.0:7447"]'],
+        ['listen:{endpoints:["tcp/0.0.0.0:7447"]}'],
+        ['/listen/endpoints:["tcp/0.0.0.0:7447"]'],
+        ['connect:{endpoints:{router:["tcp/10.9.9.9:7447"]}}'],
+        ['listen/endpoints:{peer:["tcp/0.0.0.0:7447"]}', 'mode:"peer"'],
+        ["scouting/multicast:{enabled:true}"],
+    ],
+)
+def test_however_it_is_given_to_zenoh_it_does_not_leave_loopback(cfg: list[str]) -> None:
+    with pytest.raises(BadConfig, match="would let others in unguarded"):
+        plan(cfg=cfg)
+
+
+def test_a_table_given_whole_is_what_the_plan_says() -> None:
+    found = plan(cfg=['listen:{endpoints:["tcp/127.0.0.1:9"]}'])
+    assert found.listens == ["tcp/127.0.0.1:9"]
+    assert found.settings["listen/endpoints"].source == "--cfg"
+
+
+def test_beyond_loopback_the_guards_are_those_of_the_credentials(tmp_path: Path) -> None:
+    member = Authority.create(tmp_path / "ca", "alpha").issue("quad1", Role.VEHICLE)
+    there = "quic/0.0.0.0:7447"
+    assert plan(member, there).listens == [there]
+    for weaker in (
+        "transport/link/tls/enable_mtls:false",
+        "transport/link/tls:{enable_mtls:false}",
+        'transport/link/tls/root_ca_certificate:"/tmp/other.pem"',
+        "access_control/enabled:false",
+        'access_control/default_permission:"allow"',
+    ):
+        with pytest.raises(BadConfig, match="would let others in unguarded"):
+            plan(member, there, cfg=[weaker])
+        assert plan(member, "tls/127.0.0.1:9", cfg=[weaker]).listens
+    with pytest.raises(BadConfig, match="its own guards"):
+        plan(member, f"{there}#enable_mtls=false")
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{transport: {link: {tls: {enable_mtls: false}}}}")
+    with pytest.raises(BadConfig, match="transport/link/tls"):
+        plan(member, there, file=file)
