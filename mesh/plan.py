@@ -174,13 +174,14 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
     direct = [each for each in plan.host.neighbours or () if "/" in each]
     for neighbour in plan.neighbours:
         # One way only: Zenoh would call the others without end, 27 kB/s each, and be refused. Bearers carry several.
-        best = [_endpoint(plan, way.address, way.port) for way in neighbour.ways[:1]] or list(neighbour.endpoints)
+        best = [_call(plan, way) for way in neighbour.ways[:1]] or list(neighbour.endpoints)
         connect += best if neighbour.calls else []
     connect += direct
     if plan.neighbours or direct:
         why.append(profile if plan.host.neighbours is None else f"fleet file: {place}.mesh.neighbours")
     if plan.profile in ("cloud", "multi") and plan.file.mesh.rendezvous:
-        connect += [each for each in plan.file.mesh.rendezvous if each not in listen]
+        own = [_place(each) for each in listen]
+        connect += [each for each in plan.file.mesh.rendezvous if _place(each) not in own]
         why.append("fleet file: mesh.rendezvous")
     if connect:
         found[CONNECT] = Setting(list(dict.fromkeys(connect)), ", ".join(why))
@@ -190,10 +191,12 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
 def _is_called(plan: RouterPlan, rules: Rules) -> list[Standing]:
     """The radios on which the router listens: in the cloud, those whose address is a rendezvous."""
     known = [radio for radio in plan.radios if radio.address is not None]
-    if rules.listens:
-        return known
-    meeting = " ".join(plan.file.mesh.rendezvous)
-    return [radio for radio in known if f"/{_host(str(radio.radio.address))}:" in meeting]
+    return known if rules.listens else [radio for radio in known if is_rendezvous(plan, str(radio.radio.address))]
+
+
+def is_rendezvous(plan: RouterPlan, address: str) -> bool:
+    """Whether the fleet file has everybody meet at that address."""
+    return any(_place(each).rpartition(":")[0] == _host(address) for each in plan.file.mesh.rendezvous)
 
 
 def _patience(plan: RouterPlan) -> dict[str, Setting]:
@@ -210,12 +213,12 @@ def _patience(plan: RouterPlan) -> dict[str, Setting]:
 def _scouting(plan: RouterPlan) -> dict[str, Setting]:
     """Multicast, on the radios only: of two routers that hear each other, the one with the greater id calls."""
     rules, profile = PROFILES[plan.profile], f"profile {plan.profile}"
-    if rules.calls_all and not _is_unknown(plan):
+    if rules.scouting and rules.calls_all and not _is_unknown(plan):
         return {f"{SCOUTING}enabled": Setting(False, "the file has everybody's address")}
     names = [radio.radio.interface for radio in plan.radios if radio.present and radio.radio.interface]
     if not rules.scouting or plan.host.neighbours is not None or not names:
-        why = profile if not rules.scouting else "zmav" if not names else "the host names its neighbours"
-        return {f"{SCOUTING}enabled": Setting(False, why)}
+        why = "zmav" if not plan.radios else "no radio is there yet" if not names else "the host names its neighbours"
+        return {f"{SCOUTING}enabled": Setting(False, why if rules.scouting else profile)}
     return {
         f"{SCOUTING}enabled": Setting(True, profile),
         f"{SCOUTING}interface": Setting(",".join(dict.fromkeys(names)), "the host's radios"),
@@ -257,6 +260,16 @@ def _endpoint(plan: RouterPlan, address: str, port: int) -> str:
     """How routers speak to each other: QUIC, with TLS where there are credentials; see docs/mesh.md for why."""
     place = f"{_host(address)}:{port}"
     return f"quic/{place}?mixed_rel=1" if plan.credentials else f"udp/{place}?rel=1;mixed_rel=1"
+
+
+def _call(plan: RouterPlan, way: Way) -> str:
+    """From the radio's own address: a link from no address in particular is on every interface, for Zenoh's rules."""
+    return f"{_endpoint(plan, way.address, way.port)}#bind={_host(str(way.radio.address))}:0"
+
+
+def _place(endpoint: str) -> str:
+    """Address and port of a Zenoh endpoint, without its protocol and its settings."""
+    return endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
 
 
 def _host(address: str) -> str:

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 
 import zenoh
 
-from mesh.plan import RouterPlan
+from mesh.plan import RouterPlan, is_rendezvous
 from mesh.profiles import PROFILES
 from mesh.radios import Interfaces, Standing, interfaces
 
@@ -19,7 +19,7 @@ class RadioWatch:
     """Compares the radios of a plan with what there is, every ``period`` seconds."""
 
     def __init__(self, plan: RouterPlan, look: Callable[[], Interfaces] = interfaces, period: float = PERIOD_S) -> None:
-        self._radios, self._look, self._period = plan.radios, look, period
+        self._plan, self._radios, self._look, self._period = plan, plan.radios, look, period
         self._scouts = PROFILES[plan.profile].scouting and plan.host.neighbours is None
         self._gone: set[Standing] = set()
 
@@ -27,9 +27,10 @@ class RadioWatch:
         """Return when the plan is out of date, with the reason."""
         while True:
             await asyncio.sleep(self._period)
-            why = self.compare(await asyncio.to_thread(self._look))
-            if why:
-                return why
+            with contextlib.suppress(OSError, ValueError):  # the system does not say now: it may the next time
+                why = self.compare(await asyncio.to_thread(self._look))
+                if why:
+                    return why
 
     def compare(self, there: Interfaces) -> str | None:
         """What makes the plan out of date, in words.
@@ -48,6 +49,8 @@ class RadioWatch:
                 self._gone.add(radio)
             return f"{radio.name} has come" if back and self._scouts else None
         addresses = [str(address.ip) for address in there.get(radio.name, ())]
+        if addresses and not self._matters(addresses):
+            return None
         if not addresses or (radio.address and str(radio.address.ip) in addresses and radio not in self._gone):
             if not addresses:
                 self._gone.add(radio)
@@ -57,6 +60,11 @@ class RadioWatch:
         if str(radio.address.ip) not in addresses:
             return f"{radio.name} has now {addresses[0]}"
         return f"{radio.name} has come back" if self._scouts else None
+
+    def _matters(self, addresses: list[str]) -> bool:
+        """In the cloud a host calls from whatever address its modem was given; only a rendezvous is called at one."""
+        listens = PROFILES[self._plan.profile].listens or self._plan.host.neighbours is not None
+        return listens or any(is_rendezvous(self._plan, address) for address in addresses)
 
 
 @contextlib.asynccontextmanager

@@ -132,5 +132,5 @@ def _check_free(plan: RouterPlan) -> None:
                 if e.errno == errno.EADDRINUSE:
                     text = f"a port of {endpoint} is in use by another program: choose another with -l"
                     raise SessionError(text, endpoints=[endpoint]) from e
-            except ValueError:
+            except (ValueError, OverflowError):
                 continue  # no plain port: Zenoh says what is wrong with it

@@ -6,24 +6,27 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-import click
-
 from mesh.plan import RouterPlan
 from mesh.router import Router
-from zmav.process import until_stopped
+from zmav.errors import ZmavError
+from zmav.process import say, until_stopped
 
-LOOK_S = 0.5
+LOOK_S, AGAIN_S = 0.5, 1.0
 
 
-async def until_outdated(router: Router, line: str, idle: Callable[[], bool] = lambda: True) -> str | None:
+async def until_outdated(
+    router: Router, line: str, plan: Callable[[], object], idle: Callable[[], bool] = lambda: True
+) -> str | None:
     """Return None when the process is asked to end, or why its router is to be opened anew, as soon as it is ``idle``.
 
-    ``line`` is said once it can be asked to end; then, which radios are waited for. Run in the main thread.
+    ``line`` is said once it can be asked to end; then, which radios are waited for. ``plan`` plans as the process will
+    when it starts anew: where that raises :class:`ZmavError` (a fleet file that was changed, a certificate that expired
+    since), it goes on as it is and looks again. Run in the main thread.
     """
-    stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, idle))
+    stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, plan, idle))
     try:
         await asyncio.sleep(0)  # the tasks begin
-        click.echo(line, err=True)
+        say(line)
         _say_waiting(router.plan)
         await asyncio.wait((stopped, outdated), return_when=asyncio.FIRST_COMPLETED)
         return None if stopped.done() else outdated.result()
@@ -34,13 +37,23 @@ async def until_outdated(router: Router, line: str, idle: Callable[[], bool] = l
                 await task
 
 
-async def _outdated(router: Router, idle: Callable[[], bool]) -> str:
-    why = await router.outdated()
-    if not idle():
-        click.echo(f"{why}: starting anew as soon as the vehicle is disarmed and nobody commands it", err=True)
-        while not idle():
-            await asyncio.sleep(LOOK_S)
-    return why
+async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[], bool]) -> str:
+    why, said = await router.outdated(), ""
+    while True:
+        if not idle():
+            say(f"{why}: starting anew as soon as the vehicle is disarmed and nobody commands it")
+            while not idle():
+                await asyncio.sleep(LOOK_S)
+        try:
+            await asyncio.to_thread(plan)
+        except ZmavError as e:
+            if said != str(e):
+                said = str(e)
+                say(f"{why}, but this could not start anew: {said}")
+            await asyncio.sleep(AGAIN_S)
+            continue
+        if idle():
+            return why
 
 
 def _say_waiting(plan: RouterPlan) -> None:
@@ -48,4 +61,4 @@ def _say_waiting(plan: RouterPlan) -> None:
     for radio in plan.radios:
         if not radio.present:
             what = f"has not the address {radio.address.ip}" if radio.address else "is not there or has no address"
-            click.echo(f"{radio.name} {what} yet: waiting for it", err=True)
+            say(f"{radio.name} {what} yet: waiting for it")

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import sys
 from typing import NoReturn
+
+import click
 
 
 async def until_stopped() -> None:
@@ -21,8 +24,15 @@ async def until_stopped() -> None:
             loop.remove_signal_handler(number)
 
 
+def say(line: str) -> None:
+    """A line on standard error for whoever watches; that nobody does any more (a closed terminal) ends nothing."""
+    with contextlib.suppress(OSError, ValueError):
+        click.echo(line, err=True)
+
+
 def restart() -> NoReturn:
     """Start this program anew in its own place: same process id, arguments and environment; what was open is closed."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
+from functools import partial
 
 import click
 import zenoh
 
-from mesh.cli.options import file_option, insecure_option
+from mesh.cli.options import file_option, insecure_option, plan_host
 from mesh.credentials.rosterwatch import RosterWatch
-from mesh.plan import RouterPlan, plan_router
+from mesh.plan import RouterPlan
 from mesh.router import Router
 from mesh.running import until_outdated
 from zmav import keys, wire
 from zmav.cli.common import run, zenoh_options
-from zmav.config import FleetConfig, Signing, load_fleet, origin_of
+from zmav.config import Signing, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import restart
+from zmav.process import restart, say
 from zmav.session import SessionSettings
 
 
@@ -48,12 +50,12 @@ def up(
     or -e say otherwise, and goes beyond it only with --credentials or --insecure ('zmav mesh config' shows what
     results). An autopilot that comes late, goes away or is exchanged is waited for. SIGTERM ends it cleanly.
     """
-    read = load_fleet(fleet_file) if fleet_file else None
-    file, table = read or FleetConfig(), read.vehicle(name) if read else None
+    plan_anew = partial(plan_host, fleet_file, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
+    plan = plan_anew()
+    file, table = plan.file, plan.file.vehicle(name) if fleet_file else None
     url = link or (table.link if table else None)
     if url is None:
         raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
-    plan = plan_router(read, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
     vehicle = OnboardSettings(
         link=url,
         name=name,
@@ -69,10 +71,12 @@ def up(
         credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
     )
-    run(_up(vehicle, plan, settings))
+    run(_up(vehicle, plan, settings, plan_anew))
 
 
-async def _up(vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings) -> None:
+async def _up(
+    vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings, plan_anew: Callable[[], RouterPlan]
+) -> None:
     async with Router(plan, settings) as router:
         onboard = Onboard(router.session, vehicle)
         for watch in router.running:
@@ -82,10 +86,10 @@ async def _up(vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSetti
         async with onboard:
             line = f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}"
             why = await until_outdated(
-                router, line, lambda: not onboard.identity.armed and onboard.leases.holder is None
+                router, line, plan_anew, lambda: not onboard.identity.armed and onboard.leases.holder is None
             )
     if why:
-        click.echo(f"starting anew: {why}", err=True)
+        say(f"starting anew: {why}")
         restart()
 
 
@@ -93,4 +97,4 @@ def _log(sample: zenoh.Sample) -> None:
     """An event as a line of the process's log: what happens to the link and the autopilot, and what was refused."""
     with contextlib.suppress(BadInput):  # somebody else's: ours are what they should be
         event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-        click.echo(f"{event.severity}: {event.text}", err=True)
+        say(f"{event.severity}: {event.text}")

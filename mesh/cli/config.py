@@ -10,10 +10,9 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from mesh.cli.options import file_option, insecure_option, own_name
-from mesh.plan import RouterPlan, plan_router
+from mesh.cli.options import file_option, insecure_option, plan_host
+from mesh.plan import RouterPlan
 from zmav.cli.common import console, dump, json_option, zenoh_options
-from zmav.config import load_fleet
 from zmav.session import SessionSettings
 
 WIDEST = 200
@@ -33,8 +32,7 @@ def command(
 
     'zmav up' and 'zmav router' open their Zenoh router with these values. Interfaces are those of this computer.
     """
-    file = load_fleet(fleet_file) if fleet_file else None
-    plan = plan_router(file, own_name(name, settings), settings, insecure=insecure)
+    plan = plan_host(fleet_file, name, settings, insecure=insecure)
     if as_zenoh:
         click.echo(json.dumps(nested(plan), indent=2))
         return

@@ -1,4 +1,4 @@
-"""What ``zmav up``, ``zmav router`` and ``zmav mesh config`` ask alike: the fleet file, the host's name, and safety."""
+"""What ``zmav up``, ``zmav router`` and ``zmav mesh config`` do alike: which options they have, and how they plan."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import click
 
+from mesh.plan import RouterPlan, plan_router
+from zmav.config import load_fleet
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
 
@@ -19,6 +21,15 @@ insecure_option = click.option(
     "--insecure", is_flag=True,
     help="Reach beyond this computer without credentials: whoever hears the network commands the fleet.",
 )  # fmt: skip
+
+
+def plan_host(
+    fleet_file: str | None, name: str | None, settings: SessionSettings, *, fleet: str | None = None,
+    insecure: bool = False, vehicle: bool = False,
+) -> RouterPlan:  # fmt: skip
+    """This computer's router as the options ask for it; raises what :func:`plan_router` and :func:`load_fleet` do."""
+    file = load_fleet(fleet_file) if fleet_file else None
+    return plan_router(file, own_name(name, settings), settings, fleet=fleet, insecure=insecure, vehicle=vehicle)
 
 
 def own_name(name: str | None, settings: SessionSettings) -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import click
 
-from mesh.cli.options import file_option, insecure_option, own_name
-from mesh.plan import RouterPlan, plan_router
+from mesh.cli.options import file_option, insecure_option, plan_host
+from mesh.plan import RouterPlan
 from mesh.router import Router
 from mesh.running import until_outdated
 from zmav.cli.common import run, zenoh_options
-from zmav.config import load_fleet
-from zmav.process import restart
+from zmav.process import restart, say
 from zmav.session import SessionSettings
 
 
@@ -28,14 +30,15 @@ def router(
     It listens on loopback only unless the fleet file, -l or -e say otherwise, and beyond it only with --credentials or
     --insecure. Ground programs are its clients; it relays to and for vehicles.
     """
-    file = load_fleet(fleet_file) if fleet_file else None
-    plan = plan_router(file, own_name(name, settings), settings, fleet=fleet, insecure=insecure)
+    plan = partial(plan_host, fleet_file, name, settings, fleet=fleet, insecure=insecure)
     run(_route(plan, settings))
 
 
-async def _route(plan: RouterPlan, settings: SessionSettings) -> None:
-    async with Router(plan, settings) as router:
-        why = await until_outdated(router, f"router {router.session.info.zid()} on {' '.join(plan.listens)}")
+async def _route(plan: Callable[[], RouterPlan], settings: SessionSettings) -> None:
+    planned = plan()
+    async with Router(planned, settings) as router:
+        line = f"router {router.session.info.zid()} on {' '.join(planned.listens)}"
+        why = await until_outdated(router, line, plan)
     if why:
-        click.echo(f"starting anew: {why}", err=True)
+        say(f"starting anew: {why}")
         restart()

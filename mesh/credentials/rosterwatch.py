@@ -15,7 +15,6 @@ import time
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-import click
 import msgspec
 import zenoh
 
@@ -24,6 +23,7 @@ from mesh.credentials.acl import access_control
 from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
+from zmav.process import say
 from zmav.services.port import on_loop
 from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
@@ -102,17 +102,23 @@ class RosterWatch:
         self._say(f"roster {roster.number}: {len(roster.members)} members, {len(roster.revoked)} revoked")
         if roster.is_revoked(self._credentials.certificate.fingerprint):
             self._say_once("own", "our own certificate was revoked: others give us nothing, and take nothing from us")
-        try:
-            files.write(self._credentials.folder / credentials.ROSTER, msgspec.json.encode(signed))
-        except BadConfig as e:  # a read-only disk: what holds now is forgotten at the next start, and heard again
-            self._say_once("write", str(e))
+        kept = self._is_kept(signed)
         if self._rules_by(roster) == self._rules:
             self._outdated.clear()
-        else:
+        elif kept:
             self._outdated.set()
         self._hurry.set()
         for listener in self._listeners:
             listener(roster)
+        return True
+
+    def _is_kept(self, signed: SignedRoster) -> bool:
+        """On a read-only disk it is forgotten at the next start and heard again: to start anew would have no end."""
+        try:
+            files.write(self._credentials.folder / credentials.ROSTER, msgspec.json.encode(signed))
+        except BadConfig as e:
+            self._say_once("write", f"{e}; the rules between routers stay as they are until it can be written")
+            return False
         return True
 
     def _rules_by(self, roster: Roster) -> dict[str, Any]:
@@ -215,5 +221,5 @@ async def watch_roster(session: zenoh.Session, plan: RouterPlan) -> AsyncIterato
     if plan.credentials is None:
         yield None
         return
-    async with RosterWatch(session, plan, plan.credentials, lambda text: click.echo(text, err=True)) as watch:
+    async with RosterWatch(session, plan, plan.credentials, say) as watch:
         yield watch

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import zenoh
 
-from zmav import cli
+from zmav import cli, keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, BadMessage, NoSuchVehicle, Stale
 
 if TYPE_CHECKING:
@@ -194,8 +195,29 @@ def test_info(vehicle: Vehicle) -> None:
     assert known["vehicles"] == {"quad1": router["zid"]}
     assert router["locators"] == [vehicle.endpoint]
     assert {"peer": known["session"], "whatami": "client"}.items() <= router["links"][0].items()
+    assert known["neighbours"] == []
     told = vehicle.zmav("info")
     assert f"router {router['zid']}  quad1" in told.out
+
+
+def test_info_shows_how_well_routers_hear_their_neighbours(net: Net, here: type[Here]) -> None:
+    session, endpoint = net.router()
+    good = wire.NeighbourQuality(
+        t=1.0, name="relay", router="ab", peer="cd", url="udp/1.2.3.4:5", state="up",
+        age=0.2, rtt=0.0345, loss_in=0.25, loss_out=0.0,
+    )  # fmt: skip
+    lies = {"relay": wire.encode(good), "bad": b"[" * 9000, "ground": wire.encode(good)}
+    lies["[red"] = wire.encode(good).replace(b"relay", b"[red")
+
+    def answer(query: zenoh.Query) -> None:
+        for link, data in lies.items():
+            query.reply(keys.LINK.key("demo", "quad1", link=link), data)
+
+    session.declare_queryable(keys.LINK.key("demo", "quad1", link="*"), answer)
+    zmav = here("-e", endpoint)
+    (row,) = zmav("info", "--json").lines[0]["neighbours"]
+    assert (row["host"], row["name"], row["rtt"], row["loss_in"]) == ("quad1", "relay", 0.0345, 0.25)
+    assert re.search(r"^quad1 +relay +up +34\.5 +0% / 25% +0\.2 s", zmav("info").out, re.MULTILINE)
 
 
 def test_get(vehicle: Vehicle) -> None:
@@ -295,8 +317,8 @@ def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
 
 def test_help_lists_every_verb(here: type[Here]) -> None:
     told = here()("--help")
-    verbs = {*cli.VERBS, "up", "demo", "router", "swarm"}
-    assert len(verbs) == len(cli.VERBS) + 4
+    verbs = {*cli.VERBS, "up", "demo", "router", "swarm", "mesh", "lab"}
+    assert len(verbs) == len(cli.VERBS) + 6
     listed = [line.split()[0] for line in told.out.partition("Commands:")[2].splitlines() if line.strip()]
     assert sorted(verbs) == listed
     assert here()("--version").out.startswith("zmav, version ")

@@ -70,8 +70,9 @@ def plan(tmp_path: Path) -> Plan:
     return plan
 
 
-def udp(*places: str) -> list[str]:
-    return [f"udp/{place}?rel=1;mixed_rel=1" for place in places]
+def udp(*places: str, by: str = "") -> list[str]:
+    """Endpoints; ``by`` is the address of the radio that they are called from."""
+    return [f"udp/{place}?rel=1;mixed_rel=1{f'#bind={by}:0' if by else ''}" for place in places]
 
 
 def test_without_a_file_it_keeps_to_loopback() -> None:
@@ -104,9 +105,9 @@ def test_who_is_called_where_nobody_is_named(plan: Plan, profile: str, called: b
     found = plan(profile=profile)
     assert [n.name for n in found.neighbours] == (["quad2", "ground"] if called else [])
     # One way each: the cheapest. Of two, the first in the alphabet calls: ground calls quad1.
-    assert found.value("connect/endpoints") == (udp("10.77.0.2:7447") if called else [])
+    assert found.value("connect/endpoints") == (udp("10.77.0.2:7447", by="10.77.0.1") if called else [])
     assert plan(name="ground", profile=profile, there={}).value("connect/endpoints") == (
-        udp("10.77.0.1:7447", "10.77.0.2:7447") if called else []
+        udp("10.77.0.1:7447", "10.77.0.2:7447", by="10.77.0.9") if called else []
     )
 
 
@@ -132,7 +133,7 @@ def test_where_an_address_is_not_known_it_is_looked_for_and_who_has_it_calls(pla
     assert plan(text, profile="wds").scouts_on == ("wlan0", "wwan0")
     text = FLEET.replace('address = "10.77.0.9"', 'interface = "eth0"')
     ground = plan(text, "ground", "wds", there={"eth0": [ip_interface("10.77.0.9/24")]})
-    assert ground.value("connect/endpoints") == udp("10.77.0.1:7447", "10.77.0.2:7447")
+    assert ground.value("connect/endpoints") == udp("10.77.0.1:7447", "10.77.0.2:7447", by="10.77.0.9")
     quad2 = plan(text, "quad2", "wds", there={"wlan0": [ip_interface("10.77.0.2/24")]})
     assert quad2.value("connect/endpoints") == []
     assert quad2.scouts_on == ("wlan0",)
@@ -150,7 +151,7 @@ def test_who_names_its_neighbours_is_linked_with_no_other(plan: Plan) -> None:
     for profile in ("lan", "wds", "mesh", "multi", "cloud"):
         found = plan(named, profile=profile)
         assert [n.name for n in found.neighbours] == ["ground"]
-        calls = [] if profile in ("wds", "multi") else udp("10.77.0.9:7447")  # there, ground calls: it comes first
+        calls = [] if profile in ("wds", "multi") else udp("10.77.0.9:7447", by="10.77.0.1")  # ground calls: it comes first
         assert found.value("connect/endpoints") == [*calls, "udp/203.0.113.5:7"]
         assert found.scouts_on == ()
         assert [n.name for n in plan(named, "quad2", "multi").neighbours] == ["ground"]  # quad1 has said whom it wants
@@ -166,6 +167,9 @@ def test_in_the_cloud_only_the_rendezvous_can_be_called(plan: Plan) -> None:
     assert quad.value("connect/endpoints") == udp("192.0.2.9:7447")
     assert far.listens == ["tcp/127.0.0.1:7447", *udp("192.0.2.9:7447")]
     assert far.value("connect/endpoints") == []
+    for written in ("udp/192.0.2.9:7447", "udp/192.0.2.9:7447?rel=1#iface=eth0"):  # its own, however it is written
+        other = plan(CLOUD.replace("udp/192.0.2.9:7447?rel=1;mixed_rel=1", written), "far", "cloud")
+        assert (other.listens[1:], other.value("connect/endpoints")) == (udp("192.0.2.9:7447"), [])
     assert quad.value("transport/link/tx/lease") / quad.value("transport/link/tx/keep_alive") < 20_000  # ms
 
 
@@ -186,6 +190,7 @@ def test_a_radio_that_is_not_there_yet_is_waited_for(plan: Plan) -> None:
     assert "wwan0 (waited for)" in found.settings["listen/endpoints"].source
     assert found.scouts_on == ("wlan0",)
     assert plan().value("listen/timeout_ms") is None
+    assert plan(there={}).settings["scouting/multicast/enabled"].source == "no radio is there yet"
 
 
 def test_timers_come_from_the_profile_or_the_file(plan: Plan) -> None:
@@ -272,7 +277,8 @@ def test_a_neighbour_that_no_radio_reaches_is_said_with_what_to_do(plan: Plan) -
     with pytest.raises(BadConfig, match=r"far cannot reach its neighbour quad1: its addresses \(10\.77\.0\.1, ") as e:
         plan(text, "far")
     assert "192.0.2.0/24" in e.value.message
-    assert plan(text.replace('"192.0.2.9"', '"10.77.0.77"'), "far").value("connect/endpoints") == udp("10.77.0.1:7447")
+    found = plan(text.replace('"192.0.2.9"', '"10.77.0.77"'), "far")
+    assert found.value("connect/endpoints") == udp("10.77.0.1:7447", by="10.77.0.77")
 
 
 def test_an_address_on_another_interface_than_the_file_says_is_said(plan: Plan) -> None:
@@ -297,7 +303,7 @@ def test_with_credentials_routers_speak_quic_behind_rules(plan: Plan, authority:
     folder = authority.folder / "members" / "quad1"
     found = plan(FLEET.replace("insecure = true", ""), profile="wds", credentials=str(folder))
     assert found.listens[1] == "quic/10.77.0.1:7447?mixed_rel=1"
-    assert found.value("connect/endpoints")[0] == "quic/10.77.0.2:7447?mixed_rel=1"
+    assert found.value("connect/endpoints")[0] == "quic/10.77.0.2:7447?mixed_rel=1#bind=10.77.0.1:0"
     assert found.value("transport/link/tls/enable_mtls") is True
     assert found.value("access_control")["default_permission"] == "deny"
     assert "roster" in found.settings["access_control"].source

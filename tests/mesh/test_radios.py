@@ -65,9 +65,9 @@ interface = "wlan0"
 FIXED = 'address = "10.77.0.1"\n'
 
 
-def planned(path: Path, profile: str, more: str, there: Interfaces) -> RouterPlan:
+def planned(path: Path, profile: str, more: str, there: Interfaces, mesh: str = "[mesh]") -> RouterPlan:
     file = path / "fleet.toml"
-    file.write_text(FLEET.replace("PROFILE", profile) + more)
+    file.write_text(FLEET.replace("PROFILE", profile).replace("[mesh]", mesh, 1) + more)
     return plan_router(load_fleet(file), "ground", SessionSettings(), there=there)
 
 
@@ -100,6 +100,23 @@ def test_a_fixed_address_is_waited_for_by_its_listener_unless_multicast_needs_it
     assert RadioWatch(planned(tmp_path, "lan", FIXED, {})).compare(WLAN) == "wlan0 has come"
 
 
-async def test_it_sees_by_itself(tmp_path: Path) -> None:
-    watch = RadioWatch(planned(tmp_path, "lan", "", {}), look=lambda: WLAN, period=0.01)
+def test_in_the_cloud_only_the_rendezvous_has_to_know_its_own_address(tmp_path: Path) -> None:
+    """A modem gets another address at each dial-up, and a host that only calls need not start anew for it."""
+    meeting = '[mesh]\nrendezvous = ["quic/10.77.0.1:7447"]'
+    far: Interfaces = {"wlan0": [ip_interface("10.99.0.7/24")]}
+    for start in ({}, far):
+        watch = RadioWatch(planned(tmp_path, "cloud", "", start, meeting))
+        assert watch.compare({"wlan0": [ip_interface("10.99.0.8/24")]}) is None
+    assert RadioWatch(planned(tmp_path, "cloud", "", {}, meeting)).compare(WLAN) == "wlan0 has come, with 10.77.0.1"
+
+
+async def test_it_sees_by_itself_also_after_the_system_would_not_say(tmp_path: Path) -> None:
+    failures = [OSError(24, "Too many open files")]
+
+    def look() -> Interfaces:
+        if failures:
+            raise failures.pop()
+        return WLAN
+
+    watch = RadioWatch(planned(tmp_path, "lan", "", {}), look, period=0.01)
     assert await watch.outdated() == "wlan0 has come, with 10.77.0.1"

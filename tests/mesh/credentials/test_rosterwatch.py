@@ -108,6 +108,13 @@ async def test_a_newer_roster_with_the_same_rules_asks_for_no_new_start(fleet: F
     with pytest.raises(asyncio.TimeoutError):
         await asyncio.wait_for(one.watch.outdated(), 0.05)
     fleet.issue(quad3=Role.VEHICLE)
+    away = fleet.members["quad1"].rename(fleet.members["quad1"].with_name("away"))  # as a disk that cannot be written
+    assert one.watch.adopt(fleet.authority.roster())
+    with pytest.raises(asyncio.TimeoutError):  # it would hear the same after each start, and start for ever
+        await asyncio.wait_for(one.watch.outdated(), 0.05)
+    assert "stay as they are until it can be written" in one.said[-1]
+    away.rename(fleet.members["quad1"])
+    fleet.issue(quad4=Role.VEHICLE)
     assert one.watch.adopt(fleet.authority.roster())
     assert await asyncio.wait_for(one.watch.outdated(), PATIENCE_S)
 
