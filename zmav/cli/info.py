@@ -1,16 +1,21 @@
-"""``zmav info``: the session, the routers and who is linked to whom."""
+"""``zmav info``: the session, the routers, who is linked to whom and how well."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 from importlib.metadata import version
 from typing import Any
 
 import click
+import msgspec
+from rich.table import Table
 
 import zmav
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav import keys, wire
+from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
 from zmav.client import Answer, Client
+from zmav.errors import BadInput
 from zmav.session import SessionSettings
 
 
@@ -19,7 +24,10 @@ from zmav.session import SessionSettings
 @json_option
 @zenoh_options
 def command(fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    """Show versions, this session, and every router with its links (from the routers' admin space)."""
+    """Show versions, this session, every router with its links, and what routers measured of their neighbours.
+
+    Loss has two values: to the neighbour and from it. 'zmav mesh graph' finds each vehicle's weakest hop in this.
+    """
     run(_info(fleet, as_json, settings))
 
 
@@ -33,6 +41,8 @@ async def _info(fleet: str, as_json: bool, settings: SessionSettings) -> None:
             "routers": await routers(z),
             "vehicles": {v.name: v.last_state.instance if v.last_state else None for v in z.fleet()},
         }
+        measured = await neighbours(z)
+    known["neighbours"] = [{"host": host, **msgspec.to_builtins(quality)} for host, quality in measured]
     if as_json:
         click.echo(dump(known, pretty=False))
         return
@@ -45,6 +55,33 @@ async def _info(fleet: str, as_json: bool, settings: SessionSettings) -> None:
             click.echo(
                 f"  {link['whatami']:7} {link['peer']}  {names.get(link['peer'], '')}  {' '.join(link['links'])}"
             )
+    if measured:
+        console().print(neighbour_view(measured))
+
+
+async def neighbours(z: Client) -> list[tuple[str, wire.NeighbourQuality]]:
+    """What each host's router says of its neighbours, by their names."""
+    found = {}
+    for answer in await z.ask(keys.LINK.key(z.fleet_name, "*", link="*"), timeout=1.0, channel=keys.LINK):
+        if isinstance(answer, Answer):
+            with contextlib.suppress(BadInput):
+                parts, quality = keys.match(answer.key)[1], wire.decode_link(answer.payload)
+                if isinstance(quality, wire.NeighbourQuality) and quality.name == keys.check_name(parts["link"]):
+                    found[parts["vehicle"], quality.name] = quality
+    return [(host, found[host, name]) for host, name in sorted(found)]
+
+
+def neighbour_view(measured: list[tuple[str, wire.NeighbourQuality]]) -> Table:
+    """A dash for what is not known; what is not up is red."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("host", "neighbour", "state", "RTT ms", "loss", "heard"):
+        table.add_column(name, justify="right" if name in ("RTT ms", "heard") else "left", no_wrap=True)
+    for host, q in measured:
+        losses = " / ".join("-" if loss is None else f"{loss:.0%}" for loss in (q.loss_out, q.loss_in))
+        rtt = "-" if q.rtt is None else f"{1e3 * q.rtt:.1f}"
+        heard = "-" if q.age is None else f"{q.age:.1f} s"
+        table.add_row(host, q.name, q.state, rtt, losses, heard, style="" if q.state == "up" else "red")
+    return table
 
 
 async def routers(z: Client) -> list[dict[str, Any]]:
