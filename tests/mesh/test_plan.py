@@ -151,7 +151,7 @@ def test_who_names_its_neighbours_is_linked_with_no_other(plan: Plan) -> None:
     for profile in ("lan", "wds", "mesh", "multi", "cloud"):
         found = plan(named, profile=profile)
         assert [n.name for n in found.neighbours] == ["ground"]
-        calls = [] if profile in ("wds", "multi") else udp("10.77.0.9:7447", by="10.77.0.1")  # ground calls: it comes first
+        calls = [] if profile in ("wds", "multi") else udp("10.77.0.9:7447", by="10.77.0.1")
         assert found.value("connect/endpoints") == [*calls, "udp/203.0.113.5:7"]
         assert found.scouts_on == ()
         assert [n.name for n in plan(named, "quad2", "multi").neighbours] == ["ground"]  # quad1 has said whom it wants
