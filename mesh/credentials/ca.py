@@ -18,9 +18,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from mesh.credentials import certify, files
 from mesh.credentials.certify import DAY, day
-from mesh.credentials.ledger import Entry, Ledger, read_ledger
+from mesh.credentials.ledger import LEDGER, Entry, Ledger, read_ledger
 from zmav import keys, wire
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 from zmav.trust import credentials
 from zmav.trust.certificate import Certificate, Role
 from zmav.trust.roster import Roster, SignedRoster
@@ -55,10 +55,10 @@ class Authority:
         contents = {
             credentials.CA: (_pem(certificate), files.PUBLIC),
             CA_KEY: (_key_pem(key, passphrase), files.SECRET),
+            LEDGER: (ledger.encode(), files.SECRET),
+            credentials.ROSTER: (msgspec.json.encode(made._signed(ledger.roster(time.time()))), files.PUBLIC),
         }
         files.write_folder(folder, contents)
-        with files.locked(folder):
-            made._keep(ledger)
         return made
 
     @classmethod
@@ -151,9 +151,12 @@ class Authority:
         """Put the newest roster into members' folders, by default those under ``members``: who starts with an older one
         hears of it from others, and starts anew.
         """
-        signed = msgspec.json.encode(self.roster())
-        for folder in folders or sorted((self.folder / MEMBERS).glob("[!.]*")):
-            files.write(folder / credentials.ROSTER, signed)
+        with files.locked(self.folder):
+            signed = msgspec.json.encode(self.roster())
+            for folder in folders or sorted(
+                p.parent for p in (self.folder / MEMBERS).glob(f"[!.]*/{credentials.CERT}")
+            ):
+                files.write(folder / credentials.ROSTER, signed)
 
     def _folder_of(self, name: str, out: str | Path | None) -> Path:
         return Path(out) if out is not None else self.folder / MEMBERS / name
@@ -173,9 +176,9 @@ class Authority:
             credentials.KEY: (_key_pem(key, None), files.SECRET),
             credentials.ROSTER: (msgspec.json.encode(self._signed(ledger.roster(time.time()))), files.PUBLIC),
         }
-        if not replace and folder.exists():
-            text = f"{folder} is there already, and is not overwritten: name another with --out, or move it away"
-            raise BadConfig(text, field="out", value=str(folder), expected="a folder that is not there yet")
+        files.check_place(folder, contents, replace=replace)
+        if replace:
+            _check_same(folder, name)
         self._keep(ledger)  # first: a certificate that the ledger does not know could not be revoked
         files.write_folder(folder, contents, replace=replace)
         return folder
@@ -187,6 +190,18 @@ class Authority:
     def _signed(self, roster: Roster) -> SignedRoster:
         text = wire.encode(roster)
         return SignedRoster(roster=text.decode(), signature=base64.b64encode(self._key.sign(text)).decode())
+
+
+def _check_same(folder: Path, name: str) -> None:
+    """Raise :class:`BadConfig` where ``folder`` is another member's; a damaged one may be replaced."""
+    try:
+        found = x509.load_pem_x509_certificate((folder / credentials.CERT).read_bytes())
+        theirs = Certificate.read(found.public_bytes(serialization.Encoding.DER)).name
+    except (OSError, ValueError, BadInput):
+        return
+    if theirs != name:
+        text = f"{folder} is the folder of {theirs}, and is not replaced by that of {name}: name another with --out"
+        raise BadConfig(text, field="out", value=str(folder), expected=f"a folder of {name}")
 
 
 def _revoked_lately(ledger: Ledger, name: str, now: float) -> bool:

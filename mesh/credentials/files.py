@@ -7,7 +7,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from zmav.errors import BadConfig
@@ -37,11 +37,9 @@ def write(path: Path, data: bytes, mode: int = PUBLIC) -> None:
 def write_folder(folder: Path, contents: Mapping[str, tuple[bytes, int]], *, replace: bool = False) -> None:
     """A folder of files, each with its mode, that appears all at once.
 
-    Raises :class:`BadConfig` where it cannot be written, or where there is something and ``replace`` is not said.
+    Raises :class:`BadConfig` where it cannot be written, or where there is something that :func:`check_place` refuses.
     """
-    if not replace and folder.exists():
-        text = f"{folder} is there already, and is not overwritten: name another folder, or move it away"
-        raise BadConfig(text, field="out", value=str(folder), expected="a folder that is not there yet")
+    check_place(folder, contents, replace=replace)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))  # mode 0700
@@ -55,6 +53,22 @@ def write_folder(folder: Path, contents: Mapping[str, tuple[bytes, int]], *, rep
         raise unwritable(folder, e) from e
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
+
+
+def check_place(folder: Path, names: Iterable[str], *, replace: bool) -> None:
+    """Raise :class:`BadConfig` where there is something: with ``replace``, anything but files of these ``names``."""
+    if not folder.exists():
+        return
+    if not replace:
+        text = f"{folder} is there already, and is not overwritten: name another with --out, or move it away"
+        raise BadConfig(text, field="out", value=str(folder), expected="a folder that is not there yet")
+    try:
+        others = sorted({path.name for path in folder.iterdir()} - set(names))
+    except OSError as e:
+        raise unwritable(folder, e) from e
+    if others:
+        text = f"{folder} holds {others[0]!r}, too, and is not replaced: name another with --out"
+        raise BadConfig(text, field="out", value=str(folder), expected="a member's folder")
 
 
 def _put_in_place(fresh: Path, folder: Path) -> None:

@@ -74,8 +74,12 @@ class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
             revoked=[e.fingerprint for e in told if e.revoked is not None],
         )
 
+    def encode(self) -> bytes:
+        """As the file holds it."""
+        return msgspec.json.format(msgspec.json.encode(self))
+
     def write(self, folder: Path) -> None:
-        files.write(folder / LEDGER, msgspec.json.format(msgspec.json.encode(self)), files.SECRET)
+        files.write(folder / LEDGER, self.encode(), files.SECRET)
 
 
 def read_ledger(folder: Path) -> Ledger:

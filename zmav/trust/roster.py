@@ -37,6 +37,7 @@ class Roster(Wire, kw_only=True):
     """counts up with every change"""
     t: float
     members: list[Member] = []
+    """oldest first; of a name that was given anew, the former ones stand there, too, until their end was long ago"""
     revoked: list[str] = []
     """fingerprints, hexadecimal, of certificates that are believed no more"""
 
@@ -44,8 +45,10 @@ class Roster(Wire, kw_only=True):
         return fingerprint.hex() in self.revoked
 
     def names(self, role: str) -> list[str]:
-        """The members of a role that are not revoked, each once."""
-        return sorted({m.name for m in self.members if m.role == role and m.fingerprint not in self.revoked})
+        """The members of a role that are not revoked, each once: a name has the role of its newest certificate."""
+        revoked = set(self.revoked)
+        roles = {m.name: m.role for m in self.members if m.fingerprint not in revoked}
+        return sorted(name for name, its in roles.items() if its == role)
 
 
 class SignedRoster(Wire, kw_only=True):

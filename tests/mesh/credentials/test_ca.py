@@ -118,7 +118,23 @@ def test_nothing_is_overwritten(authority: Authority, tmp_path: Path) -> None:
     with pytest.raises(BadConfig, match="--out"):
         authority.issue("quad1", Role.VEHICLE, out=tmp_path / "mine")
     assert authority.ledger.entries == []
+    other, quad1 = authority.issue("quad2", Role.VEHICLE), authority.issue("quad1", Role.VEHICLE)
+    for folder in (tmp_path / "mine", other):
+        with pytest.raises(BadConfig, match="is not replaced"):
+            authority.renew("quad1", out=folder)
     assert (tmp_path / "mine" / "thesis.tex").exists()
+    assert Credentials.load(other).name == "quad2"
+    assert len(authority.ledger.entries) == 2
+    (quad1 / "cert.pem").write_text("damaged")
+    assert Credentials.load(authority.renew("quad1")).name == "quad1"
+
+
+def test_a_name_given_anew_has_its_newest_role_only(authority: Authority) -> None:
+    """Its former certificate has ended, but stays on the roster for clocks that are late."""
+    authority.issue("ann", Role.OPERATOR, days=-0.5, out=authority.folder / "former")
+    held = Credentials.load(authority.issue("ann", Role.VIEWER))
+    assert [member.role for member in held.roster.members] == ["operator", "viewer"]
+    assert (held.roster.names("operator"), held.roster.names("viewer")) == ([], ["ann"])
 
 
 def test_the_key_can_be_encrypted(tmp_path: Path) -> None:
