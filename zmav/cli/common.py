@@ -7,15 +7,14 @@ import functools
 import json
 import os
 import sys
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
 import click
-import msgspec
 from rich.console import Console
 
 from zmav.errors import BadInput
-from zmav.session import DEFAULT_ROUTER, Mode, SessionSettings
+from zmav.session import Mode, SessionSettings
 from zmav.trust.credentials import VARIABLE
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -67,12 +66,6 @@ def run(coroutine: Coroutine[Any, Any, None]) -> None:
     except BrokenPipeError:  # 'zmav echo | head'
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or what is buffered fails again at the exit
         sys.exit(0)
-
-
-def listening(settings: SessionSettings, otherwise: Sequence[str] = ()) -> SessionSettings:
-    """As a router's settings: it listens where told, else on loopback; a Zenoh configuration file tells, too."""
-    listen = settings.listen or otherwise or (() if settings.file else (DEFAULT_ROUTER,))
-    return msgspec.structs.replace(settings, mode="router", listen=listen)
 
 
 def assignments(pairs: tuple[str, ...]) -> dict[str, Any]:
