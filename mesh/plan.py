@@ -69,7 +69,12 @@ class RouterPlan:
     @property
     def listens(self) -> list[str]:
         """The endpoints that it listens on."""
-        return _endpoints(self, LISTEN)
+        return self.endpoints(LISTEN)
+
+    def endpoints(self, path: str) -> list[str]:
+        """Those of ``listen/endpoints`` or ``connect/endpoints``; Zenoh also takes them by the mode of who opens."""
+        value = self.value(path)
+        return list(value.get("router") or ()) if isinstance(value, Mapping) else list(value or ())
 
     @property
     def scouts_on(self) -> tuple[str, ...]:
@@ -117,12 +122,6 @@ def plan_router(
     check_opened(opened, ours, credentials, insecure or whole.mesh.insecure)
     plan.settings.update(_given(plan, base, opened))
     return plan
-
-
-def _endpoints(plan: RouterPlan, path: str) -> list[str]:
-    """Zenoh also takes endpoints by the mode of who opens."""
-    value = plan.value(path)
-    return list(value.get("router") or ()) if isinstance(value, Mapping) else list(value or ())
 
 
 def _check_member(plan: RouterPlan, credentials: Credentials) -> None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import json
 import socket
 from collections.abc import Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Any
 
 import msgspec
 
@@ -83,10 +83,11 @@ class Bearers:
         return self
 
     def session(self, base: SessionSettings) -> SessionSettings:
-        """What to open the router's session with; what ``base`` says of endpoints is in the plan already."""
-        if self.bearer is None:
-            return self.plan.session(base)
-        return self.plan.session(msgspec.structs.replace(base, listen=(), connect=()))
+        """What to open the router's session with; what ``base`` says of what bearers change is in the plan already."""
+        before, after = self._given.settings, self.plan.settings
+        ours = [f"{path}:{json.dumps(each.value)}" for path, each in after.items() if each is not before.get(path)]
+        settings = self.plan.session(base)
+        return msgspec.structs.replace(settings, cfg=[*settings.cfg, *ours])  # the last word on each path
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
@@ -119,11 +120,11 @@ def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: 
     ours = {LISTEN: ([router], own), CONNECT: (list(local), direct)}
     settings = dict(plan.settings)
     for path, (added, replaced) in ours.items():
-        before = plan.settings.get(path, Setting([], "zmav"))
-        kept = [each for each in _list(before.value) if _address(each) not in replaced]
+        source = plan.settings[path].source if path in plan.settings else "zmav"
+        kept = [each for each in plan.endpoints(path) if _address(each) not in replaced]
         ends = [_endpoint(plan, *each) for each in added]
         new = [*kept, *(ends if path == LISTEN else map(_bound, ends))]
-        settings[path] = Setting(new, f"{before.source}, bearers")
+        settings[path] = Setting(new, f"{source}, bearers")
     settings.update(_scouting(plan, {r.interface for r in radios if r.budget}))
     if "transport/link/tx/batch_size" not in settings:
         settings["transport/link/tx/batch_size"] = Setting(BATCH, "QoS")
@@ -138,10 +139,6 @@ def _scouting(plan: RouterPlan, budgeted: set[str | None]) -> dict[str, Setting]
     if not left:
         return {"scouting/multicast/enabled": Setting(False, "the radios have budgets")}
     return {"scouting/multicast/interface": Setting(",".join(left), "the radios without a budget")}
-
-
-def _list(value: Any) -> list[str]:
-    return [str(each) for each in value] if isinstance(value, list | tuple) else []
 
 
 def _address(endpoint: str) -> Address | None:

@@ -121,10 +121,13 @@ async def test_a_far_reader_gets_the_thin_stream_a_near_one_the_whole_and_the_un
 ) -> None:
     near_port, far_port = free_port(), free_port()
     file = fleet(tmp_path, FILE.format(near=near_port, far=far_port, one=free_port(), two=free_port()))
-    base = SessionSettings(cfg=["scouting/delay:0"])
+    # Endpoints that a person gives, too, are beside the bearers' and not in their place.
+    calls = 'connect/endpoints:{router:["udp/127.0.0.1:9?rel=1"]}'
+    one = SessionSettings(cfg=["scouting/delay:0", f'listen/endpoints:["tcp/127.0.0.1:{near_port}"]'])
+    other = SessionSettings(cfg=["scouting/delay:0", calls])
     async with (
-        Router(plan_router(file, "quad1", base), base, ()) as here,
-        Router(plan_router(file, "ground", base), base, ()) as there,
+        Router(plan_router(file, "quad1", one), one, ()) as here,
+        Router(plan_router(file, "ground", other), other, ()) as there,
     ):
         near, far = (
             Ground(open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{port}"]))) for port in (near_port, far_port)
