@@ -140,6 +140,7 @@ class Client:
         self.member: Member | None = None
         """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
         self._met: dict[Place, float] = {}
+        self._newest: dict[Place, float] = {}
         self._said: set[tuple[Place, str]] = set()
 
     async def __aenter__(self) -> Client:
@@ -236,7 +237,7 @@ class Client:
     def _on_state(self, sample: zenoh.Sample) -> None:
         place = _place(sample)
         try:
-            self._judge(sample)
+            self._judge(sample, self._newest)
             state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, f"state of {place[1]}")
         except (BadInput, Forbidden):
             return  # a newer or a broken peer: it is listed by its token, and 'zmav echo' shows what it says
@@ -254,12 +255,12 @@ class Client:
             tokens.discard(str(sample.key_expr))
         self._news.set()
 
-    def _judge(self, sample: zenoh.Sample) -> None:
+    def _judge(self, sample: zenoh.Sample, newest: dict[Place, float]) -> None:
         """Raise :class:`Forbidden` for a state or an event that its vehicle did not sign, where we can tell."""
         if self.member is None:
             return
         try:
-            self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample))
+            self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample), newest)
         except Forbidden as e:
             place, reason = _place(sample), str(e.detail["reason"])
             if reason == "unknown":
@@ -305,9 +306,10 @@ class Client:
         (:func:`zmav.vehicle.rates.want_key`). With credentials, states and events that their vehicles did not sign are
         left out, too. Raises :class:`~zmav.errors.BadKey`.
         """
+        newest: dict[Place, float] = {}
 
         def believed(sample: zenoh.Sample) -> Any:
-            self._judge(sample)
+            self._judge(sample, newest)
             return convert(sample) if convert else sample
 
         return Subscription(self.session, keys.expression(key, self.fleet_name), believed, depth, token)

@@ -71,7 +71,12 @@ async def test_a_state_is_its_vehicles_or_nobodys(
 
 
 async def test_an_earlier_state_is_not_taken_for_a_new_one(guarded: StartGuarded) -> None:
+    """Nor is a new one taken for an earlier one where several read it."""
     g: Guarded = await guarded()
+
+    def read(sample: zenoh.Sample) -> str | None:
+        return wire.decode(sample.payload.to_bytes(), wire.VehicleState, "state").mode
+
     recorded: list[tuple[bytes, bytes]] = []
 
     def record(sample: zenoh.Sample) -> None:
@@ -79,10 +84,14 @@ async def test_an_earlier_state_is_not_taken_for_a_new_one(guarded: StartGuarded
         recorded.append((sample.payload.to_bytes(), sample.attachment.to_bytes()))
 
     tap = g.b.ground.session.declare_subscriber(STATE, record)
-    async with g.client("eye", "viewer") as z:
+    async with g.client("eye", "viewer") as z, z.subscribe("quad1", read) as one, z.subscribe("quad1", read) as two:
         g.b.peer.mode = 4
         await z.vehicle("quad1").wait_until(lambda s: s.mode == "GUIDED", 20.0)
         tap.undeclare()
+        for reader in (one, two):  # beside the client's own, and later than it
+            while await asyncio.wait_for(reader.get(), 20.0) != "GUIDED":
+                pass
+            assert reader.bad == 0
         payload, attachment = next(r for r in recorded if json.loads(r[0])["mode"] == "STABILIZE")
         g.b.ground.session.put(STATE, payload, attachment=attachment, **BLOCK)
         await refused(z, "replayed")

@@ -12,7 +12,7 @@ from zmav.errors import BadInput, BadKey, Forbidden
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import EPOCH
-from zmav.trust.proof import ANSWERS, NOTHING, Signer
+from zmav.trust.proof import ANSWERS, NOTHING, WINDOW, Signer
 from zmav.trust.roster import read_signed
 from zmav.trust.verify import Verifier
 
@@ -37,8 +37,6 @@ class Member:
         self._others: dict[tuple[Place, str], bytes] = {}
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
         self._introduced: dict[Place, float] = {}
-        self._last: dict[Place, float] = {}
-        """UTC at which the newest state believed was signed"""
         self._lock = threading.Lock()
         self.counts: collections.Counter[str] = collections.Counter()
         """states and events that were not believed, by reason"""
@@ -92,10 +90,11 @@ class Member:
 
     # In.
 
-    def judge(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+    def judge(self, key: str, payload: bytes, attachment: bytes | None, newest: dict[Place, float]) -> None:
         """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign; other keys are not judged.
 
-        A state that was signed before the last one believed was heard before, or overtaken.
+        ``newest``: one reader's own, of when the newest states that it believed were signed (UTC seconds). A state that
+        is no newer was heard before, or overtaken.
         """
         if not key.endswith(_ENDS):
             return
@@ -107,21 +106,25 @@ class Member:
             return
         place = (parts["fleet"], parts["vehicle"])
         try:
-            self._judge(channel, place, key, payload, attachment)
+            t = self._signed_at(channel, place, key, payload, attachment)
+            if channel is keys.STATE:
+                # Both were fresh when they came: one that is farther ahead than that shows that the clocks were set.
+                if t <= newest.get(place, 0.0) <= t + 2 * WINDOW:
+                    raise Forbidden("it was signed before the last one that came", reason="replayed")
+                newest[place] = t
         except Forbidden as e:
             self.counts[str(e.detail["reason"])] += 1
             raise
 
-    def _judge(self, channel: keys.Channel, place: Place, key: str, payload: bytes, attachment: bytes | None) -> None:
+    def _signed_at(
+        self, channel: keys.Channel, place: Place, key: str, payload: bytes, attachment: bytes | None
+    ) -> float:
         # Events are cached and recovered, so an old one is no forgery.
         found, certificate = self.verifier.verify(key, payload, attachment, fresh=channel is keys.STATE)
         if (certificate.name, certificate.role) != (place[1], Role.VEHICLE):
             text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {place[1]}"
             raise Forbidden(text, reason="name", origin=certificate.name)
-        if channel is keys.STATE:
-            if found.t <= self._last.get(place, 0.0):
-                raise Forbidden("it was signed before the last one that came", reason="replayed")
-            self._last[place] = found.t
+        return found.t
 
     def take_roster(self, data: bytes) -> None:
         """A roster that came over the network: what is none, or older than ours, changes nothing."""

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import os
 import struct
+import threading
 import time
 from typing import NamedTuple
 
@@ -38,6 +39,8 @@ NONCE, ANSWERS, SIGNATURE = 8, 8, 64
 NOTHING = bytes(ANSWERS)
 MOST = 2048
 """bytes of an attachment: a certificate has some 400"""
+WINDOW = 30.0
+"""s by which a proof's time may differ from the clock of who checks it"""
 _HEAD = struct.Struct(f">BBQ{NONCE}s{FINGERPRINT}s{ANSWERS}s")
 
 
@@ -85,10 +88,15 @@ def malformed(text: str) -> Forbidden:
 
 
 class Signer:
-    """Signs in a member's name. Thread-safe."""
+    """Signs in a member's name. Thread-safe.
+
+    Its times never go back with a clock that is set back a little: what is newer is told from what is older by them.
+    """
 
     def __init__(self, credentials: Credentials) -> None:
         self.certificate, self._key = credentials.certificate, credentials.key
+        self._last = 0
+        self._lock = threading.Lock()
 
     def sign(
         self, key: str, payload: bytes, *, introduce: bool = False, answers: bytes = NOTHING, now: float | None = None
@@ -98,11 +106,20 @@ class Signer:
         ``introduce``: with our certificate, for who may not know it. ``now``: UTC seconds, of the clock by default.
         """
         certificate = self.certificate
-        micros = round((time.time() if now is None else now) * 1e6)
+        micros = self._next() if now is None else round(now * 1e6)
         nonce = os.urandom(NONCE)
         head = _HEAD.pack(VERSION, INTRODUCED if introduce else 0, micros, nonce, certificate.fingerprint, answers)
         signature = self._key.sign(_signed(head, key, payload))
         return head + signature + (certificate.der if introduce else b"")
+
+    def _next(self) -> int:
+        """UTC in µs, each later than the last, unless the clock went back so far that nobody could believe that."""
+        with self._lock:
+            micros = round(time.time() * 1e6)
+            if micros <= self._last < micros + 2e6 * WINDOW:
+                micros = self._last + 1
+            self._last = micros
+            return micros
 
 
 def _signed(head: bytes, key: str, payload: bytes) -> bytes:

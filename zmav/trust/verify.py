@@ -18,10 +18,9 @@ from zmav.errors import BadConfig, BadInput, Forbidden
 from zmav.trust import proof
 from zmav.trust.certificate import Certificate, fingerprint
 from zmav.trust.credentials import Credentials
+from zmav.trust.proof import WINDOW
 from zmav.trust.roster import Roster
 
-WINDOW = 30.0
-"""s by which a proof's time may differ from our clock"""
 MOST_KNOWN = 512
 """certificates remembered; the one unused for longest goes first"""
 STRANGERS = 20.0
