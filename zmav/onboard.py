@@ -150,9 +150,9 @@ class Onboard:
         if self.gate is None:
             return
         self.gate.roster = roster
-        lease = self.leases.info()
-        if lease and lease.origin and not any(lease.origin in roster.names(role.value) for role in Role):
-            self.leases.end("revoked", f"lease of {lease.holder} ended: the fleet turned {lease.origin} out")
+        by = self.leases.origin
+        if by is not None and self.gate.roster.is_revoked(by.fingerprint):
+            self.leases.end("revoked", f"lease of {self.leases.holder} ended: the fleet turned {by.name} out")
 
     def _add_orders(self) -> None:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""

