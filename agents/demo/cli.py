@@ -22,6 +22,7 @@ from agents.demo.watch import Watch
 from zmav.cli.common import console
 from zmav.cli.ls import fleet_view
 from zmav.errors import SessionError
+from zmav.session import SessionSettings
 from zmav.sim import Home
 
 FLEET = "demo"
@@ -85,7 +86,7 @@ async def _connect(stack: contextlib.AsyncExitStack, ground: str, processes: Pro
     while True:
         processes.check()
         try:
-            return await stack.enter_async_context(zmav.open(fleet=FLEET, connect=[ground]))
+            return await stack.enter_async_context(zmav.open(fleet=FLEET, settings=SessionSettings(connect=[ground])))
         except SessionError:
             if time.monotonic() > deadline:
                 raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import socket
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from zmav.errors import ZmavError
+from zmav.trust.credentials import VARIABLE
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
@@ -35,6 +37,8 @@ def free_udp_ports(count: int) -> int:
 
 class Processes:
     """``zmav`` verbs as processes of their own, each with a log file; on exit all get SIGTERM, then SIGKILL.
+
+    They are a fleet for themselves, without credentials whatever $ZMAV_CREDENTIALS says.
 
     Use it with ``with``, in the main thread: while it lasts a SIGTERM to us is an exit like any other.
     """
@@ -78,8 +82,9 @@ class Processes:
         self._starting = True
         with self._log(name).open("wb") as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", "zmav", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log
-            )
+                [sys.executable, "-m", "zmav", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                env={name: value for name, value in os.environ.items() if name != VARIABLE},
+            )  # fmt: skip
         self._running[name] = process
         if may_end:
             self._mortal.add(name)

@@ -31,6 +31,7 @@ def start_demo() -> Iterator[Callable[..., Demo]]:
             subprocess.Popen(
                 [sys.executable, "-m", "zmav", "demo", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT, text=True, start_new_session=True,
+                env={**os.environ, "ZMAV_CREDENTIALS": "/of/another/fleet"},
             )
         )  # fmt: skip
         return started[-1]
