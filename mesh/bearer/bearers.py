@@ -97,6 +97,14 @@ class Bearers:
             self.bearer = None
 
 
+def foreseen(plan: RouterPlan) -> tuple[RouterPlan, list[Far]]:
+    """What a router will be opened with, and whom its bearer carries; ports of loopback, chosen then, stand as 0."""
+    radios = borne(plan)
+    fars = [_far(plan, each, radios) for each in carried(plan)]
+    later = ("127.0.0.1", 0)
+    return (_rewired(plan, radios, later, [later for far in fars if far.opens]) if radios else plan), fars
+
+
 def _far(plan: RouterPlan, neighbour: Neighbour, radios: Sequence[Radio]) -> Far:
     ways = [(_place(radios, way), (way.address, way.port + ABOVE), _cost(plan.file, neighbour.name, way))
             for way in neighbour.ways]  # fmt: skip
@@ -124,7 +132,8 @@ def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: 
         kept = [each for each in plan.endpoints(path) if _address(each) not in replaced]
         ends = [_endpoint(plan, *each) for each in added]
         new = [*kept, *(ends if path == LISTEN else map(_bound, ends))]
-        settings[path] = Setting(new, f"{source}, bearers")
+        if new != plan.endpoints(path):
+            settings[path] = Setting(new, f"{source}, bearers")
     settings.update(_scouting(plan, {r.interface for r in radios if r.budget}))
     if "transport/link/tx/batch_size" not in settings:
         settings["transport/link/tx/batch_size"] = Setting(BATCH, "QoS")

@@ -10,6 +10,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from mesh.bearer.bearers import borne, foreseen
 from mesh.cli.options import file_option, insecure_option, plan_host
 from mesh.plan import RouterPlan
 from zmav.cli.common import console, dump, json_option, zenoh_options
@@ -32,20 +33,32 @@ def command(
 
     'zmav up' and 'zmav router' open their Zenoh router with these values. Interfaces are those of this computer.
     """
-    plan = plan_host(fleet_file, name, settings, insecure=insecure)
+    given = plan_host(fleet_file, name, settings, insecure=insecure)
+    plan, fars = foreseen(given)
     if as_zenoh:
-        click.echo(json.dumps(nested(plan), indent=2))
+        click.echo(json.dumps(nested(given), indent=2))
+        if plan is not given:
+            text = "zenohd has no bearers: budgets are not kept, and hosts that are met through bearers not reached"
+            click.echo(f"zmav: warning: {text}", err=True)
         return
     rows = {path: {"value": setting.value, "source": setting.source} for path, setting in sorted(plan.settings.items())}
     if as_json:
         about = {"fleet": plan.fleet, "name": plan.name, "profile": plan.profile}
         ways = {n.name: [[w.radio.interface, w.address, w.port] for w in n.ways] for n in plan.neighbours}
-        click.echo(dump({**about, "neighbours": ways, "settings": rows}, pretty=False))
+        bearers = {far.name: [[borne(plan)[place].address, *to, cost] for place, to, cost in far.ways] for far in fars}
+        click.echo(dump({**about, "neighbours": ways, "bearers": bearers, "settings": rows}, pretty=False))
         return
     table = Table("path", "value", "from", title=f"{plan.fleet}/{plan.name}, profile {plan.profile}")
     for path, row in rows.items():
-        table.add_row(path, Text(_short(row["value"])), Text(str(row["source"])))  # brackets are no markup
+        table.add_row(
+            path, Text(_short(row["value"]), overflow="fold"), Text(str(row["source"]))
+        )  # brackets are no markup
     console().print(table)
+    for far in fars:
+        paths = ", ".join(
+            f"{borne(plan)[place].address} > {to[0]}:{to[1]} (cost {cost})" for place, to, cost in far.ways
+        )
+        click.echo(f"bearer to {far.name}: {paths}; the link is opened by {'us' if far.opens else far.name}")
     for radio in plan.radios:
         state = f"{radio.address}" if radio.address else "no address"
         click.echo(f"radio {radio.name}: {state}{'' if radio.present else ', not there yet: it will be waited for'}")

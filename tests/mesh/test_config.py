@@ -71,6 +71,22 @@ def test_zenohd_takes_it(file: Path) -> None:
     assert json.loads(built.get_json("metadata")) == {"fleet": "alpha", "name": "quad1"}
 
 
+def test_behind_bearers_what_results_is_shown_and_zenohd_s_user_is_warned(file: Path) -> None:
+    radio = '[[stations.ground.mesh.radios]]\naddress = "10.77.0.9"\nbudget = "60 kB/s"\n'
+    file.write_text(FLEET.replace('address = "fd00::9"', f'address = "fd00::9"\n{radio}'))
+    arguments = ("--file", str(file), "--name", "ground")
+    body = json.loads(told(*arguments, "--json").output)
+    assert body["bearers"] == {"quad1": [["10.77.0.9", "10.77.0.1", 7448, 40]]}
+    listen, connect = (body["settings"][f"{how}/endpoints"]["value"] for how in ("listen", "connect"))
+    local = "udp/127.0.0.1:0?rel=1;mixed_rel=1"
+    assert listen == ["tcp/127.0.0.1:7447", "udp/[fd00::9]:7447?rel=1;mixed_rel=1", local]
+    assert connect == [f"{local}#bind=127.0.0.1:0"]
+    said = told(*arguments)
+    assert "bearer to quad1: 10.77.0.9 > 10.77.0.1:7448 (cost 40); the link is opened by us" in said.output
+    assert "no bearers" in told(*arguments, "--zenoh").stderr
+    assert "no bearers" not in told("--name", "base", "--zenoh").stderr
+
+
 def test_without_a_file_it_is_a_router_on_loopback() -> None:
     body = json.loads(told("--json", "--name", "base").output)
     assert body["name"] == "base"
