@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import os
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -23,12 +22,12 @@ from mesh.lab import kernel
 from mesh.lab.control import Control, Room
 from mesh.lab.lab import Lab
 from mesh.lab.network import LabError, check_able
-from mesh.lab.remote import Remote, answers, directory_of_labs, running
+from mesh.lab.remote import Remote, claimed, running
 from mesh.lab.scenario import load_scenario
 from mesh.lab.status import status_of
 from mesh.lab.table import Picture
 from zmav.cli.common import assignments, console, dump, json_option, run
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput
 from zmav.process import until_stopped
 
 SHOW_S = 1.0
@@ -67,13 +66,9 @@ def up(file: str, headless: bool, name: str | None, bare: bool) -> None:
     scenario = load_scenario(file)
     if name is not None:
         scenario = msgspec.structs.replace(scenario, name=name)
-    directory = directory_of_labs() / scenario.name
-    if answers(directory):
-        text = f"a lab {scenario.name!r} runs already: end it with 'zmav lab down', or give this one a --name"
-        raise BadConfig(text, field="name", value=scenario.name, expected="a name that no other lab has")
-    shutil.rmtree(directory, ignore_errors=True)  # of one that was killed together with its relay
-    made = Lab(scenario, directory, programs=not bare)
-    run(_up(made, live=sys.stdout.isatty() and not headless))
+    with claimed(scenario.name) as (directory, claim):
+        made = Lab(scenario, directory, programs=not bare, keep=(claim,))
+        run(_up(made, live=sys.stdout.isatty() and not headless))
 
 
 async def _up(made: Lab, *, live: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import msgspec
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
 from zmav.config import FleetConfig, load_fleet
+from zmav.errors import BadConfig
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
 
@@ -28,21 +30,28 @@ def write_fleet(scenario: Scenario, wiring: Wiring, directory: Path) -> FleetCon
     whole.setdefault("fleet", scenario.name)
     whole.setdefault("origin", ORIGIN)
     mesh = {"profile": scenario.profile, "insecure": not scenario.credentials}
-    whole["mesh"] = {**mesh, **whole.get("mesh", {})}
-    vehicles, stations = dict(whole.get("vehicles", {})), dict(whole.get("stations", {}))
+    whole["mesh"] = {**mesh, **_table(whole, "mesh")}
+    vehicles, stations = _table(whole, "vehicles"), _table(whole, "stations")
     sysid = 0
     for name, host in scenario.hosts.items():
         place = _place(scenario, wiring, name)
         if host.vehicle is None:
-            stations[name] = _merged({"mesh": place}, stations.get(name, {}))
+            stations[name] = _merged({"mesh": place}, _table(stations, name, "stations."))
             continue
         sysid += 1
         table = {"link": str(directory / f"{name}.pty"), "sysid": sysid, "mesh": place, "sim": _sim(scenario, name)}
-        vehicles[name] = _merged(table, vehicles.get(name, {}))
+        vehicles[name] = _merged(table, _table(vehicles, name, "vehicles."))
     whole["vehicles"], whole["stations"] = vehicles, stations
     path = directory / "fleet.toml"
     path.write_text(toml(whole), encoding="utf-8")
     return load_fleet(path)
+
+
+def _table(tables: Mapping[str, Any], name: str, above: str = "") -> dict[str, Any]:
+    found, field = tables.get(name, {}), f"fleet.{above}{name}"
+    if not isinstance(found, Mapping):
+        raise BadConfig(f"{field} is {found!r}; expected a table", field=field, value=found, expected="a table")
+    return dict(found)
 
 
 def _place(scenario: Scenario, wiring: Wiring, name: str) -> dict[str, Any]:
@@ -102,7 +111,7 @@ def toml(tables: Mapping[str, Any]) -> str:
 
 
 def _key(name: str) -> str:
-    return json.dumps(name)
+    return json.dumps(name, ensure_ascii=False)
 
 
 def _value(value: Any) -> str:
@@ -111,4 +120,6 @@ def _value(value: Any) -> str:
         return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_value, value)) + "]"
-    return json.dumps(value)  # TOML writes strings, numbers and truth as JSON does
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value, ensure_ascii=False)  # TOML writes the rest as JSON does

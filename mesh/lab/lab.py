@@ -22,7 +22,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -34,12 +34,11 @@ from mesh.lab.fleetfile import write_fleet
 from mesh.lab.mobility import Mobility
 from mesh.lab.network import LabError, Network, exit_of
 from mesh.lab.programs import Program
-from mesh.lab.scenario import Scenario, load_scenario
+from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
 from zmav.trust.certificate import Role
 
-SIMULATOR = "simulator"
 RELAY_DIED = "the lab's relay has died"
 READY_S = 60.0
 _LOOK_AGAIN_S = 0.05
@@ -50,14 +49,20 @@ class Lab:
 
     ``programs``: False for namespaces and links alone. ``directory``: where its files are (logs, fleet file,
     pseudo-terminals, credentials); made here, and removed when the lab ends. None: a new one for temporary files.
+    ``keep``: descriptors that the relay keeps open until all of that is done.
     """
 
     def __init__(
-        self, scenario: Scenario | str | Path, directory: str | Path | None = None, *, programs: bool = True
+        self,
+        scenario: Scenario | str | Path,
+        directory: str | Path | None = None,
+        *,
+        programs: bool = True,
+        keep: Sequence[int] = (),
     ) -> None:
         found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         self.directory = Path(directory or tempfile.gettempdir() + f"/zmav-lab-{os.getpid()}-{id(self):x}")
-        self.network = Network(found, self.directory)
+        self.network = Network(found, self.directory, keep)
         self.scenario = self.network.scenario
         self.file = FleetConfig()
         """the fleet file, once it runs"""
@@ -162,10 +167,12 @@ class Lab:
 
     def environment(self, host: str | None) -> dict[str, str]:
         """What programs in that host find set: the fleet, their credentials, a cache of their own."""
-        found = {"ZMAV_FLEET": self.fleet, "XDG_CACHE_HOME": str(self.directory / "cache")}
-        if host is not None and self.scenario.credentials:
-            found["ZMAV_CREDENTIALS"] = str(self.credentials(host))
-        return found
+        has = host is not None and self.scenario.credentials
+        return {
+            "ZMAV_FLEET": self.fleet,
+            "ZMAV_CREDENTIALS": str(self.credentials(host)) if host is not None and has else "",
+            "XDG_CACHE_HOME": str(self.directory / "cache"),
+        }
 
     # ---- its programs
 
@@ -197,9 +204,11 @@ class Lab:
         assert self.failed is not None
         await asyncio.wait((waiting, self.failed), timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
         over, _ = waiting.done(), waiting.cancel()
-        await asyncio.gather(waiting, return_exceptions=True)
+        (error,) = await asyncio.gather(waiting, return_exceptions=True)
         if self.failed.done():
             raise LabError(self.failed.result())
+        if over and isinstance(error, BaseException):  # no such host, or the relay is dying
+            raise error
         if not over:
             raise TimedOut(f"the routers of {', '.join(names)} are not up within {timeout:g} s")
 

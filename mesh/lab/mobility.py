@@ -27,7 +27,7 @@ _STEPS = 50
 
 def reach(range_: Range, distance: float) -> Reach:
     """What so many metres do."""
-    if distance >= range_.cut:
+    if not distance < range_.cut:  # not a number is nowhere
         return Reach(heard=False)
     if distance <= range_.free:
         return Reach()

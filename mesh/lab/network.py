@@ -66,11 +66,13 @@ class Network:
     has died.
     """
 
-    def __init__(self, scenario: Scenario, directory: Path | None = None) -> None:
-        """``directory``: is removed when the lab ends, however it ends."""
+    def __init__(self, scenario: Scenario, directory: Path | None = None, keep: Sequence[int] = ()) -> None:
+        """``directory``: is removed when the lab ends, however it ends. ``keep``: descriptors that the relay holds."""
         self.scenario = check(scenario)
         self.wiring: Wiring = wire(self.scenario, None if directory is None else str(directory))
+        self._keep = keep
         self._asked = list(self.wiring.begin.channels)
+        self._edges = {number: edge for edge in self.wiring.edges for number in (edge.ab, edge.ba)}
         self._reach: dict[str, Reach] = {}
         self._lock = threading.Lock()
         self._relay: subprocess.Popen[bytes] | None = None
@@ -87,7 +89,7 @@ class Network:
         with theirs:
             command = [sys.executable, "-m", "mesh.lab.relay", str(theirs.fileno())]
             self._relay = subprocess.Popen(
-                command, pass_fds=[theirs.fileno()], start_new_session=True, stdin=subprocess.DEVNULL
+                command, pass_fds=[theirs.fileno(), *self._keep], start_new_session=True, stdin=subprocess.DEVNULL
             )
         try:
             begun = self._ask(self.wiring.begin)
@@ -192,8 +194,7 @@ class Network:
     def state(self, number: int) -> Conditions:
         """What holds in that channel now: as set, and as far as the distance lets it."""
         asked = self._asked[number]
-        edge = next(edge for edge in self.wiring.edges if number in (edge.ab, edge.ba))
-        return self._effective(asked, self._reach.get(edge.name, Reach()))
+        return self._effective(asked, self._reach.get(self._edges[number].name, Reach()))
 
     @staticmethod
     def _effective(asked: Conditions, reach: Reach) -> Conditions:

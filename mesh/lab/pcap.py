@@ -5,18 +5,22 @@ The classic format with nanoseconds: https://www.tcpdump.org/manpages/pcap-savef
 
 from __future__ import annotations
 
+import os
 import struct
 import time
-from pathlib import Path
 
 _MAGIC_NS, _VERSION, _LONGEST, _ETHERNET = 0xA1B2_3C4D, (2, 4), 65_535, 1
 
 
 class Capture:
-    """A file under way; raises :class:`OSError` where it cannot be written."""
+    """A file under way; raises :class:`OSError` where it cannot be written.
+
+    A pipe is written to as long as its reader keeps up, and never waited for: frames of the whole lab would wait, too.
+    """
 
     def __init__(self, path: str) -> None:
-        self._file = Path(path).open("wb")  # noqa: SIM115 (open until close())
+        fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+        self._file = os.fdopen(fd, "wb")  # open until close()
         self._file.write(struct.pack("<IHHiIII", _MAGIC_NS, *_VERSION, 0, 0, _LONGEST, _ETHERNET))
         self._file.flush()
         self._epoch = time.time() - time.monotonic()

@@ -9,11 +9,15 @@ It takes JSON, one request a line, as the simulator's does (:mod:`zmav.sim.remot
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import shutil
 import socket
 import stat
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +30,8 @@ from zmav.sim.remote import Reply, Request
 
 SOCKET = "control.sock"
 ANSWER_S = 30.0
+LONGEST_PATH = 107  # bytes of a Unix socket's address
+_ENDS_WITHIN_S = 10.0
 
 
 def directory_of_labs(environment: Mapping[str, str] = os.environ) -> Path:
@@ -63,6 +69,39 @@ def running() -> list[str]:
     return [path.name for path in sorted(directory_of_labs().iterdir()) if answers(path)]
 
 
+@contextlib.contextmanager
+def claimed(name: str) -> Iterator[tuple[Path, int]]:
+    """A directory, not made yet, for a lab called ``name``, which no other lab gets meanwhile.
+
+    Also gives a descriptor: while any process has it open, the name is taken. The relay keeps it, because it outlives a
+    lab that is killed, and removes that directory. :class:`BadConfig` where such a lab runs, or begins, or the name
+    cannot be one.
+    """
+    directory = directory_of_labs() / keys.check_name(name)
+    if len(os.fsencode(directory / SOCKET)) > LONGEST_PATH:
+        text = f"the path {directory / SOCKET} is too long for a socket; take a shorter name"
+        raise BadConfig(text, field="name", value=name, expected=f"a path of at most {LONGEST_PATH} bytes")
+    with socket.socket(socket.AF_UNIX) as claim:
+        end = time.monotonic() + _ENDS_WITHIN_S
+        while not _bound(claim, directory):
+            if answers(directory) or time.monotonic() > end:
+                text = f"a lab {name!r} runs already: end it with 'zmav lab down', or give this one a --name"
+                raise BadConfig(text, field="name", value=name, expected="a name that no other lab has")
+            time.sleep(0.05)  # it begins, or ends
+        shutil.rmtree(directory, ignore_errors=True)  # of one that was killed together with its relay
+        yield directory, claim.fileno()
+
+
+def _bound(claim: socket.socket, directory: Path) -> bool:
+    try:
+        claim.bind(b"\0" + os.fsencode(directory))  # a name without a file: the kernel forgets it with the last holder
+    except OSError as e:
+        if e.errno != errno.EADDRINUSE:
+            raise
+        return False
+    return True
+
+
 def _choose(name: str | None) -> Path:
     found = running()
     if name is not None:
@@ -71,7 +110,8 @@ def _choose(name: str | None) -> Path:
             raise LinkDown(f"no lab {name!r} runs; there are {', '.join(found) or 'none'}")
         return directory_of_labs() / name
     if not found:
-        raise LinkDown("no lab runs: start one with 'zmav lab up FILE'")
+        whose = "" if os.getuid() == 0 else f" as user {os.getuid()} (with sudo, as it was started?)"
+        raise LinkDown(f"no lab runs{whose}: start one with 'sudo zmav lab up FILE'")
     if len(found) > 1:
         names = ", ".join(found)
         raise BadConfig(f"several labs run: say which with --lab ({names})", field="lab", value=None, expected=names)

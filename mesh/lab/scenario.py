@@ -56,6 +56,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from mesh.lab.kernel import LONGEST_NAME
 from mesh.lab.values import Ask, check_ask
 from zmav import keys
 from zmav.config import Profile
@@ -63,8 +64,11 @@ from zmav.config.table import Positive, Table
 from zmav.errors import BadConfig, BadInput
 
 VehicleKind = Literal["copter", "hexa", "plane", "rover", "px4"]
-Place = tuple[float, float]
-LONGEST_INTERFACE = 15
+_Metres = Annotated[float, msgspec.Meta(ge=-1e7, le=1e7)]
+Place = tuple[_Metres, _Metres]
+SIMULATOR = "simulator"
+"""what the program beside the routers is called"""
+_INTERFACE = re.compile(rf"[\w.-]{{1,{LONGEST_NAME}}}", re.ASCII)
 
 
 class HostSpec(Table, kw_only=True, frozen=True):
@@ -76,7 +80,7 @@ class HostSpec(Table, kw_only=True, frozen=True):
     position: Place | None = None
     """m north and east of the origin"""
     waypoints: list[Place] = []
-    speed: Positive = 5.0
+    speed: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 5.0
     """m/s"""
     follow: bool = False
     """its position is its simulated vehicle's"""
@@ -187,6 +191,8 @@ def check(scenario: Scenario) -> Scenario:
         raise _wrong("hosts", {}, "a table [hosts.NAME] for each host")
     for name, host in scenario.hosts.items():
         keys.check_name(name)
+        if name == SIMULATOR:
+            raise _wrong("hosts", name, "another name: the lab's simulator is called so")
         if host.follow and host.vehicle is None:
             raise _wrong(f"hosts.{name}.follow", True, "a vehicle to follow")
     filled: list[AnyMedium] = []
@@ -195,6 +201,10 @@ def check(scenario: Scenario) -> Scenario:
             medium = msgspec.structs.replace(medium, hosts=list(scenario.hosts))
         name = medium.name or ("-".join(medium.between) if isinstance(medium, Link) else f"{_tag(medium)}{number}")
         where = f"media.{name}"
+        if medium.name is not None:
+            keys.check_name(name, "medium")
+        if name == "all":
+            raise _wrong(f"{where}.name", name, "another name: it stands for all links")
         if name in {each.name for each in filled}:
             raise _wrong(f"{where}.name", name, "a name of its own for each medium")
         network = medium.network or _free_network(scenario.media, filled)
@@ -216,7 +226,8 @@ def _interface(medium: AnyMedium, number: int) -> str:
 
 def _free_network(media: list[AnyMedium], filled: list[AnyMedium]) -> str:
     taken = {medium.network for medium in (*media, *filled)}
-    return next(text for i in range(256) if (text := f"10.77.{i}.0/24") not in taken)
+    names = (f"10.{77 + i // 256}.{i % 256}.0/24" for i in range(len(taken) + 1))
+    return next(name for name in names if name not in taken)
 
 
 def _check_medium(medium: AnyMedium, where: str, hosts: dict[str, HostSpec]) -> None:
@@ -235,11 +246,13 @@ def _check_medium(medium: AnyMedium, where: str, hosts: dict[str, HostSpec]) -> 
         raise _wrong(f"{where}.network", medium.network, f"an IPv4 network such as 10.77.0.0/24 ({e})") from None
     if network.num_addresses - 2 < len(on_it):
         raise _wrong(f"{where}.network", medium.network, f"room for {len(on_it)} hosts")
-    if medium.interface is None or not re.fullmatch(r"[\w.-]{1,15}", medium.interface, re.ASCII):
-        raise _wrong(f"{where}.interface", medium.interface, f"an interface's name, up to {LONGEST_INTERFACE} letters")
+    if medium.interface in (None, "lo", ".", "..") or not _INTERFACE.fullmatch(medium.interface or ""):
+        raise _wrong(f"{where}.interface", medium.interface, f"an interface's name, up to {LONGEST_NAME} letters")
     if medium.range is not None and medium.range.free >= medium.range.cut:
         raise _wrong(f"{where}.range.free", medium.range.free, f"less than cut ({medium.range.cut:g} m)")
     if isinstance(medium, Wds):
+        for name in medium.bridges:
+            keys.check_name(name, "bridge")
         if medium.range is not None:
             raise _wrong(f"{where}.range", "a table", "none: a wds segment's bridges stand still")
         _check_pairs(medium.hops, list(medium.bridges), f"{where}.hops", "bridges")
@@ -258,13 +271,18 @@ def _check_pairs(pairs: list[tuple[str, str]], known: list[str], where: str, wha
 
 
 def _check_interfaces(media: list[AnyMedium]) -> None:
-    taken: set[tuple[str, str | None]] = set()
+    taken: dict[str, list[tuple[str | None, ipaddress.IPv4Network]]] = {}
     for medium in media:
+        network = ipaddress.IPv4Network(medium.network or "")
         for host in members(medium):
-            if (host, medium.interface) in taken:
-                expected = "another name for each interface of a host"
-                raise _wrong(f"media.{medium.name}.interface", medium.interface, expected)
-            taken.add((host, medium.interface))
+            for interface, other in taken.setdefault(host, []):
+                if interface == medium.interface:
+                    expected = "another name for each interface of a host"
+                    raise _wrong(f"media.{medium.name}.interface", interface, expected)
+                if network.overlaps(other):
+                    expected = f"one apart from {other}, where {host} is, too"
+                    raise _wrong(f"media.{medium.name}.network", medium.network, expected)
+            taken[host].append((medium.interface, network))
 
 
 def _wrong(field: str, value: object, expected: str) -> BadConfig:

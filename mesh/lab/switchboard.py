@@ -101,6 +101,8 @@ class Switchboard:
             capture = Capture(request.path)
         except OSError as e:
             return messages.Failed(e.errno or 0, f"{request.path}: {e.strerror}")
+        except ValueError as e:  # a zero byte in the path
+            return messages.Failed(0, f"{request.path!r}: {e}")
         self._captures[request.path] = capture
         for number in request.channels:
             self._channels[number].capture = capture.add

@@ -14,8 +14,9 @@ import msgspec
 import pytest
 
 from mesh.cli.lab import lab as lab_command
+from mesh.lab import remote as remote_module
 from mesh.lab.network import LabError, check_able
-from mesh.lab.remote import Remote, directory_of_labs
+from mesh.lab.remote import Remote, claimed, directory_of_labs
 from mesh.lab.status import LabStatus
 from zmav.errors import BadConfig, BadInput, LinkDown, ZmavError
 
@@ -168,11 +169,48 @@ def test_what_cannot_be_is_said(remote: Remote, arguments: tuple[str, ...], word
 
 
 def test_two_labs_of_one_name_are_refused(lab: Environment, remote: Remote) -> None:
+    file = Path(lab["XDG_RUNTIME_DIR"]) / "pair.toml"
     with pytest.raises(BadConfig, match="a lab 'pair' runs already"):
-        lab_command.main(["up", str(Path(lab["XDG_RUNTIME_DIR"]) / "pair.toml")], standalone_mode=False)
+        lab_command.main(["up", str(file)], standalone_mode=False)
+    assert remote.status().name == "pair"
 
 
-def test_the_socket_survives_nonsense(remote: Remote) -> None:
+@pytest.mark.parametrize("name", ["../precious", "", ".", "/precious", "n" * 100])
+def test_a_name_leads_nowhere_else(able: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for folder in (tmp_path / "precious", tmp_path / "zmav-lab" / "precious"):
+        folder.mkdir(parents=True, mode=0o700)
+    (tmp_path / "zmav-lab").chmod(0o700)
+    (tmp_path / "pair.toml").write_text(FILE)
+    with pytest.raises(BadInput, match="use lower-case letters|too long for a socket"):
+        lab_command.main(["up", str(tmp_path / "pair.toml"), "--name", name, "--headless"], standalone_mode=False)
+    assert (tmp_path / "precious").exists()
+    assert (tmp_path / "zmav-lab" / "precious").exists()
+
+
+def test_a_name_is_taken_until_the_last_who_holds_it_has_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(remote_module, "_ENDS_WITHIN_S", 0.0)
+    with claimed("pair") as (directory, claim):
+        held = os.dup(claim)  # as the relay does
+        directory.mkdir()  # it begins: nobody answers there yet
+        with pytest.raises(BadConfig, match="a lab 'pair' runs already"), claimed("pair"):
+            pass
+    with pytest.raises(BadConfig, match="a lab 'pair' runs already"), claimed("pair"):
+        pass
+    assert directory.exists()
+    os.close(held)
+    with claimed("pair") as (again, _):
+        assert again == directory
+        assert not again.exists()
+
+
+def test_the_socket_survives_nonsense(remote: Remote, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (str(pipe), "zero\0byte"):  # nobody reads it: the relay does not wait for that
+        with pytest.raises(ZmavError, match="No such device|embedded null"):
+            remote.call("record", link="1-2", path=path)
     with pytest.raises(BadInput, match="no verb 'fly'"):
         remote.call("fly")
     with pytest.raises(BadInput, match="not a request"):

@@ -100,3 +100,5 @@ async def test_ready_has_its_patience(start_lab: StartLab) -> None:
     lab = await start_lab(hosts={"h1": {"program": "none"}})
     with pytest.raises(TimedOut, match=r"the routers of h1 are not up within 0\.1 s"):
         await lab.ready("h1", timeout=0.1)
+    with pytest.raises(BadConfig, match="no host 'h9'"):
+        await lab.ready("h9")

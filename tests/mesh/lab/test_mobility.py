@@ -20,7 +20,7 @@ def test_a_range_has_three_parts() -> None:
     assert reach(RANGE, 0.0) == reach(RANGE, 100.0) == Reach()
     assert reach(RANGE, 150.0) == Reach(loss=0.24)
     assert reach(RANGE, 199.0).loss == pytest.approx(0.98)
-    assert reach(RANGE, 200.0) == reach(RANGE, 1e6) == Reach(heard=False)
+    assert reach(RANGE, 200.0) == reach(RANGE, 1e6) == reach(RANGE, math.nan) == Reach(heard=False)
 
 
 def test_a_track_goes_round() -> None:

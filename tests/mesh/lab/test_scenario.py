@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +61,7 @@ def test_the_fleet_file_says_where_everybody_is_and_what_was_said_besides(tmp_pa
 
 
 def test_toml_is_written_as_it_is_read(tmp_path: Path) -> None:
-    values = {"fleet": 'a"\\b', "sim": {"a b": [1, 2.5, True, "ü\n"], "c": {"d": {"e": []}}}}
+    values = {"fleet": 'a"\\b', "sim": {"a b": [1, 2.5, True, "ü😀\n", math.inf], "c": {"d": {"e": []}}}}
     path = tmp_path / "x.toml"
     path.write_text(toml({**values, "fleet": "x"}))
     assert load_fleet(path).sim == values["sim"]
@@ -124,12 +126,33 @@ def link(**more: Any) -> dict[str, Any]:
         ({"media": [{"kind": "radio", "hosts": ["h1"], "pairs": [["h1", "h2"]]}]}, "two hosts of h1"),
         ({"media": [{"kind": "wds", "bridges": {"a": ["h1"]}, "hops": [["a", "b"]]}]}, "two bridges of a"),
         ({"hosts": {"h1": {"follow": True}}}, "a vehicle to follow"),
+        ({"hosts": {"simulator": {}}}, "the lab's simulator is called so"),
+        ({"media": [link(name="all")]}, "it stands for all links"),
+        ({"media": [link(name="[/]")]}, "medium '[/]'"),
+        ({"media": [{"kind": "wds", "bridges": {"[/]": ["h1"]}, "hops": []}]}, "bridge '[/]'"),
+        ({"media": [link(interface="lo")]}, "an interface's name"),
+        ({"media": [link(network="10.77.0.0/16"), {"kind": "radio"}]}, "one apart from 10.77.0.0/16, where h1 is"),
     ],
 )
 def test_scenarios_that_cannot_be(tables: dict[str, Any], words: str) -> None:
     with pytest.raises(BadInput) as caught:
         scenario(**{"hosts": HOSTS, **tables})
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("tables", [{"mesh": 5}, {"vehicles": 3}, {"stations": {"h1": 3}}])
+def test_what_belongs_into_the_fleet_file_is_tables(tmp_path: Path, tables: dict[str, Any]) -> None:
+    found = scenario(hosts=HOSTS, fleet=tables)
+    with pytest.raises(BadConfig, match=r"fleet\.(mesh|vehicles|stations\.h1) is \d; expected a table"):
+        write_fleet(found, wire(found), tmp_path)
+
+
+def test_there_are_networks_for_as_many_links_as_a_file_has() -> None:
+    names = [f"h{i}" for i in range(301)]
+    media = [{"kind": "link", "between": [a, b]} for a, b in itertools.pairwise(names)]
+    found = scenario(hosts=dict.fromkeys(names, {}), media=media)
+    assert len({medium.network for medium in found.media}) == 300
+    assert found.media[256].network == "10.78.0.0/24"
 
 
 def test_ends_of_no_pair_are_refused() -> None:
@@ -142,6 +165,7 @@ def test_ends_of_no_pair_are_refused() -> None:
     [
         ("hosts = 3", "Expected `object`, got `int` (at hosts)"),
         ("[hosts.a]\nspeed = -1", ".speed)"),
+        ("[hosts.a]\nposition = [nan, 0]", ".position"),
         ("[hosts.a]\n[[media]]\nkind = 'cable'", "cable"),
         ("[hosts.a]\nwings = 2", "wings"),
         ("[hosts", "is not TOML"),
