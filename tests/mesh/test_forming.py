@@ -131,6 +131,10 @@ async def test_a_ring_forms_by_itself_survives_a_router_and_is_whole_again(labs:
         opposite.put("zmav/ring/c/state", b"%d" % number, congestion_control=zenoh.CongestionControl.BLOCK)
     await heard.until(b"39")
     assert heard.payloads == [b"%d" % number for number in range(40)]
+    lab.cut("all")
+    await names.until("a")
+    lab.heal("all")
+    await names.until("a", "b", "c", "d")
 
 
 async def asked(session: zenoh.Session, key: str) -> None:
@@ -146,7 +150,7 @@ async def asked(session: zenoh.Session, key: str) -> None:
 async def test_a_vehicle_that_was_away_is_a_vehicle_again(labs: Labs) -> None:
     """Its token and state are back, and all events of the time between, in order; who was cut off has no lease."""
     lab = await labs.lab(
-        name="away", profile="mesh", hosts={"ground": {}, "quad1": {"vehicle": "rover"}},
+        name="away", profile="lan", hosts={"ground": {}, "quad1": {"vehicle": "rover"}},
         media=[{"kind": "link", "between": ["ground", "quad1"], "interface": "wlan0"}],
     )  # fmt: skip
     link = lab.network.wiring.edges[0].name
@@ -158,7 +162,7 @@ async def test_a_vehicle_that_was_away_is_a_vehicle_again(labs: Labs) -> None:
         key = keys.EVENT.key(lab.fleet, "quad1")
         async with z.subscribe(key) as there, own.subscribe(key) as here:
             with pytest.raises(ZmavError) as lost:
-                async with quad.lease("far") as lease:
+                async with quad.lease("far", ttl=2.0) as lease:
                     await beside.wait_until(lambda state: state.lease is not None, PATIENCE_S)
                     lab.cut(link)
                     await names.until("ground")

@@ -108,15 +108,3 @@ async def test_a_segment_of_three_bridges_comes_back_when_its_middle_does(run: R
         assert len(await rigs.pings(z.vehicle("quad2"), 3)) == 3
         assert proofs.states_twice(states) == 0
         assert len(states) > 10
-
-
-async def test_a_grid_forms_again_after_every_link_was_gone(tmp_path: Path, run: Run) -> None:
-    async with Lab(rigs.grid(2, 2), tmp_path / "lab") as lab:
-        await lab.ready()
-        async with rigs.station(lab, "h0") as z:
-            await proofs.formed(z.session, 4)
-            lab.cut("all")
-            while len(await asyncio.to_thread(proofs.link_states, z.session)) > 1:
-                await asyncio.sleep(0.1)
-            lab.heal("all")
-            await proofs.formed(z.session, 4)
