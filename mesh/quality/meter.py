@@ -38,11 +38,15 @@ class Meter:
 
     def __init__(self, own: bytes, born: float | None = None) -> None:
         self._own = own
-        self.born = time.monotonic() if born is None else born
+        self._number = self._train = 0
+        self.begin(time.monotonic() if born is None else born)
+
+    def begin(self, now: float) -> None:
+        """The link is up, or up again: what was known of it before is over. Our own numbers go on."""
+        self.born = now
         self.heard: float | None = None
         self.period: float | None = None
         """s between the neighbour's stamps, as it says"""
-        self._number = self._train = 0
         self._last: Stamp | None = None
         self._loss, self._jitter, self._dispersion = LossWindow(), Jitter(), Dispersion()
         self._rtts: deque[float] = deque(maxlen=ROUND_TRIPS)

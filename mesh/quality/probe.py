@@ -1,9 +1,9 @@
 """Probing each router that ours is linked to: over that link, and no other.
 
 A router listens on ``@probe/{its own id}/*``, a key that nobody else answers, and Zenoh sends what is for a neighbour
-straight to it, as long as the link's weight is not more than that of a way around. Our own router's map of the network
-says whether it does; while it does not, nothing is sent, because it would measure another way. A neighbour's name comes
-with the certificate by which its link was opened, or else with the key of what it sends.
+straight to it: whoever gives links weights of his own (``transport_weights``) so that a way around is the shorter one
+measures that way. A neighbour's name comes with the certificate by which its link was opened, or else with the key of
+what it sends.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from typing import Any
 import zenoh
 from zenoh import handlers
 
-from mesh import linkstate
 from mesh.quality.interface import interface_to
 from mesh.quality.meter import Meter
 from mesh.quality.pace import Pace
@@ -30,8 +29,6 @@ from zmav.errors import BadInput
 
 LOOK = 0.5
 """s between looks at the router's links"""
-TRACE = 2.0
-"""s between looks at where the router sends what is for its neighbours"""
 KEEP = 60.0
 """s for which a neighbour that went away is still told of"""
 MOST_WAITING = 4096
@@ -49,8 +46,6 @@ class Neighbour:
     since: float
     """monotonic s since when it is linked, or not"""
     linked: bool = True
-    direct: bool = True
-    """what is for it goes over the link to it"""
     name: str | None = None
     proven: bool = False
     """the name is that of the certificate by which the link was opened"""
@@ -109,20 +104,17 @@ class Prober:
             neighbour.close()
 
     async def _run(self) -> None:
-        looked = traced = float("-inf")
+        looked = float("-inf")
         while True:
             now = time.monotonic()
             if now - looked >= LOOK:
                 looked = now
                 with contextlib.suppress(zenoh.ZError):  # while the session closes
                     self._look(now)
-            if now - traced >= TRACE and self.neighbours:
-                traced = now
-                await self._trace()
             self.take()
             turn = self._pace.period
             for neighbour in self.neighbours.values():
-                if neighbour.linked and neighbour.direct:
+                if neighbour.linked:
                     self._send(neighbour)
                     turn = min(turn, neighbour.next_stamp - time.monotonic())
             await asyncio.sleep(max(turn, 0.01))
@@ -139,6 +131,9 @@ class Prober:
         for zid, neighbour in list(self.neighbours.items()):
             if neighbour.linked != (zid in linked):
                 neighbour.linked, neighbour.since = zid in linked, now
+                if neighbour.linked:
+                    neighbour.meter.begin(now)
+                    neighbour.trains, neighbour.next_train = 0, now + FIRST_TRAIN * random.uniform(1.0, 1.4)
             if link := links.get(zid):
                 if neighbour.url != str(link.dst):
                     neighbour.url = str(link.dst)
@@ -149,20 +144,6 @@ class Prober:
                 neighbour.close()
                 if now - neighbour.since > KEEP:
                     del self.neighbours[zid]
-
-    async def _trace(self) -> None:
-        """Whether what is for a neighbour goes straight to it, by our own router's map."""
-
-        def ask() -> dict[str, list[str]]:
-            for reply in self._session.get(linkstate.key(self.zid), timeout=1.0):
-                if reply.ok is not None:
-                    return linkstate.ways(linkstate.read(reply.ok.payload.to_bytes()), self.zid)
-            return {}
-
-        with contextlib.suppress(zenoh.ZError):
-            ways = await asyncio.to_thread(ask)
-            for zid, neighbour in self.neighbours.items():
-                neighbour.direct = len(ways.get(zid, ())) <= 2
 
     # What comes.
 
@@ -197,7 +178,7 @@ class Prober:
             neighbour.next_stamp = now + period * random.uniform(0.9, 1.1)  # in step with nobody
             self._put(neighbour, keys.Qos.LATEST_WINS, [neighbour.meter.stamp(time.monotonic(), period)])
         if now >= neighbour.next_train:
-            count, every = self._pace.trains(linked, budget)
+            count, every = self._pace.trains(linked, budget, neighbour.meter.figures(now).throughput_out)
             neighbour.trains += 1
             soon = FIRST_TRAIN if neighbour.trains < FIRST_TRAINS else every
             neighbour.next_train = now + soon * random.uniform(1.0, 1.4)

@@ -136,8 +136,6 @@ class LinkQualities:
 def _state(neighbour: Neighbour, silent: bool) -> wire.LinkState:
     if not neighbour.linked:
         return "down"
-    if not neighbour.direct:
-        return "indirect"
     return "silent" if silent else "up"
 
 

@@ -221,6 +221,19 @@ def test_a_neighbour_that_says_nothing_more_is_silent_and_its_loss_grows() -> No
     assert Meter(A, 100.0).figures(102.0).silent is True
 
 
+def test_a_link_that_is_up_again_is_measured_anew_and_its_numbers_go_on() -> None:
+    a, b = exchange(20.0, 2, 2, 0.01, 0.01)
+    a.begin(160.0)
+    known = a.figures(160.5)
+    assert (known.silent, known.age, known.rtt, known.loss_in, known.loss_out) == (False, None, None, None, None)
+    for n in range(10):
+        b.take(unpack(a.stamp(160.0 + n / 4, 0.25)), 160.01 + n / 4 + 7.0)
+        a.take(unpack(b.stamp(160.1 + n / 4 + 7.0, 0.25)), 160.11 + n / 4)
+    assert a.figures(162.4).loss_in == 0.0
+    seen = b.figures(162.4 + 7.0)
+    assert seen.age == pytest.approx(0.14) and seen.loss_in == pytest.approx(25 / WINDOW)  # it was not up anew for b
+
+
 def test_a_copy_or_an_overtaken_stamp_tells_nothing_new() -> None:
     a = Meter(A, 100.0)
     first, second = (Stamp(B, 0.25, n, clock(50.0 + n / 4), loss=n / 10) for n in (1, 2))
@@ -240,10 +253,24 @@ def test_probes_keep_to_their_share_of_a_budget(budget: float, neighbours: int) 
     pace = Pace()
     period = pace.stamps(neighbours, budget)
     count, every = pace.trains(neighbours, budget)
-    assert STAMP_BYTES / period <= pace.share * budget or period == pace.slowest
-    assert count * (TRAIN_SIZE + OVERHEAD) / every <= pace.share * budget
+    assert neighbours * STAMP_BYTES / period <= 1.001 * pace.share * budget or period == pace.slowest
+    assert neighbours * count * (TRAIN_SIZE + OVERHEAD) / every <= 1.001 * pace.share * budget
     assert count * (TRAIN_SIZE + OVERHEAD) <= pace.train_part * budget
     assert neighbours / period <= max(pace.per_host, neighbours / pace.slowest)
+
+
+def test_a_train_is_no_longer_than_a_setpoint_can_wait() -> None:
+    """What a link without a budget takes is found by two messages first."""
+    pace, size = Pace(), TRAIN_SIZE + OVERHEAD
+    assert pace.trains(1, None) == (2, pace.train_every)
+    assert pace.trains(1, None, 1e6) == (pace.train, pace.train_every)
+    count, every = pace.trains(1, None, 60e3)
+    assert (count, count * size <= pace.train_part * 60e3) == (5, True)
+    assert every >= count * size / (pace.share * 60e3)
+    count, every = pace.trains(1, None, 2e3)
+    assert count == 2
+    assert every == pytest.approx(2 * size / (pace.share * 2e3))
+    assert pace.trains(1, 10e3, 1e6)[0] == 0  # a budget says what there is
 
 
 def quality(**figures: object) -> wire.NeighbourQuality:
