@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from mesh.credentials.certify import day
 from mesh.credentials.ledger import LEDGER, read_ledger
 from zmav.cli.common import console, dump, json_option, run, zenoh_options
 from zmav.cli.trustcheck import rosters
-from zmav.errors import BadConfig, ZmavError
+from zmav.errors import BadConfig, BadInput, ZmavError
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import ROSTER, Credentials
@@ -180,13 +181,17 @@ async def _fetch(settings: SessionSettings, own: Credentials) -> None:
     held = [answer for answer in answers if isinstance(answer, HeldRoster)]
     if not held:
         raise BadConfig("no router of the fleet has a roster: is -e a router that has credentials?", field="connect")
-    newest = max(held, key=lambda answer: answer.number)
-    if newest.newer is None:
+    newest = own.roster
+    for signed in (answer.newer for answer in held if answer.newer is not None):
+        with contextlib.suppress(BadInput):  # anybody can say that it has one: the authority's is looked for
+            found = signed.open(own.authority, own.fleet)
+            if found.number > newest.number:
+                newest = found
+                files.write(own.folder / ROSTER, msgspec.json.encode(signed))
+    if newest is own.roster:
         click.echo(f"number {own.roster.number} is the fleet's, too")
-        return
-    found = newest.newer.open(own.authority, own.fleet)
-    files.write(own.folder / ROSTER, msgspec.json.encode(newest.newer))
-    click.echo(f"number {found.number}, in the place of {own.roster.number}")
+    else:
+        click.echo(f"number {newest.number}, in the place of {own.roster.number}")
 
 
 def _open(folder: str) -> Authority:

@@ -25,7 +25,9 @@ from zmav.verbs import VERBS
 Rule = dict[str, Any]
 READING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
 SAYING = ("put", "liveliness_token", "declare_queryable", "reply")
-SPREADING = ("put", "declare_subscriber", "query", "reply", "declare_queryable")
+BRING = ("put", "declare_subscriber", "query")
+GET = ("put", "declare_subscriber", "reply", "declare_queryable")
+"""of rosters: who is not on ours brings one, hears of ours and asks for it, but answers nobody who asks"""
 EVERYTHING = ("put", "delete", "query", "reply", *READING, "declare_queryable", "liveliness_token")
 STRANGER = "*"
 """stands for every vehicle but the member's own: no name has it, and in a key expression it holds them all"""
@@ -55,14 +57,15 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
     others = sorted({member for role in Role for member in roster.names(role.value)} - {name})
     rules: list[Rule] = [
         _rule("local", ("ingress", "egress"), EVERYTHING, (*_wide(), *_spaces(fleet), ADMIN)),
-        _rule("roster", ("ingress", "egress"), SPREADING, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
+        _rule("roster-in", ("ingress",), BRING, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
+        _rule("roster-out", ("egress",), GET, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),
         _rule("read", ("ingress", "egress"), READING, (*_wide(), ADMIN)),
     ]
     subjects: list[Rule] = [*LOCAL, CERTIFIED]
     policies: list[Rule] = [
         {"rules": ["local"], "subjects": [subject["id"] for subject in LOCAL]},
-        {"rules": ["roster"], "subjects": [CERTIFIED["id"]]},
+        {"rules": ["roster-in", "roster-out"], "subjects": [CERTIFIED["id"]]},
     ]
     relays = []
     for role in Role:

@@ -50,7 +50,7 @@ class Authority:
         keys.check_name(fleet, "fleet")
         key = Ed25519PrivateKey.generate()
         certificate = certify.self_signed(key, fleet)
-        ledger = Ledger(fleet=fleet)
+        ledger = Ledger(fleet=fleet, t=time.time())
         made = cls(folder, certificate, key)
         contents = {
             credentials.CA: (_pem(certificate), files.PUBLIC),
@@ -169,7 +169,7 @@ class Authority:
             name=name, role=role.value, serial=f"{read.serial:x}", fingerprint=read.fingerprint.hex(),
             not_before=read.not_before, not_after=read.not_after,
         )  # fmt: skip
-        ledger = ledger.with_entry(entry)
+        ledger = ledger.with_entry(entry, time.time())
         contents = {
             credentials.CA: (_pem(self.certificate), files.PUBLIC),
             credentials.CERT: (_pem(certificate), files.PUBLIC),

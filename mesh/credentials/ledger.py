@@ -40,6 +40,8 @@ class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
     fleet: str
     number: int = 0
     """the roster's: counts up with every change"""
+    t: float = 0.0
+    """UTC seconds of the last change: a number's roster is the same, whenever it is signed"""
     entries: list[Entry] = []
 
     def current(self, name: str, now: float) -> Entry | None:
@@ -49,15 +51,15 @@ class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
     def names(self) -> list[str]:
         return sorted({entry.name for entry in self.entries})
 
-    def with_entry(self, entry: Entry) -> Ledger:
-        return msgspec.structs.replace(self, number=self.number + 1, entries=[*self.entries, entry])
+    def with_entry(self, entry: Entry, now: float) -> Ledger:
+        return msgspec.structs.replace(self, number=self.number + 1, t=now, entries=[*self.entries, entry])
 
     def without(self, name: str, now: float) -> Ledger:
         """All certificates of ``name`` revoked at ``now``."""
         entries = [
             msgspec.structs.replace(e, revoked=now) if e.name == name and e.in_force(now) else e for e in self.entries
         ]
-        return msgspec.structs.replace(self, number=self.number + 1, entries=entries)
+        return msgspec.structs.replace(self, number=self.number + 1, t=now, entries=entries)
 
     def roster(self, now: float) -> Roster:
         """What members need to know of it."""
@@ -65,7 +67,7 @@ class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
         return Roster(
             fleet=self.fleet,
             number=self.number,
-            t=now,
+            t=self.t,
             members=[
                 Member(name=e.name, role=e.role, fingerprint=e.fingerprint, not_after=e.not_after)
                 for e in told

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+import re
 import time
 from collections.abc import AsyncIterator, Callable
 from typing import Any
@@ -33,8 +34,9 @@ SHORTEST, LONGEST = 1.0, 64.0
 """s: Trickle's interval"""
 ENOUGH = 1
 """of others' that are like ours within an interval, and we need not speak"""
-MOST_CHECKED, PAUSE = 50, 1.0
+MOST_CHECKED, PAUSE = 200, 1.0
 """signatures checked in so many seconds: what is forged costs no more than that"""
+NUMBER = re.compile(r"[0-9]{1,18}\Z")
 
 
 class RosterWatch:
@@ -90,12 +92,13 @@ class RosterWatch:
         """
         number = _number_in(signed)
         if number <= self.roster.number:
-            if number == self.roster.number:
-                self._alike += 1
-            else:
+            # Whoever only says its number does not keep us from passing ours on.
+            self._alike += signed == self._signed
+            if number < self.roster.number:
                 self._hurry.set()
             return False
         if not self._may_check():
+            self._hurry.set()  # who has a true one hears that we do not, and says it again
             return False
         roster = signed.open(self._credentials.authority, self._credentials.fleet)
         self._signed, self.roster, self._alike = signed, roster, 0
@@ -139,7 +142,7 @@ class RosterWatch:
         try:
             self.adopt(read_signed(data))
         except BadInput as e:
-            self._say_once(e.message, f"a roster was not taken: {e}")
+            self._say_once(e.message.partition(":")[0], f"a roster was not taken: {e}")
             raise
 
     def _on_query(self, query: zenoh.Query) -> None:
@@ -148,7 +151,7 @@ class RosterWatch:
                 if query.payload:
                     self._take(query.payload.to_bytes())
                 newer = query.parameters.get("newer")
-                wanted = newer is not None and newer.isdecimal() and int(newer) < self.roster.number
+                wanted = newer is not None and NUMBER.match(newer) is not None and int(newer) < self.roster.number
             except BadInput as e:
                 query.reply_err(wire.error_body(e), encoding=keys.JSON)
                 return

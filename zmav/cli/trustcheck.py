@@ -73,7 +73,9 @@ def _all_replies(z: Client, key: str, payload: bytes, timeout: float) -> list[ze
 
 def _decoded(data: bytes) -> HeldRoster | ZmavError:
     try:
-        return wire.decode(data, HeldRoster, "roster")
+        held = wire.decode(data, HeldRoster, "roster")
+        keys.check_name(held.name)
+        return held
     except BadInput as e:
         return e
 

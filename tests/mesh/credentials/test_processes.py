@@ -58,6 +58,8 @@ def test_a_router_acts_on_a_roster_that_is_published(fleet: Fleet) -> None:
                 == "view has a certificate, but is not on the roster: nothing but rosters passes\n"
             )
             (fleet.members["ops"] / "roster.json").write_bytes(fleet.first_roster)
+            topic, lie = "zmav/alpha/@fleet/roster", b'{"name": "quad1", "number": 1000000, "t": 0}'
+            fleet.open("ops", quic).declare_queryable(topic, lambda query: query.reply(topic, lie))
             assert "number 4, in the place of 0" in ca("roster", "--fetch", *via)
             assert Credentials.load(folders["ops"]).roster.number == 4
         finally:

@@ -157,15 +157,44 @@ async def test_rubbish_is_refused_once_in_words_and_ends_nothing(fleet: Fleet, w
     for extra in range(200):
         forged = SignedRoster(roster=json.dumps({**body, "number": 50 + extra}), signature="AAAA")
         rubbish.append(msgspec.json.encode(forged))
+    rubbish += [b"x" * size + b'{"roster' for size in range(1, 40)]
     for data in rubbish:
         ops.put(ROSTER, data, congestion_control=zenoh.CongestionControl.BLOCK)
     replies = await asyncio.to_thread(lambda: list(ops.get(ROSTER, payload=rubbish[-1], timeout=10.0)))
     assert len(replies) == 1
+    (reply,) = await asyncio.to_thread(lambda: list(ops.get(f"{ROSTER}?newer={'9' * 5000}", timeout=10.0)))
+    assert reply.ok is not None
     fleet.authority.revoke("ops")
     await asyncio.sleep(rosterwatch.PAUSE)  # the allowance of signatures looked at in a second
     ops.put(ROSTER, msgspec.json.encode(fleet.authority.roster()), congestion_control=zenoh.CongestionControl.BLOCK)
     await until(lambda: one.watch.roster.number == fleet.authority.ledger.number)
     assert sum("not signed" in words for words in one.said) == 1
+    assert sum("not a roster" in words for words in one.said) == 1
+
+
+async def test_who_says_our_number_without_our_roster_does_not_silence_us(fleet: Fleet, watch: Watch) -> None:
+    """Else whoever was revoked could keep the news of it from spreading."""
+    fleet.issue(quad1=Role.VEHICLE, view=Role.VIEWER)
+    fleet.authority.revoke("view")
+    one = await watch("quad1")
+    home = await asyncio.to_thread(fleet.open, None, one.door.local)
+    out = await asyncio.to_thread(fleet.open, "view", one.door.quic)
+    forged = msgspec.json.encode(
+        SignedRoster(roster=json.dumps({"number": fleet.authority.ledger.number}), signature="")
+    )
+    genuine: list[bytes] = []
+
+    def on_roster(sample: zenoh.Sample) -> None:
+        if (data := sample.payload.to_bytes()) != forged:
+            genuine.append(data)
+
+    home.declare_subscriber(ROSTER, on_roster)
+    one.watch.adopt(fleet.authority.roster())
+    end = asyncio.get_running_loop().time() + PATIENCE_S
+    while not genuine and asyncio.get_running_loop().time() < end:
+        out.put(ROSTER, forged)
+        await asyncio.sleep(0.01)
+    assert genuine
 
 
 async def test_silence_is_cheap(fleet: Fleet, watch: Watch) -> None:

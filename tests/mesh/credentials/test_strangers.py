@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 RawClient = Callable[..., zenoh.Session]
 
 
+ROSTER = "zmav/alpha/@fleet/roster"
+
+
 @pytest.fixture
 def door(fleet: Fleet) -> Door:
     fleet.issue(quad1=Role.VEHICLE, ops=Role.OPERATOR, view=Role.VIEWER)
@@ -85,6 +88,7 @@ def test_a_member_that_was_revoked_gets_nothing_but_rosters_from_a_router_that_k
         out, member = fleet.open("ops", endpoint), fleet.open("view", endpoint)
         heard: list[zenoh.Sample] = []
         out.declare_subscriber("zmav/**", heard.append, allowed_origin=zenoh.Locality.REMOTE)
+        out.declare_queryable(ROSTER, lambda query: query.reply(ROSTER, b"a lie"))
         for key in ("zmav/alpha/quad1/do/arm", "zmav/alpha/quad1/state", "@/*/router"):
             out.get(key, lambda reply: None, timeout=1.0)
         out.put("zmav/alpha/quad1/setpoint/x", b"")
@@ -96,6 +100,8 @@ def test_a_member_that_was_revoked_gets_nothing_but_rosters_from_a_router_that_k
         assert home.asked.until("zmav/alpha/quad1/msg/END") == set()
         assert {key for key in home.put.keys if key != "zmav/alpha/quad1/state"} == set()
         assert heard == []
+    answers = home.session.get(ROSTER, timeout=5.0, consolidation=zenoh.ConsolidationMode.NONE)
+    assert [answer.ok.payload.to_bytes() for answer in answers if answer.ok] == [b"home"]
 
 
 def test_a_key_that_others_can_read_is_not_used(fleet: Fleet) -> None:
