@@ -218,8 +218,9 @@ class Bearer:
                 route.proven = True
             return
         if route is None:
-            route = peer.add(port, source, 2 * port.radio.way_cost(), now, learned=True)
-            if route is None or not self._strangers.take(SMALL, now):
+            if self._strangers.take(SMALL, now):
+                route = peer.add(port, source, 2 * port.radio.way_cost(), now, learned=True)
+            if route is None:
                 port.counters.foreign += 1
                 return
         elif not route.echoes.take(SMALL, now):

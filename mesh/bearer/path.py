@@ -63,10 +63,13 @@ class Quality:
 
 
 class Path:
-    """Out of one of our radios to one address. ``name`` is the radio's; ``cost`` as the fleet file has it."""
+    """Out of one of our radios to one address. ``name`` is the radio's; ``cost`` as the fleet file has it.
 
-    def __init__(self, name: str, cost: int, budget: float | None = None) -> None:
-        self.name, self.cost = name, cost
+    ``learned``: somebody called from there, and anybody can; such a path is for when all others are silent.
+    """
+
+    def __init__(self, name: str, cost: int, budget: float | None = None, *, learned: bool = False) -> None:
+        self.name, self.cost, self.learned = name, cost, learned
         size = overhead("") + PROBE_HEAD.size
         self._least = size / (SHARE * budget) if budget else 0.0
         self._used: float | None = None
@@ -198,7 +201,7 @@ class Choice:
         """The path to take now; None while there are none."""
         for path in paths:
             path.judge(now)
-        best = min(paths, key=lambda path: (path.health, path.cost), default=None)
+        best = min(paths, key=_rank, default=None)
         current = self.current
         if best is None or best is current or (current in paths and not self._must(current, best, now)):
             return self.current if current in paths else None
@@ -216,4 +219,11 @@ class Choice:
         mine, other = current.health, best.health
         if mine is Health.SILENT:
             return other is not Health.SILENT
+        if current.learned and not best.learned:
+            return True
         return best.better_for(now) >= best.hold
+
+
+def _rank(path: Path) -> tuple[bool, bool, Health, int]:
+    """The lower, the better."""
+    return path.health is Health.SILENT, path.learned, path.health, path.cost

@@ -25,7 +25,6 @@ class Route:
     to: Address
     path: Path
     echoes: Bucket
-    learned: bool = False
     proven: bool = True
     """somebody there has echoed what only he was asked; those of the fleet file need no proof"""
     since: float = 0.0
@@ -54,11 +53,15 @@ class Peer:
         """where data goes now"""
 
     def add(self, port: RadioPort, to: Address, cost: int, now: float, *, learned: bool = False) -> Route | None:
-        """A path to it; None where too many have been learned."""
-        if learned and sum(route.learned for route in self.routes) >= LEARNED:
-            return None
-        path = Path(port.name, cost, port.budget)
-        route = Route(port, to, path, Bucket(ECHOES, now), learned, not learned, now)
+        """A path to it; None where too many have been learned. One that was, and is not proven, makes room."""
+        known = [route for route in self.routes if route.path.learned]
+        if learned and len(known) >= LEARNED:
+            unproven = next((route for route in known if not route.proven), None)
+            if unproven is None:
+                return None
+            self.routes.remove(unproven)
+        path = Path(port.name, cost, port.budget, learned=learned)
+        route = Route(port, to, path, Bucket(ECHOES, now), not learned, now)
         self.routes.append(route)
         return route
 
@@ -78,7 +81,7 @@ class Peer:
 
     def _forgotten(self, route: Route, now: float) -> bool:
         heard = route.path.heard or route.since
-        return route.learned and now - heard > FORGET
+        return route.path.learned and now - heard > FORGET
 
     def status(self, now: float) -> list[RouteStatus]:
         return [

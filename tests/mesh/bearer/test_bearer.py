@@ -14,6 +14,7 @@ import zenoh
 from mesh.bearer.bearer import Bearer
 from mesh.bearer.header import host_tag, pack_data, pack_probe
 from mesh.bearer.path import Health
+from mesh.bearer.peer import LEARNED
 from tests.mesh.bearer.conftest import FLEET, Pair, free_port, udp, until
 from zmav.session import SessionSettings, open_session
 
@@ -170,13 +171,20 @@ def test_who_asks_gets_no_more_bytes_than_he_sent(pair: MakePair) -> None:
 
 
 def test_a_neighbour_behind_another_address_is_learned_once_it_has_echoed(pair: MakePair) -> None:
-    """Its air's port changes, as behind a NAT: the old address is silent, the new one proves itself and is taken."""
+    """Its air's port changes, as behind a NAT: the old address is silent, the new one proves itself and is taken.
+
+    Others who call in its name from elsewhere, and never echo, take up no room that it needs.
+    """
     both = pair(None)
     _, right = linked(both)
     moved = udp()
     moved.settimeout(30.0)
     both.airs[0].cut = True
     tag, there = host_tag(FLEET, "left"), ("127.0.0.1", both.ports[RIGHT][0])
+    liars = [udp() for _ in range(LEARNED)]
+    for each in liars:
+        each.sendto(pack_probe(tag, 5, 1, echo=False), there)
+        each.recv(2048)
     moved.sendto(pack_probe(tag, 5, 1, echo=False), there)
     name = f"127.0.0.1:{moved.getsockname()[1]}"
     while name not in [route.address for route in right.status.routes["left"]]:
@@ -184,7 +192,8 @@ def test_a_neighbour_behind_another_address_is_learned_once_it_has_echoed(pair: 
         if data[0] == 0xB3:  # it wants to know whether we are really here
             moved.sendto(bytes([0xB4]) + tag.to_bytes(4, "big") + data[5:], there)
         moved.sendto(pack_probe(tag, 5, 1, echo=False), there)
-    moved.close()
+    for each in (moved, *liars):
+        each.close()
 
 
 def test_a_budget_is_kept_in_every_second_with_two_neighbours_flooding_it(pair: MakePair) -> None:

@@ -116,6 +116,26 @@ def test_a_little_loss_changes_nothing() -> None:
     assert clock.run(60.0) == []
 
 
+def test_an_address_that_nobody_wrote_down_is_only_for_when_all_others_are_silent() -> None:
+    """It may be anybody's who echoes: however cheap and good it is, he takes no working way from the neighbour."""
+    up, count = True, 0
+
+    def limps(now: float) -> bool:
+        nonlocal count
+        count += 1
+        return up and count % 2 == 0
+
+    clock = Clock((Path("caller", 5, learned=True), always), (Path("lte", 100), limps))
+    clock.run(20.0)
+    assert clock.choice.current is not None and clock.choice.current.name == "lte"
+    up = False
+    ((_, name),) = clock.run(10.0)
+    assert name == "caller"
+    up = True
+    ((after, name),) = clock.run(10.0)
+    assert name == "lte" and after < HOLD
+
+
 def test_where_all_are_silent_the_last_is_kept() -> None:
     up = True
     clock = Clock((Path("wifi", 20), lambda now: up))
