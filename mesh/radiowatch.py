@@ -35,31 +35,30 @@ class RadioWatch:
     def compare(self, there: Interfaces) -> str | None:
         """What makes the plan out of date, in words.
 
-        A listener on a known address comes up by itself, and lives through the interface's absence. Not so an address
-        that was not known, and multicast, which belongs to an interface as it was when the session opened.
+        A listener on a known address comes up by itself, and lives through the address's and the interface's absence.
+        Not so an address that was not known. Multicast lives through an address that goes and comes back (4 s without,
+        linked again 4 s later), but not through an interface that does: to the kernel it is another one.
         """
         return next(filter(None, (self._judge(radio, there) for radio in self._radios)), None)
 
     def _judge(self, radio: Standing, there: Interfaces) -> str | None:
+        interface = radio.radio.interface
+        if interface is not None and interface not in there:
+            self._gone.add(radio)
+            return None
         if radio.fixed and radio.address:
             wanted = radio.address.ip
             here = any(address.ip == wanted for addresses in there.values() for address in addresses)
-            back = here and (radio in self._gone or not radio.present)
-            if not here:
-                self._gone.add(radio)
-            return f"{radio.name} has come" if back and self._scouts else None
+            late = radio in self._gone or not radio.present
+            return f"{radio.name} has come" if here and late and self._scouts else None
         addresses = [str(address.ip) for address in there.get(radio.name, ())]
-        if addresses and not self._matters(addresses):
-            return None
-        if not addresses or (radio.address and str(radio.address.ip) in addresses and radio not in self._gone):
-            if not addresses:
-                self._gone.add(radio)
+        if not addresses or not self._matters(addresses):
             return None
         if radio.address is None:
             return f"{radio.name} has come, with {addresses[0]}"
         if str(radio.address.ip) not in addresses:
             return f"{radio.name} has now {addresses[0]}"
-        return f"{radio.name} has come back" if self._scouts else None
+        return f"{radio.name} has come back" if radio in self._gone and self._scouts else None
 
     def _matters(self, addresses: list[str]) -> bool:
         """In the cloud a host calls from whatever address its modem was given; only a rendezvous is called at one."""
