@@ -202,9 +202,11 @@ class Lab:
         names = hosts or tuple(name for name in self.programs if name in self.hosts)
         waiting = asyncio.ensure_future(asyncio.gather(*(self._answers(name) for name in names)))
         assert self.failed is not None
-        await asyncio.wait((waiting, self.failed), timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
-        over, _ = waiting.done(), waiting.cancel()
-        (error,) = await asyncio.gather(waiting, return_exceptions=True)
+        try:
+            await asyncio.wait((waiting, self.failed), timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            over, _ = waiting.done(), waiting.cancel()
+            (error,) = await asyncio.gather(waiting, return_exceptions=True)
         if self.failed.done():
             raise LabError(self.failed.result())
         if over and isinstance(error, BaseException):  # no such host, or the relay is dying

@@ -150,7 +150,7 @@ def test_what_belongs_into_the_fleet_file_is_tables(tmp_path: Path, tables: dict
 def test_there_are_networks_for_as_many_links_as_a_file_has() -> None:
     names = [f"h{i}" for i in range(301)]
     media = [{"kind": "link", "between": [a, b]} for a, b in itertools.pairwise(names)]
-    found = scenario(hosts=dict.fromkeys(names, {}), media=media)
+    found = scenario(hosts={name: {} for name in names}, media=media)
     assert len({medium.network for medium in found.media}) == 300
     assert found.media[256].network == "10.78.0.0/24"
 
