@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -44,6 +45,7 @@ from zmav.services.store import Store, default_directory
 from zmav.services.timesync import TimeSync
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
+from zmav.trust.expiry import warn_of_end
 from zmav.trust.gate import Gate, Origin
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
@@ -131,7 +133,7 @@ class Onboard:
         self.orders = Orders(session, fleet, name)
         if self.gate is not None:
             self._stand_at(self.gate)
-        self._housekeeper: asyncio.Task[None] | None = None
+        self._own, self._tasks = own, list[asyncio.Task[None]]()
         self._add_orders()
 
     def _stand_at(self, gate: Gate) -> None:
@@ -233,12 +235,15 @@ class Onboard:
         self.authority.start()
         self.needs.start()
         adapter.start()
-        self._housekeeper = loop.create_task(self._keep_house())
+        self._tasks.append(loop.create_task(self._keep_house()))
+        if self._own is not None:
+            warn = functools.partial(self.events.emit, "certificate", "warning")
+            self._tasks.append(loop.create_task(warn_of_end(self._own.certificate, warn)))
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._housekeeper:
-            self._housekeeper.cancel()
+        for task in self._tasks:
+            task.cancel()
         self.authority.close()  # first of all: a vehicle that follows a stream holds
         self.rates.close()
         self.needs.close()

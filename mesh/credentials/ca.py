@@ -17,19 +17,18 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from mesh.credentials import certify, files
-from mesh.credentials.certify import DAY, day
+from mesh.credentials.certify import day
 from mesh.credentials.ledger import LEDGER, Entry, Ledger, read_ledger
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.trust import credentials
 from zmav.trust.certificate import Certificate, Role
+from zmav.trust.expiry import SOON
 from zmav.trust.roster import Roster, SignedRoster
 
 CA_KEY, MEMBERS = "ca-key.pem", "members"
 DAYS = 365
 """of a member's, unless said otherwise"""
-SOON = 30 * DAY
-"""s before its end that a certificate is to be renewed"""
 
 Passphrase = Callable[[], bytes]
 

@@ -28,6 +28,7 @@ from zmav.process import say
 from zmav.services.port import on_loop
 from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
+from zmav.trust.expiry import warn_of_end
 from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
 
 SHORTEST, LONGEST = 1.0, 64.0
@@ -66,6 +67,8 @@ class RosterWatch:
             self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True),
         ]
         self._tasks = [loop.create_task(self._tell())]
+        if not self._plan.vehicle:  # which says it as an event
+            self._tasks.append(loop.create_task(warn_of_end(self._credentials.certificate, self._say)))
         return self
 
     async def __aexit__(self, *_: object) -> None:

@@ -17,10 +17,9 @@ from zmav.client import OVER, Answer, Client
 from zmav.errors import BadInput, ZmavError
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
+from zmav.trust.expiry import SOON
 from zmav.trust.roster import HeldRoster
 
-SOON = 30 * 86_400.0
-"""s before a certificate's end that it is said"""
 RENEW = "renew it where the authority is: zmav mesh ca renew"
 
 

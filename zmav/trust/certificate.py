@@ -95,12 +95,12 @@ class Certificate:
         except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm) as e:
             raise BadConfig(f"the certificate of {self.name} is not of this fleet's authority", field="ca") from e
 
-    def check_dates(self, now: float) -> None:
-        """Raise :class:`BadConfig` unless it is valid at ``now``, in UTC seconds."""
-        if not self.not_before <= now <= self.not_after:
+    def check_dates(self, now: float, grace: float = 0.0) -> None:
+        """Raise :class:`BadConfig` unless it is valid at ``now``, in UTC seconds, or ended at most ``grace`` s ago."""
+        if not self.not_before <= now <= self.not_after + grace:
             late = now > self.not_after
             word, when = ("expired", self.not_after) if late else ("is not valid before", self.not_before)
-            at = datetime.datetime.fromtimestamp(when, datetime.timezone.utc).isoformat(timespec="seconds")
+            at = utc(when)
             text = f"the certificate of {self.name} {word} {at}; renew it with 'zmav mesh ca renew', or set the clock"
             raise BadConfig(text, field="certificate", value=at, expected="a valid one")
 
@@ -113,6 +113,11 @@ def _only(subject: x509.Name, oid: x509.ObjectIdentifier) -> str:
     if len(found) != 1:
         raise ValueError(f"its subject has {len(found)} {oid._name}")
     return str(found[0].value)
+
+
+def utc(t: float) -> str:
+    """UTC seconds in words."""
+    return datetime.datetime.fromtimestamp(t, datetime.timezone.utc).isoformat(timespec="seconds")
 
 
 def _utc(when: datetime.datetime) -> float:

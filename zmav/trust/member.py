@@ -18,6 +18,8 @@ from zmav.trust.verify import Verifier
 
 INTRODUCE_EVERY = 5.0
 """s between two puts to a vehicle that carry our certificate; orders always do"""
+GRACE = 86_400.0
+"""s that what a vehicle says is believed after its certificate's end: who flies it is not to lose sight of it"""
 SIGNED = (keys.STATE, keys.EVENT)
 """what vehicles sign of what they publish"""
 _ENDS = tuple("/" + channel.template.rpartition("/")[2] for channel in SIGNED)
@@ -32,7 +34,7 @@ class Member:
 
     def __init__(self, credentials: Credentials, monotonic: Callable[[], float] = time.monotonic) -> None:
         self.credentials, self._monotonic = credentials, monotonic
-        self.verifier, self._signer = Verifier.of(credentials), Signer(credentials)
+        self.verifier, self._signer = Verifier.of(credentials, GRACE), Signer(credentials)
         self._gates: dict[Place, bytes] = {}
         self._others: dict[tuple[Place, str], bytes] = {}
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""

@@ -59,13 +59,14 @@ class Allowance:
 class Verifier:
     """Knows the fleet's authority and roster, and remembers the certificates it has seen. Thread-safe.
 
-    ``utc`` and ``monotonic`` are clocks in seconds.
+    ``utc`` and ``monotonic`` are clocks in seconds; a certificate that ended at most ``grace`` s ago is believed.
     """
 
     def __init__(
         self, authority: x509.Certificate, fleet: str, roster: Roster,
-        utc: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic,
+        utc: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic, grace: float = 0.0,
     ) -> None:  # fmt: skip
+        self._grace = grace
         self.authority, self.fleet, self._roster = authority, fleet, roster
         self._revoked, self._listed = _fingerprints(roster)
         self._utc, self._monotonic = utc, monotonic
@@ -75,9 +76,9 @@ class Verifier:
         self._forgeries: dict[bytes, Allowance] = {}
 
     @classmethod
-    def of(cls, credentials: Credentials) -> Verifier:
+    def of(cls, credentials: Credentials, grace: float = 0.0) -> Verifier:
         """As the member of these credentials judges others."""
-        return cls(credentials.authority, credentials.fleet, credentials.roster)
+        return cls(credentials.authority, credentials.fleet, credentials.roster, grace=grace)
 
     @property
     def roster(self) -> Roster:
@@ -178,7 +179,7 @@ class Verifier:
         if certificate.fingerprint in self._revoked:
             raise Forbidden(f"the certificate of {name} was revoked", reason="revoked", origin=name)
         try:
-            certificate.check_dates(self._utc())
+            certificate.check_dates(self._utc(), self._grace)
         except BadConfig as e:
             raise Forbidden(e.message, reason="expired", origin=name) from e
         return certificate

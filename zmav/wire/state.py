@@ -143,7 +143,7 @@ class Event(Wire, kw_only=True):
     t: float
     kind: str
     """statustext, numbered (an EVENT without words), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
-    rate, clock, mission, clash, refused, fault"""
+    rate, clock, mission, clash, certificate, refused, fault"""
     severity: Severity
     text: str
     detail: dict[str, Any] = {}
