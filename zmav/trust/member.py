@@ -13,6 +13,7 @@ from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import EPOCH
 from zmav.trust.proof import ANSWERS, NOTHING, WINDOW, Signer
+from zmav.trust.rights import may
 from zmav.trust.roster import read_signed
 from zmav.trust.verify import Verifier
 
@@ -89,6 +90,10 @@ class Member:
         else:
             return False
         return True
+
+    def check_role(self, key: str) -> None:
+        """Raise :class:`Forbidden` where our own role may not use that key: the routers between drop it in silence."""
+        may(self.credentials.role, self.credentials.name, *keys.match(key))
 
     # In.
 

@@ -265,6 +265,8 @@ class Vehicle:
                 if isinstance(answer, ZmavError):
                     raise answer
                 return answer.payload
+            if self._client.member is not None:
+                self._client.member.check_role(key)
             waited = time.monotonic() - start
             if self.age is None and not self.present and waited > APPEAR:
                 raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self.fleet}", vehicle=self.name)

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
+import zmav
 from zmav import keys
 from zmav.config import FleetConfig, Host, VehicleConfig
+from zmav.errors import Forbidden
 from zmav.keys import CHANNELS
+from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.verbs import VERBS
 
@@ -263,3 +266,12 @@ def test_who_reads_more_than_the_fleet_hears_the_fleet(fleet: Fleet, door: Door,
     assert not heard.is_set()
     home.session.put("zmav/alpha/quad1/state", b"")
     assert heard.wait(PATIENCE_S)
+
+
+async def test_who_may_not_is_told_so_although_the_door_says_nothing(fleet: Fleet, door: Door) -> None:
+    settings = SessionSettings(connect=[door.quic], credentials=str(fleet.members["view"]))
+    async with zmav.open(fleet="alpha", settings=settings) as z:
+        with pytest.raises(
+            Forbidden, match=r"view \(viewer\) may not use do land of quad1; allowed: operator, planner"
+        ):
+            await z.vehicle("quad1").land()
