@@ -100,6 +100,10 @@ async def test_a_client_with_credentials_does_not_notice(guarded: StartGuarded, 
         assert await vehicle.ping() > 0.0
         z.member._gates.clear()
         await vehicle.set_mode("LOITER")
+        again.gate._utc = lambda: time.time() - 10.0  # nor that the vehicle's clock is set back
+        before = again.gate.epoch
+        assert await vehicle.ping() > 0.0
+        assert again.gate.epoch != before
     assert g.b.peer.mode == 5
 
 
