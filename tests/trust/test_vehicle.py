@@ -100,10 +100,11 @@ async def test_a_client_with_credentials_does_not_notice(guarded: StartGuarded, 
         assert await vehicle.ping() > 0.0
         z.member._gates.clear()
         await vehicle.set_mode("LOITER")
-        again.gate._utc = lambda: time.time() - 10.0  # nor that the vehicle's clock is set back
-        before = again.gate.epoch
+        gate = again.gate
+        assert gate is not None
+        gate._utc, before = lambda: time.time() - 10.0, gate.epoch  # nor that the vehicle's clock is set back
         assert await vehicle.ping() > 0.0
-        assert again.gate.epoch != before
+        assert gate.epoch != before
     assert g.b.peer.mode == 5
 
 
