@@ -69,7 +69,6 @@ class Bearer:
         }
         self._strangers = Bucket(STRANGERS, now)
         self._buffer = bytearray(65536)
-        self._registered: dict[RadioPort, socket.socket] = {}
         self._selector = selectors.DefaultSelector()
         self._wake, self._waker = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name="bearer", daemon=True)
@@ -103,18 +102,21 @@ class Bearer:
             for key, _ in self._selector.select(self._until(now, ticked)):
                 if key.fileobj is self._wake:
                     return
-                action: Callable[[], None] = key.data
-                try:
-                    action()
-                except Exception:  # whatever came, the others' datagrams go on
-                    log.exception("bearer")
+                self._safely(key.data)
             now = time.monotonic()
             for port in self.ports:
                 port.flush(now)
             if now - ticked >= TICK:
                 ticked = now
-                self._open_ports(now)
-                self._tick(now)
+                self._safely(self._open_ports, now)
+                self._safely(self._tick, now)
+
+    def _safely(self, action: Callable[..., None], *arguments: float) -> None:
+        """Whatever came of it (no descriptors are left, say), the others' datagrams go on."""
+        try:
+            action(*arguments)
+        except Exception:
+            log.exception("bearer")
 
     def _until(self, now: float, ticked: float) -> float:
         """Seconds until something is due though nothing comes."""
@@ -122,17 +124,12 @@ class Bearer:
         return min([*waits, max(ticked + TICK - now, 0.0)])
 
     def _open_ports(self, now: float) -> None:
-        """Open radios that have come, and forget sockets of those that have gone."""
+        """Close the sockets of radios that have gone, and open those that have come."""
         for port in self.ports:
-            port.open(now)
-            before = self._registered.get(port)
-            if before is port.socket:
-                continue
-            if before is not None:
-                self._selector.unregister(before)
-                del self._registered[port]
-            if port.socket is not None:
-                self._registered[port] = port.socket
+            if port.socket is not None and port.gone:
+                self._selector.unregister(port.socket)  # before it is closed: another may get its number
+                port.close()
+            if port.open(now) and port.socket is not None:
                 self._selector.register(port.socket, selectors.EVENT_READ, partial(self._on_radio, port))
 
     def _tick(self, now: float) -> None:

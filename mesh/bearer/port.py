@@ -54,6 +54,8 @@ class RadioPort:
         self.budget = parse_budget(radio.budget) if radio.budget else None
         self.counters = Counters()
         self.socket: socket.socket | None = None
+        self.gone = False
+        """the radio of the open socket is not there any more: to be closed and opened anew"""
         self._shaper: Shaper[tuple[bytes, Address]] | None = Shaper(self.budget, now) if self.budget else None
         self._overhead = overhead(radio.address)
         self._again = now
@@ -85,14 +87,10 @@ class RadioPort:
         self.socket = made
         return True
 
-    def until_open(self, now: float) -> float | None:
-        """Seconds until it should be tried again; None while it is open."""
-        return max(self._again - now, 0.0) if self.socket is None else None
-
     def close(self) -> None:
         if self.socket is not None:
             self.socket.close()
-            self.socket = None
+            self.socket, self.gone = None, False
 
     # Sending.
 
@@ -131,7 +129,7 @@ class RadioPort:
             self.counters.errors += 1
             if e.errno in _GONE:
                 log.debug("%s is gone: %s", self.name, e)
-                self.close()
+                self.gone = True
         else:
             self.counters.sent += 1
             self.counters.sent_bytes += len(data) + self._overhead
