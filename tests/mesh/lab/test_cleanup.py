@@ -108,13 +108,6 @@ def test_killed_it_ends_with_its_programs(begin: Begin) -> None:
     lab.gone()
 
 
-def test_ctrl_c_ends_it(begin: Begin) -> None:
-    lab = begin("--bare")
-    lab.process.send_signal(signal.SIGINT)
-    assert lab.process.wait(PATIENCE_S) == 0
-    assert lab.left() == []
-
-
 def test_a_relay_that_dies_ends_all_of_it(begin: Begin) -> None:
     lab = begin("--bare")
     os.kill(lab.relay, signal.SIGKILL)
@@ -146,6 +139,6 @@ def test_killed_with_its_relay_only_files_are_left_and_the_next_one_takes_their_
         time.sleep(0.02)
     assert lab.directory.exists()
     again = begin("--bare")
-    again.process.terminate()
+    again.process.send_signal(signal.SIGINT)
     assert again.process.wait(PATIENCE_S) == 0
-    again.gone()
+    assert again.left() == []
