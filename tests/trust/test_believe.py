@@ -14,6 +14,7 @@ import zenoh
 from tests.trust.conftest import Authority, StartGuarded
 from zmav import keys, wire
 from zmav.errors import Clash, Forbidden
+from zmav.trust.member import ROSTERS, Member
 from zmav.trust.proof import Signer
 
 if TYPE_CHECKING:
@@ -114,6 +115,17 @@ async def test_events_are_its_vehicles_and_may_be_old(guarded: StartGuarded) -> 
         sample = await asyncio.wait_for(events.get(), 20.0)
         assert json.loads(sample.payload.to_bytes())["text"] == "old and true"
         assert events.bad == 3
+
+
+def test_forged_rosters_cost_so_many_checks_a_second(authority: Authority) -> None:
+    now = 0.0
+    member = Member(authority.member("eye", "viewer"), lambda: now)
+    for _ in range(30):
+        member.take_roster(authority.roster().replace(b"demo", b"omed"))
+    assert member.counts["roster"] == ROSTERS
+    now = 1.0
+    member.take_roster(authority.roster())
+    assert member.verifier.roster.number == authority.number
 
 
 def token(g: Guarded, name: str, sysid: int, instance: str) -> zenoh.LivelinessToken:

@@ -15,12 +15,14 @@ from zmav.trust.gate import EPOCH
 from zmav.trust.proof import ANSWERS, NOTHING, WINDOW, Signer
 from zmav.trust.rights import may
 from zmav.trust.roster import read_signed
-from zmav.trust.verify import Verifier
+from zmav.trust.verify import Allowance, Verifier
 
 INTRODUCE_EVERY = 5.0
 """s between two puts to a vehicle that carry our certificate; orders always do"""
 GRACE = 86_400.0
 """s that what a vehicle says is believed after its certificate's end: who flies it is not to lose sight of it"""
+ROSTERS = 20.0
+"""rosters that are looked at in a second: anybody may bring one, and the true one comes again"""
 SIGNED = (keys.STATE, keys.EVENT)
 """what vehicles sign of what they publish"""
 _ENDS = tuple("/" + channel.template.rpartition("/")[2] for channel in SIGNED)
@@ -41,6 +43,7 @@ class Member:
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
         self._introduced: dict[Place, float] = {}
         self._lock = threading.Lock()
+        self._rosters = Allowance(ROSTERS, monotonic)
         self.counts: collections.Counter[str] = collections.Counter()
         """states and events that were not believed, by reason"""
 
@@ -134,7 +137,9 @@ class Member:
         return found.t
 
     def take_roster(self, data: bytes) -> None:
-        """A roster that came over the network: what is none, or older than ours, changes nothing."""
+        """A roster that came over the network: what is none, or older than ours, changes nothing. On one thread."""
+        if not self._rosters.take():
+            return
         try:
             signed = read_signed(data)
             self.verifier.roster = signed.open(self.verifier.authority, self.verifier.fleet)

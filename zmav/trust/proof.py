@@ -9,9 +9,9 @@ an order comes from. The attachment, numbers big-endian:
          2      8  UTC in microseconds at which it was signed
         10      8  nonce, random: makes each proof good for one use
         18      8  fingerprint of the signer's certificate: the first bytes of SHA-256 over its DER form
-        26      8  what it answers: of an order the vehicle's ``gate``, which is new with each start of its agent, so
-                   that nothing recorded before can be told it again; of a state that was asked for the asker's
-                   challenge; nought otherwise
+        26      8  what it answers: of an order the vehicle's ``gate``, which is new with each start of its agent and
+                   when its clock is set back, so that nothing recorded before can be told it again; of a state that
+                   was asked for the asker's challenge; nought otherwise
         34     64  Ed25519 signature
         98      -  the certificate in DER form, where the flag says so
 
