@@ -206,7 +206,8 @@ def down(name: str | None) -> None:
 def execute(host: str, command: tuple[str, ...], name: str | None) -> None:
     """Run a program in a host: 'zmav lab exec ground zmav ls', 'zmav lab exec quad1 bash'.
 
-    It has this terminal, the host's network and credentials, and ends with the lab. Its exit code is ours.
+    It has this terminal, the host's network and credentials, and ends with the lab, but for what it left in the
+    background. Its exit code is ours.
     """
     check_able()
     with Remote(name) as remote:
