@@ -169,9 +169,8 @@ class Bearer:
             except OSError:
                 return
             number = peer.opened.number(local, now)
-            if number is not None and peer.route is not None:
-                data = pack_data(self._tag, number, False, view[:size])
-                peer.route.port.send(peer, data, peer.route.to, now)
+            if number is not None:
+                self._carry(peer, number, False, view[:size], now)
 
     def _on_taken(self, peer: Peer, number: int, from_router: socket.socket) -> None:
         """Our router answers on a flow that the neighbour has opened."""
@@ -181,9 +180,15 @@ class Bearer:
                 size = from_router.recv_into(self._buffer)
             except OSError:  # nothing more, or the router is not listening yet
                 return
-            if peer.route is not None:
-                data = pack_data(self._tag, number, True, view[:size])
-                peer.route.port.send(peer, data, peer.route.to, now)
+            self._carry(peer, number, True, view[:size], now)
+
+    def _carry(self, peer: Peer, number: int, back: bool, payload: memoryview, now: float) -> None:
+        if peer.route is None:
+            return
+        if len(payload) > peer.largest:
+            peer.route.port.counters.too_big += 1
+            return
+        peer.route.port.send(peer, pack_data(self._tag, number, back, payload), peer.route.to, now)
 
     # From the radios.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from mesh.bearer.budget import Bucket
 from mesh.bearer.flows import Local, Opened, Taken
+from mesh.bearer.header import DATA_HEAD
 from mesh.bearer.path import Choice, Path, Quality
 from mesh.bearer.port import Address, RadioPort
 
@@ -13,6 +14,8 @@ ECHOES = 4000.0
 """bytes/s of echoes to one address: about a hundred, and no probe that is answered takes more from the budget"""
 LEARNED = 4
 """addresses of a neighbour beside those in the fleet file: behind a NAT they change"""
+QUIC_LEAST = 1200
+"""bytes of a datagram that QUIC needs (RFC 9000, section 14)"""
 FORGET = 30.0
 """s of silence after which a learned address is forgotten"""
 
@@ -51,6 +54,9 @@ class Peer:
         self.choice = Choice()
         self.route: Route | None = None
         """where data goes now"""
+        self.largest = 65535
+        """bytes of the router's datagrams that every path carries: with larger ones, QUIC would take a change of paths
+        for a black hole, and need a second to find out"""
 
     def add(self, port: RadioPort, to: Address, cost: int, now: float, *, learned: bool = False) -> Route | None:
         """A path to it; None where too many have been learned. One that was, and is not proven, makes room."""
@@ -78,6 +84,8 @@ class Peer:
         proven = {route.path: route for route in self.routes if route.proven}
         chosen = self.choice.judge(list(proven), now)
         self.route = proven[chosen] if chosen is not None else None
+        least = min((route.port.largest for route in proven.values()), default=65535)
+        self.largest = max(least - DATA_HEAD.size, QUIC_LEAST)
 
     def _forgotten(self, route: Route, now: float) -> bool:
         heard = route.path.heard or route.since

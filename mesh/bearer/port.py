@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import logging
 import socket
+import struct
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,6 +25,7 @@ AT_ONCE = 64
 BUFFER = 1 << 20
 """bytes that may wait in the kernel for us: what is carried comes in bursts"""
 _IP_MTU_DISCOVER, _IP_PMTUDISC_DO = 10, 2  # from linux/in.h: Python has no names for them before 3.12
+_SIOCGIFMTU = 0x8921  # from linux/sockios.h
 _SO_BINDTODEVICE = getattr(socket, "SO_BINDTODEVICE", None)
 _GONE = (errno.ENODEV, errno.EADDRNOTAVAIL, errno.EINVAL, errno.EBADF)
 log = logging.getLogger(__name__)
@@ -53,6 +57,8 @@ class RadioPort:
         self.radio, self.address = radio, (radio.address, port)
         self.budget = parse_budget(radio.budget) if radio.budget else None
         self.counters = Counters()
+        self.largest = 65535
+        """bytes of a datagram that the radio carries in one piece, as far as its interface tells"""
         self.socket: socket.socket | None = None
         self.gone = False
         """the radio of the open socket is not there any more: to be closed and opened anew"""
@@ -84,8 +90,17 @@ class RadioPort:
             made.close()
             log.debug("%s: %s", self.name, e)
             return False
-        self.socket = made
+        self.socket, self.largest = made, self._mtu(made) - self._overhead
         return True
+
+    def _mtu(self, made: socket.socket) -> int:
+        if not self.radio.interface or not sys.platform.startswith("linux"):
+            return 65535
+        try:
+            found = fcntl.ioctl(made, _SIOCGIFMTU, struct.pack("16si12x", self.radio.interface.encode()[:15], 0))
+        except OSError:
+            return 65535
+        return int(struct.unpack_from("16si", found)[1])
 
     def close(self) -> None:
         if self.socket is not None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import random
 import socket
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -15,7 +17,9 @@ from mesh.bearer.bearer import Bearer
 from mesh.bearer.header import host_tag, pack_data, pack_probe
 from mesh.bearer.path import Health
 from mesh.bearer.peer import LEARNED
+from mesh.bearer.port import RadioPort
 from tests.mesh.bearer.conftest import FLEET, Pair, free_port, udp, until
+from zmav.config import Radio
 from zmav.session import SessionSettings, open_session
 
 LEFT, RIGHT = 0, 1
@@ -229,10 +233,26 @@ def test_a_radio_that_comes_later_is_used_then(pair: MakePair) -> None:
     assert right.ports[0].socket is not None
 
 
-def test_what_is_larger_than_the_radio_carries_is_dropped_and_counted(pair: MakePair) -> None:
-    both = pair(None)
+def test_what_is_larger_than_any_of_the_radios_carries_is_dropped_and_counted(pair: MakePair) -> None:
+    """QUIC then keeps to what crosses all of them, and a change of paths is no black hole to it."""
+    both = pair(None, None)
     left, _ = linked(both)
     mine = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     mine.sendto(bytes(65_507), left.local["right"])  # loopback carries 65,507; with our header it is more
-    until(lambda: left.ports[0].counters.too_big == 1, "count")
+    counted, there = left.ports[0].counters, Echoes(both.routers[RIGHT])
+    until(lambda: counted.too_big == 1, "count")
+    left.ports[1].largest = 1300
+    until(lambda: mine.sendto(bytes(1294), left.local["right"]) > 0 and counted.too_big > 1, "count")
+    mine.sendto(bytes(1293), left.local["right"])
+    while len(there.hear()[0]) != 1293:
+        pass  # what was still let through
     mine.close()
+    there.socket.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
+def test_a_radio_s_interface_tells_how_much_it_carries() -> None:
+    port = RadioPort(Radio(address="127.0.0.1", interface="lo"), free_port(), 0.0)
+    assert port.open(0.0)
+    assert port.largest == int(Path("/sys/class/net/lo/mtu").read_text()) - 28
+    port.close()
