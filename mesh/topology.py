@@ -14,7 +14,7 @@ FAIR_COST, POOR_COST = 3_000, 15_000
 """of :func:`mesh.quality.cost.cost`: 30 ms and 150 ms a kilobyte one way"""
 LOSS_STEP, RTT_STEP = 0.02, 1e-3
 """losses and round trips that differ by less are taken for alike when the weakest hop is looked for"""
-_STATES = ("up", "indirect", "silent", "down")
+_STATES = ("up", "silent", "down")
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Link:
 
     @property
     def state(self) -> str:
-        """The worse of what both ends say: up, indirect, silent or down; unknown where none says anything."""
+        """The worse of what both ends say: up, silent or down; unknown where none says anything."""
         return max((said.state for said in self._said()), key=_STATES.index, default="unknown")
 
     @property

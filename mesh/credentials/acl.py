@@ -41,9 +41,9 @@ CERTIFIED: Rule = {"id": "certified", "link_protocols": list(GUARDED)}
 """who shows any certificate of our authority: one that was issued since our roster, or that was revoked"""
 ADMIN = "@/**"
 """routers' admin spaces, which 'zmav mesh graph' and 'zmav doctor' read; nothing can be written there"""
-ADMIN_ASKED = ("@/*/router", "@/*/router/linkstate/**")
-"""what a neighbour may ask of them, and no more: a router that is asked for its ``route/successor`` tables just while
-another joins panics in the task that reads from that neighbour (Zenoh 1.10.2), and never hears it again"""
+ADMIN_ASKED = ("@/*/router",)
+"""what may be asked of them, and no more, by this host's own programs either: a question about link states, ways or
+declarations can make a router of Zenoh 1.10.2 stand still for good (:mod:`mesh.linkstate`)"""
 
 
 def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
     """
     others = sorted({member for role in Role for member in roster.names(role.value)} - {name})
     rules: list[Rule] = [
-        _rule("local", ("ingress", "egress"), EVERYTHING, (*_wide(), *_spaces(fleet), ADMIN)),
+        _rule("local", ("ingress", "egress"), EVERYTHING, (*_wide(), *_spaces(fleet), *ADMIN_ASKED)),
         _rule("roster-in", ("ingress",), BRING, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("roster-out", ("egress",), GET, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),

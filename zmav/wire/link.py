@@ -12,7 +12,7 @@ import msgspec
 from zmav.errors import BadInput
 from zmav.wire.base import Wire, decode
 
-LinkState = Literal["up", "silent", "indirect", "down"]
+LinkState = Literal["up", "silent", "down"]
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Amount = Annotated[float, msgspec.Meta(ge=0.0)]
 
@@ -74,8 +74,7 @@ class NeighbourQuality(Wire, kw_only=True, tag_field="kind", tag="neighbour", om
     url: str
     """Zenoh's locator of the neighbour's end"""
     state: LinkState
-    """silent: linked, and no probe comes; indirect: linked, but Zenoh sends what is for it over others; down: the link
-    went away within the last minute"""
+    """silent: linked, and no probe comes; down: the link went away within the last minute"""
     age: Amount | None = None
     """s since a probe of the neighbour was heard"""
     rtt: Amount | None = None

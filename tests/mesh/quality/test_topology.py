@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import shutil
 import subprocess
@@ -100,33 +101,33 @@ def test_a_links_grade(figures: dict[str, object], grade: str) -> None:
 
 # The routers' map.
 
-MAP = b"""graph {
-    0 [ label = "aa" ]
-    1 [ label = "bb" ]
-    2 [ label = "cc" ]
-    3 [ label = "dd" ]
-    1 -- 0 [ label = "100.3" ]
-    2 -- 1 [ label = "100.1" ]
-    2 -- 0 [ label = "1000.8" ]
-}
-"""
+
+def router(*peers: str) -> bytes:
+    sessions = [{"peer": peer, "whatami": "router", "links": []} for peer in peers]
+    return json.dumps({"zid": "aa", "sessions": [*sessions, {"peer": "ee", "whatami": "client"}]}).encode()
 
 
 def test_a_map_and_the_ways_of_least_weight_over_it() -> None:
-    links = linkstate.read(MAP)
-    assert links == {
-        "aa": {"bb": 100.3, "cc": 1000.8}, "bb": {"aa": 100.3, "cc": 100.1}, "cc": {"bb": 100.1, "aa": 1000.8}, "dd": {}
+    """``dd`` does not answer; ``bb`` no longer tells of the link that ``cc`` still tells of."""
+    links = linkstate.read({"aa": router("bb", "cc", "dd"), "bb": router("aa"), "cc": router("aa", "bb"), "x": b""})
+    assert {zid: set(near) for zid, near in links.items()} == {
+        "aa": {"bb", "cc", "dd"}, "bb": {"aa"}, "cc": {"aa"}, "dd": {"aa"}
     }  # fmt: skip
-    assert linkstate.ways(links, "aa") == {"aa": ["aa"], "bb": ["aa", "bb"], "cc": ["aa", "bb", "cc"]}
-    assert linkstate.ways(links, "dd") == {"dd": ["dd"]}
+    assert all(100.0 <= weight <= 101.0 for near in links.values() for weight in near.values())
+    heavy = {"aa": {"bb": 100.3, "cc": 1000.8}, "bb": {"aa": 100.3, "cc": 100.1}, "cc": {"bb": 100.1, "aa": 1000.8}}
+    assert linkstate.ways(heavy, "aa") == {"aa": ["aa"], "bb": ["aa", "bb"], "cc": ["aa", "bb", "cc"]}
+    assert linkstate.ways({"dd": {}}, "dd") == {"dd": ["dd"]}
 
 
-@given(st.binary(max_size=300) | st.text(alphabet='0123 -[]labe="\n.a', max_size=300).map(str.encode))
-def test_any_map_is_survived(data: bytes) -> None:
-    for text in (data, MAP + data):
-        links = linkstate.read(text)
-        for zid in links:
-            linkstate.ways(links, zid)
+@pytest.mark.parametrize(("key", "zid"), [("@/a1/router", "a1"), ("@/*/router", None), ("@/a1/router/x", None)])
+def test_whose_answer_it_is(key: str, zid: str | None) -> None:
+    assert linkstate.zid_of(key) == zid
+
+
+@given(st.binary(max_size=300) | st.text(alphabet='{}[]"sesionpr:,a', max_size=300).map(str.encode))
+def test_any_answer_is_survived(data: bytes) -> None:
+    links = linkstate.read({"aa": router("bb"), "bb": data})
+    linkstate.ways(links, "aa")
 
 
 # What hosts say.
