@@ -47,12 +47,12 @@ class Rules:
 #    5 s       358 B/s
 #   10 s       175 B/s   262
 #
-# Opening within 1 s never succeeds at 300 ms one way. At 100 ms and 20 % loss each way, openings one after the other for
+# Opening within 1 s never succeeds at 300 ms one way. At 100 ms and 20 % loss each way, openings one after another for
 # 80 s, median and worst: given 1 s, 3.1 and 24 s (udp), 22 and over 40 s (quic); given 2 s, 2.8 and 11 s, 1.7 and 14 s;
 # given 3 s, 1.5 and 10 s, 2.1 and 8.4 s; longer brings nothing. After an outage, without loss: 0.8 s given 1 s, 1.0 s
 # given 2 s, 0.8 s given 3 s, 1.5 s given 6 s.
 #
-# Links lost at 100 ms and 20 %, udp and quic alike: 23 in 1440 s with leases of 1 s and 4 words (and once none again for
+# Links lost at 100 ms and 20 %, udp and quic alike: 23 in 1440 s with leases of 1 s and 4 words (once none again for
 # 295 s, with opening given 1 s); 7 in 1440 s with 2 s and 4 words; none in 1200 s with 3 s and 6, for the same bytes.
 # What is lost is sent again after 0.3 s at best, and later each time: a lease of 1 s does not outlast two losses, so
 # ``lan`` is for networks that lose little.
