@@ -153,7 +153,7 @@ def roster(tell: bool, fetch: bool, as_json: bool, folder: str, settings: Sessio
         ledger = read_ledger(here)
         fleet, found = ledger.fleet, ledger.roster(time.time())
     if tell:
-        run(_publish(settings, fleet, (here / ROSTER).read_bytes()))
+        run(_publish(settings, fleet, (here / ROSTER).read_bytes(), found.number))
         return
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=False))
@@ -161,7 +161,7 @@ def roster(tell: bool, fetch: bool, as_json: bool, folder: str, settings: Sessio
     click.echo(f"{found.fleet}, number {found.number}: {len(found.members)} members, {len(found.revoked)} revoked")
 
 
-async def _publish(settings: SessionSettings, fleet: str, signed: bytes) -> None:
+async def _publish(settings: SessionSettings, fleet: str, signed: bytes, number: int) -> None:
     """Ends with 1 where no router took it."""
     async with zmav.open(fleet=fleet, settings=settings) as z:
         answers = await rosters(z, fleet, payload=signed, timeout=PATIENCE_S)
@@ -170,8 +170,9 @@ async def _publish(settings: SessionSettings, fleet: str, signed: bytes) -> None
             click.echo(f"refused: {answer}", err=True)
         else:
             click.echo(f"{answer.name} has number {answer.number}")
-    if not any(isinstance(answer, HeldRoster) for answer in answers):
-        raise BadConfig("no router of the fleet took it: is -e a router that has credentials?", field="connect")
+    if not any(isinstance(answer, HeldRoster) and answer.number >= number for answer in answers):
+        text = f"no router of the fleet took number {number}: is -e a router that has credentials? Else say it again"
+        raise BadConfig(text, field="connect")
 
 
 async def _fetch(settings: SessionSettings, own: Credentials) -> None:
