@@ -19,7 +19,7 @@ from zmav.cli.common import run, zenoh_options
 from zmav.config import Signing, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import restart, say
+from zmav.process import leave, restart, say
 from zmav.session import SessionSettings
 
 
@@ -91,6 +91,7 @@ async def _up(
     if why:
         say(f"starting anew: {why}")
         restart()
+    leave()
 
 
 def _log(sample: zenoh.Sample) -> None:

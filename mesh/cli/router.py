@@ -12,7 +12,7 @@ from mesh.plan import RouterPlan
 from mesh.router import Router
 from mesh.running import until_outdated
 from zmav.cli.common import run, zenoh_options
-from zmav.process import restart, say
+from zmav.process import leave, restart, say
 from zmav.session import SessionSettings
 
 
@@ -42,3 +42,4 @@ async def _route(plan: Callable[[], RouterPlan], settings: SessionSettings) -> N
     if why:
         say(f"starting anew: {why}")
         restart()
+    leave()
