@@ -86,7 +86,8 @@ class Host(Table, frozen=True):
     neighbours: list[str] | None = None
     """names of the fleet's other hosts, or Zenoh endpoints; None: by the profile"""
     relay: bool = True
-    """False: it carries nobody else's traffic, and no other host takes from it what is not its own"""
+    """False: it carries nobody else's traffic, and no other host takes from it what is not its own. Kept by the rules
+    that credentials bring: without them everybody relays"""
 
 
 class Mesh(Table, frozen=True):
