@@ -63,6 +63,8 @@ def check(order: BenchOrder, host: str) -> None:
     keys.check_name(order.run, "run")
     if len(order.run) > 40:
         raise _wrong("run", order.run, "40 characters at most")
+    if len(order.asker) > 100 or not order.asker.isprintable():
+        raise _wrong("asker", repr(order.asker[:100]), "100 printable characters at most")
     if not 1 <= len(order.peers) <= MOST_PEERS or (len(order.peers) > 1 and order.role != "query"):
         raise _wrong("peers", order.peers, "one host, or up to 16 to ask")
     for peer in order.peers:

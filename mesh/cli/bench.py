@@ -35,6 +35,10 @@ RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, p
 """it goes on unasked for a minute: the cut may part us from the hosts"""
 MAX = Stream(qos="bulk", size=1000)
 MAX_SECONDS = 60.0
+ONLY = {
+    "both": ("stream", "recover"), "csv": ("stream", "recover"), "gap": ("stream", "recover"), "cuts": ("recover",)
+}  # fmt: skip
+"""options that belong to some kinds of measurement only"""
 
 
 class Options(msgspec.Struct, kw_only=True, frozen=True):
@@ -124,6 +128,12 @@ async def _until_stopped() -> AsyncIterator[asyncio.Event]:
 
 def wanted(options: Options, otherwise: Stream) -> Stream:
     """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
+    for name, kinds in ONLY.items():
+        if getattr(options, name) and options.kind not in kinds:
+            text = f"--{name} does nothing with --{options.kind}"
+            if options.kind == "stream":
+                text = f"--{name} does nothing without --{kinds[0]}"
+            raise BadInput(text, field=name, value=str(getattr(options, name)), expected=f"--{name} left out")
     if options.rate and options.hz:
         raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
     for name in ("hz", "seconds", "gap"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import replace
@@ -13,10 +14,11 @@ import zmav
 from mesh.bench.asker import Bench
 from mesh.bench.responder import Responder, responder
 from mesh.plan import RouterPlan
-from tests.conftest import Net
+from tests.conftest import PATIENCE_S, Net
 from zmav import keys
 from zmav.config import Host
 from zmav.trust.credentials import Credentials
+from zmav.waiting import within
 
 
 def plan_of(name: str, credentials: Credentials | None = None, host: Host | None = None) -> RouterPlan:
@@ -41,6 +43,16 @@ class Line:
         """A client of that router."""
         client = zmav.open(fleet="demo", connect=[self.endpoints[name]], credentials=credentials)
         return Bench(await self._stack.enter_async_context(client))
+
+
+async def idle(host: Responder) -> None:
+    """Wait until nothing is measured there."""
+
+    async def wait() -> None:
+        while host.busy:
+            await asyncio.sleep(0.02)
+
+    await within(PATIENCE_S, wait())
 
 
 Start = Callable[..., Awaitable[tuple[Line, Bench]]]

@@ -18,7 +18,7 @@ from mesh.bench import table
 from mesh.bench.flow import Flow
 from mesh.cli import bench as verb
 from tests.conftest import PATIENCE_S
-from tests.mesh.bench.conftest import Start
+from tests.mesh.bench.conftest import Start, idle
 from zmav.errors import BadInput
 from zmav.session import SessionSettings
 from zmav.waiting import within
@@ -33,25 +33,24 @@ def options(a: str, b: str, kind: str, **more: Any) -> verb.Options:
     return verb.Options(a=a, b=b, kind=kind, **{**given, **more})
 
 
-@pytest.mark.parametrize(
-    ("kind", "more", "said"),
-    [
-        ("rtt", {"seconds": 0.3}, ["quad1 > quad2 > quad1: realtime, 64 B, 50 Hz", "0 of 15 without an answer", "█"]),
-        ("hops", {"seconds": 0.2}, ["quad1 > quad2\n", "0/2"]),
-        ("stream", {"seconds": 0.3, "hz": 50.0, "both": True}, ["quad1 > quad2", "quad2 > quad1", "one way", "(0 %)"]),
-        ("recover", {"seconds": 0.3, "gap": 60.0}, ["silences of 60.00 s", "no outage longer than 60.00 s"]),
-        ("max", {"limit": "20kbit/s", "rate": "20kbit/s", "size": 100, "seconds": 1.0}, ["passes", "20.00 kbit/s"]),
-    ],
-)
-async def test_each_kind_is_told_in_words(
-    line: Start, capsys: pytest.CaptureFixture[str], kind: str, more: dict[str, Any], said: list[str]
-) -> None:
+KINDS: list[tuple[str, dict[str, Any], list[str]]] = [
+    ("rtt", {"seconds": 0.3}, ["quad1 > quad2 > quad1: realtime, 64 B, 50 Hz", "0 of 15 without an answer", "█"]),
+    ("hops", {"seconds": 0.2}, ["quad1 > quad2\n", "0/2"]),
+    ("stream", {"seconds": 0.2, "hz": 50.0, "both": True}, ["quad1 > quad2", "quad2 > quad1", "one way", "(0 %)"]),
+    ("recover", {"seconds": 0.2, "gap": 60.0}, ["silences of 60.00 s", "no outage longer than 60.00 s"]),
+    ("max", {"limit": "20kbit/s", "rate": "20kbit/s", "size": 100, "seconds": 1.0}, ["passes", "20.00 kbit/s"]),
+]
+
+
+async def test_each_kind_is_told_in_words(line: Start, capsys: pytest.CaptureFixture[str]) -> None:
     made, _ = await line("quad1", "quad2")
     settings = SessionSettings(connect=[made.endpoints["quad1"]])
-    await verb.measure(options("quad1", "quad2", kind, **more), "demo", settings)
-    printed = capsys.readouterr().out
-    for words in said:
-        assert words in printed, printed
+    for kind, more, said in KINDS:
+        await verb.measure(options("quad1", "quad2", kind, **more), "demo", settings)
+        printed = capsys.readouterr().out
+        for words in said:
+            assert words in printed, printed
+        await asyncio.gather(*map(idle, made.responders.values()))
 
 
 async def test_ctrl_c_shows_the_totals_and_ends_it_on_the_hosts(line: Start) -> None:
@@ -95,6 +94,16 @@ def test_what_cannot_be_is_said(arguments: list[str]) -> None:
     with pytest.raises(BadInput) as caught:
         verb.wanted(options("a", "b", "stream", rate=given["rate"], hz=hz), verb.STREAM)
     assert caught.value.detail["field"] == "rate"
+
+
+def test_an_option_that_would_do_nothing_is_said() -> None:
+    useless: list[tuple[str, str, Any]] = [("rtt", "csv", Path("x.csv")), ("stream", "cuts", 3), ("max", "both", True)]
+    for kind, name, value in useless:
+        with pytest.raises(BadInput, match=f"--{name} does nothing with") as caught:
+            verb.wanted(options("a", "b", kind, **{name: value}), verb.STREAM)
+        assert caught.value.detail["field"] == name
+    for name, value in {"csv": Path("x.csv"), "both": True, "gap": 1.0}.items():
+        verb.wanted(options("a", "b", "recover", **{name: value}), verb.RECOVER)
 
 
 def test_numbers_that_no_stream_has_are_refused_at_once() -> None:

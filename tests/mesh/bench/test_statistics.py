@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh.bench.pinger import Clock
@@ -108,6 +108,7 @@ def test_of_very_many_durations_some_are_kept_and_the_spread_is_theirs() -> None
     assert Samples().spread() is None
 
 
+@settings(max_examples=40)
 @given(st.lists(st.integers(-SECOND, 100 * SECOND), min_size=1))
 def test_every_duration_is_in_a_bin_that_holds_it(values: list[int]) -> None:
     samples = Samples()
@@ -151,6 +152,7 @@ def test_clocks_are_compared_by_the_quickest_exchange() -> None:
     assert found.within >= 0.003
 
 
+@settings(max_examples=40)
 @given(there=st.integers(0, SECOND), back=st.integers(0, SECOND), ahead=st.integers(-(10**15), 10**15))
 def test_the_stated_error_holds_however_uneven_the_ways_are(there: int, back: int, ahead: int) -> None:
     clock = Clock()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh.bench import datagram
@@ -32,6 +32,7 @@ def test_how_they_are_printed() -> None:
     assert (duration(2), duration(0.0015), duration(-0.00002)) == ("2.00 s", "1.50 ms", "-20 µs")
 
 
+@settings(max_examples=40)
 @given(st.integers(0, datagram.NUMBERS - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=100))
 def test_a_datagram_says_its_number_and_time_to_its_own_run_only(number: int, sent: int, filling: bytes) -> None:
     tag = datagram.tag_of("one")
@@ -41,6 +42,7 @@ def test_a_datagram_says_its_number_and_time_to_its_own_run_only(number: int, se
     assert datagram.read(data[: datagram.LEAST - 1], tag) is None
 
 
+@settings(max_examples=40)
 @given(st.binary(max_size=64))
 def test_garbage_is_no_datagram(data: bytes) -> None:
     assert datagram.read(data, datagram.tag_of("one")) is None or data[:2] == b"\x42\x5a"
