@@ -82,7 +82,7 @@ async def _fly(processes: Processes, ground: str, console: Console, live: bool) 
 
 async def _connect(stack: contextlib.AsyncExitStack, ground: str, processes: Processes) -> zmav.Client:
     """A client of the ground's router, once that router is up."""
-    deadline = time.monotonic() + 15.0
+    deadline = time.monotonic() + 40.0  # five interpreters start at once, perhaps on a busy machine
     while True:
         processes.check()
         try:
