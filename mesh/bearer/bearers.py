@@ -23,6 +23,7 @@ from mesh.bearer.port import Address
 from mesh.neighbours import Neighbour, Way
 from mesh.plan import RouterPlan, Setting
 from zmav.config import FleetConfig, Radio
+from zmav.errors import BadConfig
 from zmav.session import SessionSettings
 
 LISTEN, CONNECT = "listen/endpoints", "connect/endpoints"
@@ -59,7 +60,7 @@ class Bearers:
     """``async with Bearers(plan) as bearers: bearers.plan`` is what the router is to be opened with.
 
     Where nothing is to be carried it is the plan itself, and no thread runs. Raises
-    :class:`~zmav.errors.BadConfig` for a budget that is none.
+    :class:`~zmav.errors.BadConfig` for a budget that is none, and for a port that leaves none above it.
     """
 
     def __init__(self, plan: RouterPlan) -> None:
@@ -75,7 +76,7 @@ class Bearers:
             return self
         router = ("127.0.0.1", _free_port())
         fars = [_far(plan, each, radios) for each in carried(plan)]
-        ports = [(radio, (radio.port or plan.file.mesh.port) + ABOVE) for radio in radios]
+        ports = _ports(plan, radios)
         known = [*plan.file.vehicles, *plan.file.stations]
         self.bearer = Bearer(plan.fleet, plan.name, ports, fars, router, known)
         self.plan = _rewired(plan, radios, router, [self.bearer.local[far.name] for far in fars if far.opens])
@@ -99,16 +100,27 @@ class Bearers:
 
 def foreseen(plan: RouterPlan) -> tuple[RouterPlan, list[Far]]:
     """What a router will be opened with, and whom its bearer carries; ports of loopback, chosen then, stand as 0."""
-    radios = borne(plan)
+    radios = [radio for radio, _ in _ports(plan, borne(plan))]
     fars = [_far(plan, each, radios) for each in carried(plan)]
     later = ("127.0.0.1", 0)
     return (_rewired(plan, radios, later, [later for far in fars if far.opens]) if radios else plan), fars
 
 
 def _far(plan: RouterPlan, neighbour: Neighbour, radios: Sequence[Radio]) -> Far:
-    ways = [(_place(radios, way), (way.address, way.port + ABOVE), _cost(plan.file, neighbour.name, way))
+    ways = [(_place(radios, way), (way.address, _above(way.port)), _cost(plan.file, neighbour.name, way))
             for way in neighbour.ways]  # fmt: skip
     return Far(neighbour.name, ways, opens=plan.name < neighbour.name)
+
+
+def _ports(plan: RouterPlan, radios: Sequence[Radio]) -> list[tuple[Radio, int]]:
+    return [(radio, _above(radio.port or plan.file.mesh.port)) for radio in radios]
+
+
+def _above(port: int) -> int:
+    if port + ABOVE > 65535:
+        text = f"port {port} leaves none for the bearer, which listens one above it: take a smaller one"
+        raise BadConfig(text, field="port", value=port, expected="65534 at most")
+    return port + ABOVE
 
 
 def _place(radios: Sequence[Radio], way: Way) -> int:

@@ -10,6 +10,7 @@ import zenoh
 from click.testing import CliRunner, Result
 
 from mesh.cli.config import command
+from zmav.errors import BadConfig
 
 FLEET = """
 fleet = "alpha"
@@ -85,6 +86,11 @@ def test_behind_bearers_what_results_is_shown_and_zenohd_s_user_is_warned(file: 
     assert "bearer to quad1: 10.77.0.9 > 10.77.0.1:7448 (cost 40); the link is opened by us" in said.output
     assert "no bearers" in told(*arguments, "--zenoh").stderr
     assert "no bearers" not in told("--name", "base", "--zenoh").stderr
+    file.write_text(file.read_text().replace("budget =", "port = 65535\nbudget ="))
+    for name in ("ground", "quad1"):
+        refused = told("--file", str(file), "--name", name).exception
+        assert isinstance(refused, BadConfig)
+        assert refused.detail["field"] == "port"
 
 
 def test_without_a_file_it_is_a_router_on_loopback() -> None:
