@@ -6,10 +6,16 @@ import asyncio
 import contextlib
 import os
 import signal
+import stat
 import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
 from typing import NoReturn
 
 import click
+
+from zmav.errors import BadConfig
 
 
 async def until_stopped() -> None:
@@ -28,6 +34,26 @@ def say(line: str) -> None:
     """A line on standard error for whoever watches; that nobody does any more (a closed terminal) ends nothing."""
     with contextlib.suppress(OSError, ValueError):
         click.echo(line, err=True)
+
+
+def own_directory(name: str, advice: str, environment: Mapping[str, str] = os.environ) -> Path:
+    """Where this user's running programs of a kind have their sockets; made where it is missing.
+
+    In ``XDG_RUNTIME_DIR``, or else in the directory for temporary files. :class:`BadConfig`, with ``advice``, where it
+    belongs to somebody else, or others may write to it.
+    """
+    runtime = environment.get("XDG_RUNTIME_DIR")
+    base = Path(runtime) / name if runtime else Path(tempfile.gettempdir()) / f"{name}-{os.getuid()}"
+    try:
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = base.lstat()
+    except OSError as e:
+        text = f"cannot make the directory {base}: {e.strerror}; {advice}"
+        raise BadConfig(text, field="directory", value=str(base), expected="a directory that can be made") from e
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        text = f"{base} is not a directory of yours alone; remove it, or {advice}"
+        raise BadConfig(text, field="directory", value=str(base), expected="a directory that only you may write to")
+    return base
 
 
 def restart() -> NoReturn:

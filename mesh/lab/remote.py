@@ -14,10 +14,8 @@ import errno
 import os
 import shutil
 import socket
-import stat
-import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ import msgspec
 from mesh.lab.status import LabStatus
 from zmav import keys
 from zmav.errors import BadConfig, LinkDown, TimedOut, from_code
+from zmav.process import own_directory
 from zmav.sim.remote import Reply, Request
 
 SOCKET = "control.sock"
@@ -34,23 +33,9 @@ LONGEST_PATH = 107  # bytes of a Unix socket's address
 _ENDS_WITHIN_S = 10.0
 
 
-def directory_of_labs(environment: Mapping[str, str] = os.environ) -> Path:
-    """Where this user's labs have their directories; made where it is missing.
-
-    In ``XDG_RUNTIME_DIR``, or else in the directory for temporary files. :class:`BadConfig` where it belongs to
-    somebody else, or others may write to it.
-    """
-    runtime = environment.get("XDG_RUNTIME_DIR")
-    base = Path(runtime) / "zmav-lab" if runtime else Path(tempfile.gettempdir()) / f"zmav-lab-{os.getuid()}"
-    try:
-        base.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = base.lstat()
-    except OSError as e:
-        raise BadConfig(f"no directory {base} for labs: {e.strerror}", field="directory", value=str(base)) from e
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
-        text = f"{base} is not a directory of yours alone; remove it, or set XDG_RUNTIME_DIR"
-        raise BadConfig(text, field="directory", value=str(base), expected="a directory that only you may write to")
-    return base
+def directory_of_labs() -> Path:
+    """Where this user's labs have their directories; raises :class:`BadConfig` where nobody should."""
+    return own_directory("zmav-lab", "set XDG_RUNTIME_DIR")
 
 
 def answers(directory: Path) -> bool:

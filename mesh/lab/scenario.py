@@ -60,8 +60,8 @@ from mesh.lab.kernel import LONGEST_NAME
 from mesh.lab.values import Ask, check_ask
 from zmav import keys
 from zmav.config import Profile
-from zmav.config.table import Positive, Table
-from zmav.errors import BadConfig, BadInput
+from zmav.config.table import Positive, Table, reading
+from zmav.errors import BadConfig
 
 VehicleKind = Literal["copter", "hexa", "plane", "rover", "px4"]
 _Metres = Annotated[float, msgspec.Meta(ge=-1e7, le=1e7)]
@@ -169,19 +169,8 @@ def members(medium: AnyMedium) -> list[str]:
 
 def load_scenario(path: str | Path) -> Scenario:
     """Read a lab's file; raises :class:`BadConfig` that names the file, the field and what was expected."""
-    try:
-        scenario = msgspec.toml.decode(Path(path).read_bytes(), type=Scenario)
-        return check(scenario)
-    except OSError as e:
-        raise BadConfig(f"cannot read the lab's file {path}: {e.strerror}", field="file", value=str(path)) from e
-    except msgspec.ValidationError as e:
-        what, _, where = str(e).partition(" - at `$")
-        field = where.strip("`").lstrip(".") or "the file"
-        raise BadConfig(f"{path}: {what} (at {field})", field=field, expected=what) from None
-    except BadInput as e:
-        raise BadConfig(f"{path}: {e}", **e.detail) from None
-    except ValueError as e:
-        raise BadConfig(f"{path} is not TOML: {e}", field="file", value=str(path), expected="TOML") from e
+    with reading(path, "the lab's file"):
+        return check(msgspec.toml.decode(Path(path).read_bytes(), type=Scenario))
 
 
 def check(scenario: Scenario) -> Scenario:

@@ -48,8 +48,8 @@ import msgspec
 
 from zmav import keys, wire
 from zmav.config.mesh import Host, Mesh, check_hosts
-from zmav.config.table import Positive, Table
-from zmav.errors import BadConfig, BadInput
+from zmav.config.table import Positive, Table, reading
+from zmav.errors import BadConfig
 
 Action = Literal["loiter", "rtl", "land"]
 
@@ -187,12 +187,8 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
 def load_fleet(path: str | Path) -> FleetConfig:
     """Read a fleet file; raises :class:`BadConfig` that names the file, the field and what was expected."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError as e:
-        raise BadConfig(f"cannot read the fleet file {path}: {e.strerror}", field="file", value=str(path)) from e
-    try:
-        fleet = msgspec.toml.decode(data, type=FleetConfig)
+    with reading(path, "the fleet file"):
+        fleet = msgspec.toml.decode(Path(path).read_bytes(), type=FleetConfig)
         for name in (fleet.fleet, *fleet.vehicles, *fleet.stations):
             keys.check_name(name)
         for name in fleet.stations:
@@ -205,14 +201,6 @@ def load_fleet(path: str | Path) -> FleetConfig:
             _check_tables(f"vehicles.{name}.", table)
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
         check_hosts(fleet.mesh, fleet.hosts())
-    except msgspec.ValidationError as e:
-        what, _, where = str(e).partition(" - at `$")
-        field = where.strip("`").lstrip(".") or "the file"
-        raise BadConfig(f"{path}: {what} (at {field})", field=field, expected=what) from None
-    except BadInput as e:
-        raise BadConfig(f"{path}: {e}", **e.detail) from None
-    except ValueError as e:
-        raise BadConfig(f"{path} is not TOML: {e}", field="file", value=str(path), expected="TOML") from e
     return fleet
 
 

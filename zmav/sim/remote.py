@@ -14,15 +14,13 @@ from __future__ import annotations
 
 import os
 import socket
-import stat
-import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from zmav.errors import BadConfig, LinkDown, TimedOut, from_code
+from zmav.process import own_directory
 from zmav.sim.faults.status import FaultStatus
 from zmav.sim.status import WorldStatus
 
@@ -55,28 +53,9 @@ class Reply(msgspec.Struct, omit_defaults=True):
     error: Failure | None = None
 
 
-def control_directory(environment: Mapping[str, str] = os.environ) -> Path:
-    """Where this user's simulators have their control sockets; made where it is missing.
-
-    In ``XDG_RUNTIME_DIR``, or else in the directory for temporary files. :class:`BadConfig` where it belongs to
-    somebody else, or others may write to it.
-    """
-    runtime = environment.get("XDG_RUNTIME_DIR")
-    base = Path(runtime) / "zmav-sim" if runtime else Path(tempfile.gettempdir()) / f"zmav-sim-{os.getuid()}"
-    try:
-        base.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = base.lstat()
-    except OSError as e:
-        raise BadConfig(
-            f"no directory {base} for the control socket: {e.strerror}; give --control PATH", field="control",
-            value=str(base), expected="a directory that can be made",
-        ) from e  # fmt: skip
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
-        raise BadConfig(
-            f"{base} is not a directory of yours alone; remove it, or give --control PATH", field="control",
-            value=str(base), expected="a directory that only you may write to",
-        )  # fmt: skip
-    return base
+def control_directory() -> Path:
+    """Where this user's simulators have their control sockets; raises :class:`BadConfig` where nobody should."""
+    return own_directory("zmav-sim", "give --control PATH")
 
 
 def control_path(text: str | None = None) -> Path:
