@@ -14,7 +14,7 @@ import zenoh
 
 import zmav
 from mesh.lab.lab import Lab
-from tests.mesh.proofs.rigs import PATIENCE, Events, Gaps, active
+from tests.mesh.proofs.rigs import PATIENCE, Events, Gaps, active, in_the_air
 from tests.mesh.proofs.tap import STEP, Tap
 from zmav import wire
 from zmav.errors import NotHolder, ZmavError
@@ -64,6 +64,8 @@ class Recovery:
     sent: int
     """setpoints"""
     flown: int
+    ended: list[str]
+    """why leases ended, each of which was followed by a new one"""
 
 
 SIDES = {"ground-a1": ("ground-a1", "a1-a2", "a2-quad1"), "ground-b1": ("ground-b1", "b1-b2", "b2-quad1")}
@@ -73,34 +75,42 @@ async def recovery(lab: Lab, z: zmav.Client, cuts: int, rest: float = 3.0) -> Re
     """Cut the path that is in use, on each of its links in turn, and wait until telemetry flows over the other."""
     vehicle, gaps = z.vehicle("quad1"), []
     one, other = SIDES
-    async with vehicle.lease("planner", ttl=30.0) as lease:
-        stream, times = vehicle.stream("ATTITUDE", hz=50.0), Gaps(z, lab.fleet, "quad1")
-        steering = asyncio.create_task(_steer(lease))
-        async with stream, giving_orders(vehicle) as orders:
-            await times.again(time.monotonic())
+    sent: list[zmav.Lease] = []
+    ended: list[str] = []
+    stream, times = vehicle.stream("ATTITUDE", hz=50.0), Gaps(z, lab.fleet, "quad1")
+    steering = asyncio.create_task(_steer(vehicle, sent, ended))
+    async with stream, giving_orders(vehicle) as orders:
+        await times.again(time.monotonic())
+        _, before = active(lab, one, other, [0, 0])
+        for i in range(cuts):
+            await asyncio.sleep(1.0)
+            side, _ = active(lab, one, other, before)
+            link, at = SIDES[side][i % 3], time.monotonic()
+            lab.cut(link)
+            gaps.append(await times.again(at))
+            lab.heal(link)
+            await asyncio.sleep(rest)
             _, before = active(lab, one, other, [0, 0])
-            for i in range(cuts):
-                await asyncio.sleep(1.0)
-                side, _ = active(lab, one, other, before)
-                link, at = SIDES[side][i % 3], time.monotonic()
-                lab.cut(link)
-                gaps.append(await times.again(at))
-                lab.heal(link)
-                await asyncio.sleep(rest)
-                _, before = active(lab, one, other, [0, 0])
-        steering.cancel()
-        sent = lease.sent
-        times.close()
+    steering.cancel()
+    await asyncio.gather(steering, return_exceptions=True)
+    times.close()
     counts = (await vehicle.wait_until(lambda state: True, PATIENCE)).setpoints
-    return Recovery(gaps, orders, sent, sum(n for why, n in counts.items() if why in ("flown", "engaging")))
+    flown = sum(n for why, n in counts.items() if why in ("flown", "engaging"))
+    return Recovery(gaps, orders, sum(lease.sent for lease in sent), flown, ended)
 
 
-async def _steer(lease: zmav.Lease) -> None:
-    """Velocities of nought, so that it stays where it is."""
-    with contextlib.suppress(ZmavError):
-        while True:
-            lease.setpoint(vel=(0.0, 0.0, 0.0))
-            await asyncio.sleep(0.05)
+async def _steer(vehicle: zmav.Vehicle, leases: list[zmav.Lease], ended: list[str]) -> None:
+    """Velocities of nought, so that it stays where it is, under a new lease when one has ended."""
+    while True:
+        try:
+            async with vehicle.lease("planner", ttl=30.0) as lease:
+                leases.append(lease)
+                while True:
+                    lease.setpoint(vel=(0.0, 0.0, 0.0))
+                    await asyncio.sleep(0.05)
+        except ZmavError as e:
+            ended.append(str(e))
+            await asyncio.sleep(0.5)
 
 
 @dataclass
@@ -147,7 +157,11 @@ class Partition:
     oldest: float
     """s between a setpoint's put and the last frame made from it"""
     during: set[int]
-    """numbers of frames that the autopilot received while it was alone, from half a second after the cut"""
+    """numbers of frames that the autopilot received while it was alone, from a second after the cut"""
+    before: int
+    """setpoints of the stream that the autopilot received before the cut"""
+    alone: int
+    """setpoints that were put while it was alone"""
     stale: set[int]
     """numbers put while it was alone that the autopilot received at any time"""
     again: int
@@ -179,6 +193,8 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
             why, back = str(e), time.monotonic() - healed
     first = max(sent)
     await vehicle.set_mode("GUIDED")
+    if not (await vehicle.wait_until(lambda state: True, PATIENCE)).armed:  # it has landed meanwhile
+        await in_the_air(vehicle)
     async with vehicle.lease("planner", ttl=3.0) as lease:
         await _stream(lease, sent, 1.0)
     events.close()
@@ -188,6 +204,8 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
         sent, cut, healed, back,
         max(h.at - sent[h.number] for h in heard),
         {h.number for h in heard if cut + 1.1 < h.at < healed},
+        len({h.number for h in heard if h.at < cut}),
+        len(alone),
         {h.number for h in heard} & alone,
         len({h.number for h in heard if h.number > first}),
         [*events.texts("setpoint"), *events.texts("failsafe")], why,
