@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Awaitable, Callable
-from types import TracebackType
 from typing import Any
 
 import msgspec
 
 from mesh.lab.lab import Lab
 from mesh.lab.remote import SOCKET
+from mesh.lab.server import Server
 from mesh.lab.status import LabStatus, status_of
 from mesh.lab.values import ask_from
 from zmav.errors import BadInput, ZmavError
@@ -66,14 +65,13 @@ class Room(msgspec.Struct):
     environment: dict[str, str]
 
 
-class Control:
+class Control(Server):
     """Serves a lab's socket while it is open (``async with``). ``down`` is set when somebody asks the lab to end."""
 
     def __init__(self, lab: Lab) -> None:
+        super().__init__()
         self._lab = lab
         self.down = asyncio.Event()
-        self._server: asyncio.AbstractServer | None = None
-        self._callers: set[asyncio.Task[None]] = set()
         self._offers: dict[str, tuple[type[msgspec.Struct], Callable[[Any], Awaitable[Any]]]] = {
             "status": (Nothing, self._status),
             "cut": (OnLink, self._cut),
@@ -88,33 +86,16 @@ class Control:
             "down": (Nothing, self._down),
         }
 
-    async def __aenter__(self) -> Control:
+    async def listen(self) -> asyncio.Server:
         path = self._lab.directory / SOCKET
-        self._server = await asyncio.start_unix_server(self._serve, path, limit=_LONGEST_LINE)
+        server = await asyncio.start_unix_server(self._enter, path, limit=_LONGEST_LINE)
         path.chmod(0o600)  # and nobody else could get into its directory meanwhile
-        return self
+        return server
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
-        assert self._server is not None
-        self._server.close()
-        for caller in list(self._callers):
-            caller.cancel()
-        await asyncio.gather(*self._callers, return_exceptions=True)
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._callers.add(task)
-        try:
-            with contextlib.suppress(OSError, ValueError, asyncio.CancelledError):  # it left, or sent a line too long
-                while line := await reader.readline():
-                    writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
-                    await writer.drain()
-        finally:
-            self._callers.discard(task)
-            writer.close()
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while line := await reader.readline():
+            writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
+            await writer.drain()
 
     async def _answer(self, line: bytes) -> Reply:
         try:

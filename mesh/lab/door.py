@@ -3,37 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import socket
-from types import TracebackType
 
 from mesh.lab.network import Network
+from mesh.lab.server import Server
 
 PORT = 7447
 _CHUNK = 65_536
 
 
-class Door:
+class Door(Server):
     """Listens on a free port of our loopback, and leads every connection to ``port`` on the host's."""
 
     def __init__(self, network: Network, host: str, port: int = PORT) -> None:
+        super().__init__()
         self._network, self._host, self._port = network, host, port
-        self._server: asyncio.Server | None = None
-        self._open: set[asyncio.Task[None]] = set()
 
-    async def __aenter__(self) -> Door:
-        self._server = await asyncio.start_server(self._enter, "127.0.0.1", 0)
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
-        assert self._server is not None
-        self._server.close()
-        for task in list(self._open):
-            task.cancel()
-        await asyncio.gather(*self._open, return_exceptions=True)
-        await self._server.wait_closed()
+    async def listen(self) -> asyncio.Server:
+        return await asyncio.start_server(self._enter, "127.0.0.1", 0)
 
     @property
     def endpoint(self) -> str:
@@ -41,18 +28,7 @@ class Door:
         assert self._server is not None
         return f"tcp/127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
 
-    async def _enter(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._open.add(task)
-        try:
-            with contextlib.suppress(OSError, asyncio.CancelledError):
-                await self._lead(reader, writer)
-        finally:
-            self._open.discard(task)
-            writer.close()
-
-    async def _lead(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with self._network.inside(self._host):
             theirs = socket.socket()
         try:
