@@ -12,7 +12,7 @@ T = TypeVar("T", bound="Server")
 
 
 class Server(abc.ABC):
-    """Open while ``async with`` lasts. A caller that leaves, or sends what cannot be read, ends its own serving only."""
+    """Open while ``async with`` lasts. Whoever calls and leaves, or sends what is unreadable, ends only itself."""
 
     def __init__(self) -> None:
         self._server: asyncio.Server | None = None
