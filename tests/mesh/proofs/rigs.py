@@ -40,29 +40,31 @@ def chain(
     pairs = list(itertools.pairwise(names))
     return scenario(
         name="chain", profile="mesh", credentials=credentials, hosts=_placed(hosts),
-        fleet={"mesh": {"lease": lease}} if lease else {},
+        fleet=_leased(lease),
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
     )  # fmt: skip
 
 
-def ring(*, credentials: bool = False, **conditions: Any) -> Scenario:
+def ring(*, credentials: bool = False, lease: float | None = None, **conditions: Any) -> Scenario:
     """Six hosts: ground - a1 - a2 - quad1 - b2 - b1 - ground."""
     names = ["ground", "a1", "a2", "quad1", "b2", "b1"]
     hosts = {name: {"vehicle": "copter"} if name == "quad1" else {} for name in names}
     pairs = list(zip(names, [*names[1:], names[0]], strict=True))
     return scenario(
-        name="ring", profile="mesh", credentials=credentials, hosts=_placed(hosts),
+        name="ring", profile="mesh", credentials=credentials, hosts=_placed(hosts), fleet=_leased(lease),
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
     )  # fmt: skip
 
 
-def wds(*, credentials: bool = False, **conditions: Any) -> Scenario:
+def wds(*, credentials: bool = False, lease: float | None = None, **conditions: Any) -> Scenario:
     """One segment of three bridges: the ground at the first, a copter at each of the others."""
     hosts: dict[str, Any] = {"ground": {}, "quad1": {"vehicle": "copter"}, "quad2": {"vehicle": "copter"}}
     bridges = {"mast": ["ground"], "roof": ["quad1"], "van": ["quad2"]}
     medium = {"kind": "wds", "name": "wds", "interface": "wlan0", "bridges": bridges,
               "hops": [["mast", "roof"], ["roof", "van"]], **conditions}  # fmt: skip
-    return scenario(name="wds", profile="wds", credentials=credentials, hosts=_placed(hosts), media=[medium])
+    return scenario(
+        name="wds", profile="wds", credentials=credentials, hosts=_placed(hosts), fleet=_leased(lease), media=[medium]
+    )
 
 
 def grid(width: int, height: int, *, credentials: bool = False, **conditions: Any) -> Scenario:
@@ -74,6 +76,11 @@ def grid(width: int, height: int, *, credentials: bool = False, **conditions: An
         name="grid", profile="mesh", credentials=credentials, hosts={name: {} for name in names},
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
     )  # fmt: skip
+
+
+def _leased(lease: float | None) -> dict[str, Any]:
+    """What the fleet file says of leases, in s; None: nothing, and the profile's hold."""
+    return {"mesh": {"lease": lease}} if lease else {}
 
 
 def _placed(hosts: dict[str, Any]) -> dict[str, Any]:
