@@ -106,14 +106,14 @@ class Clash(VehicleError):
     code = "clash"
 
 
-class NotHolder(VehicleError):
-    code = "not_holder"
-
-
 class Forbidden(VehicleError):
     """The vehicle does not believe where it came from, or that one may not do it; see :mod:`zmav.trust`."""
 
     code = "forbidden"
+
+
+class NotHolder(VehicleError):
+    code = "not_holder"
 
 
 class Unsupported(VehicleError):

@@ -166,7 +166,7 @@ def test_a_fleet_file_names_link_listeners_fleet_and_origin(start: StartProcess,
     ("text", "words"),
     [
         (FLEET.replace("listen =", "listens ="), "unknown field `listens`"),
-        (FLEET.replace("quad1", "quad2"), "no vehicle 'quad1' in the fleet file; it has quad2"),
+        (FLEET.replace("quad1", "quad2"), "no host 'quad1' in the fleet file; it has quad2"),
         ("fleet: alpha", "is not TOML"),
     ],
     ids=["field", "vehicle", "toml"],
