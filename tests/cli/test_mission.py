@@ -180,5 +180,5 @@ async def test_several_vehicles_side_by_side(
         assert told.out == "quad1: mission cleared\nquad2: mission not done: not now\n"
 
 
-def _refuse(token: str, origin: object) -> None:
+def _refuse(token: str, origin: object = None) -> None:
     raise BadInput("not now")
