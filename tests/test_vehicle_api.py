@@ -317,6 +317,30 @@ async def test_a_vehicle_that_is_there_but_does_not_answer(net: Net, monkeypatch
             await z.vehicle("quad1").hold()
 
 
+async def test_an_answer_may_take_longer_than_the_next_attempt(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over bad hops every one does: what was asked before stays open."""
+    monkeypatch.setattr(zmav.vehicle.vehicle, "ASK_AGAIN", 0.05)
+    session, endpoint = net.router()
+    key, asked = keys.DO.key("demo", "quad1", verb="ping"), list[zenoh.Query]()
+
+    def answer_the_first(query: zenoh.Query) -> None:
+        asked.append(query)
+        if len(asked) == 3:
+            asked[0].reply(key, b"late")
+            asked[0].drop()
+
+    session.declare_queryable(key, answer_the_first)
+    async with zmav.open(connect=[endpoint]) as z:
+        ghost = Ghost(session, "demo", "quad1")
+        await net.linked(session, keys.STATE.key("demo", "quad1"))
+        ghost.speak()
+        await z.wait_for("quad1")
+        await z.vehicle("quad1").ping()
+    assert len(asked) == 3
+    for query in asked:
+        query.drop()
+
+
 # Leases and setpoints.
 
 

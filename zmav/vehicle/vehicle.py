@@ -22,10 +22,10 @@ from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
 
 if TYPE_CHECKING:
-    from zmav.client import Client, Subscription
+    from zmav.client import Answer, Client, Subscription
 
-ASK_TIMEOUT = 2.0
-"""s for one query; the order itself may last much longer"""
+ASK_AGAIN = 2.0
+"""s without an answer after which a vehicle is asked once more; the order itself may last much longer"""
 GIVE_UP = 10.0
 """s without any answer from a vehicle that has been heard"""
 APPEAR = 1.0
@@ -257,22 +257,32 @@ class Vehicle:
         return ended["holder"] and str(ended["holder"])
 
     async def _ask(self, key: str, payload: bytes = b"") -> bytes:
-        """One answer from this vehicle; asked again for a while where none comes: the network may have a hole."""
+        """One answer from this vehicle; asked again for a while where none comes: the network may have a hole.
+
+        What was asked before stays open: over bad hops every answer may take longer than :data:`ASK_AGAIN`.
+        """
         start = time.monotonic()
-        while True:
-            answers = await self._client.ask(key, payload, ASK_TIMEOUT)
-            for answer in answers:
-                if isinstance(answer, ZmavError):
-                    raise answer
-                return answer.payload
-            if self._client.member is not None:
-                self._client.member.check_role(key)
-            waited = time.monotonic() - start
-            if self.age is None and not self.present and waited > APPEAR:
-                raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self.fleet}", vehicle=self.name)
-            if waited > GIVE_UP:
-                break
-            await asyncio.sleep(0.1)
+        asked: set[asyncio.Task[list[Answer | ZmavError]]] = set()
+        try:
+            while True:
+                asked.add(asyncio.ensure_future(self._client.ask(key, payload, GIVE_UP)))
+                done, asked = await asyncio.wait(asked, timeout=ASK_AGAIN, return_when=asyncio.FIRST_COMPLETED)
+                for answer in (answer for task in done for answer in task.result()):
+                    if isinstance(answer, ZmavError):
+                        raise answer
+                    return answer.payload
+                if self._client.member is not None:
+                    self._client.member.check_role(key)
+                waited = time.monotonic() - start
+                if self.age is None and not self.present and waited > APPEAR:
+                    raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self.fleet}", vehicle=self.name)
+                if waited > GIVE_UP:
+                    break
+                await asyncio.sleep(0.1)
+        finally:
+            for task in asked:
+                task.cancel()
+            await asyncio.gather(*asked, return_exceptions=True)
         if not self.present:
             raise Stale(f"{self.name} was last heard {self.age or 0.0:.1f} s ago", vehicle=self.name, age=self.age)
         raise TimedOut(f"{self.name} does not answer on {key}", vehicle=self.name)
