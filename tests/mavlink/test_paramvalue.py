@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from zmav.errors import BadInput, Unsupported
@@ -56,6 +56,8 @@ def test_every_integer_survives_bytewise(data: st.DataObject, kind: str) -> None
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+@example(3.4028234663852886e38)
+@example(-3.4028234663852886e38)
 def test_every_float_survives_as_a_short_number(value: float) -> None:
     shown = value_of(struct.pack("<f", value), "REAL32", C_CAST)
     assert isinstance(shown, float)

@@ -123,11 +123,11 @@ def float32(value: float) -> float:
 
 def shortest(value: float) -> float:
     """The number with the fewest digits that is the same 32-bit float: what a person wrote to get it."""
-    for digits in (6, 7, 8):
+    for digits in (6, 7, 8, 9):
         candidate = float(f"{value:.{digits}g}")
         if float32(candidate) == value:
             return candidate
-    return float(f"{value:.9g}")
+    return value  # the largest there is: rounded to fewer digits it is beyond itself
 
 
 def same(one: Value, other: Value) -> bool:
