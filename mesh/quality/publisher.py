@@ -14,7 +14,6 @@ from mesh.bearer.budget import parse_budget
 from mesh.plan import RouterPlan
 from mesh.quality.cost import cost
 from mesh.quality.interface import Counters, address_of, counters, signal
-from mesh.quality.pace import Pace
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
 from zmav.config import Host
@@ -34,12 +33,11 @@ class LinkQualities:
         session: zenoh.Session,
         fleet: str,
         name: str,
-        pace: Pace | None = None,
-        budget: Callable[[str | None], float | None] = lambda interface: None,
+        prober: Prober | None = None,
         period: float = PERIOD,
     ) -> None:
         self._session, self._fleet, self._name, self._period = session, fleet, name, period
-        self.prober = Prober(session, fleet, name, pace, budget)
+        self.prober = prober or Prober(session, fleet, name)
         self.latest: dict[str, wire.NeighbourQuality] = {}
         """by the neighbour's name; never changed, only replaced: any thread may read it"""
         self._before: tuple[float, dict[str, Counters]] = (time.monotonic(), counters())
@@ -146,7 +144,8 @@ def _rounded(value: float | None, digits: int) -> float | None:
 @contextlib.asynccontextmanager
 async def link_qualities(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[LinkQualities]:
     """The part of :class:`mesh.router.Router`."""
-    async with LinkQualities(session, plan.fleet, plan.name, budget=budgets(plan.host)) as running:
+    prober = Prober(session, plan.fleet, plan.name, budget=budgets(plan.host))
+    async with LinkQualities(session, plan.fleet, plan.name, prober) as running:
         yield running
 
 

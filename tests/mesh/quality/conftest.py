@@ -14,6 +14,7 @@ import zenoh
 
 from mesh.quality import probe
 from mesh.quality.pace import Pace
+from mesh.quality.probe import Prober
 from mesh.quality.publisher import LinkQualities
 from tests.mesh.quality.relay import Relay
 from zmav import wire
@@ -61,7 +62,8 @@ class Routers:
         return found
 
     async def measure(self, name: str, pace: Pace = QUICK, fleet: str = "demo") -> LinkQualities:
-        part = LinkQualities(self.sessions[name], fleet, name, pace, period=0.05)
+        session = self.sessions[name]
+        part = LinkQualities(session, fleet, name, Prober(session, fleet, name, pace), period=0.05)
         return await self._stack.enter_async_context(part)
 
     def relay(self, port: int) -> Relay:
