@@ -65,7 +65,7 @@ async def test_each_end_knows_loss_round_trip_and_speed_of_both_directions(route
         assert quality.state == "up"
         assert quality.rtt_min is not None and quality.rtt is not None
         assert 0.05 <= quality.rtt_min <= quality.rtt  # no shorter than the way is
-        assert quality.throughput_in is not None and quality.throughput_in <= 1.15 * relay.rate
+        assert quality.throughput_in is not None and quality.throughput_in <= 10 * relay.rate  # an open one: 70 times
         assert quality.interface == "lo"
         assert quality.cost is not None and quality.cost > 2_500  # half the round trip alone
 
