@@ -15,12 +15,12 @@ from __future__ import annotations
 import asyncio
 import itertools
 import time
-from typing import Any
 
 import zenoh
 
 from mesh import linkstate
 from mesh.findings import Findings
+from mesh.tokens import find_tokens
 from mesh.topology import Grade, Graph, Link, Node, Way
 from mesh.trace import trace
 from zmav import keys
@@ -58,12 +58,8 @@ async def gather(z: Client, start: str | None = None, timeout: float = 1.0, trie
 async def _tokens(z: Client, timeout: float) -> list[str]:
     key = keys.ALIVE.key(z.fleet_name, "*", role="*", sys="*", autopilot="*", uid="*", instance="*")
 
-    def ask() -> list[str]:
-        replies: Any = z.session.liveliness().get(key, timeout=timeout)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
-
     try:
-        return await asyncio.to_thread(ask)
+        return await asyncio.to_thread(find_tokens, z.session, key, timeout)
     except zenoh.ZError:
         return []
 

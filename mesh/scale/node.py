@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
-from zenoh import handlers
 
 from mesh.scale.footprint import TICK_HZ, Copter
+from mesh.tokens import find_tokens
 from zmav import keys
 from zmav.session import SessionSettings, open_session
 
@@ -40,22 +40,8 @@ def alive_key(fleet: str) -> str:
 
 
 def count_tokens(session: zenoh.Session, fleet: str) -> int:
-    """Vehicles whose tokens ``session`` finds.
-
-    With the default channel, which holds 256 replies, a router that knows more would wait in ``get`` for ever: it
-    answers itself before anybody can read.
-    """
-    found: list[str] = []
-    over = threading.Event()
-
-    def on_reply(reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            found.append(str(reply.ok.key_expr))
-
-    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
-    session.liveliness().get(alive_key(fleet), handler, timeout=GET_TIMEOUT)
-    over.wait(GET_TIMEOUT + 1.0)
-    return len(found)
+    """Vehicles whose tokens ``session`` finds."""
+    return len(find_tokens(session, alive_key(fleet), GET_TIMEOUT))
 
 
 class Node:
