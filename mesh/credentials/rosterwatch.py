@@ -30,13 +30,15 @@ from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
 from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
+from zmav.trust.verify import Allowance
+from zmav.waiting import within
 
 SHORTEST, LONGEST = 1.0, 64.0
 """s: Trickle's interval"""
 ENOUGH = 1
 """of others' that are like ours within an interval, and we need not speak"""
-MOST_CHECKED, PAUSE = 200, 1.0
-"""signatures checked in so many seconds: what is forged costs no more than that"""
+MOST_CHECKED = 200.0
+"""signatures checked in a second: what is forged costs no more than that"""
 NUMBER = re.compile(r"[0-9]{1,18}\Z")
 
 
@@ -54,7 +56,7 @@ class RosterWatch:
         self._alike = 0
         self._hurry = asyncio.Event()
         self._said: set[str] = set()
-        self._checked, self._since = 0, 0.0
+        self._checks = Allowance(MOST_CHECKED, time.monotonic)
         self._tasks: list[asyncio.Task[None]] = []
         self._declared: list[Any] = []
 
@@ -100,7 +102,7 @@ class RosterWatch:
             if number < self.roster.number:
                 self._hurry.set()
             return False
-        if not self._may_check():
+        if not self._checks.take():
             self._hurry.set()  # who has a true one hears that we do not, and says it again
             return False
         roster = signed.open(self._credentials.authority, self._credentials.fleet)
@@ -129,13 +131,6 @@ class RosterWatch:
 
     def _rules_by(self, roster: Roster) -> dict[str, Any]:
         return access_control(self._plan.file, self._credentials.fleet, self._credentials.name, roster)
-
-    def _may_check(self) -> bool:
-        now = time.monotonic()
-        if now - self._since >= PAUSE:
-            self._checked, self._since = 0, now
-        self._checked += 1
-        return self._checked <= MOST_CHECKED
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         with contextlib.suppress(BadInput):
@@ -203,7 +198,7 @@ class RosterWatch:
             self._hurry.clear()
             return False
         with contextlib.suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(self._hurry.wait(), seconds)
+            await within(seconds, self._hurry.wait())
         hurried = self._hurry.is_set()
         self._hurry.clear()
         return hurried

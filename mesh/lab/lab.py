@@ -38,6 +38,7 @@ from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
 from zmav.trust.certificate import Role
+from zmav.waiting import within
 
 RELAY_DIED = "the lab's relay has died"
 READY_S = 60.0
@@ -245,7 +246,7 @@ class Lab:
         with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
             process = self.spawn(host, *command, stdout=out, stderr=err)
             try:
-                code = await asyncio.wait_for(exit_of(process), timeout)
+                code = await within(timeout, exit_of(process))
             except asyncio.TimeoutError:
                 text = f"{' '.join(command)} in {host} took longer than {timeout:g} s"
                 raise TimedOut(text) from None
