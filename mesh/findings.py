@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from mesh import presence
 from mesh.linkstate import ROUTER_ID
 from mesh.topology import Link, Node
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput
-
-Place = tuple[str, str]
-"""A fleet's name and a host's"""
+from zmav.trust.member import Place
 
 
 class Findings:
@@ -34,7 +33,7 @@ class Findings:
             except BadInput:
                 self.bad += 1
                 continue
-            if channel is keys.ALIVE and parts["role"] in (keys.VEHICLE, "router"):
+            if channel is keys.ALIVE and parts["role"] in (keys.VEHICLE, presence.ROLE):
                 place = parts["fleet"], parts["vehicle"]
                 self._tokens[place] = parts["role"]
                 if ROUTER_ID.match(parts["instance"]):

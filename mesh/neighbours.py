@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from mesh.profiles import PROFILES, Rules
 from mesh.radios import Standing, stand
-from zmav.config import FleetConfig, Host, Profile, Radio, StationConfig, VehicleConfig
+from zmav.config import FleetConfig, Host, Radio, StationConfig, VehicleConfig
 from zmav.errors import BadConfig
 
 FULL = 8
@@ -99,7 +99,7 @@ def _all(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[N
         if other == name:
             continue
         wanted = table.mesh.neighbours
-        if (wanted is not None and name not in wanted) or not PROFILES[_profile(file, table)].listens:
+        if (wanted is not None and name not in wanted) or not PROFILES[file.profile_of(table.mesh)].listens:
             continue  # it has said whom it wants, or cannot be called
         ways = _ways(file, table, radios)
         if ways:
@@ -109,15 +109,11 @@ def _all(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[N
 def _calls(file: FleetConfig, name: str, other: str) -> bool:
     """Whether the host ``name`` takes ``other`` for a neighbour that it can call, as far as the file says."""
     table, far = file.host(name), file.host(other)
-    wanted, rules = table.mesh.neighbours, PROFILES[_profile(file, table)]
+    wanted, rules = table.mesh.neighbours, PROFILES[file.profile_of(table.mesh)]
     if other not in wanted if wanted is not None else not rules.calls_all:
         return False
     theirs, ours = ([radio.ip() for radio in each.mesh.radios] for each in (table, far))
     return bool(far.listen and not any(ours)) or any(a and b and b.ip in a.network for a in theirs for b in ours)
-
-
-def _profile(file: FleetConfig, table: VehicleConfig | StationConfig) -> Profile:
-    return table.mesh.profile or file.mesh.profile
 
 
 def _ways(file: FleetConfig, table: VehicleConfig | StationConfig, radios: Sequence[Standing]) -> tuple[Way, ...]:

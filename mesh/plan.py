@@ -101,7 +101,7 @@ def plan_router(
     found = interfaces() if there is None and table.mesh.radios else there or {}
     radios = tuple(stand(radio, found) for radio in table.mesh.radios)
     credentials = Credentials.load(base.credentials) if base.credentials else None
-    profile = table.mesh.profile or whole.mesh.profile
+    profile = whole.profile_of(table.mesh)
     plan = RouterPlan(
         fleet=fleet or (credentials.fleet if credentials and not file else whole.fleet),
         name=name,

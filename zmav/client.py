@@ -28,7 +28,7 @@ from zmav.services.port import on_loop
 from zmav.services.proven import attached
 from zmav.session import SessionSettings, open_session, reason
 from zmav.trust.credentials import VARIABLE, Credentials
-from zmav.trust.member import Member
+from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 
@@ -42,10 +42,6 @@ SAID = 1000
 """vehicles and reasons that are told apart in what is said once"""
 FORGET = 30.0
 """s without token or state after which a vehicle is no longer listed"""
-
-
-Place = tuple[str, str]
-"""A fleet's name and a vehicle's"""
 
 
 class Answer(NamedTuple):

@@ -45,7 +45,7 @@ def borne(plan: RouterPlan) -> tuple[Radio, ...]:
 
 
 def _meets(file: FleetConfig, name: str, neighbour: Neighbour) -> bool:
-    profiles = {file.host(each).mesh.profile or file.mesh.profile for each in (name, neighbour.name)}
+    profiles = {file.profile_of(file.host(each).mesh) for each in (name, neighbour.name)}
     addresses = {way.address for way in neighbour.ways}
     theirs = [r for r in file.host(neighbour.name).mesh.radios if _plain(r) in addresses]
     return "multi" in profiles or any(radio.budget for radio in (*theirs, *(way.radio for way in neighbour.ways)))

@@ -47,7 +47,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from zmav import keys, wire
-from zmav.config.mesh import Host, Mesh, check_hosts
+from zmav.config.mesh import Host, Mesh, Profile, check_hosts
 from zmav.config.table import Positive, Table, reading
 from zmav.errors import BadConfig
 
@@ -168,6 +168,10 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
                 f"no host {name!r} in the fleet file; it has {known}", field="name", value=name, expected=known
             )
         return found
+
+    def profile_of(self, host: Host) -> Profile:
+        """The host's own, or else the fleet's."""
+        return host.profile or self.mesh.profile
 
     def vehicle(self, name: str) -> VehicleConfig:
         """The table of that vehicle, the fleet's own filled in; raises :class:`BadConfig` naming those there are."""
