@@ -12,6 +12,7 @@ import zenoh
 
 from mesh.credentials.acl import access_control
 from mesh.credentials.exposure import check_opened
+from mesh.endpoint import between, bound, bracketed, place
 from mesh.neighbours import Neighbour, Way, neighbours
 from mesh.profiles import PROFILES, Rules
 from mesh.radios import Interfaces, Standing, interfaces, stand
@@ -157,30 +158,32 @@ def _timers(plan: RouterPlan) -> dict[str, Setting]:
 
 def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, Setting]:
     """Where the router listens and whom it calls."""
-    place = f"{'vehicles' if plan.name in plan.file.vehicles else 'stations'}.{plan.name}"
+    where = f"{'vehicles' if plan.name in plan.file.vehicles else 'stations'}.{plan.name}"
     profile, rules = f"profile {plan.profile}", PROFILES[plan.profile]
     listen, why = (
-        (list(table.listen), [f"fleet file: {place}.listen"]) if table.listen else ([DEFAULT_ROUTER], ["zmav"])
+        (list(table.listen), [f"fleet file: {where}.listen"]) if table.listen else ([DEFAULT_ROUTER], ["zmav"])
     )
-    called = _is_called(plan, rules)
+    called, guarded = _is_called(plan, rules), plan.credentials is not None
     for radio in called:
-        listen.append(_endpoint(plan, str(radio.radio.address), radio.radio.port or plan.file.mesh.port))
+        listen.append(between(str(radio.radio.address), radio.radio.port or plan.file.mesh.port, guarded))
         why.append(f"{radio.name}{'' if radio.present else ' (waited for)'}")
     found = {LISTEN: Setting(list(dict.fromkeys(listen)), ", ".join(dict.fromkeys(why)))}
     if any(not radio.present for radio in called):
         found.update(_patience(plan))
-    connect, why = list(table.connect), [f"fleet file: {place}.connect"] if table.connect else []
+    connect, why = list(table.connect), [f"fleet file: {where}.connect"] if table.connect else []
     direct = [each for each in plan.host.neighbours or () if "/" in each]
     for neighbour in plan.neighbours:
         # One way only: Zenoh would call the others without end, 27 kB/s each, and be refused. Bearers carry several.
-        best = [_call(plan, way) for way in neighbour.ways[:1]] or list(neighbour.endpoints)
+        best = [
+            bound(between(way.address, way.port, guarded), str(way.radio.address)) for way in neighbour.ways[:1]
+        ] or list(neighbour.endpoints)
         connect += best if neighbour.calls else []
     connect += direct
     if plan.neighbours or direct:
-        why.append(profile if plan.host.neighbours is None else f"fleet file: {place}.mesh.neighbours")
+        why.append(profile if plan.host.neighbours is None else f"fleet file: {where}.mesh.neighbours")
     if plan.profile in ("cloud", "multi") and plan.file.mesh.rendezvous:
-        own = [_place(each) for each in listen]
-        connect += [each for each in plan.file.mesh.rendezvous if _place(each) not in own]
+        own = [place(each) for each in listen]
+        connect += [each for each in plan.file.mesh.rendezvous if place(each) not in own]
         why.append("fleet file: mesh.rendezvous")
     if connect:
         found[CONNECT] = Setting(list(dict.fromkeys(connect)), ", ".join(why))
@@ -195,7 +198,7 @@ def _is_called(plan: RouterPlan, rules: Rules) -> list[Standing]:
 
 def is_rendezvous(plan: RouterPlan, address: str) -> bool:
     """Whether the fleet file has everybody meet at that address."""
-    return any(_place(each).rpartition(":")[0] == _host(address) for each in plan.file.mesh.rendezvous)
+    return any(place(each).rpartition(":")[0] == bracketed(address) for each in plan.file.mesh.rendezvous)
 
 
 def _patience(plan: RouterPlan) -> dict[str, Setting]:
@@ -253,26 +256,6 @@ def _trust(plan: RouterPlan) -> dict[str, Setting]:
         rules = access_control(plan.file, plan.fleet, plan.name, plan.credentials.roster)
         found["access_control"] = Setting(rules, f"roster {plan.credentials.roster.number}, the channel registry")
     return found
-
-
-def _endpoint(plan: RouterPlan, address: str, port: int) -> str:
-    """How routers speak to each other: QUIC, with TLS where there are credentials; see docs/mesh.md for why."""
-    place = f"{_host(address)}:{port}"
-    return f"quic/{place}?mixed_rel=1" if plan.credentials else f"udp/{place}?rel=1;mixed_rel=1"
-
-
-def _call(plan: RouterPlan, way: Way) -> str:
-    """From the radio's own address: a link from no address in particular is on every interface, for Zenoh's rules."""
-    return f"{_endpoint(plan, way.address, way.port)}#bind={_host(str(way.radio.address))}:0"
-
-
-def _place(endpoint: str) -> str:
-    """Address and port of a Zenoh endpoint, without its protocol and its settings."""
-    return endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
-
-
-def _host(address: str) -> str:
-    return f"[{address}]" if ":" in address else address
 
 
 def _given(plan: RouterPlan, base: SessionSettings, opened: zenoh.Config) -> dict[str, Setting]:

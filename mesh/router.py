@@ -21,6 +21,7 @@ import zenoh
 from mesh.bearer.bearers import Bearers
 from mesh.bench.responder import responder
 from mesh.credentials.rosterwatch import watch_roster
+from mesh.endpoint import host_port
 from mesh.plan import RouterPlan
 from mesh.presence import say_name
 from mesh.quality import link_qualities
@@ -119,10 +120,8 @@ def _check_free(plan: RouterPlan) -> None:
     Raises :class:`SessionError` for a port in use; an address that is not there is no fault here.
     """
     for endpoint in plan.value("listen/endpoints") or ():
-        protocol, _, rest = str(endpoint).partition("/")
-        host, _, port = rest.partition("?")[0].partition("#")[0].rpartition(":")
-        kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM
-        address = host.strip("[]")
+        address, port = host_port(str(endpoint))
+        kind = socket.SOCK_STREAM if str(endpoint).startswith(("tcp/", "tls/")) else socket.SOCK_DGRAM
         with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, kind) as probe:
             if kind == socket.SOCK_STREAM:
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a former router's is no other program's

@@ -20,6 +20,7 @@ import msgspec
 from mesh.bearer.bearer import Bearer, Far
 from mesh.bearer.budget import parse_budget
 from mesh.bearer.port import Address
+from mesh.endpoint import between, bound, host_port
 from mesh.neighbours import Neighbour, Way
 from mesh.plan import RouterPlan, Setting
 from zmav.config import FleetConfig, Radio
@@ -142,8 +143,8 @@ def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: 
     for path, (added, replaced) in ours.items():
         source = plan.settings[path].source if path in plan.settings else "zmav"
         kept = [each for each in plan.endpoints(path) if _address(each) not in replaced]
-        ends = [_endpoint(plan, *each) for each in added]
-        new = [*kept, *(ends if path == LISTEN else map(_bound, ends))]
+        ends = [between(*each, plan.credentials is not None) for each in added]
+        new = [*kept, *(ends if path == LISTEN else (bound(end, "127.0.0.1") for end in ends))]
         if new != plan.endpoints(path):
             settings[path] = Setting(new, f"{source}, bearers")
     settings.update(_scouting(plan, {r.interface for r in radios if r.budget}))
@@ -164,21 +165,11 @@ def _scouting(plan: RouterPlan, budgeted: set[str | None]) -> dict[str, Setting]
 
 def _address(endpoint: str) -> Address | None:
     """Address and port of a Zenoh endpoint; None where it names neither."""
-    host, _, port = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")
+    host, port = host_port(endpoint)
     try:
-        return str(ipaddress.ip_address(host.strip("[]"))), int(port)
+        return str(ipaddress.ip_address(host)), int(port)
     except ValueError:
         return None
-
-
-def _endpoint(plan: RouterPlan, address: str, port: int) -> str:
-    place = f"{address}:{port}"
-    return f"quic/{place}?mixed_rel=1" if plan.credentials else f"udp/{place}?rel=1;mixed_rel=1"
-
-
-def _bound(endpoint: str) -> str:
-    """A link that is opened from no address in particular is on every interface, for Zenoh's rules."""
-    return f"{endpoint}#bind=127.0.0.1:0"
 
 
 def _free_port() -> int:

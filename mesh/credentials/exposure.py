@@ -15,6 +15,7 @@ from typing import Any
 
 import zenoh
 
+from mesh.endpoint import host_port
 from zmav.errors import BadConfig
 
 GUARDED = ("tls", "quic")
@@ -82,12 +83,7 @@ def check_exposed(endpoints: Iterable[str], credentials: object, insecure: bool,
 
 def is_exposed(endpoint: str) -> bool:
     """Whether others than this computer's own programs can be at the other end of a Zenoh endpoint."""
-    protocol, _, rest = endpoint.partition("/")
-    if protocol in LOCAL:
-        return False
-    address = rest.partition("?")[0].partition("#")[0]
-    host = address.rpartition(":")[0] if ":" in address else address
-    return not _is_loopback(host.strip("[]"))
+    return endpoint.partition("/")[0] not in LOCAL and not _is_loopback(host_port(endpoint)[0])
 
 
 def _is_loopback(host: str) -> bool:
