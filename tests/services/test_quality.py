@@ -55,6 +55,8 @@ async def test_what_was_injected_is_counted(bench: StartBench) -> None:
 
 async def test_it_answers_queries_too(bench: StartBench) -> None:
     b = await (await bench()).connected()
+    # Once a second, and answered as it was published last: before the link was up, or after.
+    await b.ground.samples(keys.LINK, link="autopilot").object(lambda r: r["state"] == "up", "link that is up")
     (reply,) = await b.ground.ask(keys.LINK.key("*", "*", link="*"))
     assert reply.ok is not None
     assert str(reply.ok.key_expr) == keys.LINK.key("demo", "quad1", link="autopilot")
