@@ -28,7 +28,6 @@ VERBS = (
     "ftp",
     "log",
     "send",
-    "replay",
     "signing",
     "doctor",
     "param",

@@ -1,0 +1,131 @@
+"""Frames of the whole fleet as they come: what the bridge, the gateway, the recorder and the viewer read.
+
+feed = Feed(session, lambda origin, frame: ..., fleet="demo", vehicles=["quad*"], messages=["ATTITUDE"])
+
+Nothing is decoded here. Where one autopilot is heard over two links, say by its companion and by a radio on the ground,
+each of its frames comes once: the first one that came.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import NamedTuple
+
+import zenoh
+
+from zmav import keys
+from zmav.errors import BadKey
+
+WINDOW = 1.0
+"""s within which the same bytes of the same system, heard of another vehicle's agent, are the same frame"""
+MOST = 8192
+"""frames remembered for that, and origins: invented keys must not fill the memory"""
+
+
+class Origin(NamedTuple):
+    """Where a frame came from: the parts of its key."""
+
+    fleet: str
+    vehicle: str
+    sysid: int
+    compid: int
+    message: str
+    """by name; ``UNKNOWN_410`` where the vehicle's dialect lacks it"""
+    key: str
+
+
+OnFrame = Callable[[Origin, bytes], None]
+
+
+class Feed:
+    """Calls ``on_frame(origin, frame)`` on a thread of Zenoh's for every frame, in the order in which they came.
+
+    ``on_frame`` must be quick and must not raise: what it does not take in time is held back in the session, and then
+    dropped by the routers. ``frame`` are the bytes as the vehicle sent them. Raises :class:`~zmav.errors.BadKey` for
+    vehicles or messages that cannot stand in a key expression.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        on_frame: OnFrame,
+        fleet: str = "*",
+        vehicles: Sequence[str] = ("*",),
+        messages: Sequence[str] = ("*",),
+    ) -> None:
+        self._on_frame = on_frame
+        self._origins: dict[str, Origin | None] = {}
+        self._owners: dict[tuple[int, int], str] = {}
+        self._shared: set[tuple[int, int]] = set()
+        """systems that more than one vehicle's agent speaks for"""
+        self._seen: dict[bytes, tuple[str, float]] = {}
+        self.frames = 0
+        self.twice = 0
+        """frames left out because they had come over another link already"""
+        self.foreign = 0
+        """samples left out because their key is none of a frame's"""
+        wanted = {
+            keys.expression(f"{vehicle}/mav/rx/*/*/{message}", fleet) for vehicle in vehicles for message in messages
+        }
+        self._subscribers = [session.declare_subscriber(key, self._on_sample) for key in sorted(wanted)]
+
+    def close(self) -> None:
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        self._subscribers.clear()
+
+    def __enter__(self) -> Feed:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        origin = self._origins.get(key) or self._new_origin(key)
+        if origin is None:
+            self.foreign += 1
+            return
+        frame = sample.payload.to_bytes()
+        if self._shared and origin[2:4] in self._shared and self._came_already(origin, frame):
+            self.twice += 1
+            return
+        self.frames += 1
+        self._on_frame(origin, frame)
+
+    def _new_origin(self, key: str) -> Origin | None:
+        origin = origin_of(key)
+        if origin is None or len(self._origins) >= MOST:
+            return origin
+        self._origins[key] = origin
+        place = (origin.sysid, origin.compid)
+        if self._owners.setdefault(place, f"{origin.fleet}/{origin.vehicle}") != f"{origin.fleet}/{origin.vehicle}":
+            self._shared.add(place)
+        return origin
+
+    def _came_already(self, origin: Origin, frame: bytes) -> bool:
+        now, owner = time.monotonic(), f"{origin.fleet}/{origin.vehicle}"
+        before = self._seen.get(frame)
+        if before is not None and before[0] != owner and now - before[1] < WINDOW:
+            return True
+        if len(self._seen) >= MOST:
+            self._seen = {kept: seen for kept, seen in self._seen.items() if now - seen[1] < WINDOW}
+        if len(self._seen) < MOST:
+            self._seen[frame] = (owner, now)
+        return False
+
+
+def origin_of(key: str) -> Origin | None:
+    """The parts of a frame's key (``mav/rx``); None for any other key, or one whose ids are no ids."""
+    try:
+        channel, parts = keys.match(key)
+    except BadKey:
+        return None
+    if channel is not keys.RX or not (parts["sys"].isdecimal() and parts["comp"].isdecimal()):
+        return None
+    sysid, compid = int(parts["sys"]), int(parts["comp"])
+    if sysid > 255 or compid > 255:
+        return None
+    return Origin(parts["fleet"], parts["vehicle"], sysid, compid, parts["msg"], key)

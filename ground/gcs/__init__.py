@@ -1,0 +1,1 @@
+"""``zmav gcs``: connect any ground control station to the whole fleet."""

@@ -1,0 +1,1 @@
+"""``zmav http``: serve the fleet over HTTP and WebSocket."""

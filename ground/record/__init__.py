@@ -1,0 +1,1 @@
+"""``zmav record``: record the fleet, and answer questions of what was."""

@@ -1,0 +1,1 @@
+"""``zmav top``: watch the fleet in the terminal."""

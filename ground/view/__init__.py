@@ -1,0 +1,1 @@
+"""``zmav view``: show the fleet in three dimensions."""
