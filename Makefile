@@ -40,7 +40,7 @@ demo: $(VENV)/.core ## fly three simulated copters behind three linked routers
 
 test: lint ## lint, then run every test
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
-	@$(BIN)/python -m pytest -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
+	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
 
 lint: $(VENV)/.dev ## check style, format and types
 	@echo "==> ruff check"

@@ -1,0 +1,53 @@
+"""tests/run.py: what its second run finds, and how it exits."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FLAKY = """
+from pathlib import Path
+
+def test_flaky():
+    mark = Path(__file__).with_name("mark")
+    there = mark.exists()
+    mark.touch()
+    assert there
+"""
+BAD = "def test_bad(): assert 0"
+SIX_BAD = "\n".join(f"def test_{n}(): assert 0" for n in range(6))
+BROKEN = "import nothing_of_that_name"
+ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, alone too"
+
+
+@pytest.mark.parametrize(
+    ("files", "args", "status", "said", "unsaid"),
+    [
+        ([FLAKY], "", 0, [ONCE_MORE, FLAKES, "      test_0.py::test_flaky"], [AGAIN]),
+        ([FLAKY, BAD], "", 1, [ONCE_MORE, AGAIN], [FLAKES]),
+        ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
+        ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
+        ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
+        ([BAD], "-k nothing", 5, ["1 deselected"], [ONCE_MORE]),
+        ([BAD], "--nonsense", 4, ["--nonsense"], [ONCE_MORE]),
+    ],
+    ids=["flaky", "bad", "many", "cut-short", "broken-file", "none", "no-such-option"],
+)
+def test_the_second_run(
+    tmp_path: Path, root: Path, files: list[str], args: str, status: int, said: list[str], unsaid: list[str]
+) -> None:
+    (tmp_path / "pytest.ini").write_text("[pytest]\nasyncio_default_fixture_loop_scope = function\n")
+    for number, source in enumerate(files):
+        (tmp_path / f"test_{number}.py").write_text(source)
+    # Plugins that these tests do not need, and that take a while to load.
+    lean = "-p no:hypothesispytest -p no:anyio -p no:randomly"
+    command = [sys.executable, str(root / "tests" / "run.py"), *f"-n 0 {lean} {args} .".split()]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert ran.returncode == status, ran.stdout + ran.stderr
+    for words in said:
+        assert words in ran.stdout + ran.stderr
+    for words in unsaid:
+        assert words not in ran.stdout
