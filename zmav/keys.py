@@ -204,6 +204,11 @@ CHANNELS: dict[str, Channel] = {
             "a group's vehicles in short, by its gateway: what crosses between groups instead of every state",
             (OPERATOR,), rate_hz=1.0, stale_after=5.0, recorded=True,
         ),
+        Channel(
+            "history", "{fleet}/{vehicle}/history/{of}/{what}", "query", wire.History, Qos.MUST_ARRIVE,
+            "what a recorder (the vehicle here is its host) knows of another's state, events or messages, now or then",
+            (ANYONE,),
+        ),
     )
 }  # fmt: skip
 
@@ -217,6 +222,7 @@ AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNE
 BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
+HISTORY = CHANNELS["history"]
 CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"
 """the fleet's topic on which the authority's roster travels"""

@@ -25,6 +25,7 @@ from zmav.wire.files import (
     Uploaded,
 )
 from zmav.wire.group import GroupMember, GroupStates
+from zmav.wire.history import History, HistoryEntry, HistoryQuery
 from zmav.wire.link import LinkQuality, LinkState, NeighbourQuality, decode_link
 from zmav.wire.mission import (
     Mission,
@@ -110,6 +111,9 @@ __all__ = [
     "Gps",
     "GroupMember",
     "GroupStates",
+    "History",
+    "HistoryEntry",
+    "HistoryQuery",
     "LastMessage",
     "LeaseEnd",
     "LeaseEnding",
