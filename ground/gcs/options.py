@@ -1,0 +1,166 @@
+"""What an endpoint of the bridge may be told: where it is, and what its clients get.
+
+    14550                               on loopback
+    0.0.0.0:14550?rate=4kB/s&hz=5       from anywhere, thinned
+    /dev/ttyUSB0,57600?read_only=1      behind a radio
+
+Options stand behind a question mark: ``rate`` (bytes a second to each client: ``4kB/s``), ``hz`` (of each telemetry
+message), ``only`` and ``drop`` (messages by name, ``*`` for any part of it, joined by commas), ``vehicles`` (likewise),
+``read_only`` (1: nothing a client says reaches a vehicle).
+"""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import math
+from typing import Literal
+
+import msgspec
+
+from mesh.bench.units import bits_per_second
+from zmav.errors import BadConfig, BadInput
+from zmav.links.url import LOOPBACK
+from zmav.mavlink import Dialect
+
+Kind = Literal["udp", "udpin", "tcp", "serial"]
+NAMES = ("rate", "hz", "only", "drop", "vehicles", "read_only")
+LEAST_RATE, LEAST_HZ, MOST_HZ = 100.0, 0.1, 500.0
+
+
+class Options(msgspec.Struct, frozen=True, kw_only=True):
+    """What a client gets, and may do."""
+
+    rate: float | None = None
+    """bytes a second; None: no limit"""
+    hz: float | None = None
+    """of each telemetry message of each component; None: as it comes"""
+    only: tuple[str, ...] = ()
+    """telemetry that passes, by name; empty: all. HEARTBEATs and what must arrive (answers, words) pass all the same"""
+    drop: tuple[str, ...] = ()
+    """messages that never pass"""
+    vehicles: tuple[str, ...] = ("*",)
+    read_only: bool = False
+
+    def sees(self, vehicle: str) -> bool:
+        return any(fnmatch.fnmatchcase(vehicle, pattern) for pattern in self.vehicles)
+
+    def passes(self, message: str, must_arrive: bool) -> bool:
+        if any(fnmatch.fnmatchcase(message, pattern) for pattern in self.drop):
+            return False
+        return must_arrive or not self.only or any(fnmatch.fnmatchcase(message, pattern) for pattern in self.only)
+
+
+class Endpoint(msgspec.Struct, frozen=True):
+    """One place where clients are."""
+
+    kind: Kind
+    text: str
+    """as a person wrote it, without its options"""
+    host: str
+    port: int
+    options: Options
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.text if self.kind == 'serial' else self.where}"
+
+    @property
+    def where(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parse_endpoint(kind: Kind, text: str, defaults: Options, dialect: Dialect) -> Endpoint:
+    """What stands behind ``--udp`` and the others; raises :class:`BadConfig` that names the option and its value.
+
+    An option that is not there is as in ``defaults``.
+    """
+    place, _, query = text.partition("?")
+    options = parse_options(query, defaults, dialect, f"--{kind} {text}")
+    if kind == "serial":
+        if not place:
+            raise _bad(kind, text, "a device, such as /dev/ttyUSB0,57600", text)
+        return Endpoint(kind, place, "", 0, options)
+    host, _, port = place.rpartition(":")
+    host = host.strip("[]")
+    number = int(port) if port.isascii() and port.isdecimal() and len(port) < 6 else -1
+    if not (number > 0 or (number == 0 and kind != "udp")) or number > 65535:
+        raise _bad(kind, port, "[HOST:]PORT, a port being from 1 to 65535", text)
+    return Endpoint(kind, place, host or LOOPBACK, number, options)
+
+
+def parse_options(query: str, defaults: Options, dialect: Dialect, where: str) -> Options:
+    """``rate=4kB/s&hz=5`` on top of the defaults; raises :class:`BadConfig`."""
+    given: dict[str, str] = {}
+    for part in filter(None, query.split("&")):
+        name, equals, value = part.partition("=")
+        if name not in NAMES or not equals or name in given:
+            close = difflib.get_close_matches(name, NAMES, 1)
+            hint = f"; did you mean {close[0]}?" if close and close[0] not in given else ""
+            expected = f"NAME=VALUE joined by &, each once, of {', '.join(NAMES)}"
+            text = f"{where}: no option {part!r}{hint}; expected {expected}"
+            raise BadConfig(text, field="option", value=part, expected=expected)
+        given[name] = value
+    return Options(
+        rate=read_rate(given["rate"], where) if "rate" in given else defaults.rate,
+        hz=read_hz(given["hz"], where) if "hz" in given else defaults.hz,
+        only=read_messages(given["only"], dialect, where) if "only" in given else defaults.only,
+        drop=read_messages(given["drop"], dialect, where) if "drop" in given else defaults.drop,
+        vehicles=read_vehicles(given["vehicles"], where) if "vehicles" in given else defaults.vehicles,
+        read_only=_read_flag(given["read_only"], where) if "read_only" in given else defaults.read_only,
+    )
+
+
+def read_rate(text: str, where: str = "--rate") -> float:
+    """Bytes a second of ``4kB/s`` or ``57600 bit/s``."""
+    expected = "like '4kB/s' or '57600 bit/s', 100 B/s at least"
+    try:
+        rate = bits_per_second(text, "rate") / 8.0 if text.rstrip().endswith("/s") else 0.0
+    except BadInput:
+        rate = 0.0
+    if rate < LEAST_RATE:
+        raise BadConfig(f"{where}: rate is {text!r}; expected {expected}", field="rate", value=text, expected=expected)
+    return rate
+
+
+def read_hz(text: str, where: str = "--hz") -> float:
+    expected = f"a number from {LEAST_HZ:g} to {MOST_HZ:g}"
+    try:
+        hz = float(text)
+    except ValueError:
+        hz = math.nan
+    if not LEAST_HZ <= hz <= MOST_HZ:
+        raise BadConfig(f"{where}: hz is {text!r}; expected {expected}", field="hz", value=text, expected=expected)
+    return hz
+
+
+def read_messages(text: str, dialect: Dialect, where: str) -> tuple[str, ...]:
+    """Names joined by commas; a name without ``*`` must be the dialect's, or ``UNKNOWN_410``."""
+    names = tuple(filter(None, (name.strip().upper() for name in text.split(","))))
+    for name in names:
+        known = any(fnmatch.fnmatchcase(each, name) for each in dialect.by_name) or name.startswith("UNKNOWN_")
+        if not known:
+            close = difflib.get_close_matches(name, dialect.by_name, 3)
+            hint = f"; did you mean {', '.join(close)}?" if close else ""
+            text = f"{where}: dialect {dialect.name} has no message {name}{hint}"
+            raise BadConfig(text, field="message", value=name, expected=f"a message of {dialect.name}")
+    return names
+
+
+def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:
+    names = tuple(filter(None, (name.strip() for name in text.split(","))))
+    wrong = [name for name in names if not all(c.isascii() and (c.islower() or c.isdigit() or c in "_-*") for c in name)]
+    if wrong or not names:
+        expected = "names of a-z, 0-9, _ and -, * for any part, joined by commas"
+        value = wrong[0] if wrong else text
+        raise BadConfig(f"{where}: {value!r}; expected {expected}", field="vehicles", value=value, expected=expected)
+    return names
+
+
+def _read_flag(text: str, where: str) -> bool:
+    if text not in ("0", "1"):
+        raise BadConfig(f"{where}: read_only is {text!r}; expected 0 or 1", field="read_only", value=text, expected="0, 1")
+    return text == "1"
+
+
+def _bad(kind: Kind, value: str, expected: str, text: str) -> BadConfig:
+    return BadConfig(f"--{kind} {text!r}: {value!r}; expected {expected}", field=kind, value=value, expected=expected)
