@@ -2,16 +2,105 @@
 
 from __future__ import annotations
 
+import ipaddress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import click
 
-from zmav.cli.common import fleet_option, zenoh_options
+import zmav
+from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import BadConfig
+from zmav.process import leave, say, until_stopped
 from zmav.session import SessionSettings
+
+if TYPE_CHECKING:
+    from ground.http.guard import Rules
+
+VARIABLE = "ZMAV_HTTP_TOKEN"
 
 
 @click.command("http")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; beyond loopback: a token.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8088, show_default=True, help="TCP port; 0: a free one.")
+@click.option("--token", envvar=VARIABLE, show_envvar=True, default="", help="What every request has to bring along.")
+@click.option("--token-file", type=click.Path(dir_okay=False), help="The file whose first line is the token.")
+@click.option("--read-only", is_flag=True, help="Refuse whatever writes to vehicles.")
+@click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
+@click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
+@click.option(
+    "--stream-timeout", type=click.FloatRange(min=1.0), default=60.0, show_default=True,
+    help="Seconds after which a UDP stream ends that nobody receives.",
+)  # fmt: skip
+@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file.")
 @fleet_option
 @zenoh_options
-def command(fleet: str, settings: SessionSettings) -> None:
-    """Serve the fleet over HTTP and WebSocket."""
-    raise BadConfig("http is not here yet")
+def command(
+    host: str, port: int, token: str, token_file: str | None, read_only: bool, allow_host: tuple[str, ...],
+    allow_origin: tuple[str, ...], stream_timeout: float, dialect: str, fleet: str, settings: SessionSettings,
+) -> None:  # fmt: skip
+    """Serve the fleet over HTTP and WebSocket: for MATLAB, browsers, mavlink2rest's clients and Prometheus.
+
+    'curl localhost:8088/vehicles' says who is there, 'curl localhost:8088/last/1/1/ATTITUDE' a message,
+    'curl localhost:8088/keys/quad1' anything in the key space; a browser finds a page at http://localhost:8088/.
+    """
+    secret = _read_token(token_file) if token_file else token
+    if not _is_loopback(host) and not secret:
+        text = (
+            f"--host {host} would let anybody in reach fly the fleet: give a token, in ${VARIABLE} or by --token-file "
+            f"(others see --token in the list of processes), or listen on 127.0.0.1"
+        )
+        raise BadConfig(text, field="token", value="", expected="a token")
+    try:
+        import uvicorn  # noqa: F401
+        import websockets  # noqa: F401
+        from starlette import applications  # noqa: F401
+    except ImportError as e:
+        text = f"'zmav http' needs {e.name}: pip install 'zmav[ground]'"
+        raise BadConfig(text, field="installation", value=e.name, expected="zmav[ground]") from e
+    from ground.http.guard import LOOPBACK, Rules
+
+    hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
+    origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
+    rules = Rules(token=secret, read_only=read_only, hosts=hosts, origins=origins)
+    run(_serve(host, port, rules, stream_timeout, dialect, fleet, settings))
+
+
+async def _serve(
+    host: str, port: int, rules: Rules, stream_timeout: float, dialect: str, fleet: str, settings: SessionSettings
+) -> None:
+    from ground.http.app import make_app
+    from ground.http.gateway import Gateway
+    from ground.http.server import bound, serving
+
+    sock = bound(host, port)
+    async with (
+        zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
+        Gateway(z, rules.read_only) as gateway,
+        serving(make_app(gateway, rules), sock) as port,
+    ):
+        shown = f"[{host}]" if ":" in host else host
+        how = "".join((", with a token" if rules.token else "", ", only reading" if rules.read_only else ""))
+        say(f"fleet {fleet} at http://{shown}:{port}/{how}")
+        await until_stopped()
+    leave()
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _read_token(path: str) -> str:
+    """Raises :class:`BadConfig` where the file cannot be read or holds none."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as e:
+        raise BadConfig(f"token file {path}: {e}", field="token_file", value=path, expected="a text file") from e
+    if not lines or not lines[0].strip():
+        raise BadConfig(f"token file {path} is empty", field="token_file", value=path, expected="a token")
+    return lines[0].strip()

@@ -1,0 +1,52 @@
+"""The application: every face's routes behind one guard."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute
+
+from ground.http.gateway import Gateway
+from ground.http.guard import Guard, Rules
+from ground.http.reply import Failure, failure_of, refusal
+from zmav.errors import ZmavError
+
+FACES = ("page", "metrics", "mavnode", "mavlink2rest", "do", "ws", "keyspace")
+
+
+def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
+    """The faces' routes in order, the first that fits answers; each face is a module with ``routes(gateway)``."""
+    routes: list[BaseRoute] = []
+    for face in FACES:
+        name = f"ground.http.{face}"
+        if importlib.util.find_spec(name) is not None:
+            routes += importlib.import_module(name).routes(gateway)
+    handlers = {Failure: _on_failure, ZmavError: _on_error, HTTPException: _on_http}
+    guard = Middleware(Guard, rules=rules or Rules(read_only=gateway.read_only))
+    return Starlette(routes=routes, middleware=[guard], exception_handlers=handlers)  # type: ignore[arg-type]
+
+
+async def _on_failure(request: HTTPConnection, failure: Failure) -> Response:
+    return refusal(request.url.path, failure)
+
+
+async def _on_error(request: HTTPConnection, error: ZmavError) -> Response:
+    return refusal(request.url.path, failure_of(error))
+
+
+async def _on_http(request: Request, error: HTTPException) -> Response:
+    """No such path, or not with that method."""
+    text = f"there is no {request.url.path} here: / lists what there is"
+    kind = "not_found"
+    if error.status_code == 405:
+        kind, text = "method", f"{request.method} cannot be used on {request.url.path}"
+    elif error.status_code != 404:
+        kind, text = "request", str(error.detail)
+    headers = dict(error.headers) if error.headers else None
+    return refusal(request.url.path, Failure(error.status_code, kind, text), headers)

@@ -1,0 +1,199 @@
+"""What every face of the gateway stands on: the last frame of each message, who has which system id, and sending."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import NamedTuple
+
+from ground.feed import MOST, Feed, OnFrame, Origin
+from ground.http.refusals import Refusals
+from ground.http.wants import Wants
+from zmav import keys
+from zmav.client import Client
+from zmav.errors import Clash, NoSuchVehicle
+from zmav.mavlink import Dialect, Frame, parse_frame, targets
+from zmav.vehicle import Vehicle
+
+RECENT = 30.0
+"""s within which a system must have been heard to be a vehicle's"""
+
+
+class Kept(NamedTuple):
+    """The last frame of one message of one system, and what was counted of them.
+
+    ``first`` and ``last`` are UTC seconds, ``at`` is monotonic: when the first and the last came here.
+    """
+
+    origin: Origin
+    frame: bytes
+    counter: int
+    first: float
+    last: float
+    began: float
+    at: float
+
+    @property
+    def hz(self) -> float:
+        """Messages a second since the first one: mavlink2rest's ``frequency``. 0 until there are two."""
+        span = self.at - self.began
+        return (self.counter - 1) / span if span > 0 else 0.0
+
+
+class Gateway:
+    """Use it with ``async with``, on an open client. Faces read it on the event loop.
+
+    ``on_frame`` of the feed stores bytes and counts, and no more: whoever asks has them decoded.
+    """
+
+    def __init__(self, client: Client, read_only: bool = False) -> None:
+        self.client, self.read_only = client, read_only
+        self.started = time.time()
+        self.wants = Wants(client)
+        self.refusals = Refusals(client)
+        self.sent = 0
+        """frames put to vehicles by the faces"""
+        self._kept: dict[str, Kept] = {}
+        self._listeners: tuple[OnFrame, ...] = ()
+        self._numbers: dict[tuple[int, int], Iterator[int]] = defaultdict(itertools.count)
+        self._feed: Feed | None = None
+        self._ends: list[Callable[[], None]] = []
+
+    async def __aenter__(self) -> Gateway:
+        await asyncio.to_thread(lambda: self.dialect)  # a second of reading that no request should wait for
+        self._feed = Feed(self.client.session, self._on_frame, self.client.fleet_name)
+        await self.refusals.start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        for end in self._ends:
+            end()
+        await self.refusals.close()
+        self.wants.close()
+        if self._feed is not None:
+            self._feed.close()
+
+    @property
+    def dialect(self) -> Dialect:
+        return self.client.dialect
+
+    def at_end(self, end: Callable[[], None]) -> None:
+        """Have ``end`` called when the gateway ends."""
+        self._ends.append(end)
+
+    # What was heard.
+
+    def add_listener(self, listener: OnFrame) -> Callable[[], None]:
+        """Call ``listener(origin, frame)`` on a thread of Zenoh's for every frame; returns what ends that.
+
+        It must be quick and must not raise. :class:`ground.http.batches.Batches` brings frames to the event loop.
+        """
+        self._listeners = (*self._listeners, listener)
+
+        def remove() -> None:
+            self._listeners = tuple(each for each in self._listeners if each is not listener)
+
+        return remove
+
+    def kept(self, sysid: int | None = None, compid: int | None = None, message: str | None = None) -> list[Kept]:
+        """The last frame of each message, by vehicle, system, component and message; of one only where named."""
+        found = [
+            each
+            for each in list(self._kept.values())
+            if (sysid is None or each.origin.sysid == sysid)
+            and (compid is None or each.origin.compid == compid)
+            and (message is None or each.origin.message == message)
+        ]
+        return sorted(found, key=lambda each: each.origin[:5])
+
+    def last(self, key: str) -> Kept | None:
+        """The last frame that came on a key of ``mav/rx``."""
+        return self._kept.get(key)
+
+    @property
+    def frames(self) -> int:
+        """Frames heard so far."""
+        return self._feed.frames if self._feed is not None else 0
+
+    def parse(self, kept: Kept) -> Frame:
+        """Raises :class:`~zmav.errors.BadMessage` for bytes that are no frame."""
+        return parse_frame(kept.frame, self.dialect)
+
+    def _on_frame(self, origin: Origin, frame: bytes) -> None:
+        now, at = time.time(), time.monotonic()
+        before = self._kept.get(origin.key)
+        if before is not None:
+            self._kept[origin.key] = Kept(origin, frame, before.counter + 1, before.first, now, before.began, at)
+        elif len(self._kept) < MOST:
+            self._kept[origin.key] = Kept(origin, frame, 1, now, now, at, at)
+        for listener in self._listeners:
+            listener(origin, frame)
+
+    # Who is there.
+
+    def vehicle_of(self, sysid: int) -> list[Vehicle]:
+        """The vehicles that speak as that system: more than one is a clash."""
+        return self.sysids.get(sysid, [])
+
+    @property
+    def sysids(self) -> dict[int, list[Vehicle]]:
+        """The vehicles present by the ids of their autopilots, and of whatever else was heard behind them of late."""
+        names: dict[int, set[tuple[str, str]]] = defaultdict(set)
+        present = {(vehicle.fleet, vehicle.name): vehicle for vehicle in self.client.fleet()}
+        for place, vehicle in present.items():
+            state = vehicle.last_state
+            if state is not None and state.sysid is not None:
+                names[state.sysid].add(place)
+        known, now = set(names), time.monotonic()
+        for kept in list(self._kept.values()):
+            place, sysid = (kept.origin.fleet, kept.origin.vehicle), kept.origin.sysid
+            if sysid not in known and place in present and now - kept.at < RECENT:
+                names[sysid].add(place)
+        return {sysid: [present[place] for place in sorted(found)] for sysid, found in sorted(names.items())}
+
+    def the_vehicle(self, sysid: int) -> Vehicle:
+        """The one vehicle of that system id; raises :class:`NoSuchVehicle` or :class:`Clash` saying who there is."""
+        found = self.vehicle_of(sysid)
+        if not found:
+            raise NoSuchVehicle(f"no vehicle has system id {sysid}; there are {self.who()}", sysid=sysid)
+        if len(found) > 1:
+            names = " and ".join(f"{each.fleet}/{each.name}" for each in found)
+            raise Clash(f"{names} share system id {sysid}: give one of them another (SYSID_THISMAV)", sysid=sysid)
+        return found[0]
+
+    def who(self) -> str:
+        """The system ids there are and whose they are, in words."""
+        found = [f"{sysid} ({', '.join(each.name for each in places)})" for sysid, places in self.sysids.items()]
+        return ", ".join(found) or "none"
+
+    # Sending.
+
+    def next_seq(self, sysid: int, compid: int) -> int:
+        """The sequence number of the next frame that we send as that system and component."""
+        return next(self._numbers[sysid, compid]) & 0xFF
+
+    def send(self, data: bytes) -> list[str]:
+        """Put a frame to the vehicle it is for, or to every vehicle where it is for all; returns the keys.
+
+        Raises :class:`~zmav.errors.BadMessage`, :class:`NoSuchVehicle`, :class:`Clash`, and with credentials
+        :class:`~zmav.errors.Forbidden` where our role may not. What the vehicle itself refuses comes as an event: see
+        :mod:`ground.http.refusals`.
+        """
+        frame = parse_frame(data, self.dialect)
+        sysid, compid = targets(frame, self.dialect)
+        vehicles = [self.the_vehicle(sysid)] if sysid else self.client.fleet()
+        name, found = self.dialect.name_of(frame.msgid), []
+        for vehicle in vehicles:
+            key = keys.TX.key(vehicle.fleet, vehicle.name, sys=sysid, comp=compid, msg=name)
+            if self.client.member is not None:
+                self.client.member.check_role(key)
+            self.client.put(keys.TX, key, data)
+            self.sent += 1
+            found.append(key)
+        return found

@@ -1,0 +1,82 @@
+"""uvicorn in the event loop that the process has already, and clients that stop reading dropped by the kernel."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import logging
+import socket
+from collections.abc import AsyncIterator, Iterator
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from zmav.errors import BadConfig, PortInUse
+
+STALLED = 20.0
+"""s after which a connection is cut whose other end takes nothing of what was sent"""
+CONNECTIONS = 256
+"""connections and requests at once; beyond it the answer is 503"""
+MESSAGE_SIZE = 1_000_000
+"""bytes in one WebSocket message from a client"""
+LONGEST_HEAD = 65_536
+"""bytes of a request's line and headers"""
+
+
+class _Server(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Signals are this process's own affair: :func:`zmav.process.until_stopped`."""
+        yield
+
+
+def bound(host: str, port: int, stalled: float = STALLED) -> socket.socket:
+    """A listening socket's address taken; raises :class:`PortInUse`, or :class:`BadConfig` for a host that is not ours.
+
+    TCP_USER_TIMEOUT goes over to every connection: who leaves sent bytes unread for that long is cut off, whatever
+    face it asked, and takes no more memory.
+    """
+    try:
+        family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as e:
+        text = f"--host {host}: {e.strerror or e}"
+        raise BadConfig(text, field="host", value=host, expected="a name or an address of this computer") from e
+    sock = socket.socket(family, kind, proto)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * stalled))
+        sock.bind(address)
+        return sock
+    except OSError as e:
+        sock.close()
+        if e.errno == errno.EADDRINUSE:
+            text = f"port {port} of {host} is in use by another program: choose another with --port"
+            raise PortInUse(text, host=host, port=port) from e
+        text = f"cannot listen on {host} port {port}: {e.strerror}"
+        raise BadConfig(text, field="host", value=f"{host}:{port}", expected="an address of this computer") from e
+
+
+@contextlib.asynccontextmanager
+async def serving(app: ASGIApp, sock: socket.socket) -> AsyncIterator[int]:
+    """Serve ``app`` while the ``async with`` lasts; gives the port."""
+    logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a client's bad bytes are no news
+    config = uvicorn.Config(
+        app, log_config=None, access_log=False, lifespan="off", server_header=False, proxy_headers=False,
+        limit_concurrency=CONNECTIONS, h11_max_incomplete_event_size=LONGEST_HEAD, http="h11", ws="websockets-sansio",
+        ws_max_size=MESSAGE_SIZE, ws_ping_interval=10.0, ws_ping_timeout=20.0, ws_per_message_deflate=False,
+        timeout_graceful_shutdown=2,
+    )  # fmt: skip
+    server = _Server(config)
+    task = asyncio.create_task(server.serve(sockets=[sock]))
+    try:
+        while not server.started and not task.done():
+            await asyncio.sleep(0.01)
+        if task.done():
+            task.result()
+        yield sock.getsockname()[1]
+    finally:
+        server.should_exit = True
+        await asyncio.gather(task, return_exceptions=True)
+        sock.close()

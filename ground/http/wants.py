@@ -1,0 +1,74 @@
+"""Messages that somebody asked the gateway for: the autopilots are told, for as long as it is asked for again.
+
+An autopilot sends what somebody reads. The gateway reads whatever flows, which says nothing; so whoever asks for a
+message by its name has a token declared for it (see :mod:`zmav.vehicle.rates`), which goes a while after the last
+time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+from zmav import keys
+from zmav.client import Client
+from zmav.errors import BadInput
+from zmav.vehicle.rates import want_key
+
+LASTING = 30.0
+"""s that an asked message is wanted for"""
+MOST = 256
+"""tokens at once: more messages are not asked for"""
+
+
+class Wants:
+    """Tokens by (vehicle, message, rate). On the event loop."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._tokens: dict[tuple[str, str, str, float], Any] = {}
+        self._until: dict[tuple[str, str, str, float], float] = {}
+        self._timer: asyncio.TimerHandle | None = None
+
+    def __len__(self) -> int:
+        return len(self._tokens)
+
+    def want(self, vehicle: str, message: str, hz: float, lasting: float = LASTING, fleet: str = "") -> bool:
+        """Have a message sent at ``hz`` for ``lasting`` seconds from now (``math.inf``: until :meth:`drop`).
+
+        ``vehicle`` and ``fleet`` may be ``*``; no ``fleet`` is the client's. False where it cannot be asked for: the
+        dialect lacks it, or too much is wanted already.
+        """
+        place = (fleet or self._client.fleet_name, vehicle, message, hz)
+        if place not in self._tokens:
+            if message not in self._client.dialect.by_name or len(self._tokens) >= MOST:
+                return False
+            try:
+                rx = keys.RX.key(place[0], vehicle, sys="*", comp="*", msg=message)
+                self._tokens[place] = self._client.session.liveliness().declare_token(want_key(rx, hz, "http"))
+            except BadInput:
+                return False
+        self._until[place] = time.monotonic() + lasting
+        if self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep)
+        return True
+
+    def drop(self, vehicle: str, message: str, hz: float, fleet: str = "") -> None:
+        place = (fleet or self._client.fleet_name, vehicle, message, hz)
+        self._until.pop(place, None)
+        token = self._tokens.pop(place, None)
+        if token is not None:
+            token.undeclare()
+
+    def close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        for fleet, vehicle, message, hz in list(self._tokens):
+            self.drop(vehicle, message, hz, fleet)
+
+    def _sweep(self) -> None:
+        now = time.monotonic()
+        for fleet, vehicle, message, hz in [place for place, until in self._until.items() if until < now]:
+            self.drop(vehicle, message, hz, fleet)
+        self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep) if self._tokens else None
