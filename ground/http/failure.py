@@ -1,4 +1,4 @@
-"""How an error is answered over HTTP: its status, and its text in the words of the face that was asked."""
+"""A request that fails: its status, and its text in the words of the face that was asked."""
 
 from __future__ import annotations
 
@@ -7,29 +7,9 @@ from typing import Any
 
 from starlette.responses import PlainTextResponse, Response
 
+from ground.http.replies import answer, status_of
 from zmav.errors import ZmavError
 
-STATUS = {
-    "bad_input": 400,
-    "bad_url": 400,
-    "bad_key": 400,
-    "bad_message": 400,
-    "bad_config": 400,
-    "forbidden": 403,
-    "no_such_vehicle": 404,
-    "refused": 409,
-    "clash": 409,
-    "not_holder": 409,
-    "unsupported": 409,
-    "vehicle": 502,
-    "error": 502,
-    "stale": 503,
-    "link": 503,
-    "link_down": 503,
-    "session": 503,
-    "timed_out": 504,
-}
-"""by an error's code; 500 for any other"""
 TEXT_FACE = ("stream", "stop", "send", "last", "vehicles")
 """first parts of the paths that answer with plain text"""
 MAVLINK2REST_FACE = ("v1", "mavlink", "helper", "info")
@@ -45,7 +25,9 @@ class Failure(Exception):
 
 def failure_of(error: ZmavError) -> Failure:
     """What an error of the fleet's, or of what was asked, is over HTTP."""
-    return Failure(STATUS.get(error.code, 500), error.code, error.message, **error.detail)
+    failure = Failure(status_of(error), error.code, error.message)
+    failure.detail = error.detail
+    return failure
 
 
 def refusal(path: str, failure: Failure, headers: dict[str, str] | None = None) -> Response:
@@ -56,19 +38,16 @@ def refusal(path: str, failure: Failure, headers: dict[str, str] | None = None) 
     """
     first = path.lstrip("/").partition("/")[0]
     if first in TEXT_FACE:
-        return PlainTextResponse(one_line(failure.text) + "\n", failure.status, headers)
-    if first in MAVLINK2REST_FACE:
-        body: Any = failure.text
+        response: Response = PlainTextResponse(one_line(failure.text) + "\n", failure.status)
+    elif first in MAVLINK2REST_FACE:
+        body = json.dumps(failure.text, ensure_ascii=False).encode("utf-8", "replace")
+        response = Response(body, failure.status, media_type="application/json")
     else:
-        body = {"error": {"kind": failure.kind, "text": failure.text, **_plain(failure.detail)}}
-    text = json.dumps(body, ensure_ascii=False, default=str)
-    return Response(text.encode("utf-8", "replace"), failure.status, headers, media_type="application/json")
+        response = answer({"error": {**failure.detail, "kind": failure.kind, "text": failure.text}}, failure.status)
+    response.headers.update(headers or {})
+    return response
 
 
 def one_line(text: str) -> str:
     """``text`` without line breaks and other control characters."""
     return "".join(char if char.isprintable() else " " for char in text)
-
-
-def _plain(detail: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in detail.items() if name not in ("kind", "text")}
