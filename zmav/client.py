@@ -23,13 +23,14 @@ from zenoh import handlers
 
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, ZmavError
-from zmav.mavlink import Dialect, load_dialect
+from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.services.port import on_loop
 from zmav.services.proven import attached
 from zmav.session import SessionSettings, open_session, reason
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
+from zmav.vehicle.rates import want_key
 from zmav.waiting import within
 
 T = TypeVar("T")
@@ -51,6 +52,13 @@ class Answer(NamedTuple):
     payload: bytes
 
 
+class Received(NamedTuple):
+    """A decoded message, and the name of the vehicle it came from."""
+
+    vehicle: str
+    message: MavMessage
+
+
 class Heard(NamedTuple):
     """A vehicle's last state and when it came (monotonic seconds)."""
 
@@ -66,9 +74,11 @@ class Subscription(Generic[T]):
     """
 
     def __init__(
-        self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int, token: str = ""
-    ) -> None:
+        self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int, token: str = "",
+        history: int = 0,
+    ) -> None:  # fmt: skip
         self._session, self._key, self._convert, self._token_key = session, key, convert, token
+        self._history = history
         self._token: zenoh.LivelinessToken | None = None
         self._samples: collections.deque[zenoh.Sample] = collections.deque(maxlen=depth)
         self._arrived = asyncio.Event()
@@ -83,8 +93,9 @@ class Subscription(Generic[T]):
         if zenoh.KeyExpr(keys.EVENT.key("*", "*")).includes(zenoh.KeyExpr(self._key)):
             # What was published while a link was down is fetched from the vehicle's cache when it is up again.
             recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
+            past = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=self._history)
             self._subscriber = zenoh.ext.declare_advanced_subscriber(
-                self._session, self._key, arrived, recovery=recovery
+                self._session, self._key, arrived, recovery=recovery, history=past if self._history else None
             )
         else:
             self._subscriber = self._session.declare_subscriber(self._key, arrived)
@@ -194,6 +205,10 @@ class Client:
         fresh = heard is not None and time.monotonic() - heard.at < (keys.STATE.stale_after or 0.0)
         return fresh or any(held for place, held in self._tokens.items() if _is(place, name, fleet))
 
+    def disbelieved(self, name: str, fleet: str) -> list[str]:
+        """Why something said in a vehicle's name was not believed, by reason; with credentials only."""
+        return sorted({reason for place, reason in self._said if _is(place, name, fleet)})
+
     def fleets_of(self, name: str) -> list[str]:
         """The fleets in which a vehicle of that name is known."""
         return sorted({fleet for fleet, known in (*self._heard, *self._tokens) if known == name})
@@ -285,21 +300,25 @@ class Client:
     # The key space.
 
     @overload
-    def subscribe(self, key: str, *, depth: int = 1000, token: str = "") -> Subscription[zenoh.Sample]: ...
+    def subscribe(
+        self, key: str, *, depth: int = 1000, token: str = "", history: int = 0
+    ) -> Subscription[zenoh.Sample]: ...
 
     @overload
     def subscribe(
-        self, key: str, convert: Callable[[zenoh.Sample], T], depth: int = 1000, token: str = ""
+        self, key: str, convert: Callable[[zenoh.Sample], T], depth: int = 1000, token: str = "", history: int = 0
     ) -> Subscription[T]: ...
 
     def subscribe(
-        self, key: str, convert: Callable[[zenoh.Sample], Any] | None = None, depth: int = 1000, token: str = ""
-    ) -> Subscription[Any]:
+        self, key: str, convert: Callable[[zenoh.Sample], Any] | None = None, depth: int = 1000, token: str = "",
+        history: int = 0,
+    ) -> Subscription[Any]:  # fmt: skip
         """Samples of a key expression (``quad*/ATTITUDE`` or ``zmav/...``), converted one by one.
 
         A sample for which ``convert`` raises :class:`~zmav.errors.BadInput` is counted and left out. At most ``depth``
         of them wait for the reader. ``token``: the key of a liveliness token that is there as long as it is read
-        (:func:`zmav.vehicle.rates.want_key`). With credentials, states and events that their vehicles did not sign are
+        (:func:`zmav.vehicle.rates.want_key`). ``history``: how many of each vehicle's past events come first, where the
+        key is that of events. With credentials, states and events that their vehicles did not sign are
         left out, too. Raises :class:`~zmav.errors.BadKey`.
         """
         newest: dict[Place, float] = {}
@@ -308,7 +327,34 @@ class Client:
             self._judge(sample, newest)
             return convert(sample) if convert else sample
 
-        return Subscription(self.session, keys.expression(key, self.fleet_name), believed, depth, token)
+        return Subscription(self.session, keys.expression(key, self.fleet_name), believed, depth, token, history)
+
+    def stream(self, key: str, depth: int = 1000, hz: float | None = None) -> Subscription[Received]:
+        """Every message of a key expression, decoded: ``async with z.stream("quad*/ATTITUDE") as s: async for vehicle,
+        message in s: ...``.
+
+        ``hz``, for one message by name: the autopilots are asked for that many a second as long as it is read. What is
+        not a frame is counted and left out. Raises :class:`~zmav.errors.BadKey`, or :class:`BadInput` for a bad rate.
+        """
+        dialect = self.dialect
+
+        def convert(sample: zenoh.Sample) -> Received:
+            frame = parse_frame(sample.payload.to_bytes(), dialect)
+            return Received(_place(sample)[1], describe(frame, dialect))
+
+        key = keys.expression(key, self.fleet_name)
+        return self.subscribe(key, convert, depth, token="" if hz is None else want_key(key, hz))
+
+    def say_status(self, agent: str, state: str, text: str = "", *, vehicle: str = "ground", **detail: Any) -> None:
+        """Say what a program does, in a word and in a sentence, under the vehicle (or other host) that it runs for.
+
+        Repeat it once a second: who is silent for five is taken for dead. Raises :class:`~zmav.errors.BadKey` for what
+        cannot be a name.
+        """
+        status = wire.AgentStatus(t=time.time(), agent=keys.check_name(agent, "agent"), state=state, text=text,
+                                  detail=detail)  # fmt: skip
+        fleet, host = keys.check_name(self.fleet_name, "fleet"), keys.check_name(vehicle, "vehicle")
+        self.put(keys.AGENT_STATUS, keys.AGENT_STATUS.key(fleet, host, agent=agent), status)
 
     async def ask(
         self,
