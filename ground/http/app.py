@@ -14,7 +14,7 @@ from starlette.routing import BaseRoute
 
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
-from ground.http.failure import Failure, failure_of, refusal
+from ground.http.reply import Failure, failure_of, refusal
 from zmav.errors import ZmavError
 
 FACES = ("page", "metrics", "mavnode", "mavlink2rest", "do", "ws", "keyspace")

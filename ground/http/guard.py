@@ -18,7 +18,7 @@ from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ground.http.failure import Failure, refusal
+from ground.http.reply import Failure, refusal
 from zmav.waiting import within
 
 logger = logging.getLogger(__name__)
