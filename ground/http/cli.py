@@ -76,7 +76,7 @@ async def _serve(
     sock = bound(host, port)
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
-        Gateway(z, rules.read_only) as gateway,
+        Gateway(z, rules.read_only, stream_timeout) as gateway,
         serving(make_app(gateway, rules), sock) as port,
     ):
         shown = f"[{host}]" if ":" in host else host

@@ -15,9 +15,11 @@ from ground.http.refusals import Refusals
 from ground.http.wants import Wants
 from zmav import keys
 from zmav.client import Client
-from zmav.errors import Clash, NoSuchVehicle
+from zmav.errors import BadMessage, Clash, NoSuchVehicle
 from zmav.mavlink import Dialect, Frame, parse_frame, targets
+from zmav.services.port import on_loop
 from zmav.vehicle import Vehicle
+from zmav.waiting import within
 
 RECENT = 30.0
 """s within which a system must have been heard to be a vehicle's"""
@@ -50,13 +52,15 @@ class Gateway:
     ``on_frame`` of the feed stores bytes and counts, and no more: whoever asks has them decoded.
     """
 
-    def __init__(self, client: Client, read_only: bool = False) -> None:
-        self.client, self.read_only = client, read_only
+    def __init__(self, client: Client, read_only: bool = False, stream_timeout: float = 60.0) -> None:
+        self.client, self.read_only, self.stream_timeout = client, read_only, stream_timeout
         self.started = time.time()
         self.wants = Wants(client)
         self.refusals = Refusals(client)
         self.sent = 0
         """frames put to vehicles by the faces"""
+        self.figures: dict[str, Callable[[], float]] = {}
+        """what the faces count of themselves, for /metrics: see :mod:`ground.http.metrics`"""
         self._kept: dict[str, Kept] = {}
         self._listeners: tuple[OnFrame, ...] = ()
         self._numbers: dict[tuple[int, int], Iterator[int]] = defaultdict(itertools.count)
@@ -115,6 +119,28 @@ class Gateway:
     def last(self, key: str) -> Kept | None:
         """The last frame that came on a key of ``mav/rx``."""
         return self._kept.get(key)
+
+    def newest(self, sysid: int, compid: int, message: str) -> Kept | None:
+        """The last such message of a system; ``compid`` 0: of any of its components."""
+        return max(self.kept(sysid, compid or None, message), key=lambda kept: kept.at, default=None)
+
+    async def next_frame(self, sysid: int, compid: int, message: str, timeout: float) -> Kept | None:
+        """Wait for the next such message; None where none comes within ``timeout`` seconds."""
+        came = asyncio.Event()
+        wake = on_loop(asyncio.get_running_loop(), came.set)
+
+        def listen(origin: Origin, frame: bytes) -> None:
+            if origin.message == message and origin.sysid == sysid and compid in (0, origin.compid):
+                wake()
+
+        remove = self.add_listener(listen)
+        try:
+            await within(timeout, came.wait())
+        except asyncio.TimeoutError:
+            return None
+        finally:
+            remove()
+        return self.newest(sysid, compid, message)
 
     @property
     def frames(self) -> int:
@@ -178,15 +204,16 @@ class Gateway:
         """The sequence number of the next frame that we send as that system and component."""
         return next(self._numbers[sysid, compid]) & 0xFF
 
-    def send(self, data: bytes) -> list[str]:
+    def send(self, data: bytes, target: tuple[int, int] | None = None) -> list[str]:
         """Put a frame to the vehicle it is for, or to every vehicle where it is for all; returns the keys.
 
-        Raises :class:`~zmav.errors.BadMessage`, :class:`NoSuchVehicle`, :class:`Clash`, and with credentials
+        ``target``: system and component for a message that names none itself. Raises
+        :class:`~zmav.errors.BadMessage`, :class:`NoSuchVehicle`, :class:`Clash`, and with credentials
         :class:`~zmav.errors.Forbidden` where our role may not. What the vehicle itself refuses comes as an event: see
         :mod:`ground.http.refusals`.
         """
         frame = parse_frame(data, self.dialect)
-        sysid, compid = targets(frame, self.dialect)
+        sysid, compid = _target(frame, self.dialect, target)
         vehicles = [self.the_vehicle(sysid)] if sysid else self.client.fleet()
         name, found = self.dialect.name_of(frame.msgid), []
         for vehicle in vehicles:
@@ -197,3 +224,15 @@ class Gateway:
             self.sent += 1
             found.append(key)
         return found
+
+
+def _target(frame: Frame, dialect: Dialect, wanted: tuple[int, int] | None) -> tuple[int, int]:
+    """System and component of the key; raises :class:`BadMessage` where the message names another than is wanted."""
+    said, message = targets(frame, dialect), dialect.by_id.get(frame.msgid)
+    if wanted is None or message is None:
+        return wanted or said
+    names = ("target_system", message.target_system), ("target_component", message.target_component)
+    for (field, offset), here, there in zip(names, said, wanted, strict=True):
+        if offset is not None and here != there:
+            raise BadMessage(f"{field} is {here}, but it was to go to {wanted[0]}/{wanted[1]}", field=field, value=here)
+    return wanted

@@ -40,14 +40,16 @@ _encoder = msgspec.json.Encoder(enc_hook=str)
 class Failure(Exception):
     """A request that is answered with this status; ``kind`` is a word for programs, ``text`` for people."""
 
-    def __init__(self, status: int, kind: str, text: str, detail: dict[str, Any] | None = None) -> None:
+    def __init__(self, status: int, kind: str, text: str, **detail: Any) -> None:
         super().__init__(text)
-        self.status, self.kind, self.text, self.detail = status, kind, text, detail or {}
+        self.status, self.kind, self.text, self.detail = status, kind, text, detail
 
 
 def failure_of(error: ZmavError) -> Failure:
     """What an error of the fleet's, or of what was asked, is over HTTP."""
-    return Failure(STATUS.get(error.code, 502), error.code, error.message, error.detail)
+    failure = Failure(STATUS.get(error.code, 502), error.code, error.message)
+    failure.detail = error.detail  # it may name a status of its own
+    return failure
 
 
 def body_of(failure: Failure) -> dict[str, Any]:

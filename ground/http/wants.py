@@ -37,11 +37,12 @@ class Wants:
     def want(self, vehicle: str, message: str, hz: float, lasting: float = LASTING, fleet: str = "") -> bool:
         """Have a message sent at ``hz`` for ``lasting`` seconds from now (``math.inf``: until :meth:`drop`).
 
-        ``vehicle`` and ``fleet`` may be ``*``; no ``fleet`` is the client's. False where it cannot be asked for: the
-        dialect lacks it, or too much is wanted already.
+        ``vehicle`` and ``fleet`` may be ``*``; no ``fleet`` is the client's. True where it was not wanted before and is
+        now; what the dialect lacks cannot be asked for, nor more than :data:`MOST` at once.
         """
         place = (fleet or self._client.fleet_name, vehicle, message, hz)
-        if place not in self._tokens:
+        new = place not in self._tokens
+        if new:
             if message not in self._client.dialect.by_name or len(self._tokens) >= MOST:
                 return False
             try:
@@ -52,7 +53,7 @@ class Wants:
         self._until[place] = time.monotonic() + lasting
         if self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep)
-        return True
+        return new
 
     def drop(self, vehicle: str, message: str, hz: float, fleet: str = "") -> None:
         place = (fleet or self._client.fleet_name, vehicle, message, hz)

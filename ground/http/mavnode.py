@@ -1,0 +1,234 @@
+"""The MAVNode face: plain text by GET, for what can do no more, such as MATLAB's ``urlread``.
+
+``/vehicles``, ``/stream/{sys}/{comp}`` and ``/stop/...``, ``/last/{sys}/{comp}/{MSG}``, ``/send/...``: after Coombes et
+al. 2014, where a vehicle's computer sends its messages on to whoever asks for them by a GET.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from ground.http.gateway import Gateway, Kept
+from ground.http.reply import Failure
+from ground.http.streams import Streams, Wish
+from zmav.errors import BadMessage
+from zmav.mavlink import describe, encode
+from zmav.mavlink.dialect import Field, MessageType
+from zmav.vehicle.rates import MAX_HZ
+
+SOURCE = (255, 190)
+"""system and component that we speak as: a ground station's"""
+APPEAR = 1.0
+"""s for a message to come that was not asked for before"""
+WANTED_HZ = 4.0
+
+
+def routes(gateway: Gateway) -> list[BaseRoute]:
+    face = MavNode(gateway, Streams(gateway, gateway.stream_timeout))
+    return [
+        Route("/vehicles", face.vehicles),
+        Route("/stream/{sys}/{comp}", face.stream),
+        Route("/stop/{sys}/{comp}", face.stop),
+        Route("/last/{sys}/{comp}/{message}", face.last),
+        Route("/send/{sys}/{comp}/{message}", face.send, methods=["GET", "POST"]),
+    ]
+
+
+class MavNode:
+    """The handlers, each ``GET``; what fails is a status and a line of text."""
+
+    def __init__(self, gateway: Gateway, streams: Streams) -> None:
+        self._gateway, self.streams = gateway, streams
+
+    async def vehicles(self, request: Request) -> Response:
+        """A line a vehicle: ``name sysid compid autopilot kind mode armed``; ``-`` where it is not known."""
+        _none_other(request)
+        lines = []
+        for vehicle in self._gateway.client.fleet():
+            s = vehicle.last_state
+            said = (s.sysid, s.compid, s.autopilot, s.kind, s.mode, s.armed) if s is not None else (None,) * 6
+            lines.append(" ".join([vehicle.name, *(_word(each) for each in said)]))
+        return _text(*lines)
+
+    async def stream(self, request: Request) -> Response:
+        """The UDP port to which the system's frames go from now on, one a datagram, until ``/stop``.
+
+        ``?port=`` names the port, ``?msg=A,B`` the messages, ``?hz=`` the most a second of each.
+        """
+        _none_other(request, "port", "msg", "hz")
+        sysid, compid = _ids(request)
+        if len(self._gateway.vehicle_of(sysid)) != 1:
+            self._gateway.the_vehicle(sysid)  # says which
+        given = request.query_params
+        names = tuple(name for name in given.get("msg", "").split(",") if name)
+        for name in names:
+            self._gateway.dialect.message(name)
+        wish = Wish(sysid, compid, names, _number(given["hz"], "hz", 0.0, MAX_HZ) if "hz" in given else 0.0)
+        port = int(_number(given["port"], "port", 0, 65535, whole=True)) if "port" in given else None
+        return _text(str(self.streams.start(_asker(request), wish, port).port))
+
+    async def stop(self, request: Request) -> Response:
+        """End the asker's streams of a system and component (0: of all); the answer says how many there were."""
+        _none_other(request, "port")
+        sysid, compid = _ids(request)
+        given = request.query_params
+        port = int(_number(given["port"], "port", 0, 65535, whole=True)) if "port" in given else None
+        ended = self.streams.stop(_asker(request), sysid, compid, port)
+        if not ended:
+            there = [f"{s.wish.sysid}/{s.wish.compid} to port {s.port}" for s in self.streams.of(_asker(request))]
+            text = f"no stream of {sysid}/{compid} goes to {_asker(request)}; there are {', '.join(there) or 'none'}"
+            raise Failure(404, "not_found", text)
+        return _text(f"{ended} stopped")
+
+    async def last(self, request: Request) -> Response:
+        """The last message decoded, ``name value`` a line, after a line ``age SECONDS``; arrays with blanks between."""
+        _none_other(request)
+        (sysid, compid), name = _ids(request), request.path_params["message"]
+        kept = await self._newest(sysid, compid, name)
+        message = describe(self._gateway.parse(kept), self._gateway.dialect)
+        lines = [f"{field} {_shown(value)}" for field, value in message.fields.items()]
+        return _text(f"age {time.monotonic() - kept.at:.3f}", *lines)
+
+    async def _newest(self, sysid: int, compid: int, name: str) -> Kept:
+        """Asks for the message where it is not sent already; raises :class:`Failure` saying what there is."""
+        gateway, new = self._gateway, False
+        for vehicle in gateway.vehicle_of(sysid):
+            new |= gateway.wants.want(vehicle.name, name, WANTED_HZ, fleet=vehicle.fleet)
+        kept = gateway.newest(sysid, compid, name)
+        if new and (kept is None or time.monotonic() - kept.at > APPEAR):
+            kept = await gateway.next_frame(sysid, compid, name, APPEAR) or kept
+        if kept is not None:
+            return kept
+        there = sorted({each.origin.message for each in gateway.kept(sysid, compid or None)})
+        if not there:
+            raise Failure(404, "not_found", f"nothing was heard of {sysid}/{compid}; system ids: {gateway.who()}")
+        raise Failure(404, "not_found", f"no {name} was heard of {sysid}/{compid}; there are {', '.join(there)}")
+
+    async def send(self, request: Request) -> Response:
+        """Send one message, every field given but extensions and the target, which is ``sys`` and ``comp``."""
+        (sysid, compid), gateway = _ids(request), self._gateway
+        message = _message(gateway, request.path_params["message"])
+        fields = {**_target(message, sysid, compid), **_fields(message, request)}
+        source = {"sysid": SOURCE[0], "compid": SOURCE[1], "seq": gateway.next_seq(*SOURCE)}
+        try:
+            frame = encode(gateway.dialect, message.name, fields, **source)
+        except BadMessage as e:
+            raise Failure(400, e.code, _wrong(message, e)) from e
+        since = time.monotonic()
+        sent = gateway.send(frame, (sysid, compid))
+        await gateway.refusals.check(sent, since)
+        names = ", ".join(key.split("/")[2] for key in sent)
+        return _text(f"{message.name} sent to {names or 'nobody'} ({len(frame)} bytes)")
+
+
+def _message(gateway: Gateway, name: str) -> MessageType:
+    try:
+        return gateway.dialect.message(name)
+    except BadMessage as e:
+        raise Failure(404, e.code, e.message) from e
+
+
+def _target(message: MessageType, sysid: int, compid: int) -> dict[str, Any]:
+    """The target's fields, as far as the message has them (MANUAL_CONTROL alone calls one ``target``)."""
+    system = "target" if message.name == "MANUAL_CONTROL" else "target_system"
+    return {name: value for name, value in ((system, sysid), ("target_component", compid)) if name in message.by_name}
+
+
+def _fields(message: MessageType, request: Request) -> dict[str, Any]:
+    """The query string's fields as values; raises :class:`Failure` for one given twice."""
+    found: dict[str, Any] = {}
+    for name, text in request.query_params.multi_items():
+        if name in found:
+            raise Failure(400, "bad_message", f"{message.name}: {name} is given twice")
+        field = message.by_name.get(name)
+        found[name] = text if field is None else _value(field, text)
+    return found
+
+
+def _value(field: Field, text: str) -> Any:
+    """A field's value from its text: numbers, names of enums, arrays with commas. What it is not stays text, for the
+    encoder to refuse."""
+    if field.type == "char":
+        return text
+    if field.length:
+        return [_scalar(field, part) for part in text.strip("[]").replace(",", " ").split()]
+    return _scalar(field, text)
+
+
+def _scalar(field: Field, text: str) -> Any:
+    text = text.strip()
+    if text.lower() in ("nan", "null"):
+        return None
+    try:
+        return float(text) if field.type in ("float", "double") else int(text, 0)
+    except ValueError:
+        pass
+    try:
+        return float(text)  # 5.0, as programs without integers write it
+    except ValueError:
+        return text
+
+
+def _wrong(message: MessageType, error: BadMessage) -> str:
+    """The names that are missing, then what is wrong with the others."""
+    fields: dict[str, str] = error.detail.get("fields", {})
+    missing = [name for name, why in fields.items() if why.startswith("missing")]
+    missing.sort(key=list(message.by_name).index)
+    parts = [f"missing: {', '.join(missing)}"] if missing else []
+    parts += [f"{name}: {why}" for name, why in fields.items() if name not in missing]
+    return f"{message.name} was not sent; " + "; ".join(parts or [error.message])
+
+
+def _ids(request: Request) -> tuple[int, int]:
+    found = [_number(request.path_params[name], name, 0, 255, whole=True) for name in ("sys", "comp")]
+    return int(found[0]), int(found[1])
+
+
+def _number(text: str, what: str, low: float, high: float, whole: bool = False) -> float:
+    """Raises :class:`Failure` for what is no number from ``low`` (rates: above it) to ``high``."""
+    try:
+        value = float(int(text)) if whole else float(text)
+    except ValueError:
+        value = math.nan
+    if not (low <= value <= high) or (value == 0 and what in ("hz", "port")):
+        expected = f"{'a whole number' if whole else 'a number'} from {low:g} to {high:g}"
+        raise Failure(400, "bad_input", f"{what} is {text[:40]!r}, but should be {expected}")
+    return value
+
+
+def _none_other(request: Request, *known: str) -> None:
+    """Raise :class:`Failure` for a parameter that means nothing here: it was meant for something."""
+    for name in request.query_params:
+        if name not in known:
+            there = ", ".join(known) or "none"
+            raise Failure(400, "bad_input", f"no such parameter: {name[:40]!r}; there are {there}")
+
+
+def _asker(request: Request) -> str:
+    return request.client.host if request.client is not None else "127.0.0.1"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return " ".join(_shown(each) for each in value)
+    if value is None:
+        return "nan"
+    if isinstance(value, str):
+        return value.replace("\n", " ")
+    return f"{value + 0.0:.9g}" if isinstance(value, float) else str(value)
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(int(value))
+    return "-" if value in (None, "") else str(value).replace(" ", "_")
+
+
+def _text(*lines: str) -> PlainTextResponse:
+    return PlainTextResponse("".join(f"{line}\n" for line in lines), headers={"Cache-Control": "no-store"})
