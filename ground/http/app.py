@@ -12,12 +12,13 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute
 
+from ground.http.envelope import Envelope
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
 from ground.http.reply import Failure, failure_of, refusal
 from zmav.errors import ZmavError
 
-FACES = ("page", "metrics", "mavnode", "mavlink2rest", "do", "ws", "keyspace")
+FACES = ("page", "openapi", "metrics", "mavnode", "mavlink2rest", "orders", "setpoints", "ws", "keyspace")
 
 
 def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
@@ -29,7 +30,8 @@ def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
             routes += importlib.import_module(name).routes(gateway)
     handlers = {Failure: _on_failure, ZmavError: _on_error, HTTPException: _on_http}
     guard = Middleware(Guard, rules=rules or Rules(read_only=gateway.read_only))
-    return Starlette(routes=routes, middleware=[guard], exception_handlers=handlers)  # type: ignore[arg-type]
+    middleware = [Middleware(Envelope), guard]
+    return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers)  # type: ignore[arg-type]
 
 
 async def _on_failure(request: HTTPConnection, failure: Failure) -> Response:

@@ -1,0 +1,85 @@
+"""What a request gives by name: query parameters, a form, a JSON object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+from urllib.parse import parse_qsl
+
+import msgspec
+from starlette.requests import Request
+
+from zmav.errors import BadInput
+
+RESERVED = frozenset({"as", "timeout"})
+"""query parameters that are the gateway's own, and no argument of an order"""
+FORM = "application/x-www-form-urlencoded"
+MOST_FIELDS = 100
+
+
+async def arguments_of(request: Request) -> dict[str, Any]:
+    """The request's named values: query parameters, and over these a body of JSON or of a form.
+
+    A parameter's value is JSON where it can be, else text. Raises :class:`BadInput` for a name given twice and for a
+    body that holds no names.
+    """
+    pairs = [(name, text) for name, text in request.query_params.multi_items() if name not in RESERVED]
+    values, body = _once(pairs), await request.body()
+    if not body.strip():
+        return values
+    if request.headers.get("content-type", "").startswith(FORM):
+        return {**values, **_form(body)}
+    return {**values, **object_of(body)}
+
+
+def object_of(body: bytes) -> dict[str, Any]:
+    """A body that is a JSON object; raises :class:`BadInput`."""
+    try:
+        return msgspec.json.decode(body, type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+        text = f"the body is not a JSON object: {e}"
+        raise BadInput(text, field="body", value=_clip(body), expected="a JSON object") from e
+
+
+def seconds_of(values: Mapping[str, str], name: str, default: float, most: float) -> float:
+    """A parameter in seconds, above 0 and at most ``most``; raises :class:`BadInput`."""
+    text = values.get(name)
+    if text is None:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value <= most:
+        expected = f"seconds above 0, at most {most:g}"
+        raise BadInput(f"{name} {text[:80]!r}: expected {expected}", field=name, value=text[:80], expected=expected)
+    return value
+
+
+def _form(body: bytes) -> dict[str, Any]:
+    try:
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, strict_parsing=True, max_num_fields=MOST_FIELDS)
+    except ValueError as e:
+        text = f"the body is not a form: {e}"
+        raise BadInput(text, field="body", value=_clip(body), expected="name=value&name=value") from e
+    return _once(pairs)
+
+
+def _once(pairs: Iterable[tuple[str, str]]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, text in pairs:
+        if name in values:
+            raise BadInput(f"{name} is given twice", field=name, value=text[:80], expected="one value")
+        values[name] = _guessed(text)
+    return values
+
+
+def _guessed(text: str) -> Any:
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        return text
+
+
+def _clip(body: bytes) -> str:
+    return body[:80].decode("utf-8", "replace")

@@ -1,0 +1,63 @@
+"""What the gateway shows of a sample or an answer: JSON with its key, its time and its value."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import msgspec
+import zenoh
+from starlette.responses import Response
+
+from zmav import keys
+from zmav.errors import BadKey
+from zmav.mavlink import Dialect
+from zmav.zenoh_codec import readable
+
+_encoder = msgspec.json.Encoder(enc_hook=str)
+
+
+def to_json(value: object) -> bytes:
+    """NaN and infinities become null."""
+    return _encoder.encode(value)
+
+
+def answer(value: object, status: int = 200) -> Response:
+    """A JSON answer that no cache keeps."""
+    return Response(to_json(value), status, media_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+def document_of(key: str, t: float, payload: bytes, encoding: str, dialect: Dialect) -> dict[str, Any]:
+    """``{"key", "t", "value"}``: a frame decoded, JSON as it is, a picture in base64, other bytes in hexadecimal.
+
+    ``t``: UTC seconds at which it came here. Bytes that should be a frame and are none: ``{"error", "hex"}``.
+    """
+    return {"key": key, "t": t, "value": _value(key, payload, encoding, dialect)}
+
+
+def document_of_sample(sample: zenoh.Sample, t: float, dialect: Dialect) -> dict[str, Any]:
+    """As :func:`document_of`; of what was deleted the value is None and ``deleted`` true."""
+    key = str(sample.key_expr)
+    if sample.kind == zenoh.SampleKind.DELETE:
+        return {"key": key, "t": t, "value": None, "deleted": True}
+    return document_of(key, t, sample.payload.to_bytes(), str(sample.encoding), dialect)
+
+
+def _value(key: str, payload: bytes, encoding: str, dialect: Dialect) -> Any:
+    if _channel(key) in (keys.RX, keys.TX):
+        shown = readable(key, payload, dialect)
+        return shown.get("message", shown)
+    if encoding.startswith(("image/", "video/", "audio/")):
+        return {"content_type": encoding, "base64": base64.b64encode(payload).decode("ascii")}
+    try:
+        msgspec.json.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return {"hex": payload.hex()}
+    return msgspec.Raw(payload)  # as it came: what is JSON need not be made anew
+
+
+def _channel(key: str) -> keys.Channel | None:
+    try:
+        return keys.match(key)[0]
+    except BadKey:
+        return None

@@ -1,0 +1,165 @@
+"""``/metrics``: the fleet and the gateway itself for Prometheus.
+
+What a scrape shows is there already, but for the links: of these the vehicles are asked when somebody scrapes, and at
+most once a second. No metric has a label whose values a stranger could multiply, but for the names of vehicles and
+links, of which there is a bound.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from ground.http.exposition import CONTENT_TYPE, Exposition, Kind
+from ground.http.gateway import Gateway
+from zmav import keys, wire
+from zmav.client import Answer
+from zmav.errors import BadInput, BadKey
+from zmav.vehicle import Vehicle
+
+PATIENCE = 1.0
+"""s for vehicles to say how their links are: a scrape waits no longer for one that is gone"""
+FRESH = 1.0
+MOST_LINKS = 2000
+Read = Callable[[wire.VehicleState], float | None]
+
+STATE: tuple[tuple[str, str, Read], ...] = (
+    ("autopilot_connected", "The autopilot's heartbeat is fresh.", lambda s: s.connected),
+    ("armed", "It is armed.", lambda s: s.armed),
+    ("ready", "It is ready to be armed.", lambda s: s.ready),
+    ("landed", "It is on the ground.", lambda s: s.landed),
+    ("clash", "Somebody else claims its name or system id.", lambda s: s.clash is not None),
+    ("pilot_has_it", "The pilot's switch keeps every agent off.", lambda s: s.pilot is not None),
+    ("lease_held", "Somebody holds the lease.", lambda s: s.lease is not None),
+    ("battery_volts", "Battery voltage.", lambda s: s.battery.voltage if s.battery else None),
+    ("battery_amperes", "Battery current.", lambda s: s.battery.current if s.battery else None),
+    ("battery_remaining_ratio", "Charge left, 0 to 1.", lambda s: s.battery.remaining if s.battery else None),
+    ("latitude_degrees", "WGS84 latitude.", lambda s: s.position.lat_deg if s.position else None),
+    ("longitude_degrees", "WGS84 longitude.", lambda s: s.position.lon_deg if s.position else None),
+    ("altitude_amsl_meters", "Altitude above mean sea level.", lambda s: s.position.alt_amsl if s.position else None),
+    ("altitude_relative_meters", "Altitude above home.", lambda s: s.position.alt_rel if s.position else None),
+    ("gps_satellites", "Satellites in use.", lambda s: s.gps.satellites if s.gps else None),
+    ("gps_hdop", "Horizontal dilution of precision.", lambda s: s.gps.hdop if s.gps else None),
+    ("link_loss_ratio", "Share of the autopilot's frames lost, 0 to 1.", lambda s: s.link_loss),
+)  # fmt: skip
+"""gauges of a vehicle's last state; None where it does not say"""
+AUTOPILOT_LINK: tuple[tuple[str, Kind, str, Callable[[wire.LinkQuality], float | None]], ...] = (
+    ("link_up", "gauge", "The link to the autopilot is up.", lambda q: q.state == "up"),
+    ("link_rx_frames_per_second", "gauge", "Frames a second from the autopilot.", lambda q: q.rx_rate),
+    ("link_rx_bytes_per_second", "gauge", "Bytes a second from the autopilot.", lambda q: q.rx_bytes_rate),
+    ("link_rtt_seconds", "gauge", "Round trip to the autopilot.", lambda q: q.rtt),
+    ("link_rx_frames_total", "counter", "Frames from the autopilot.", lambda q: q.rx_frames),
+    ("link_lost_frames_total", "counter", "Frames of the autopilot's own that were lost.", lambda q: q.lost),
+    ("link_bad_frames_total", "counter", "Frames with a wrong checksum.", lambda q: q.bad_crc),
+    ("link_tx_frames_total", "counter", "Frames to the autopilot.", lambda q: q.tx_frames),
+    ("link_tx_refused_total", "counter", "Frames put on mav/tx that were not fit to be sent.", lambda q: q.tx_refused),
+)
+NEIGHBOUR: tuple[tuple[str, Kind, str, Callable[[wire.NeighbourQuality], float | None]], ...] = (
+    ("neighbour_up", "gauge", "The link to the neighbour's router is up.", lambda q: q.state == "up"),
+    ("neighbour_rtt_seconds", "gauge", "Round trip to the neighbour.", lambda q: q.rtt),
+    ("neighbour_loss_in_ratio", "gauge", "Share lost from the neighbour, 0 to 1.", lambda q: q.loss_in),
+    ("neighbour_loss_out_ratio", "gauge", "Share lost to the neighbour, 0 to 1.", lambda q: q.loss_out),
+    ("neighbour_throughput_out_bytes_per_second", "gauge", "What the link carries.", lambda q: q.throughput_out),
+    ("neighbour_signal_dbm", "gauge", "Signal at our end.", lambda q: q.signal),
+)
+FIGURES: dict[str, tuple[Kind, str]] = {
+    "websockets": ("gauge", "WebSockets on /ws."),
+    "subscriptions": ("gauge", "Their subscriptions."),
+    "dropped": ("counter", "Samples that they lost for want of room."),
+    "cut": ("counter", "WebSockets cut off because they did not read."),
+    "streams": ("gauge", "Streams of setpoints that the gateway holds leases for."),
+}
+"""what faces count of themselves in :attr:`Gateway.figures`; others are shown as gauges"""
+
+
+class Links:
+    """What the fleet's links said last, asked anew when it is older than :data:`FRESH`."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._gateway = gateway
+        self._asked = float("-inf")
+        self._found: list[tuple[str, str, wire.LinkQuality | wire.NeighbourQuality]] = []
+        self._one_at_a_time = asyncio.Lock()
+
+    async def now(self) -> list[tuple[str, str, wire.LinkQuality | wire.NeighbourQuality]]:
+        """(fleet, vehicle, quality) of every link that answered."""
+        async with self._one_at_a_time:
+            if time.monotonic() - self._asked > FRESH:
+                client = self._gateway.client
+                key = keys.LINK.key(client.fleet_name, "*", link="*")
+                self._found = _qualities(await client.ask(key, timeout=PATIENCE, channel=keys.LINK))
+                self._asked = time.monotonic()
+            return self._found
+
+
+def routes(gateway: Gateway) -> list[BaseRoute]:
+    links = Links(gateway)
+
+    async def metrics(request: Request) -> Response:
+        """The fleet and the gateway in Prometheus' text format."""
+        page = Exposition()
+        for vehicle in gateway.client.fleet():
+            _of_vehicle(page, vehicle)
+        for fleet, name, quality in await links.now():
+            _of_link(page, fleet, name, quality)
+        _of_gateway(page, gateway)
+        return Response(page.text(), headers={"Content-Type": CONTENT_TYPE, "Cache-Control": "no-store"})
+
+    return [Route("/metrics", metrics, methods=["GET"])]
+
+
+def _of_vehicle(page: Exposition, vehicle: Vehicle) -> None:
+    where = {"fleet": vehicle.fleet, "vehicle": vehicle.name}
+    page.add("zmav_vehicle_up", "gauge", "It is present: its token is there or its state is fresh.", vehicle.present,
+             **where)  # fmt: skip
+    page.add("zmav_vehicle_state_age_seconds", "gauge", "Seconds since its state was heard.", vehicle.age, **where)
+    state = vehicle.last_state
+    if state is None:
+        return
+    page.add("zmav_vehicle_info", "gauge", "What it is; the value is 1.", 1, **where, sysid=str(state.sysid or ""),
+             kind=state.kind, autopilot=state.autopilot, firmware=state.firmware)  # fmt: skip
+    page.add("zmav_vehicle_mode", "gauge", "The flight mode it is in; the value is 1.", 1, **where, mode=state.mode)
+    if state.gps is not None:
+        page.add("zmav_vehicle_gps_fix", "gauge", "The fix it has; the value is 1.", 1, **where, fix=state.gps.fix)
+    for name, doc, read in STATE:
+        page.add(f"zmav_vehicle_{name}", "gauge", doc, read(state), **where)
+    for reason, count in list(state.setpoints.items())[:20]:
+        page.add("zmav_vehicle_setpoints_total", "counter", "Setpoints by what became of them.", count, **where,
+                 outcome=reason)  # fmt: skip
+
+
+def _of_link(page: Exposition, fleet: str, name: str, quality: wire.LinkQuality | wire.NeighbourQuality) -> None:
+    if isinstance(quality, wire.NeighbourQuality):
+        where = {"fleet": fleet, "vehicle": name, "neighbour": quality.name}
+        for what, kind, doc, of_neighbour in NEIGHBOUR:
+            page.add(f"zmav_{what}", kind, doc, of_neighbour(quality), **where)
+    else:
+        where = {"fleet": fleet, "vehicle": name, "link": quality.name}
+        for what, kind, doc, of_link in AUTOPILOT_LINK:
+            page.add(f"zmav_{what}", kind, doc, of_link(quality), **where)
+
+
+def _of_gateway(page: Exposition, gateway: Gateway) -> None:
+    page.add("zmav_http_frames_total", "counter", "Frames heard by the gateway.", gateway.frames)
+    page.add("zmav_http_sent_total", "counter", "Frames put to vehicles.", gateway.sent)
+    page.add("zmav_http_start_time_seconds", "gauge", "When the gateway began (UTC seconds).", gateway.started)
+    for name, read in gateway.figures.items():
+        kind, doc = FIGURES.get(name, ("gauge", name))
+        page.add(f"zmav_http_{name}{'_total' if kind == 'counter' else ''}", kind, doc, read())
+
+
+def _qualities(answers: list[Any]) -> list[tuple[str, str, wire.LinkQuality | wire.NeighbourQuality]]:
+    found = []
+    for each in answers[:MOST_LINKS]:
+        if isinstance(each, Answer):
+            with contextlib.suppress(BadInput, BadKey):
+                parts = keys.match(each.key)[1]
+                found.append((parts["fleet"], parts["vehicle"], wire.decode_link(each.payload, each.key)))
+    return found

@@ -1,0 +1,268 @@
+"""``WS /ws``: key expressions over a WebSocket, each with a rate cap.
+
+    > {"subscribe": "quad*/ATTITUDE", "hz": 5}    < {"subscribed": "zmav/demo/quad$*/mav/rx/*/*/ATTITUDE", "hz": 5}
+    > {"unsubscribe": "quad*/ATTITUDE"}           < {"key": "zmav/demo/quad1/...", "t": 1790000000.1, "value": {...}}
+
+A message named exactly and with ``hz`` is asked of the autopilot at that rate for as long as it is read. Of each key
+the newest sample wins; events are never left out. A client that does not read for :data:`STALL` seconds is cut off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+import zenoh
+from starlette.routing import BaseRoute, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ground.http.documents import document_of_sample, to_json
+from ground.http.gateway import Gateway
+from ground.http.outbox import Outbox
+from ground.http.reply import body_of, failure_of
+from zmav import keys
+from zmav.errors import BadInput, ZmavError
+from zmav.vehicle.rates import MAX_HZ, want_key
+
+MOST_SUBSCRIPTIONS = 64
+"""of one socket"""
+MOST_SOCKETS = 200
+STALL = 5.0
+"""s a client may take to read what waits for it"""
+TRY_AGAIN_LATER = 1013
+"""RFC 6455's registry of close codes"""
+EXPECTED = '{"subscribe": "quad1/ATTITUDE", "hz": 5} or {"unsubscribe": ...}'
+logger = logging.getLogger(__name__)
+
+
+class Ask(msgspec.Struct, forbid_unknown_fields=True):
+    """What a client sends: one of ``subscribe`` and ``unsubscribe``."""
+
+    subscribe: str | None = None
+    unsubscribe: str | None = None
+    hz: Annotated[float, msgspec.Meta(gt=0.0, le=MAX_HZ)] | None = None
+
+
+class Came(NamedTuple):
+    """A sample and when it came (UTC seconds)."""
+
+    sample: zenoh.Sample
+    t: float
+
+
+class Reader:
+    """One subscription of one socket."""
+
+    def __init__(self, number: int, key: str, hz: float | None, stack: contextlib.AsyncExitStack) -> None:
+        self.number, self.key, self.hz = number, key, hz
+        self.task: asyncio.Task[None] | None = None
+        self._stack = stack
+
+    async def end(self) -> None:
+        if self.task is not None:
+            self.task.cancel()
+            await asyncio.gather(self.task, return_exceptions=True)
+        await self._stack.aclose()
+
+
+class Socket:
+    """One WebSocket and what it subscribed to. Lives on the event loop."""
+
+    def __init__(self, gateway: Gateway, ws: WebSocket) -> None:
+        self._gateway, self._ws = gateway, ws
+        self._outbox: Outbox[Came | dict[str, Any]] = Outbox()
+        self._readers: dict[str, Reader] = {}
+        self._periods: dict[int, float] = {}
+        self._numbers = 0
+        self._since: float | None = None
+        """since when a message is being sent (monotonic seconds); None: nothing is"""
+
+    @property
+    def subscriptions(self) -> int:
+        return len(self._readers)
+
+    @property
+    def dropped(self) -> int:
+        return self._outbox.dropped
+
+    async def run(self) -> bool:
+        """Serve it until either side ends it; True where it was cut off because it did not read."""
+        jobs = [asyncio.create_task(job) for job in (self._read(), self._write(), self._watch())]
+        try:
+            done, _ = await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
+            return jobs[2] in done
+        finally:
+            for job in jobs:
+                job.cancel()
+            for ended in await asyncio.gather(*jobs, return_exceptions=True):
+                if isinstance(ended, Exception) and not isinstance(ended, (WebSocketDisconnect, OSError)):
+                    logger.error("a WebSocket ended by a fault of ours", exc_info=ended)
+            for reader in list(self._readers.values()):
+                await reader.end()
+
+    async def _read(self) -> None:
+        await self._first()
+        while True:
+            message = await self._ws.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            data = message.get("text") or message.get("bytes") or b""
+            try:
+                await self._obey(_ask_of(data))
+            except ZmavError as e:
+                self._say(body_of(failure_of(e)))
+
+    async def _first(self) -> None:
+        """What the address itself asks for: ``/ws?key=quad1&key=quad2&hz=5``."""
+        given = self._ws.query_params
+        try:
+            hz = _hz_of(given.get("hz"))
+            for key in given.getlist("key"):
+                await self._obey(Ask(subscribe=key, hz=hz))
+        except ZmavError as e:
+            self._say(body_of(failure_of(e)))
+
+    async def _obey(self, ask: Ask) -> None:
+        client = self._gateway.client
+        if ask.unsubscribe is not None:
+            key = keys.expression(ask.unsubscribe, client.fleet_name)
+            if key not in self._readers:
+                there = ", ".join(self._readers) or "nothing"
+                raise BadInput(f"{key} was not subscribed to", field="unsubscribe", value=key, expected=there)
+            await self._drop(key)
+            self._say({"unsubscribed": key})
+        elif ask.subscribe is not None:
+            key = keys.expression(ask.subscribe, client.fleet_name)
+            await self._drop(key)
+            if len(self._readers) >= MOST_SUBSCRIPTIONS:
+                text = f"no more than {MOST_SUBSCRIPTIONS} subscriptions a socket: unsubscribe, or use a wildcard"
+                raise BadInput(text, field="subscribe", value=key, expected=f"at most {MOST_SUBSCRIPTIONS}")
+            await self._take(key, ask.hz)
+            self._say({"subscribed": key, "hz": ask.hz})
+
+    async def _take(self, key: str, hz: float | None) -> None:
+        token = want_key(key, hz, "http") if hz is not None and _names_a_message(key) else ""
+        self._numbers += 1
+        stack = contextlib.AsyncExitStack()
+        reader = Reader(self._numbers, key, hz, stack)
+        samples = await stack.enter_async_context(self._gateway.client.subscribe(key, token=token))
+        self._readers[key], self._periods[reader.number] = reader, 1.0 / hz if hz else 0.0
+        reader.task = asyncio.create_task(self._pump(reader.number, aiter(samples)))
+
+    async def _drop(self, key: str) -> None:
+        reader = self._readers.pop(key, None)
+        if reader is not None:
+            await reader.end()
+            del self._periods[reader.number]
+            self._outbox.forget(reader.number)
+
+    async def _pump(self, number: int, samples: AsyncIterator[zenoh.Sample]) -> None:
+        async for sample in samples:
+            key, came = str(sample.key_expr), Came(sample, time.time())
+            if _is_event(key):
+                self._outbox.queue(number, came)
+            else:
+                self._outbox.put(number, key, came)
+
+    def _say(self, words: dict[str, Any]) -> None:
+        self._outbox.queue(0, words)
+
+    async def _write(self) -> None:
+        while True:
+            item = await self._outbox.get(self._periods)
+            self._since = time.monotonic()
+            document = item if isinstance(item, dict) else document_of_sample(*item, self._gateway.client.dialect)
+            await self._ws.send_text(to_json(document).decode())
+            self._since = None
+            await asyncio.sleep(0)  # sending need not wait, and others have work to do
+
+    async def _watch(self) -> None:
+        """Return when the client has not taken a message for :data:`STALL` seconds."""
+        while self._since is None or time.monotonic() - self._since < STALL:
+            await asyncio.sleep(STALL / 5.0)
+
+
+class Sockets:
+    """Every WebSocket of the gateway's own kind, and what became of those before."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._gateway = gateway
+        self._open: set[Socket] = set()
+        self._dropped = 0
+        self.cut = 0
+        """sockets cut off because they did not read"""
+
+    @property
+    def open(self) -> int:
+        return len(self._open)
+
+    @property
+    def subscriptions(self) -> int:
+        return sum(socket.subscriptions for socket in self._open)
+
+    @property
+    def dropped(self) -> int:
+        """Samples lost for want of room."""
+        return self._dropped + sum(socket.dropped for socket in self._open)
+
+    async def serve(self, ws: WebSocket) -> None:
+        """Key expressions as they are published: send ``{"subscribe": "quad1", "hz": 5}``."""
+        await ws.accept()
+        if len(self._open) >= MOST_SOCKETS:
+            await ws.close(TRY_AGAIN_LATER, f"no more than {MOST_SOCKETS} WebSockets")
+            return
+        socket = Socket(self._gateway, ws)
+        self._open.add(socket)
+        try:
+            self.cut += await socket.run()
+        finally:
+            self._open.discard(socket)
+            self._dropped += socket.dropped
+
+
+def routes(gateway: Gateway) -> list[BaseRoute]:
+    sockets = Sockets(gateway)
+    gateway.figures.update(
+        websockets=lambda: sockets.open,
+        subscriptions=lambda: sockets.subscriptions,
+        dropped=lambda: sockets.dropped,
+        cut=lambda: sockets.cut,
+    )
+    return [WebSocketRoute("/ws", sockets.serve)]
+
+
+def _ask_of(data: str | bytes) -> Ask:
+    """Raises :class:`BadInput` for what is no request."""
+    try:
+        ask = msgspec.json.decode(data, type=Ask)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as e:
+        said = str(data[:80])
+        raise BadInput(f"not understood: {e}", field="message", value=said, expected=EXPECTED) from e
+    if (ask.subscribe is None) == (ask.unsubscribe is None):
+        raise BadInput("one of subscribe and unsubscribe is needed", field="message", value="", expected=EXPECTED)
+    return ask
+
+
+def _hz_of(text: str | None) -> float | None:
+    try:
+        hz = None if text is None else float(text)
+    except ValueError:
+        hz = 0.0
+    if hz is not None and not 0.0 < hz <= MAX_HZ:
+        expected = f"above 0, at most {MAX_HZ:g}"
+        raise BadInput(f"no rate: {text!r}", field="hz", value=str(text)[:80], expected=expected)
+    return hz
+
+
+def _names_a_message(key: str) -> bool:
+    chunks = key.split("/")
+    return len(chunks) == 8 and chunks[3:5] == ["mav", "rx"] and keys.MESSAGE.match(chunks[-1]) is not None
+
+
+def _is_event(key: str) -> bool:
+    return key.endswith("/event") and key.count("/") == keys.EVENT.template.count("/") + 1
