@@ -73,6 +73,11 @@ async def test_list_waits_for_the_whole_set_and_costs_a_line_the_second_time(mak
     await quad.params.set("WPNAV_SPEED", 600)
     after = await quad.params.list()
     assert values(after) == {**values(table), "WPNAV_SPEED": 600.0}
+    await quad.params.set("WPNAV_SPEED", 650)
+    scene.replies.clear()
+    quad.params.note(wire.Param(name="WPNAV_SPEED", value=650.0, type="REAL32"))
+    assert values(await quad.params.list()) == {**values(table), "WPNAV_SPEED": 650.0}
+    assert sum(scene.replies) < 300
 
 
 async def test_get_set_load_refresh(make_scene: MakeScene) -> None:

@@ -48,7 +48,8 @@ async def test_a_refused_item_brings_the_old_mission_back(mission_bench: Mission
     assert "refused item 7 (MAV_CMD_NAV_WAYPOINT): MAV_MISSION_INVALID" in error.message
     assert error.message.endswith("in force: the old mission (4 items), restored")
     assert (error.detail["in_force"], error.detail["plan"], error.detail["item"]) == ("old", "mission", 7)
-    assert len((await plan(b)).items) == 4
+    there = await plan(b)
+    assert (len(there.items), there.home) == (4, (-35.363261, 149.16523, 584.0))
     said = await b.event("in force: the old mission (4 items), restored", kind="mission")
     assert said["severity"] == "warning"
 

@@ -33,10 +33,12 @@ async def scene(bench: StartBench) -> AsyncIterator[StartScene]:
 async def test_the_set_is_read_at_connect_and_served(scene: StartScene) -> None:
     s = await (await scene()).read()
     table = await s.table()
-    assert [(p.name, p.value, p.type) for p in table.params] == [
+    assert [p.name for p in table.params] == list(s.peer.params)  # each at its index
+    assert sorted((p.name, p.value, p.type) for p in table.params) == [
         ("FRAME", 1, "INT8"), ("RTL_ALT", 1500, "INT32"), ("WPNAV_ACCEL", 250.0, "REAL32"),
         ("WPNAV_SPEED", 1000.0, "REAL32"),
     ]  # fmt: skip
+    assert table.encoding == "c_cast"
     assert (table.complete, table.count, table.autopilot, table.unchanged) == (True, 4, "ardupilot", False)
     assert table.firmware == "4.7.0"
     assert (s.peer.lists(), s.peer.asked()) == (1, [])

@@ -55,7 +55,8 @@ async def _list(
         if refresh:
             await _together([v.params.refresh() for v in targets])
         found = await read(targets)
-    rows = [(name, p) for name, table in found.items() for p in table.params if _fits(p.name, pattern)]
+    by_name = {name: sorted(table.params, key=lambda p: p.name) for name, table in found.items()}
+    rows = [(name, p) for name, params in by_name.items() for p in params if _fits(p.name, pattern)]
     if not rows:
         raise BadInput(
             f"no parameter matches {pattern!r}", field="pattern", value=pattern, expected="a name or pattern"

@@ -22,7 +22,7 @@ from zmav.mavlink import Frame, decode
 from zmav.services.command import Commander
 from zmav.services.events import Events
 from zmav.services.identity import Identity
-from zmav.services.mission_items import KINDS, WORDS, Items, Raw, same
+from zmav.services.mission_items import KINDS, WORDS, Items, Raw, home, same
 from zmav.services.mission_replace import Failed, Phase, Replacer
 from zmav.services.mission_transfer import Download, Pace, Step, Transfer, opaque_ids
 from zmav.services.orders import Report
@@ -252,6 +252,7 @@ class Missions:
         mission = wire.Mission(kind=kind, items=items.decode(kind, held.plan.items), id=held.plan.id)
         if kind == "mission":
             start = items.offset(kind)
+            mission.home = home(held.plan.items) if start else None
             mission.current, mission.reached = _index(at.current, start), _index(at.reached, start)
             state = self._port.dialect.enum_name("MISSION_STATE", at.state)
             mission.state = state.removeprefix("MISSION_STATE_") if state and at.state else None

@@ -74,7 +74,7 @@ class Items:
         raws: list[Raw] = []
         for i, item in enumerate(items):
             try:
-                raws.append(self._encode(kind, item))
+                raws.append(self.raw(kind, item))
             except BadInput as e:
                 faults.append((i, e.message))
         if kind == "fence":
@@ -131,7 +131,8 @@ class Items:
 
     # One item.
 
-    def _encode(self, kind: MissionKind, item: MissionItem) -> Raw:
+    def raw(self, kind: MissionKind, item: MissionItem) -> Raw:
+        """What goes over the wire; raises :class:`BadInput` for what cannot."""
         enums = self._dialect.enums
         command, frame = command_number(item.command, enums), frame_number(item.frame, enums)
         if (kind == "rally") != (item.command == RALLY):
@@ -179,6 +180,11 @@ def same(items: Items, kind: MissionKind, one: Sequence[Raw], other: Sequence[Ra
         return False
     found = [items.differences(kind, a, b) for a, b in zip(one[start:], other[start:], strict=True)]
     return not any(place or (exact and params) for place, params in found)
+
+
+def home(raws: Sequence[Raw]) -> tuple[float, float, float] | None:
+    """Of a plan that carries home as its first item: degrees, metres above mean sea level; None where it is empty."""
+    return (raws[0].x / 1e7, raws[0].y / 1e7, _shortest(raws[0].z)) if raws else None
 
 
 def ends_at(items: Items, raws: Sequence[Raw]) -> int | None:

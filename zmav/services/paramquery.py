@@ -76,7 +76,7 @@ class ParamQueries:
             return encoded
         short = wire.ParamTable(
             t=params.known.confirmed, complete=table.complete, count=table.count, hash=table.hash,
-            autopilot=table.autopilot, firmware=table.firmware, unchanged=True,
+            autopilot=table.autopilot, firmware=table.firmware, encoding=table.encoding, unchanged=True,
         )  # fmt: skip
         return wire.encode(short)
 

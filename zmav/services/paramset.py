@@ -156,15 +156,17 @@ class ParamSet:
         return wire.Param(name=name, value=paramvalue.value_of(raw, kind, encoding), type=kind)
 
     def table(self, encoding: ParamEncoding, autopilot: str, firmware: str | None) -> wire.ParamTable:
-        """All of it, by name."""
-        params = [self.param(name, encoding) for name in sorted(self.entries)]
+        """All of it, by index; names whose index is not known come last."""
+        ordered = [name for _, name in sorted(self._names.items()) if name in self.entries]
+        names = dict.fromkeys([*ordered, *sorted(self.entries)])
+        params = [self.param(name, encoding) for name in names]
         return wire.ParamTable(
             t=self.confirmed, complete=self.complete, count=self.count or 0, hash=digest(params), autopilot=autopilot,
-            firmware=firmware, params=params,
+            firmware=firmware, encoding=encoding.value, params=params,
         )  # fmt: skip
 
 
 def digest(params: list[wire.Param]) -> str:
-    """The same for the same names, values and types, whoever computes it."""
+    """The same for the same names, values and types in the same order, whoever computes it."""
     text = "\n".join(f"{p.name} {p.value!r} {p.type}" for p in params)
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()

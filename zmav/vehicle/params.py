@@ -14,6 +14,7 @@ from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput, TimedOut
 from zmav.mavlink.paramvalue import Value, same
+from zmav.services.paramset import digest
 
 if TYPE_CHECKING:
     from zmav.vehicle.vehicle import Vehicle
@@ -67,6 +68,16 @@ class Params:
         """Set many; those that could not be are named with the reason, and the others are in force."""
         result = await self._vehicle.order("param_load", wire.ParamLoad(values=dict(values)), progress)
         return msgspec.convert(result, wire.ParamLoaded)
+
+    def note(self, param: wire.Param) -> None:
+        """Take in a value that was heard otherwise, say by its PARAM_VALUE: the next :meth:`list` costs a line, not
+        the whole set once more. One that is not in the set, or whose set is not known, is let pass.
+        """
+        known = self._known
+        if known is None or param.name not in {held.name for held in known.params}:
+            return
+        params = [param if held.name == param.name else held for held in known.params]
+        self._known = msgspec.structs.replace(known, params=params, hash=digest(params))
 
     async def _ask(self) -> wire.ParamTable:
         known = self._known

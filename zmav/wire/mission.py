@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Vector, Wire
 from zmav.wire.orders import Order
 
 MissionKind = Literal["mission", "fence", "rally"]
@@ -30,6 +30,8 @@ class Mission(Wire, kw_only=True):
 
     kind: MissionKind = "mission"
     items: list[MissionItem] = []
+    home: Vector | None = None
+    """item 0 as it is on an ArduPilot: degrees of latitude and longitude, metres above mean sea level"""
     id: int | None = None
     """MAVLink's opaque id of the plan on the autopilot, where it gives one"""
     current: int | None = None

@@ -18,7 +18,8 @@ class Param(Wire, kw_only=True):
 
 
 class ParamTable(Wire, kw_only=True):
-    """Reply to ``param``: the whole set as the vehicle's cache holds it.
+    """Reply to ``param``: the whole set as the vehicle's cache holds it, in the autopilot's own order: where it is
+    complete, a parameter's place in ``params`` is its ``param_index``.
 
     ``hash`` tells two sets apart: ask with it as ``{"hash": "..."}`` and an unchanged set comes without ``params``.
     """
@@ -32,6 +33,8 @@ class ParamTable(Wire, kw_only=True):
     hash: str
     autopilot: str
     firmware: str | None = None
+    encoding: str = ""
+    """how PARAM_VALUE and PARAM_SET carry integers on this autopilot's link: ``c_cast`` or ``bytewise``"""
     unchanged: bool = False
     params: list[Param] = []
 
