@@ -1,17 +1,112 @@
-"""``zmav top``."""
+"""``zmav top``: the fleet in the terminal, live; or once, or as JSON for scripts."""
 
 from __future__ import annotations
 
-import click
+import asyncio
+import json
+import shutil
+import sys
 
-from zmav.cli.common import fleet_option, zenoh_options
-from zmav.errors import BadConfig
+import click
+import msgspec
+from rich.style import Style
+
+import zmav
+from ground.top.live import Live, usable
+from ground.top.report import Report
+from ground.top.screen import table
+from ground.top.ui import Ui
+from ground.top.watch import Watch
+from ground.top.words import clean
+from zmav.cli.common import console, fleet_option, run, zenoh_options
 from zmav.session import SessionSettings
 
 
 @click.command("top")
+@click.option("--once", is_flag=True, help="Print the table once; with --json one document.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON document (implies --once).")
+@click.option(
+    "--watch", "every", type=click.FloatRange(0.1, 3600.0), metavar="SECONDS", help="A line of JSON every so often."
+)
+@click.option(
+    "--wait", type=click.FloatRange(0.1, 60.0), default=2.0, show_default=True,
+    help="Seconds at most to listen before something is printed.",
+)  # fmt: skip
 @fleet_option
 @zenoh_options
-def command(fleet: str, settings: SessionSettings) -> None:
-    """Watch the fleet in the terminal."""
-    raise BadConfig("top is not here yet")
+def command(once: bool, as_json: bool, every: float | None, wait: float, fleet: str, settings: SessionSettings) -> None:
+    """Watch the fleet in the terminal: who is well, who is not, and why, in words.
+
+    Keys: q quits, up and down select a vehicle, enter shows it in full, < and > choose the column to sort by, r turns
+    the order round, / filters by words (names, modes, STALE, reasons), p pauses, n shows places as metres north, east
+    and down of the fleet's origin, w leaves more room for the reasons.
+
+    For scripts: 'zmav top --json | jq ".vehicles[] | select(.level != \\"ok\\") | .name, .reasons[].text"'. It only
+    listens and asks; any number of them may run.
+    """
+    if every is not None and once:
+        raise click.UsageError("--once and --watch exclude each other")
+    if every is not None:
+        run(_lines(every, wait, fleet, settings))
+    elif once or as_json or not (usable(0) and usable(1)):
+        run(_once(as_json, wait, fleet, settings))
+        if not (once or as_json):
+            click.echo("no terminal to draw on: shown once; 'zmav top --watch 1' goes on, as JSON", err=True)
+    else:
+        run(_live(fleet, settings))
+
+
+async def _live(fleet: str, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        await Live(Watch(z), 0).run()
+
+
+async def _once(as_json: bool, wait: float, fleet: str, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        watch = Watch(z)
+        watching = asyncio.create_task(watch.run())
+        try:
+            await watch.settle(wait)
+            report = watch.report()
+        finally:
+            watching.cancel()
+    if as_json:
+        click.echo(text(report))
+    else:
+        _print(report)
+
+
+async def _lines(every: float, wait: float, fleet: str, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        watch = Watch(z)
+        watching = asyncio.create_task(watch.run())
+        try:
+            await watch.settle(wait)
+            while not watching.done():
+                click.echo(text(watch.report()))
+                await asyncio.sleep(every)
+            watching.result()
+        finally:
+            watching.cancel()
+
+
+def text(report: Report) -> str:
+    """One line of JSON in ASCII: whatever a vehicle says, no terminal that it is printed on takes it for a command."""
+    return json.dumps(msgspec.to_builtins(report), allow_nan=False)
+
+
+def _print(report: Report) -> None:
+    """The table, and below it every reason in full: on paper nothing can be scrolled to."""
+    out = console()
+    width = out.width if sys.stdout.isatty() else max(shutil.get_terminal_size((160, 24)).columns, 40)
+    rows = Ui().rows(report)
+    lines = table(rows, Ui(), width)
+    for vehicle in rows:
+        lines += [[(f"{clean(vehicle.name)}: {reason.text}", "")] for reason in vehicle.reasons]
+    for agent in report.agents:
+        silent = ", SILENT" if agent.stale else ""
+        lines.append([(clean(f"agent {agent.name}@{agent.host}: {agent.state} {agent.text}{silent}"), "")])
+    colors = out.color_system is not None and not out.no_color
+    for line in lines:
+        styled = "".join(Style.parse(style).render(piece) if colors else piece for piece, style in line)
+        click.echo(styled if colors else styled.rstrip())

@@ -1,0 +1,158 @@
+"""The table's columns: what each shows, how wide it is, what it is sorted by, and which give way on a narrow screen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ground.top.report import LEVELS, VehicleReport, condition
+from ground.top.words import duration, milliseconds, number, percent
+
+NAME, WHY = "vehicle", "why"
+NAME_MOST = 16
+"""cells; longer names are cut"""
+NARROW_WHY, WIDE_WHY = 20, 32
+"""least cells for the reasons, below and from 120 columns"""
+
+
+@dataclass(frozen=True)
+class Column:
+    """``rank``: the lower, the sooner it is shown; ``key``: what rows are sorted by (None sorts last)."""
+
+    name: str
+    width: int
+    rank: int
+    text: Callable[[VehicleReport], str]
+    key: Callable[[VehicleReport], Any]
+    right: bool = False
+
+
+def _place(v: VehicleReport) -> str:
+    p = v.position
+    return "-" if p is None else f"{p.lat_deg:.5f} {p.lon_deg:.5f}"
+
+
+def _height(v: VehicleReport) -> float | None:
+    return v.position.alt_rel if v.position else None
+
+
+def _ned(v: VehicleReport) -> str:
+    return "-" if v.local is None else "{:.1f} {:.1f} {:.1f}".format(*v.local)
+
+
+def _gps(v: VehicleReport) -> str:
+    if v.gps is None:
+        return "-"
+    fix = {"RTK_FIXED": "RTK", "RTK_FLOAT": "RTKf", "DGPS": "DGPS", "NO_GPS": "none", "NO_FIX": "none"}.get(
+        v.gps.fix, v.gps.fix.removesuffix("_FIX")
+    )
+    return fix if v.gps.satellites is None else f"{fix} {v.gps.satellites}"
+
+
+def _armed(v: VehicleReport) -> str:
+    return "-" if v.armed is None else "ARMED" if v.armed else "no"
+
+
+def _battery(v: VehicleReport) -> str:
+    if v.battery is None and v.voltage is not None:
+        return f"{v.voltage:.1f}V"
+    return percent(v.battery)
+
+
+def _lease(v: VehicleReport) -> str:
+    return "" if v.lease is None else f"{v.lease.holder} {duration(v.lease.ends_in)}"
+
+
+def _hop(v: VehicleReport) -> str:
+    hop = v.network.weakest
+    if hop is None:
+        return "-"
+    state = f" {hop.state}" if hop.state not in ("up", "unknown") else ""
+    lost = f" {percent(hop.loss)} lost" if hop.loss else ""
+    return f"{hop.ends[0]}-{hop.ends[1]}{state}{lost}"
+
+
+def event(v: VehicleReport) -> str:
+    """The last one."""
+    return f"{duration(v.events[0].age)} ago: {v.events[0].text}" if v.events else ""
+
+
+def why(v: VehicleReport) -> str:
+    """What is not well; where all is, the last event."""
+    return "; ".join(reason.text for reason in v.reasons) or event(v)
+
+
+def _badness(v: VehicleReport) -> int:
+    return -LEVELS.index(v.level)
+
+
+def _link(v: VehicleReport, what: str) -> float | None:
+    return getattr(v.link, what) if v.link else None
+
+
+def _columns(ned: bool) -> tuple[Column, ...]:
+    """In the order in which they are shown, but for the reasons, which take what is left."""
+    place = (
+        Column("north east down", 20, 11, _ned, lambda v: v.local, right=True)
+        if ned
+        else Column("latitude longitude", 19, 11, _place, lambda v: v.position and v.position.lat_deg, right=True)
+    )
+    return (
+        Column(NAME, 8, 0, lambda v: v.name, lambda v: v.name),
+        Column("is", 6, 0, condition, _badness),
+        Column("kind", 6, 14, lambda v: v.kind or "-", lambda v: v.kind),
+        Column("autopilot", 9, 17, lambda v: v.autopilot or "-", lambda v: v.autopilot),
+        Column("id", 3, 16, lambda v: str(v.sysid or "-"), lambda v: v.sysid, right=True),
+        Column("mode", 9, 2, lambda v: v.mode or "-", lambda v: v.mode),
+        Column("armed", 5, 3, _armed, lambda v: v.armed),
+        place,
+        Column("alt", 6, 5, lambda v: number(_height(v)), _height, right=True),
+        Column("m/s", 4, 6, lambda v: number(v.speed), lambda v: v.speed, right=True),
+        Column("batt", 5, 4, _battery, lambda v: v.battery, right=True),
+        Column("gps", 7, 8, _gps, lambda v: v.gps and v.gps.satellites),
+        Column("age", 5, 1, lambda v: duration(v.age), lambda v: v.age, right=True),
+        Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), lambda v: _link(v, "rate"), right=True),
+        Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), lambda v: _link(v, "loss"), right=True),
+        Column("rtt ms", 6, 10, lambda v: milliseconds(v.network.rtt), lambda v: v.network.rtt, right=True),
+        Column("hops", 4, 12, lambda v: "-" if v.network.hops is None else str(v.network.hops),
+               lambda v: v.network.hops, right=True),
+        Column("weakest hop", 20, 18, _hop, lambda v: v.network.weakest and v.network.weakest.loss),
+        Column("lease", 13, 7, _lease, lambda v: v.lease and v.lease.holder),
+        Column("agents", 12, 15, lambda v: " ".join(v.agents), lambda v: v.agents or None),
+        Column("last event", 34, 13, event, lambda v: v.events[0].age if v.events else None),
+    )  # fmt: skip
+
+
+GLOBAL, LOCAL = _columns(ned=False), _columns(ned=True)
+REASONS = Column(WHY, NARROW_WHY, 0, why, _badness)
+NAMES = tuple(column.name for column in GLOBAL)
+"""what can be sorted by"""
+
+
+def columns(ned: bool = False) -> tuple[Column, ...]:
+    return LOCAL if ned else GLOBAL
+
+
+def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narrow: bool = False) -> list[Column]:
+    """The columns that fit, the reasons last with what is left: never more than ``width`` cells, a space between two.
+
+    ``narrow``: no more than 80 columns would hold, and the more words.
+    """
+    have = min(width, 80) if narrow else width
+    longest = max((len(v.name) for v in vehicles), default=0)
+    every = [_widened(c, min(max(longest, c.width), NAME_MOST)) if c.name == NAME else c for c in columns(ned)]
+    left = have - (WIDE_WHY if have >= 120 else NARROW_WHY)
+    shown: set[str] = set()
+    for column in sorted(every, key=lambda c: c.rank):
+        if column.rank and left < column.width + 1:
+            break
+        shown.add(column.name)
+        left -= column.width + 1
+    chosen = [column for column in every if column.name in shown]
+    rest = width - sum(column.width + 1 for column in chosen)
+    return [*chosen, _widened(REASONS, max(rest, 0))]
+
+
+def _widened(column: Column, width: int) -> Column:
+    return Column(column.name, width, column.rank, column.text, column.key, column.right)

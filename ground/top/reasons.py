@@ -1,0 +1,253 @@
+"""What is not well with a vehicle, in words: one table of rules, each with its level and its threshold in sight.
+
+A rule sees the :class:`~ground.top.facts.Facts` of one vehicle and says what is wrong, or nothing. Of a vehicle that is
+not heard any more only the rules on its presence speak: the rest of what is known of it is old.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ground.top.facts import Facts
+from ground.top.report import LEVELS, Level, Reason
+from ground.top.words import clean, duration
+from zmav import wire
+
+BATTERY_LOW, BATTERY_EMPTY = 0.25, 0.15
+SATELLITES, HDOP = 6, 2.5
+LINK_LOSS, LINK_POOR = 0.05, 0.20
+"""shares of the vehicle's frames lost on the link to its autopilot"""
+RTT = 1.0
+"""s of a query to the vehicle and back"""
+PART_OLD = 5.0
+"""s after which a position is not the present one; other parts come more seldom"""
+CLOCK_OFF = 1.0
+"""s between the companion's clock and GPS"""
+LEASE_END_SHOWN, EVENT_SHOWN = 60.0, 30.0
+"""s for which the end of a lease and an error are worth saying"""
+NO_POSITION = {"NO_GPS": "no GPS", "NO_FIX": "GPS has no fix", "2D_FIX": "GPS 2D"}
+SEVERE = ("emergency", "alert", "critical", "error")
+HURT = ("CRITICAL", "EMERGENCY", "FLIGHT_TERMINATION")
+FAILED = ("failed", "error", "lost", "abort", "aborted")
+"""states in which an agent says that it came to nothing"""
+
+Judge = Callable[[Facts], str | None]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """``says(facts)``: what is wrong, or None. ``always``: of vehicles that are not heard any more, too."""
+
+    name: str
+    level: Level
+    says: Judge
+    always: bool = False
+
+
+def reasons(facts: Facts) -> list[Reason]:
+    """Whatever is not well, the worst first, in the table's order among equals."""
+    found = [
+        Reason(rule=rule.name, level=rule.level, text=clean(words))
+        for rule in RULES
+        if (rule.always or facts.presence == "ok") and (words := rule.says(facts))
+    ]
+    return sorted(found, key=lambda reason: -LEVELS.index(reason.level))
+
+
+# Is it there?
+
+
+def _no_state(f: Facts) -> str | None:
+    if f.presence == "silent":
+        return "its token is there, but no state was heard"
+    if f.presence == "ok":
+        return None
+    token = ", and its token is gone" if f.presence == "gone" else ""
+    return f"no state for {duration(f.age)}{token}" if f.age is not None else f"no state was heard{token}"
+
+
+def _disbelieved(f: Facts) -> str | None:
+    """Somebody speaks in its name; or it is the vehicle itself, with credentials that are not believed."""
+    return f"not believed what was said in its name: {', '.join(f.disbelieved)}" if f.disbelieved else None
+
+
+def _clash(f: Facts) -> str | None:
+    if f.state is not None and f.state.clash:
+        return f"clash: {f.state.clash}"
+    return f"clash of system ids with {', '.join(f.twins)}" if f.twins else None
+
+
+# Its autopilot.
+
+
+def _autopilot(f: Facts) -> str | None:
+    if f.state is None or f.state.connected:
+        return None
+    if f.state.sysid is None:
+        return f"no autopilot heard (link {f.state.link})"
+    return f"autopilot silent (link {f.state.link})"
+
+
+def _status(f: Facts) -> str | None:
+    status = f.state.status if f.state else None
+    return f"autopilot says {status}" if status in HURT else None
+
+
+def _not_ready(f: Facts) -> str | None:
+    state = f.state
+    if state is None or not state.connected or state.armed or not state.not_ready:
+        return None
+    return f"not ready: {'; '.join(state.not_ready)}"
+
+
+def _pilot(f: Facts) -> str | None:
+    return f"pilot: {f.state.pilot}" if f.state and f.state.pilot else None
+
+
+# Battery and position.
+
+
+def _charge(f: Facts) -> float | None:
+    return f.state.battery.remaining if f.state and f.state.battery else None
+
+
+def _battery_empty(f: Facts) -> str | None:
+    charge = _charge(f)
+    return f"battery {charge:.0%}" if charge is not None and charge < BATTERY_EMPTY else None
+
+
+def _battery_low(f: Facts) -> str | None:
+    charge = _charge(f)
+    return f"battery {charge:.0%}" if charge is not None and BATTERY_EMPTY <= charge < BATTERY_LOW else None
+
+
+def _gps_fix(f: Facts) -> str | None:
+    return NO_POSITION.get(f.state.gps.fix) if f.state and f.state.gps else None
+
+
+def _gps_weak(f: Facts) -> str | None:
+    gps = f.state.gps if f.state else None
+    if gps is None or gps.fix in NO_POSITION:
+        return None
+    if gps.satellites is not None and gps.satellites < SATELLITES:
+        return f"GPS {gps.satellites} satellites"
+    return f"GPS HDOP {gps.hdop:.1f}" if gps.hdop is not None and gps.hdop > HDOP else None
+
+
+def _position_old(f: Facts) -> str | None:
+    age = f.state.ages.get("position") if f.state and f.state.connected else None
+    return f"position {duration(age)} old" if age is not None and age > PART_OLD else None
+
+
+# Its links.
+
+
+def _link_poor(f: Facts) -> str | None:
+    loss = _loss(f)
+    return f"MAVLink loss {loss:.0%}" if loss is not None and loss >= LINK_POOR else None
+
+
+def _link_loss(f: Facts) -> str | None:
+    loss = _loss(f)
+    return f"MAVLink loss {loss:.0%}" if loss is not None and LINK_LOSS <= loss < LINK_POOR else None
+
+
+def _loss(f: Facts) -> float | None:
+    return f.link.loss if f.link else f.state.link_loss if f.state else None
+
+
+def _way(f: Facts) -> str | None:
+    return "the way to it is not known to the end" if f.way is not None and not f.way.complete else None
+
+
+def _weak_hop(f: Facts) -> str | None:
+    hop = f.way.weakest if f.way else None
+    if hop is None or hop.grade not in ("poor", "down"):
+        return None
+    loss = f", {hop.worst_loss:.0%} lost" if hop.worst_loss else ""
+    return f"weak hop {hop.a} - {hop.b} ({hop.state}{loss})"
+
+
+def _slow(f: Facts) -> str | None:
+    return f"answers take {duration(f.rtt)}" if f.rtt is not None and f.rtt > RTT else None
+
+
+# Who commands it.
+
+
+def _lease_end(f: Facts) -> str | None:
+    end = f.state.lease_end if f.state else None
+    if end is None or end.reason == "released" or not -EVENT_SHOWN < f.now - end.t < LEASE_END_SHOWN:
+        return None
+    by = f" by {end.by}" if end.by else ""
+    return f"lease of {end.holder} ended {duration(f.now - end.t)} ago: {end.reason}{by}"
+
+
+def _dropped(f: Facts) -> str | None:
+    words = ", ".join(f"{count} {why}" for why, count in sorted(f.recent.items()) if not why.startswith(PROOF))
+    return f"setpoints dropped: {words}" if words else None
+
+
+def _refused(f: Facts) -> str | None:
+    words = ", ".join(
+        f"{count} {why.removeprefix(PROOF)}" for why, count in sorted(f.recent.items()) if why.startswith(PROOF)
+    )
+    return f"orders without proof refused: {words}" if words else None
+
+
+PROOF = "proof:"
+"""before the reasons of refused proofs among the recent counts"""
+
+
+# Its agents, its clock, its words.
+
+
+def _agent_failed(f: Facts) -> str | None:
+    words = [f"{a.name} {a.state}" + (f" ({a.text})" if a.text else "") for a in f.agents if a.state.lower() in FAILED]
+    return f"agent {', '.join(words)}" if words else None
+
+
+def _agent_silent(f: Facts) -> str | None:
+    words = [f"{a.name} silent for {duration(a.age)}" for a in f.agents if a.stale]
+    return f"agent {', '.join(words)}" if words else None
+
+
+def _clock(f: Facts) -> str | None:
+    clock: wire.ClockInfo | None = f.state.clock if f.state else None
+    off = clock.gps_offset_s if clock else None
+    return f"companion's clock {abs(off):.1f} s off GPS" if off is not None and abs(off) > CLOCK_OFF else None
+
+
+def _error(f: Facts) -> str | None:
+    """The newest of the last errors."""
+    found = next((e for e in f.events if e.severity in SEVERE and e.age < EVENT_SHOWN), None)
+    return f"{found.text} ({duration(found.age)} ago)" if found else None
+
+
+RULES: tuple[Rule, ...] = (
+    Rule("state", "bad", _no_state, always=True),
+    Rule("disbelieved", "bad", _disbelieved, always=True),
+    Rule("clash", "bad", _clash),
+    Rule("autopilot", "bad", _autopilot),
+    Rule("status", "bad", _status),
+    Rule("battery-empty", "bad", _battery_empty),
+    Rule("gps-fix", "bad", _gps_fix),
+    Rule("link-poor", "bad", _link_poor),
+    Rule("agent-failed", "bad", _agent_failed),
+    Rule("battery-low", "warn", _battery_low),
+    Rule("gps-weak", "warn", _gps_weak),
+    Rule("position-old", "warn", _position_old),
+    Rule("link-loss", "warn", _link_loss),
+    Rule("way", "warn", _way),
+    Rule("weak-hop", "warn", _weak_hop),
+    Rule("slow", "warn", _slow),
+    Rule("lease-end", "warn", _lease_end),
+    Rule("dropped", "warn", _dropped),
+    Rule("refused", "warn", _refused),
+    Rule("agent-silent", "warn", _agent_silent),
+    Rule("clock", "warn", _clock),
+    Rule("error", "warn", _error),
+    Rule("pilot", "note", _pilot),
+    Rule("not-ready", "note", _not_ready),
+)

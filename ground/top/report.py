@@ -1,0 +1,171 @@
+"""What ``zmav top --json`` prints: one document for the whole fleet, and what the screen is drawn from.
+
+SI units; degrees only where a name ends in ``_deg``; ages and times are seconds before ``t``, which is the UTC of this
+computer. What is not known is null. Fields are only ever added.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from zmav.wire import Vector
+
+Presence = Literal["ok", "stale", "gone", "silent"]
+"""ok: its state is fresh; stale: old, but its presence token is there; gone: old, and no token; silent: a token, and
+never a state that could be believed"""
+Level = Literal["ok", "note", "warn", "bad"]
+LEVELS: tuple[Level, ...] = ("ok", "note", "warn", "bad")
+
+
+class Reason(msgspec.Struct, kw_only=True, frozen=True):
+    """Something that is not well: the rule that says so, how bad it is, and the words."""
+
+    rule: str
+    level: Level
+    text: str
+
+
+class Happening(msgspec.Struct, kw_only=True, frozen=True):
+    """An event of the vehicle's."""
+
+    age: float
+    kind: str
+    severity: str
+    text: str
+
+
+class Position(msgspec.Struct, kw_only=True, frozen=True):
+    lat_deg: float
+    lon_deg: float
+    alt_amsl: float
+    alt_rel: float
+
+
+class GpsReport(msgspec.Struct, kw_only=True, frozen=True):
+    fix: str
+    satellites: int | None
+    hdop: float | None
+
+
+class LeaseReport(msgspec.Struct, kw_only=True, frozen=True):
+    holder: str
+    ends_in: float
+    """s unless renewed"""
+    priority: int
+
+
+class LinkReport(msgspec.Struct, kw_only=True, frozen=True):
+    """The link between companion and autopilot, as the companion sees it."""
+
+    state: str
+    url: str
+    age: float | None
+    """s since anything was heard on it"""
+    rate: float
+    """frames a second"""
+    loss: float
+    """0 to 1"""
+    rtt: float | None
+    """s, by TIMESYNC"""
+
+
+class WeakHop(msgspec.Struct, kw_only=True, frozen=True):
+    ends: tuple[str, str]
+    state: str
+    grade: str
+    loss: float | None
+    rtt: float | None
+
+
+class NetworkReport(msgspec.Struct, kw_only=True, frozen=True):
+    """The way from here to the vehicle."""
+
+    rtt: float | None
+    """s that a query takes to the vehicle's agent and back"""
+    hops: int | None
+    """links between routers; 0: its router is ours"""
+    way: list[str]
+    complete: bool
+    weakest: WeakHop | None
+
+
+class AgentReport(msgspec.Struct, kw_only=True, frozen=True):
+    """A program that says what it does."""
+
+    name: str
+    fleet: str
+    host: str
+    """the vehicle or other host it speaks under"""
+    state: str
+    text: str
+    age: float
+    stale: bool
+
+
+class VehicleReport(msgspec.Struct, kw_only=True):
+    """One vehicle; of one that is stale or gone, the last that was heard."""
+
+    name: str
+    fleet: str
+    presence: Presence
+    age: float | None
+    """s since its state was heard; null: never"""
+    level: Level
+    reasons: list[Reason]
+    """the worst first; empty: all is well"""
+    sysid: int | None = None
+    kind: str | None = None
+    autopilot: str | None = None
+    firmware: str | None = None
+    mode: str | None = None
+    status: str | None = None
+    armed: bool | None = None
+    ready: bool | None = None
+    position: Position | None = None
+    local: Vector | None = None
+    """m, NED about the fleet's origin"""
+    speed: float | None = None
+    """m/s over the ground"""
+    climb: float | None = None
+    """m/s, up"""
+    heading_deg: float | None = None
+    """clockwise from north"""
+    battery: float | None = None
+    """0 to 1"""
+    voltage: float | None = None
+    gps: GpsReport | None = None
+    lease: LeaseReport | None = None
+    link: LinkReport | None = None
+    network: NetworkReport
+    agents: list[str] = []
+    """names of the agents that speak under this vehicle"""
+    events: list[Happening] = []
+    """the newest first, ten at most"""
+
+
+class Report(msgspec.Struct, kw_only=True):
+    """The fleet at one moment."""
+
+    t: float
+    fleet: str
+    """its name, or ``*``"""
+    vehicles: list[VehicleReport]
+    agents: list[AgentReport]
+    """of every host, vehicles included"""
+
+    def count(self) -> dict[str, int]:
+        """How many vehicles are in each condition, by :func:`condition`."""
+        counts: dict[str, int] = {}
+        for vehicle in self.vehicles:
+            word = condition(vehicle)
+            counts[word] = counts.get(word, 0) + 1
+        return counts
+
+
+def condition(vehicle: VehicleReport) -> str:
+    """In a word, which needs no colour: ok, note, WARN, BAD, STALE, GONE or SILENT."""
+    if vehicle.presence != "ok":
+        return vehicle.presence.upper()
+    return vehicle.level.upper() if vehicle.level in ("warn", "bad") else vehicle.level

@@ -1,0 +1,147 @@
+"""The screen as lines of styled text, each no wider than the terminal: drawn from a report and the viewer's choices."""
+
+from __future__ import annotations
+
+import time
+
+from ground.top.columns import NAME, WHY, Column, choose
+from ground.top.details import Line, details
+from ground.top.report import Report, VehicleReport, condition
+from ground.top.ui import Ui
+from ground.top.words import cells, clean, duration, fit
+
+STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
+BAD = "bold red"
+HELP = (
+    "q quit", "/ filter", "<> sort", "r reverse", "enter details", "p pause", "n NED", "w words",
+)  # fmt: skip
+LEAST_TABLE = 4
+"""rows of the table that details leave"""
+
+
+def draw(ui: Ui, report: Report, width: int, height: int, notes: tuple[str, ...] = ()) -> list[Line]:
+    """At most ``height`` lines. ``notes``: what this program has to say itself, the newest last."""
+    rows = ui.rows(report)
+    chosen = ui.chosen(report) if ui.details else None
+    head = [_title(ui, report, len(rows)), *_agents(report)]
+    foot = [*([[(note, "yellow")] for note in notes[-1:]]), _foot(ui, width)]
+    room = max(height - len(head) - len(foot) - 1, 1)
+    below: list[Line] = []
+    if chosen is not None:
+        below = details(chosen, report, width)[: max(room - min(len(rows), LEAST_TABLE) - 1, 0)]
+        room -= len(below)
+    ui.page = max(room - 1, 1)
+    lines = [*head, *table(rows, ui, width, room), *below]
+    lines = lines[: height - len(foot)]
+    lines += [[] for _ in range(height - len(foot) - len(lines))]
+    return [_cropped(line, width) for line in [*lines, *foot]]
+
+
+def table(rows: list[VehicleReport], ui: Ui, width: int, room: int | None = None) -> list[Line]:
+    """A head and a line a vehicle; with ``room``, as many as have room around the selected one."""
+    shown = choose(width, rows, ned=ui.ned, narrow=ui.narrow)
+    index = ui.index(rows)
+    above, end = 0, len(rows)
+    more = ""
+    if room is not None and len(rows) > room:
+        room = max(room - 1, 1)  # a line says how many more there are
+        above = min(max((index or 0) - room // 2, 0), len(rows) - room)
+        end = above + room
+        more = f"  {above} more above, {len(rows) - end} below (up, down, page keys)"
+    lines = [_head(shown, ui), *(_row(v, shown, selected=above + i == index) for i, v in enumerate(rows[above:end]))]
+    if not rows:
+        lines.append([("  no vehicle matches the filter" if ui.filter else "  no vehicle is heard", "yellow")])
+    return [*lines, [(more, "dim")]] if more else lines
+
+
+def _head(shown: list[Column], ui: Ui) -> Line:
+    line: Line = []
+    for column in shown:
+        mark = ("v" if ui.reverse else "^") if column.name == ui.sort or column.name == ui.column.name else ""
+        name = fit(column.name, max(column.width - len(mark), 0)).rstrip() + mark
+        line += [(fit(name, column.width, right=column.right), "bold underline" if mark else "bold"), (" ", "")]
+    return line[:-1]
+
+
+def _row(v: VehicleReport, shown: list[Column], *, selected: bool) -> Line:
+    base = "reverse" if selected else ""
+    lost = v.presence != "ok"
+    line: Line = []
+    for column in shown:
+        text = column.text(v)
+        if selected and column.name == NAME:
+            text = ">" + text
+        style = _style(column, v, lost)
+        line += [(fit(text, column.width, right=column.right), f"{base} {style}".strip()), (" ", base)]
+    return line[:-1]
+
+
+def _style(column: Column, v: VehicleReport, lost: bool) -> str:
+    """A row that is not heard is dim, but for the word that says so, its age and the reason."""
+    bad = lost or v.level == "bad"
+    if column.name == "is":
+        return BAD if bad else STYLES.get(condition(v), "")
+    if column.name == WHY:
+        return "red" if bad else "yellow" if v.level == "warn" else "" if v.reasons else "dim"
+    if column.name == "age" and lost:
+        return BAD
+    if lost:
+        return "dim"
+    if column.name == "armed" and v.armed:
+        return "bold green"
+    return "bold" if column.name == NAME else ""
+
+
+def _title(ui: Ui, report: Report, shown: int) -> Line:
+    counts = report.count()
+    total = len(report.vehicles)
+    fleet = "all fleets" if report.fleet == "*" else report.fleet
+    line: Line = [("zmav top ", "bold"), (time.strftime("%H:%M:%S", time.localtime(report.t)), "dim")]
+    if ui.paused:
+        line.append((f" PAUSED {duration(time.time() - report.t)} ago", "bold yellow"))
+    line.append((f"  {fleet}  {total} vehicle{'' if total == 1 else 's'}", ""))
+    if shown != total:
+        line.append((f", {shown} shown", ""))
+    for i, word in enumerate(sorted(counts, key=_order)):
+        line += [(": " if i == 0 else ", ", ""), (f"{counts[word]} {word}", STYLES.get(word, BAD))]
+    return line
+
+
+def _order(word: str) -> int:
+    words = ("ok", "note", "WARN", "BAD", "SILENT", "STALE", "GONE")
+    return words.index(word) if word in words else len(words)
+
+
+def _agents(report: Report) -> list[Line]:
+    """Agents that speak under no vehicle's name, like a planner on the ground; and any that failed or went silent."""
+    vehicles = {(v.fleet, v.name) for v in report.vehicles}
+    line: Line = []
+    for agent in report.agents:
+        if (agent.fleet, agent.host) in vehicles and not agent.stale:
+            continue
+        silent = f" SILENT for {duration(agent.age)}" if agent.stale else ""
+        text = f": {agent.text}" if agent.text and not silent else ""
+        words = f"{agent.name}@{agent.host} {agent.state}{text}{silent}"
+        line += [("agents: " if not line else ", ", ""), (words, BAD if silent else "")]
+    return [line] if line else []
+
+
+def _foot(ui: Ui, width: int) -> Line:
+    if ui.typing:
+        return [("filter: ", "bold"), (ui.filter, ""), ("_", "blink"), ("   enter keep, esc clear", "dim")]
+    line: Line = [(f"filter: {ui.filter} (esc clears)   ", "yellow")] if ui.filter else []
+    return [*line, ("   ".join(HELP) if width >= 100 else "  ".join(HELP), "dim")]
+
+
+def _cropped(line: Line, width: int) -> Line:
+    """No wider than the terminal; every piece is cleaned here, whoever wrote it."""
+    found: Line = []
+    for text, style in line:
+        text = clean(text)
+        size = cells(text)
+        if size > width:
+            found.append((fit(text, width), style))
+            break
+        found.append((text, style))
+        width -= size
+    return found

@@ -1,0 +1,120 @@
+"""The terminal while the monitor has it: full screen, keys as they are pressed, given back however it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import termios
+import tty
+from collections.abc import Callable
+from types import TracebackType
+
+from ground.top.keyboard import Keyboard
+
+ENTER = "\x1b[?1049h\x1b[?25l\x1b[2J"
+"""the other screen, no cursor, empty"""
+LEAVE = "\x1b[0m\x1b[?25h\x1b[?1049l"
+
+
+class Terminal:
+    """``async with Terminal(fd, on_key, on_resize) as terminal: terminal.show(text)``; on the event loop, main thread.
+
+    What a slow or stopped terminal (Ctrl-S, a bad ssh) does not take at once waits, and frames that come meanwhile are
+    left out: nothing else waits for it. Ctrl-Z gives it back, and ``fg`` takes it again.
+    """
+
+    def __init__(self, fd: int, on_key: Callable[[str], None], on_resize: Callable[[], None]) -> None:
+        self._on_key, self._on_resize = on_key, on_resize
+        self._path = os.ttyname(fd)
+        self._keyboard = Keyboard()
+        self._fd = -1
+        self._before: list[object] = []
+        self._pending = b""
+
+    async def __aenter__(self) -> Terminal:
+        # Opened anew: whether it blocks is then ours alone, and not that of every program with the same terminal.
+        self._fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        self._before = termios.tcgetattr(self._fd)
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGWINCH, self._on_resize)
+        loop.add_signal_handler(signal.SIGTSTP, self._suspend)
+        self._take()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGWINCH, signal.SIGTSTP):
+            loop.remove_signal_handler(number)
+        self._give_back()
+        os.close(self._fd)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and lines."""
+        columns, lines = os.get_terminal_size(self._fd)
+        return max(columns, 1), max(lines, 1)
+
+    def show(self, text: str) -> bool:
+        """One frame: it takes the place of what is on the screen. False: the terminal has not taken the one before."""
+        if self._pending:
+            return False
+        self._pending = text.encode()
+        self._write_on()
+        return True
+
+    def _write(self) -> None:
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(BlockingIOError):
+            while self._pending:
+                self._pending = self._pending[os.write(self._fd, self._pending) :]
+        if self._pending:
+            loop.add_writer(self._fd, self._write_on)
+        else:
+            loop.remove_writer(self._fd)
+
+    def _write_on(self) -> None:
+        with contextlib.suppress(OSError):  # the terminal is gone: SIGHUP follows
+            self._write()
+
+    def _take(self) -> None:
+        tty.setcbreak(self._fd, termios.TCSADRAIN)
+        self._pending = b""
+        self.show(ENTER)
+        asyncio.get_running_loop().add_reader(self._fd, self._read)
+
+    def _give_back(self) -> None:
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(self._fd)
+        loop.remove_writer(self._fd)
+        self._pending = b""
+        with contextlib.suppress(OSError, termios.error):  # it may be gone: nobody is left to give it to
+            termios.tcflow(self._fd, termios.TCOON)  # after a Ctrl-S, too
+            os.write(self._fd, LEAVE.encode())
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)  # type: ignore[arg-type]
+
+    def _suspend(self) -> None:
+        """Ctrl-Z: stop as any program does, and go on here when the shell says so."""
+        self._give_back()
+        loop = asyncio.get_running_loop()
+        loop.remove_signal_handler(signal.SIGTSTP)  # which restores what the signal does by itself
+        os.kill(os.getpid(), signal.SIGTSTP)
+        loop.add_signal_handler(signal.SIGTSTP, self._suspend)
+        self._take()
+        self._on_resize()
+
+    def _read(self) -> None:
+        try:
+            data = os.read(self._fd, 1024)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:  # hung up
+            asyncio.get_running_loop().remove_reader(self._fd)
+            return
+        for key in self._keyboard.feed(data):
+            self._on_key(key)

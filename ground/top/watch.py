@@ -1,0 +1,270 @@
+"""Hears all that the monitor shows: states, events, links, agents, round trips and the network. It changes nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import contextlib
+import time
+from typing import Any, NamedTuple
+
+import msgspec
+import zenoh
+from zenoh import handlers
+
+import mesh.graph
+from ground.top.describe import describe
+from ground.top.facts import LINK_STALE, Facts
+from ground.top.reasons import PROOF
+from ground.top.report import AgentReport, Happening, Presence, Report
+from mesh.topology import Graph
+from zmav import keys, wire
+from zmav.client import Client
+from zmav.errors import BadInput, ZmavError
+from zmav.services.port import on_loop
+from zmav.trust.member import Place
+from zmav.waiting import together, within
+
+TRIP_EVERY, NETWORK_EVERY = 2.0, 5.0
+"""s between two rounds of queries to all vehicles, and between two looks at the mesh"""
+ANSWER = 1.5
+"""s for their answers"""
+EVENTS, PAST = 10, 5
+"""events kept of a vehicle, and those of the time before us that are asked for"""
+VEHICLES, AGENTS = 1000, 1000
+"""of which something is kept: invented names must not fill the memory"""
+RECENT = 10.0
+"""s over which drops are counted"""
+AGENT_STALE = keys.AGENT_STATUS.stale_after or 5.0
+AGENT_GONE = 60.0
+"""s of silence after which an agent is no longer shown"""
+NOT_DROPPED = ("flown", "engaging", "held")
+
+
+class Heard(NamedTuple):
+    """An agent's status and when it came (monotonic seconds)."""
+
+    status: wire.AgentStatus
+    at: float
+
+
+class Seen:
+    """What is kept of one vehicle."""
+
+    def __init__(self) -> None:
+        self.events: collections.deque[wire.Event] = collections.deque(maxlen=EVENTS)
+        self.link: wire.LinkQuality | None = None
+        self.link_at = 0.0
+        self.rtt: float | None = None
+        self.rtt_at = 0.0
+        self.drops: collections.deque[tuple[float, collections.Counter[str]]] = collections.deque(maxlen=64)
+        """when, and all that was dropped until then"""
+
+    def recent(self, now: float, state: wire.VehicleState | None) -> collections.Counter[str]:
+        """What was dropped within the last seconds."""
+        if state is None:
+            return collections.Counter()
+        total = _dropped(state)
+        if not self.drops or now - self.drops[-1][0] > RECENT / 20:
+            self.drops.append((now, total))
+        while len(self.drops) > 1 and now - self.drops[1][0] >= RECENT:
+            self.drops.popleft()
+        return total - self.drops[0][1]
+
+
+class Watch:
+    """``run()`` hears until it is cancelled; :meth:`report` tells what is known, at any time."""
+
+    def __init__(self, z: Client) -> None:
+        self._z = z
+        self._seen: dict[Place, Seen] = {}
+        self._agents: dict[tuple[Place, str], Heard] = {}
+        self._graph: Graph | None = None
+        self._first = {"network": asyncio.Event(), "trips": asyncio.Event()}
+
+    async def run(self) -> None:
+        await together(self._hear_events(), self._hear_links(), self._hear_agents(), self._ask_all(), self._look())
+
+    async def settle(self, most: float) -> None:
+        """Wait until all vehicles and the network were asked once, and have had time to answer; ``most`` seconds."""
+
+        async def asked() -> None:
+            for event in self._first.values():
+                await event.wait()
+
+        begun = time.monotonic()
+        await self._z.settle(most)
+        with contextlib.suppress(asyncio.TimeoutError):
+            await within(most - (time.monotonic() - begun), asked())
+
+    # What comes.
+
+    async def _hear_events(self) -> None:
+        key = keys.EVENT.key(self._z.fleet_name, "*")
+        async with self._z.subscribe(key, _placed(wire.Event), history=PAST) as events:
+            async for place, _, event in events:
+                if (seen := self._of(place)) is not None:
+                    seen.events.append(event)
+
+    async def _hear_links(self) -> None:
+        key = keys.LINK.key(self._z.fleet_name, "*", link="autopilot")
+        async with self._z.subscribe(key, _placed(wire.LinkQuality)) as links:
+            async for place, _, link in links:
+                self._on_link(place, link)
+
+    async def _hear_agents(self) -> None:
+        key = keys.AGENT_STATUS.key(self._z.fleet_name, "*", agent="*")
+        async with self._z.subscribe(key, _placed(wire.AgentStatus)) as statuses:
+            async for place, chunks, status in statuses:
+                who = (place, chunks[4])
+                if who in self._agents or len(self._agents) < AGENTS:
+                    self._agents[who] = Heard(status, time.monotonic())
+
+    def _of(self, place: Place) -> Seen | None:
+        """What is kept of a vehicle; None: there are too many."""
+        if place not in self._seen and len(self._seen) >= VEHICLES:
+            return None
+        return self._seen.setdefault(place, Seen())
+
+    def _on_link(self, place: Place, link: wire.LinkQuality) -> None:
+        if (seen := self._of(place)) is not None:
+            seen.link, seen.link_at = link, time.monotonic()
+
+    # What is asked for.
+
+    async def _ask_all(self) -> None:
+        """One query to every vehicle's agent: how its link is, and how long the answer takes."""
+        loop = asyncio.get_running_loop()
+        while True:
+            ended, begun = asyncio.Event(), time.perf_counter()
+            on_answer, on_end = on_loop(loop, self._on_answer), on_loop(loop, ended.set)
+
+            def on_reply(reply: zenoh.Reply, begun: float = begun, on_answer: Any = on_answer) -> None:
+                if reply.ok is not None:
+                    took = time.perf_counter() - begun
+                    on_answer(took, str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+
+            handler: Any = handlers.Callback(on_reply, on_end, indirect=False)
+            with contextlib.suppress(zenoh.ZError):  # no router at present: what is shown grows old
+                self._z.session.get(
+                    keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), handler, timeout=ANSWER,
+                    target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE, **keys.LINK.qos.options(),
+                )  # fmt: skip
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await within(ANSWER + 0.5, ended.wait())
+            self._first["trips"].set()
+            await asyncio.sleep(TRIP_EVERY)
+
+    def _on_answer(self, took: float, key: str, payload: bytes) -> None:
+        try:
+            parts = keys.match(key)[1]
+            link = wire.decode(payload, wire.LinkQuality, key)
+        except BadInput:
+            return
+        place = (parts["fleet"], parts["vehicle"])
+        self._on_link(place, link)
+        if (seen := self._of(place)) is not None:
+            seen.rtt, seen.rtt_at = took, time.monotonic()
+
+    async def _look(self) -> None:
+        """At the mesh, where there is one."""
+        while True:
+            with contextlib.suppress(ZmavError, zenoh.ZError):
+                self._graph = await mesh.graph.gather(self._z, tries=1)
+            self._first["network"].set()
+            await asyncio.sleep(NETWORK_EVERY)
+
+    # What is known.
+
+    def report(self) -> Report:
+        """The fleet now."""
+        for vehicle in self._z.fleet():
+            self._of((vehicle.fleet, vehicle.name))
+        now = time.monotonic()
+        agents = self._agent_reports(now)
+        found = {place: self._facts(place, seen, now, agents) for place, seen in sorted(self._seen.items())}
+        known = {place: facts for place, facts in found.items() if facts is not None}
+        systems = _systems(known)
+        several = self._z.fleet_name == "*"
+        vehicles = []
+        for (fleet, name), facts in known.items():
+            twins = systems.get((fleet, facts.state.sysid), []) if facts.state is not None else []
+            others = tuple(other for other in twins if other != name)
+            vehicles.append(describe(facts, fleet, others, self._graph, several))
+        return Report(t=time.time(), fleet=self._z.fleet_name, vehicles=vehicles, agents=list(agents))
+
+    def _facts(self, place: Place, seen: Seen, now: float, agents: tuple[AgentReport, ...]) -> Facts | None:
+        """None: no vehicle; something else, like a router, said a link's quality."""
+        fleet, name = place
+        heard = self._z.heard(name, fleet)
+        token = self._z.present(name, fleet)
+        if heard is None and not token and not seen.events:
+            return None
+        state, age = (heard.state, now - heard.at) if heard else (None, None)
+        return Facts(
+            name=name,
+            presence=_presence(age, token),
+            age=age,
+            state=state,
+            link=seen.link if seen.link is not None and now - seen.link_at < LINK_STALE else None,
+            rtt=seen.rtt if now - seen.rtt_at < LINK_STALE else None,
+            rtt_age=now - seen.rtt_at if seen.rtt is not None else None,
+            agents=tuple(agent for agent in agents if (agent.fleet, agent.host) == place),
+            events=_happenings(seen, state, age),
+            recent=seen.recent(now, state),
+            disbelieved=tuple(self._z.disbelieved(name, fleet)),
+        )
+
+    def _agent_reports(self, now: float) -> tuple[AgentReport, ...]:
+        self._agents = {who: heard for who, heard in self._agents.items() if now - heard.at < AGENT_GONE}
+        return tuple(
+            AgentReport(
+                name=name, fleet=fleet, host=host, state=heard.status.state, text=heard.status.text,
+                age=now - heard.at, stale=now - heard.at > AGENT_STALE,
+            )
+            for ((fleet, host), name), heard in sorted(self._agents.items())
+        )  # fmt: skip
+
+
+def _systems(known: dict[Place, Facts]) -> dict[tuple[str, int | None], list[str]]:
+    """Names of the vehicles present by fleet and system id."""
+    systems: dict[tuple[str, int | None], list[str]] = {}
+    for (fleet, name), facts in known.items():
+        if facts.presence == "ok" and facts.state is not None and facts.state.sysid is not None:
+            systems.setdefault((fleet, facts.state.sysid), []).append(name)
+    return systems
+
+
+def _presence(age: float | None, token: bool) -> Presence:
+    if age is not None and age <= (keys.STATE.stale_after or 0.0):
+        return "ok"
+    if age is None:
+        return "silent" if token else "gone"
+    return "stale" if token else "gone"
+
+
+def _happenings(seen: Seen, state: wire.VehicleState | None, age: float | None) -> tuple[Happening, ...]:
+    """The newest first, with their ages by the vehicle's own clock where it is known."""
+    now = state.t + (age or 0.0) if state else time.time()
+    return tuple(
+        Happening(age=max(now - event.t, 0.0), kind=event.kind, severity=event.severity, text=event.text)
+        for event in reversed(seen.events)
+    )
+
+
+def _dropped(state: wire.VehicleState) -> collections.Counter[str]:
+    """Setpoints and proofs refused so far."""
+    counts = collections.Counter({why: n for why, n in state.setpoints.items() if why not in NOT_DROPPED})
+    counts.update({PROOF + why: n for why, n in state.forbidden.items()})
+    return counts
+
+
+def _placed(kind: type[Any]) -> Any:
+    """Converts samples: whose it is, the chunks of the key, and the payload as a ``kind``."""
+
+    def convert(sample: zenoh.Sample) -> tuple[Place, list[str], msgspec.Struct]:
+        key = str(sample.key_expr)
+        chunks = key.split("/")
+        return (chunks[1], chunks[2]), chunks, wire.decode(sample.payload.to_bytes(), kind, key)
+
+    return convert
