@@ -1,17 +1,197 @@
-"""``zmav record``."""
+"""``zmav record``: record the fleet, and answer questions of what was."""
 
 from __future__ import annotations
 
+import asyncio
+import importlib.util
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import click
 
-from zmav.cli.common import fleet_option, zenoh_options
-from zmav.errors import BadConfig
+import zmav
+from ground.record.folder import Folder
+from zmav import keys
+from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.errors import BadConfig, BadInput
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
+
+if TYPE_CHECKING:
+    from ground.record.recorder import Wanted
+    from ground.record.storage import Settings
+
+UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
+TIMES = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def amount(units: dict[str, float], least: float, example: str) -> Callable[..., float]:
+    """An option's callback that reads a number with its unit: ``512MB``, ``30min``."""
+
+    def read(ctx: click.Context, option: click.Parameter, text: str) -> float:
+        found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
+        if found is None or found[2] not in units:
+            raise click.BadParameter(f"{text!r} is not a number with its unit, as in {example}", ctx, option)
+        value = float(found[1]) * units[found[2]]
+        if value < least:
+            raise click.BadParameter(f"{text!r} is too little: expected {least:g} at least", ctx, option)
+        return value
+
+    return read
 
 
 @click.command("record")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("recordings"),
+    show_default=True,
+    help="Folder of recordings; each session has a folder in it.",
+)
+@click.option(
+    "--vehicles", "-v", multiple=True, metavar="PATTERN", help="Which vehicles: 'quad*' (repeatable). [default: all]"
+)
+@click.option(
+    "--want", multiple=True, metavar="MSG=HZ", help="Have the autopilots send a message so fast (repeatable)."
+)
+@click.option("--tlog/--no-tlog", default=True, show_default=True, help="A .tlog of each vehicle.")
+@click.option("--mcap/--no-mcap", default=True, show_default=True, help="One .mcap of everything.")
+@click.option(
+    "--split-size",
+    callback=amount(UNITS, 100e3, "512MB"),
+    default="512MB",
+    show_default=True,
+    help="Begin new files at this size.",
+)
+@click.option(
+    "--split-time",
+    callback=amount(TIMES, 1.0, "30min"),
+    default="30min",
+    show_default=True,
+    help="Begin new files after so long.",
+)
+@click.option(
+    "--keep-free",
+    callback=amount(UNITS, 0.0, "1GB"),
+    default="1GB",
+    show_default=True,
+    help="Write nothing while less is free.",
+)
+@click.option("--name", help="Name under which questions are answered. [default: the credentials', or this machine's]")
+@click.option("--dialect", default="ardupilotmega", show_default=True)
+@click.option(
+    "--repair",
+    multiple=True,
+    metavar="FILE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Do nothing but complete an .mcap that was cut short (repeatable).",
+)
 @fleet_option
 @zenoh_options
-def command(fleet: str, settings: SessionSettings) -> None:
-    """Record the fleet, and answer questions of what was."""
-    raise BadConfig("record is not here yet")
+def command(
+    out: Path,
+    vehicles: tuple[str, ...],
+    want: tuple[str, ...],
+    tlog: bool,
+    mcap: bool,
+    split_size: float,
+    split_time: float,
+    keep_free: float,
+    name: str | None,
+    dialect: str,
+    repair: tuple[Path, ...],
+    fleet: str,
+    settings: SessionSettings,
+) -> None:
+    """Record the fleet: a .tlog of each vehicle, one .mcap of everything; and answer questions of what was.
+
+    All that flows is recorded, as it came: frames, states, events, setpoints, plans, link qualities. --want asks the
+    autopilots for more. Files are complete up to the last second, whatever ends the recorder.
+
+    Afterwards 'zmav replay' plays them; Foxglove and PlotJuggler open the .mcap, MAVExplorer and QGroundControl the
+    .tlog files.
+
+    Meanwhile: zmav get '*/history/quad1/state' (--value '{"last": 10}').
+    """
+    if mcap or repair:
+        check_mcap()
+    if repair:
+        for path in repair:
+            _repair(path)
+        return
+    if not (tlog or mcap):
+        raise BadConfig(
+            "nothing is left to be written without .tlog and .mcap", field="mcap", expected="one of the two"
+        )
+    from ground.record.part import Kinds
+    from ground.record.recorder import Wanted
+    from ground.record.storage import Settings
+
+    how = Settings(kinds=Kinds(tlog, mcap), split_size=int(split_size), split_time=split_time, keep_free=int(keep_free))
+    whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), name=name)
+    with Folder(out) as folder:
+        run(_record(folder, how, whom, dialect, fleet, settings))
+
+
+async def _record(
+    folder: Folder, how: Settings, whom: Wanted, dialect: str, fleet: str, settings: SessionSettings
+) -> None:
+    from ground.record.recorder import Recorder
+    from ground.record.storage import size_words
+
+    start = time.monotonic()
+    unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.kinds.mcap else None
+    async with (
+        zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
+        Recorder(z, folder, how, whom, say) as recorder,
+    ):
+        say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
+        await until_stopped()
+    if unfinished is not None:
+        await unfinished
+    counts = recorder.storage.counts
+    rest = {"dropped": counts.dropped, "without room": counts.unwritten, "refused": counts.refused}
+    lost = "".join(f", {number} {what}" for what, number in rest.items() if number)
+    minutes = (time.monotonic() - start) / 60
+    say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
+
+
+def _complete(folder: Folder) -> None:
+    """What a recorder that was killed left behind gets its end."""
+    for path in folder.unfinished:
+        try:
+            _repair(path)
+        except (BadInput, BadConfig) as e:
+            say(str(e))
+
+
+def _repair(path: Path) -> None:
+    from ground.record.repair import repair
+
+    try:
+        done = repair(path)
+    except ValueError as e:
+        raise BadInput(str(e), field="repair", value=str(path), expected="an .mcap") from e
+    except OSError as e:
+        raise BadConfig(f"cannot complete {path}: {e.strerror}", field="repair", value=str(path)) from e
+    say(f"{path}: is whole" if done.whole else f"{path}: completed; it holds {done.messages} messages")
+
+
+def check_mcap() -> None:
+    """Raise :class:`BadConfig` where the package is missing."""
+    if importlib.util.find_spec("mcap") is None:
+        text = "an .mcap needs the package mcap: pip install 'zmav[ground]', or record with --no-mcap"
+        raise BadConfig(text, field="mcap", expected="pip install 'zmav[ground]'")
+
+
+def _rate(text: str) -> tuple[str, float]:
+    name, _, hz = text.partition("=")
+    try:
+        return keys.check_message(name), float(hz)
+    except ValueError:
+        raise BadInput(
+            f"{text!r} is no rate: expected ATTITUDE=10", field="want", value=text, expected="MSG=HZ"
+        ) from None

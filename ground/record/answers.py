@@ -1,0 +1,187 @@
+"""Answers questions of what was: from memory, and where that does not reach back far enough from the files."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+import zenoh
+
+from ground.record.folder import Folder
+from ground.record.history import readable
+from ground.record.route import Asked
+from ground.record.storage import Storage
+from zmav import keys, wire
+from zmav.errors import BadInput, Refused, ZmavError
+from zmav.wire.history import MOST
+
+if TYPE_CHECKING:
+    from ground.record.mcapfile import Read
+
+logger = logging.getLogger(__name__)
+WAITING = 8
+"""questions that may wait for the files"""
+ROOM = 256 << 10
+"""bytes of one answer"""
+END = (1 << 63) - 1
+
+
+class Answers:
+    """A queryable on ``history/{of}/{what}`` under the recorder's own name, in every fleet that it records."""
+
+    def __init__(self, session: zenoh.Session, storage: Storage, folder: Folder, fleet: str, name: str) -> None:
+        self._storage, self._folder, self._name = storage, folder, name
+        self._times: dict[Path, tuple[int, int] | None] = {}
+        self._searcher = ThreadPoolExecutor(1, "record-search")
+        self._waiting = threading.BoundedSemaphore(WAITING)
+        self._queryable = session.declare_queryable(keys.HISTORY.key(fleet, name, of="*", what="*"), self._on_query)
+
+    def close(self) -> None:
+        self._queryable.undeclare()
+        self._searcher.shutdown(cancel_futures=True)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        """On a thread of Zenoh's: what memory can tell is told at once."""
+        try:
+            wanted = _read_query(query)
+        except ZmavError as e:
+            _refuse(query, e)
+            return
+        late = [asked for asked in self._asked(query) if not self._from_memory(query, asked, wanted)]
+        if not late:
+            query.drop()
+            return
+        if not self._waiting.acquire(blocking=False):
+            _refuse(query, Refused(f"{WAITING} questions wait for the files already: ask again", reason="busy"))
+            return
+        self._searcher.submit(self._from_files, query, late, wanted)
+
+    def _asked(self, query: zenoh.Query) -> list[Asked]:
+        expression = query.key_expr
+        return [asked for asked in self._storage.history.known() if expression.intersects(self._key(asked))]
+
+    def _key(self, asked: Asked) -> zenoh.KeyExpr:
+        return zenoh.KeyExpr(keys.HISTORY.key(asked.fleet, self._name, of=asked.of, what=asked.what))
+
+    def _from_memory(self, query: zenoh.Query, asked: Asked, wanted: _Wanted) -> bool:
+        """False, with nothing said, where the files must be asked."""
+        entries, all_there = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
+        if not all_there:
+            return False
+        self._reply(query, asked, entries, wanted.most)
+        return True
+
+    def _from_files(self, query: zenoh.Query, late: list[Asked], wanted: _Wanted) -> None:
+        """On the thread of searches."""
+        try:
+            for asked in late:
+                entries, _ = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
+                oldest = min((int(entry.t * 1e9) for entry in entries), default=wanted.until + 1)
+                missing = wanted.most + 1 - len(entries)
+                older = list(self._search(self._storage.history.keys_of(asked), wanted.since, oldest - 1, missing))
+                self._reply(query, asked, [*reversed(older), *entries], wanted.most)
+        except Exception as e:  # a file that somebody else damaged: the next question is answered nevertheless
+            logger.warning("a question of what was could not be answered from the files: %r", e)
+            _refuse(query, Refused(f"the recordings could not be read: {e}", reason="files"))
+        finally:
+            self._waiting.release()
+            query.drop()
+
+    def _search(self, topics: list[str], since: int, until: int, most: int) -> Iterator[wire.HistoryEntry]:
+        """From the files, the newest first."""
+        for source in self._sources(since, until):
+            with contextlib.suppress(OSError):
+                for found in source(topics, since, until):
+                    if most <= 0:
+                        return
+                    most -= 1
+                    yield wire.HistoryEntry(key=found.topic, t=found.at / 1e9, value=readable(found.data))
+
+    def _sources(self, since: int, until: int) -> Iterator[Callable[[list[str], int, int], Iterator[Read]]]:
+        if not self._storage.kinds.mcap:
+            return
+        from ground.record import mcapfile
+
+        part = self._storage.part
+        current = part.mcap if part else None
+        if current is not None:
+            yield current.read
+        for path in reversed(self._folder.recordings()):
+            if current is not None and path == current.path:
+                continue
+            if path not in self._times:
+                self._times[path] = mcapfile.times(path)
+            span = self._times[path]
+            if span is None:
+                del self._times[path]  # not finished yet, perhaps
+            elif span[0] <= until and span[1] >= since:
+                yield functools.partial(mcapfile.read_back, path)
+
+    def _reply(self, query: zenoh.Query, asked: Asked, entries: list[wire.HistoryEntry], most: int) -> None:
+        more = len(entries) > most
+        kept: list[wire.HistoryEntry] = []
+        size = 0
+        for entry in reversed(entries[-most:]):
+            size += len(msgspec.json.encode(entry))
+            if kept and size > ROOM:
+                more = True
+                break
+            kept.append(entry)
+        answer = wire.History(recorder=self._name, of=asked.of, what=asked.what, entries=kept[::-1], more=more)
+        with contextlib.suppress(zenoh.ZError):  # whoever asked is gone
+            query.reply(
+                self._key(asked), wire.encode(answer), encoding=keys.HISTORY.encoding, **keys.HISTORY.qos.options()
+            )
+
+
+class _Wanted(msgspec.Struct, frozen=True):
+    """Times in ns UTC."""
+
+    since: int
+    until: int
+    most: int
+
+
+def _read_query(query: zenoh.Query) -> _Wanted:
+    """JSON in the payload, or ``?since=..&until=..&last=N`` behind the key. Raises :class:`BadInput`."""
+    payload = query.payload
+    if payload is not None and len(payload):
+        asked = wire.decode(payload.to_bytes(), wire.HistoryQuery, "history")
+    else:
+        found = {name: query.parameters.get(name) for name in wire.HistoryQuery.__struct_fields__}
+        given = {name: _number(name, text) for name, text in found.items() if text is not None}
+        asked = wire.decode(msgspec.json.encode(given), wire.HistoryQuery, "history")
+    if asked.since is not None and asked.until is not None and asked.since > asked.until:
+        text = f"history: since {asked.since} is after until {asked.until}"
+        raise BadInput(text, field="since", value=asked.since, expected="a time before until")
+    ranged = asked.since is not None or asked.until is not None
+    return _Wanted(since=_ns(asked.since, 0), until=_ns(asked.until, END), most=asked.last or (MOST if ranged else 1))
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        raise BadInput(
+            f"history: {name} is {text!r}; expected a number", field=name, value=text, expected="a number"
+        ) from None
+    return int(number) if number.is_integer() else number
+
+
+def _ns(seconds: float | None, default: int) -> int:
+    if seconds is None:
+        return default
+    return min(max(int(seconds * 1e9), 0), END)
+
+
+def _refuse(query: zenoh.Query, error: ZmavError) -> None:
+    with contextlib.suppress(zenoh.ZError):
+        query.reply_err(wire.error_body(error), encoding=keys.JSON)
+    query.drop()

@@ -1,0 +1,90 @@
+"""The folder of recordings: one recorder at a time, a folder for each session in it, how much room is left."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+import time
+from pathlib import Path
+
+from zmav.errors import BadConfig
+
+LOCK = ".recording"
+MAGIC = b"\x89MCAP0\r\n"
+"""the first and the last bytes of an .mcap"""
+
+
+class Folder:
+    """Locked from the moment it is made until it is closed, or its process ends.
+
+    Raises :class:`BadConfig` where another recorder writes here, or nobody may.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as e:
+            text = f"cannot record to {path}: {e.strerror}"
+            raise BadConfig(text, field="out", value=str(path), expected="a folder that can be written to") from e
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as e:
+            holder = _words(os.pread(self._lock, 32, 0))
+            os.close(self._lock)
+            text = f"another recorder{holder} writes to {path}: give each its own folder by --out"
+            raise BadConfig(text, field="out", value=str(path), expected="a folder that nobody records to") from e
+        with contextlib.suppress(OSError):  # a full disk: who holds it is then not said
+            os.ftruncate(self._lock, 0)
+            os.pwrite(self._lock, str(os.getpid()).encode(), 0)
+        self.unfinished = [file for file in self.recordings() if not _ends_whole(file)]
+        """what a recorder that was killed left behind"""
+
+    def close(self) -> None:
+        os.close(self._lock)
+
+    def __enter__(self) -> Folder:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def session(self) -> Path:
+        """A new folder, called by the time; BadConfig where it cannot be made."""
+        name = time.strftime("%Y-%m-%d_%H-%M-%S")
+        for number in range(1, 1000):
+            path = self.path / (name if number == 1 else f"{name}.{number}")
+            try:
+                path.mkdir()
+            except FileExistsError:
+                continue
+            except OSError as e:
+                text = f"cannot record to {self.path}: {e.strerror}"
+                raise BadConfig(text, field="out", value=str(path), expected="room for a folder") from e
+            return path
+        raise BadConfig(f"{self.path} has a thousand sessions of this second", field="out", value=str(self.path))
+
+    def free(self) -> int:
+        """Bytes that this user may still write to its file system."""
+        return shutil.disk_usage(self.path).free
+
+    def recordings(self) -> list[Path]:
+        """Every .mcap in it, by name: by age within this recorder's own."""
+        return sorted(self.path.glob("*/record.*.mcap"))
+
+
+def _ends_whole(path: Path) -> bool:
+    """Whether an .mcap ends as a finished one does; also of one that cannot be read, which is nobody's to mend."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-len(MAGIC), os.SEEK_END)
+            return path.stat().st_size > len(MAGIC) and file.read() == MAGIC
+    except OSError:
+        return True
+
+
+def _words(pid: bytes) -> str:
+    return f" (process {pid.decode()})" if pid.isdigit() else ""

@@ -1,0 +1,161 @@
+"""One .mcap while it is written: topics with schemas as they come, chunks closed at every flush.
+
+https://mcap.dev/spec. Compressed with zstd, which the mcap package brings. Each flush ends a chunk and its index, so a
+file that was cut short reads up to its last flush, and :mod:`ground.record.repair` gives it its summary.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+from ground.record.schemas import Schema
+from ground.record.tail import Tail
+
+JSON, BYTES, FRAMES = "json", "application/octet-stream", "mavlink"
+"""message encodings: ``mavlink`` is one frame, byte for byte"""
+AS_IT_CAME, ALL_FRAMES, DECODED, DERIVED = "as it came", "frames", "decoded", "derived"
+"""what a topic holds: the payloads of the key that it is called by; every frame of a vehicle; the frames of one key,
+decoded; or what was made of other topics for a reader's sake. Only the first two are played again."""
+HOLDS = "holds"
+"""the metadatum of a topic that says so"""
+KEY = "key"
+"""the one that says on which key it came"""
+MOST_TOPICS = 60_000
+"""ids of topics have two bytes"""
+CHUNK = 4 << 20
+
+
+class Read(NamedTuple):
+    """One recorded message."""
+
+    at: int
+    """ns UTC at which it was recorded"""
+    topic: str
+    data: bytes
+
+
+class _Span(NamedTuple):
+    """What one flush wrote: its messages' times, and its place in the file."""
+
+    first: int
+    last: int
+    begin: int
+    end: int
+
+
+class McapFile:
+    """OSError where it cannot be made; after one out of :meth:`flush` only :meth:`abandon` is left to be done."""
+
+    def __init__(self, path: Path, about: dict[str, str]) -> None:
+        self.path = path
+        self._tail = Tail(path)
+        self._writer = Writer(self._tail, chunk_size=CHUNK, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
+        self._writer.start(library="zmav")
+        self._writer.add_metadata("zmav", about)
+        self._schemas: dict[Schema, int] = {}
+        self._topics: dict[str, int] = {}
+        self._names: dict[int, str] = {}
+        self._spans: list[_Span] = []
+        self._first = self._last = 0
+
+    @property
+    def size(self) -> int:
+        return self._tail.tell()
+
+    @property
+    def fd(self) -> int:
+        return self._tail.fd
+
+    def topic(self, name: str, encoding: str, holds: str, schema: Schema | None = None, key: str = "") -> int | None:
+        """The topic's id, made where it is new; None where a file can hold no more. ``key``: if not ``name``."""
+        found = self._topics.get(name)
+        if found is None and len(self._topics) < MOST_TOPICS:
+            number = 0
+            if schema is not None:
+                number = self._schemas.get(schema) or self._writer.register_schema(
+                    schema.name, "jsonschema", schema.data
+                )
+                self._schemas[schema] = number
+            found = self._writer.register_channel(name, encoding, number, {HOLDS: holds, KEY: key or name})
+            self._topics[name] = found
+            self._names[found] = name
+        return found
+
+    def add(self, topic: int, at: int, data: bytes, published: int) -> None:
+        """``at`` and ``published`` are ns UTC: when it was recorded, and when its source says that it was sent."""
+        self._writer.add_message(topic, at, data, published)
+        if not self._first:
+            self._first = at
+        self._last = at
+
+    def flush(self) -> None:
+        begin = self._tail.size
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        if self._first:
+            self._spans.append(_Span(self._first, self._last, begin, self._tail.size))
+            self._first = 0
+
+    def finish(self) -> None:
+        """Write the summary and close it; after an OSError the file is as if it had been cut short before."""
+        try:
+            self.flush()
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._tail.flush()
+        finally:
+            self._tail.close()
+
+    def abandon(self) -> None:
+        """Close it as it is: without what was not flushed, without its summary."""
+        self._tail.close()
+
+    def read(self, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
+        """What was flushed of these topics, the newest first; from any thread, while the file is written."""
+        for span in reversed(list(self._spans)):
+            if span.last < since or span.first > until:
+                continue
+            with self.path.open("rb") as file:
+                file.seek(span.begin)
+                data = file.read(span.end - span.begin)
+            found = [
+                Read(record.log_time, self._names[record.channel_id], record.data)
+                for record in _records(data)
+                if self._names.get(record.channel_id) in topics and since <= record.log_time <= until
+            ]
+            yield from reversed(found)
+
+
+def _records(data: bytes) -> Iterator[Message]:
+    try:
+        for record in StreamReader(io.BytesIO(data), skip_magic=True).records:
+            if isinstance(record, Message):
+                yield record
+    except EndOfFile:
+        return
+
+
+def times(path: Path) -> tuple[int, int] | None:
+    """When a finished file's first and last message were recorded, ns UTC; None for what is none, or has none."""
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+    except (OSError, McapError, ValueError, KeyError):
+        return None
+    counts = summary.statistics if summary else None
+    return (counts.message_start_time, counts.message_end_time) if counts and counts.message_count else None
+
+
+def read_back(path: Path, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
+    """Of a finished file's topics what was recorded between two times, the newest first."""
+    with path.open("rb") as file:
+        found = make_reader(file).iter_messages(list(topics), start_time=since, end_time=until + 1, reverse=True)
+        for _, channel, message in found:
+            yield Read(message.log_time, channel.topic, message.data)

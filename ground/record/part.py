@@ -1,0 +1,171 @@
+"""The files that are written at a time: one .mcap of everything and a .tlog of each vehicle, complete in themselves."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ground.record import schemas
+from ground.record.decoder import STAMP
+from ground.record.route import Route, stamp
+from ground.record.tail import Tail
+from zmav.mavlink import Dialect
+
+if TYPE_CHECKING:
+    from ground.record.mcapfile import McapFile
+
+MOST_TLOGS = 300
+"""vehicles that get a .tlog: invented names must not use up the files that a process may open"""
+FAR = 4_102_444_800.0
+"""the year 2100: a source's time behind it is none"""
+
+
+class Kinds(NamedTuple):
+    """Which files are wanted."""
+
+    tlog: bool = True
+    mcap: bool = True
+
+
+class Part:
+    """Part ``number`` of a session. OSError where files cannot be made or written: then :meth:`abandon` it."""
+
+    def __init__(self, folder: Path, number: int, kinds: Kinds, dialect: Dialect, about: dict[str, str]) -> None:
+        self._folder, self.number, self._kinds, self._dialect = folder, number, kinds, dialect
+        self.tlogs: dict[tuple[str, str], Tail] = {}
+        self.mcap: McapFile | None = None
+        if kinds.mcap:
+            from ground.record.mcapfile import McapFile
+
+            self.mcap = McapFile(folder / f"record.{number:03}.mcap", about)
+        self._topics: dict[str, tuple[int | None, int | None]] = {}
+
+    @property
+    def size(self) -> int:
+        """Bytes of the largest file."""
+        return max((self.mcap.size if self.mcap else 0, *(tail.tell() for tail in self.tlogs.values())), default=0)
+
+    @property
+    def total(self) -> int:
+        """Bytes of all files together."""
+        return (self.mcap.size if self.mcap else 0) + sum(tail.tell() for tail in self.tlogs.values())
+
+    @property
+    def files(self) -> list[Path]:
+        return [*([self.mcap.path] if self.mcap else []), *(tail.path for tail in self.tlogs.values())]
+
+    @property
+    def fds(self) -> list[int]:
+        return [*([self.mcap.fd] if self.mcap else []), *(tail.fd for tail in self.tlogs.values())]
+
+    def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:
+        """``at``: ns UTC."""
+        if self._kinds.tlog:
+            tlog = self.tlogs.get((route.fleet, route.vehicle)) or self._new_tlog(route)
+            if tlog is not None:
+                tlog.write(STAMP.pack(at // 1000) + data)
+        if self.mcap is None:
+            return
+        raw, plain = self._topics.get(route.key) or self._frame_topics(route)
+        if not route.is_told_by_header(data):
+            raw, plain = self._odd_topic(route), plain
+        if raw is not None:
+            self.mcap.add(raw, at, data, at)
+        if plain is not None and decoded is not None:
+            self.mcap.add(plain, at, decoded, at)
+
+    def _new_tlog(self, route: Route) -> Tail | None:
+        if len(self.tlogs) >= MOST_TLOGS:
+            return None
+        same = any(name == route.vehicle for _, name in self.tlogs)
+        name = f"{route.fleet}.{route.vehicle}" if same else route.vehicle
+        tail = Tail(self._folder / f"{name}.{self.number:03}.tlog")
+        self.tlogs[route.fleet, route.vehicle] = tail
+        return tail
+
+    def _frame_topics(self, route: Route) -> tuple[int | None, int | None]:
+        from ground.record import mcapfile
+
+        assert self.mcap is not None
+        raw, plain = self.mcap.topic(route.all_frames, mcapfile.FRAMES, mcapfile.ALL_FRAMES), None
+        if route.message is not None:
+            schema = schemas.of_message(route.message, self._dialect)
+            plain = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.DECODED, schema)
+        self._topics[route.key] = raw, plain
+        return raw, plain
+
+    def _odd_topic(self, route: Route) -> int | None:
+        """Of a frame under a key that is not its own by its header: kept with that key."""
+        from ground.record import mcapfile
+
+        assert self.mcap is not None
+        return self.mcap.topic(f"{route.key}/frame", mcapfile.FRAMES, mcapfile.AS_IT_CAME, key=route.key)
+
+    def document(self, route: Route, at: int, data: bytes) -> None:
+        """JSON, a picture, or whatever else came on a key."""
+        if self.mcap is None:
+            return
+        from ground.record import mcapfile
+
+        if route.picture:
+            topic = self.mcap.topic(f"{route.key}/image", mcapfile.JSON, mcapfile.DERIVED, schemas.PICTURE)
+            data = schemas.picture(data, at / 1e9, route.vehicle, str(route.channel.encoding).rpartition("/")[2])
+            if topic is not None:
+                self.mcap.add(topic, at, data, at)
+            return
+        t = stamp(data)
+        if t is None:
+            topic = self.mcap.topic(f"{route.key}/bytes", mcapfile.BYTES, mcapfile.AS_IT_CAME, key=route.key)
+        else:
+            topic, _ = self._topics.get(route.key) or self._document_topic(route)
+        if topic is None:
+            return
+        self.mcap.add(topic, at, data, int(t * 1e9) if t and 0.0 < t < FAR else at)
+        made = route.made_of(data)
+        if made is not None:
+            extra = self.mcap.topic(made.topic, mcapfile.JSON, mcapfile.DERIVED, made.schema)
+            if extra is not None:
+                self.mcap.add(extra, at, made.data, at)
+
+    def _document_topic(self, route: Route) -> tuple[int | None, None]:
+        from ground.record import mcapfile
+
+        assert self.mcap is not None
+        topic = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.AS_IT_CAME, route.schema())
+        self._topics[route.key] = topic, None
+        return topic, None
+
+    def flush(self) -> None:
+        """Bring all of it to the disk's files. OSError where one of them took nothing."""
+        for tail in self.tlogs.values():
+            tail.flush()
+        if self.mcap:
+            self.mcap.flush()
+
+    def finish(self) -> None:
+        """Complete and close every file; the first OSError, once all are closed."""
+        failed: OSError | None = None
+        for tail in self.tlogs.values():
+            try:
+                tail.flush()
+            except OSError as e:
+                failed = failed or e
+            finally:
+                tail.close()
+        if self.mcap:
+            try:
+                self.mcap.finish()
+            except OSError as e:
+                failed = failed or e
+        if failed:
+            raise failed
+
+    def abandon(self) -> None:
+        """Close them as they are, each readable to its last flush."""
+        for tail in self.tlogs.values():
+            with contextlib.suppress(OSError):
+                tail.flush()
+            tail.close()
+        if self.mcap:
+            self.mcap.abandon()

@@ -1,0 +1,187 @@
+"""The recorder on the key space: hears what the registry says is recorded, says how it does, answers what was."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import socket
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgspec
+import zenoh
+
+from ground.record.answers import Answers
+from ground.record.folder import Folder
+from ground.record.storage import Settings, Storage, size_words
+from zmav import keys, wire
+from zmav.client import Client
+from zmav.errors import BadConfig
+from zmav.trust.certificate import Role
+from zmav.vehicle.rates import want_key
+
+AGENT = "recorder"
+STATUS_S = 1.0
+
+
+class Wanted(msgspec.Struct, frozen=True, kw_only=True):
+    """What to record, and as whom."""
+
+    vehicles: tuple[str, ...] = ("*",)
+    rates: dict[str, float] = {}
+    """Hz by message: what the autopilots are to send for the recording's sake"""
+    name: str | None = None
+    """of the host; None: the credentials' or the machine's"""
+
+
+class Recorder:
+    """``async with Recorder(client, folder, settings, wanted, tell): ...``; ``tell``: a line for whoever watches.
+
+    Raises :class:`~zmav.errors.BadConfig` and :class:`~zmav.errors.BadKey` on entry.
+    """
+
+    def __init__(
+        self, z: Client, folder: Folder, settings: Settings, wanted: Wanted, tell: Callable[[str], None]
+    ) -> None:
+        self._z, self._folder, self._wanted, self._tell = z, folder, wanted, tell
+        self._fleet = z.fleet_name
+        self.name = _name(z, wanted.name)
+        self.storage = Storage(folder, settings, z.dialect, tell)
+        self._answers: Answers | None = None
+        self._held: list[Any] = []
+        self._tasks: list[asyncio.Task[None]] = []
+        self._agent = AGENT
+
+    async def __aenter__(self) -> Recorder:
+        session, instance = self._z.session, str(self._z.session.info.zid())
+        self.storage.start()
+        for number, pattern in enumerate(patterns(self._wanted.vehicles)):
+            self._subscribe(number, pattern)
+        for channel in shared_channels():
+            key = channel.key(self._fleet, topic="*", group="*")
+            self._held.append(session.declare_subscriber(key, self._take))
+        if await self._is_first():
+            self._answers = Answers(session, self.storage, self._folder, self._fleet, self.name)
+        else:
+            self._agent = f"{AGENT}-{instance[:4]}"
+            self._tell(f"another recorder of {self.name} answers questions of what was; --name tells two apart")
+        self._held.append(session.liveliness().declare_token(self._token(instance)))
+        self._tasks.append(asyncio.create_task(self._say_status()))
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._answers is not None:
+            await asyncio.to_thread(self._answers.close)
+        for held in self._held:
+            with contextlib.suppress(zenoh.ZError):
+                held.undeclare()
+        await asyncio.to_thread(self.storage.close)
+
+    def _subscribe(self, number: int, pattern: str) -> None:
+        """To all that is recorded of the vehicles that ``pattern`` names; what an earlier one brings is left to it."""
+        earlier = [zenoh.KeyExpr(keys.expression(f"{p}/**", self._fleet)) for p in self._wanted.vehicles[:number]]
+        take: Callable[[zenoh.Sample], None] = self._take
+
+        if earlier:
+
+            def take_others(sample: zenoh.Sample) -> None:
+                if not any(expression.intersects(sample.key_expr) for expression in earlier):
+                    self._take(sample)
+
+            take = take_others
+        for rest in vehicle_channels():
+            key = keys.expression(f"{pattern}/{rest}", self._fleet)
+            if rest in ("state", "event"):  # with credentials, what their vehicle did not sign is left out
+                self._tasks.append(asyncio.create_task(self._believe(key, take)))
+            else:
+                self._held.append(self._z.session.declare_subscriber(key, take))
+        for message, hz in self._wanted.rates.items():
+            key = keys.expression(f"{pattern}/mav/rx/*/*/{keys.check_message(message)}", self._fleet)
+            self._held.append(self._z.session.liveliness().declare_token(want_key(key, hz, AGENT)))
+
+    async def _believe(self, key: str, take: Callable[[zenoh.Sample], None]) -> None:
+        async with self._z.subscribe(key) as samples:
+            async for sample in samples:
+                take(sample)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self.storage.put(str(sample.key_expr), sample.payload.to_bytes())
+
+    def _token(self, instance: str) -> str:
+        role = self._z.member.credentials.role.value if self._z.member else Role.VIEWER.value
+        return keys.ALIVE.key(
+            self._home, self.name, role=role, sys=0, autopilot=AGENT, uid="-", instance=instance
+        )  # fmt: skip
+
+    @property
+    def _home(self) -> str:
+        """The fleet in which the recorder itself is."""
+        return self._fleet if self._fleet != "*" else "demo"
+
+    async def _is_first(self) -> bool:
+        """Whether nobody else records under this name."""
+        key = keys.ALIVE.key(self._home, self.name, role="*", sys="0", autopilot=AGENT, uid="*", instance="*")
+        found = await asyncio.to_thread(lambda: list(self._z.session.liveliness().get(key, timeout=1.0)))
+        return not [reply for reply in found if reply.ok is not None]
+
+    async def _say_status(self) -> None:
+        key = keys.AGENT_STATUS.key(self._home, self.name, agent=self._agent)
+        while True:
+            self._z.put(keys.AGENT_STATUS, key, self.status())
+            await asyncio.sleep(STATUS_S)
+
+    def status(self) -> wire.AgentStatus:
+        storage, counts = self.storage, self.storage.counts
+        paused = storage.paused
+        text = paused or f"{counts.written} samples in {size_words(counts.bytes)}"
+        if counts.dropped:
+            text += f"; {counts.dropped} dropped: this machine is too slow"
+        detail = {**msgspec.structs.asdict(counts), "session": str(storage.session), "free": self._folder.free()}
+        state = "paused" if paused else "recording"
+        return wire.AgentStatus(t=time.time(), agent=self._agent, state=state, text=text, detail=detail)
+
+
+def patterns(vehicles: Sequence[str]) -> list[str]:
+    """Patterns of vehicles' names; BadConfig for what can be none."""
+    for pattern in vehicles:
+        if not re.fullmatch(r"[a-z0-9_*-]+", pattern):
+            text = f"no vehicle can be called {pattern!r}: use lower-case letters, digits, '_', '-' and '*'"
+            raise BadConfig(text, field="vehicles", value=pattern, expected="[a-z0-9_*-]+")
+    return list(vehicles)
+
+
+def vehicle_channels() -> list[str]:
+    """What is recorded of each vehicle, as key expressions below it. Orders go to it alone, and nobody hears them."""
+    own = "{fleet}/{vehicle}/"
+    return [
+        re.sub(r"{\w+}", "*", channel.template.removeprefix(own))
+        for channel in keys.CHANNELS.values()
+        if channel.recorded and channel.kind in ("pub", "put") and channel.template.startswith(own)
+    ]
+
+
+def shared_channels() -> list[keys.Channel]:
+    """What is recorded and is nobody's own."""
+    found = [channel for channel in keys.CHANNELS.values() if channel.recorded and channel.kind in ("pub", "put")]
+    return [channel for channel in found if "{vehicle}" not in channel.template]
+
+
+def _name(z: Client, given: str | None) -> str:
+    own = z.member.credentials.name if z.member else None
+    if given is None:
+        return own or _host()
+    if own is not None and given != own:
+        text = f"the credentials are those of {own}: nobody would hear what it says as {given}"
+        raise BadConfig(text, field="name", value=given, expected=own)
+    return keys.check_name(given)
+
+
+def _host() -> str:
+    """This machine's name, as it can stand in a key."""
+    return re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().partition(".")[0].lower()).strip("-") or "ground"

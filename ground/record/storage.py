@@ -1,0 +1,295 @@
+"""The writer: takes what comes from any thread, and writes it in a thread of its own.
+
+Between the two is a bounded queue, so that a slow disk holds up nobody: what does not fit is counted and left out.
+Every second all is brought to the files, so a recorder that is killed loses at most that; every five seconds the
+kernel is asked to bring the files to the disk itself, so that a power cut loses little more.
+"""
+
+from __future__ import annotations
+
+import collections
+import errno
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import msgspec
+
+from ground.record.decoder import Decoder
+from ground.record.folder import Folder
+from ground.record.history import History
+from ground.record.part import Kinds, Part
+from ground.record.route import Route
+from zmav.errors import BadKey
+from zmav.mavlink import Dialect
+
+logger = logging.getLogger(__name__)
+QUEUE = 100_000
+"""samples that may wait to be written"""
+POLL_S = 0.05
+FLUSH_S = 1.0
+SYNC_S = 5.0
+RETRY_S = 5.0
+"""between two tries of a disk that took nothing"""
+MOST_ROUTES = 20_000
+"""keys that are known: nobody's invented ones must fill the memory"""
+ROOM_AGAIN = 1.05
+"""so many times the floor must be free before writing goes on"""
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True):
+    """How a session is recorded: sizes in bytes, times in seconds."""
+
+    kinds: Kinds = Kinds()
+    split_size: int = 512 << 20
+    split_time: float = 1800.0
+    keep_free: int = 1 << 30
+
+
+class Counts(msgspec.Struct):
+    """Samples since the start."""
+
+    taken: int = 0
+    written: int = 0
+    """in the files, where they outlive this process"""
+    dropped: int = 0
+    """because the queue was full"""
+    unwritten: int = 0
+    """because there was no room on the disk"""
+    refused: int = 0
+    """no frames where frames should be, or on keys that are not recorded"""
+    bytes: int = 0
+    """of files, the finished ones included"""
+    parts: int = 0
+
+
+class Storage:
+    """Writes a session. ``tell`` is called, in the writer's thread, with a line for whoever watches."""
+
+    def __init__(self, folder: Folder, settings: Settings, dialect: Dialect, tell: Callable[[str], None]) -> None:
+        self._folder, self._settings, self._dialect, self._tell = folder, settings, dialect, tell
+        self.session: Path = folder.session()
+        self.counts = Counts()
+        self.history = History(Decoder(dialect))
+        self.paused: str | None = None
+        """why nothing is written at present"""
+        self.part: Part | None = None
+        self._decoder = Decoder(dialect)
+        self._routes: dict[str, Route | None] = {}
+        self._queue: collections.deque[tuple[int, str, bytes]] = collections.deque()
+        self._pending = 0
+        """samples that are in the part and not in its files yet"""
+        self._opened = self._flushed = self._synced = 0.0
+        self._retry = 0.0
+        self._finished_bytes = 0
+        self._torn: list[Path] = []
+        """files that a full disk cut short: they get their summary when there is room"""
+        self._syncing: Future[None] | None = None
+        self._helper = ThreadPoolExecutor(1, "record-sync")
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="record", daemon=True)
+
+    @property
+    def kinds(self) -> Kinds:
+        return self._settings.kinds
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def put(self, key: str, data: bytes, at: int | None = None) -> None:
+        """Record a sample that came now, or at ``at`` (ns UTC). From any thread; never waits, never raises."""
+        if len(self._queue) >= QUEUE:
+            self.counts.dropped += 1
+            return
+        self._queue.append((at or time.time_ns(), key, data))
+
+    def close(self) -> None:
+        """Write what has come, and complete the files."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._helper.shutdown()
+
+    # The writer's thread.
+
+    def _run(self) -> None:
+        stopping = False
+        while not stopping:
+            stopping = self._stop.wait(POLL_S)
+            try:
+                self._write_all()
+                now = time.monotonic()
+                if now - self._flushed >= FLUSH_S or stopping:
+                    self._flushed = now
+                    self._house(now)
+                if stopping:
+                    self._close_part()
+            except OSError as e:
+                self._fail(e)
+            except Exception:
+                logger.exception("recording goes on after an error that nobody foresaw")
+        self._mend_torn()
+
+    def _write_all(self) -> None:
+        queue, batch = self._queue, list[tuple[Route, int, bytes]]()
+        while queue:
+            at, key, data = queue.popleft()
+            self.counts.taken += 1
+            route = self._route(key)
+            if route is None or (route.frames and not route.takes(data)):
+                self.counts.refused += 1
+                continue
+            batch.append((route, at, data))
+            if len(batch) == 500:
+                self._write(batch)
+                batch = []
+        if batch:
+            self._write(batch)
+
+    def _route(self, key: str) -> Route | None:
+        try:
+            return self._routes[key]
+        except KeyError:
+            pass
+        try:
+            route = Route(key, self._dialect)
+        except BadKey:
+            return None
+        if len(self._routes) >= MOST_ROUTES:
+            return None
+        self._routes[key] = route
+        return route
+
+    def _write(self, batch: list[tuple[Route, int, bytes]]) -> None:
+        self.history.add_all(batch)
+        if self.part is None and not self._begin():
+            self.counts.unwritten += len(batch)
+            return
+        part, json = self.part, self._decoder.json
+        assert part is not None
+        decode = self._settings.kinds.mcap
+        for number, (route, at, data) in enumerate(batch):
+            try:
+                if route.frames:
+                    part.frame(route, at, data, json(data) if decode else None)
+                else:
+                    part.document(route, at, data)
+            except OSError:
+                self.counts.unwritten += len(batch) - number
+                raise
+            self._pending += 1
+
+    def _begin(self) -> bool:
+        """Open the next part; False while there is no room for one."""
+        now = time.monotonic()
+        if self.paused and now < self._retry:
+            return False
+        self._retry = now + FLUSH_S
+        if self._short_of_room(ROOM_AGAIN if self.paused else 1.0):
+            return False
+        about = {"session": self.session.name, "part": str(self.counts.parts + 1), "dialect": self._dialect.name}
+        self.part = Part(self.session, self.counts.parts + 1, self._settings.kinds, self._dialect, about)
+        self.counts.parts += 1
+        self._opened = self._synced = now
+        if self.paused:
+            self.paused = None
+            self._tell("there is room again: recording goes on")
+            self._mend_torn()
+        return True
+
+    def _short_of_room(self, factor: float = 1.0) -> bool:
+        floor = self._settings.keep_free
+        free = self._folder.free()
+        if free >= floor * factor:
+            return False
+        self._pause(f"{size_words(free)} free on the disk, and {size_words(floor)} are to be kept: nothing is recorded")
+        return True
+
+    def _pause(self, why: str) -> None:
+        if self.paused is None:
+            self._tell(why)
+        self.paused = why
+
+    def _house(self, now: float) -> None:
+        """Once a second: flush, and see whether the files are large or old enough, or the disk is full."""
+        part = self.part
+        if part is None:
+            return
+        part.flush()
+        self._note_written(part)
+        how = self._settings
+        large, old = part.size >= how.split_size, now - self._opened >= how.split_time
+        if self._short_of_room() or large or old:
+            self._close_part()
+        elif now - self._synced >= SYNC_S and (self._syncing is None or self._syncing.done()):
+            self._synced = now
+            self._syncing = self._helper.submit(_sync, part.fds)
+
+    def _note_written(self, part: Part) -> None:
+        self.counts.written += self._pending
+        self._pending = 0
+        self.counts.bytes = self._finished_bytes + part.total
+
+    def _close_part(self) -> None:
+        part, self.part = self.part, None
+        if part is None:
+            return
+        self._await_sync()
+        try:
+            part.finish()
+        except OSError:
+            self._torn += part.files
+            raise
+        self._note_written(part)
+        self._finished_bytes += part.total
+
+    def _await_sync(self) -> None:
+        if self._syncing is not None:
+            self._syncing.result()  # of files that are about to be closed
+
+    def _fail(self, error: OSError) -> None:
+        """A disk that takes nothing more: what it has stays readable, and later it is tried again."""
+        part, self.part = self.part, None
+        if part is not None:
+            self._await_sync()
+            part.abandon()
+            self._torn += part.files
+            self._finished_bytes += part.total
+        self.counts.unwritten += self._pending
+        self._pending = 0
+        self._retry = time.monotonic() + RETRY_S
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        words = "the disk is full" if full else f"cannot write to {self.session}: {error.strerror}"
+        self._pause(f"{words}: nothing is recorded until there is room")
+
+    def _mend_torn(self) -> None:
+        for path in self._torn:
+            if path.suffix == ".mcap":
+                from ground.record.repair import repair
+
+                try:
+                    repair(path)
+                except (OSError, ValueError) as e:
+                    logger.warning("%s has no summary ('zmav record --repair' gives it one): %s", path, e)
+        self._torn.clear()
+
+
+def _sync(fds: list[int]) -> None:
+    for fd in fds:
+        try:
+            os.fdatasync(fd)
+        except OSError as e:
+            logger.warning("the disk did not take what was written: %s", e.strerror)
+
+
+def size_words(size: float) -> str:
+    """Bytes, for a person."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000 or unit == "GB":
+            return f"{size:.0f} {unit}" if unit == "B" or size >= 100 else f"{size:.1f} {unit}"
+        size /= 1000
+    raise AssertionError
