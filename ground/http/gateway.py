@@ -21,6 +21,10 @@ from zmav.services.port import on_loop
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 
+APPEAR = 1.0
+"""s for a message to come that was not asked for before"""
+WANTED_HZ = 4.0
+"""the rate at which a message is wanted that somebody asks for now and then"""
 RECENT = 30.0
 """s within which a system must have been heard to be a vehicle's"""
 
@@ -123,6 +127,26 @@ class Gateway:
     def newest(self, sysid: int, compid: int, message: str) -> Kept | None:
         """The last such message of a system; ``compid`` 0: of any of its components."""
         return max(self.kept(sysid, compid or None, message), key=lambda kept: kept.at, default=None)
+
+    def missing(self, sysid: int, compid: int, message: str) -> str:
+        """That a message was not heard, and what was."""
+        there = sorted({each.origin.message for each in self.kept(sysid, compid or None)})
+        if not there:
+            return f"nothing was heard of {sysid}/{compid}; system ids: {self.who()}"
+        return f"no {message} was heard of {sysid}/{compid}; there are {', '.join(there)}"
+
+    async def wanted(self, sysid: int, compid: int, message: str) -> Kept | None:
+        """The last such message, which its vehicle is asked for, too; None where none comes within a second.
+
+        What is asked for the first time is waited for: an autopilot does not send what nobody reads.
+        """
+        new = False
+        for vehicle in self.vehicle_of(sysid):
+            new |= self.wants.want(vehicle.name, message, WANTED_HZ, fleet=vehicle.fleet)
+        kept = self.newest(sysid, compid, message)
+        if new and (kept is None or time.monotonic() - kept.at > APPEAR):
+            kept = await self.next_frame(sysid, compid, message, APPEAR) or kept
+        return kept
 
     async def next_frame(self, sysid: int, compid: int, message: str, timeout: float) -> Kept | None:
         """Wait for the next such message; None where none comes within ``timeout`` seconds."""

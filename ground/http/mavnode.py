@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from ground.http.gateway import Gateway, Kept
+from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from ground.http.streams import Streams, Wish
 from zmav.errors import BadMessage
@@ -24,9 +24,6 @@ from zmav.vehicle.rates import MAX_HZ
 
 SOURCE = (255, 190)
 """system and component that we speak as: a ground station's"""
-APPEAR = 1.0
-"""s for a message to come that was not asked for before"""
-WANTED_HZ = 4.0
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
@@ -90,25 +87,12 @@ class MavNode:
         """The last message decoded, ``name value`` a line, after a line ``age SECONDS``; arrays with blanks between."""
         _none_other(request)
         (sysid, compid), name = _ids(request), request.path_params["message"]
-        kept = await self._newest(sysid, compid, name)
+        kept = await self._gateway.wanted(sysid, compid, name)
+        if kept is None:
+            raise Failure(404, "not_found", self._gateway.missing(sysid, compid, name))
         message = describe(self._gateway.parse(kept), self._gateway.dialect)
         lines = [f"{field} {_shown(value)}" for field, value in message.fields.items()]
         return _text(f"age {time.monotonic() - kept.at:.3f}", *lines)
-
-    async def _newest(self, sysid: int, compid: int, name: str) -> Kept:
-        """Asks for the message where it is not sent already; raises :class:`Failure` saying what there is."""
-        gateway, new = self._gateway, False
-        for vehicle in gateway.vehicle_of(sysid):
-            new |= gateway.wants.want(vehicle.name, name, WANTED_HZ, fleet=vehicle.fleet)
-        kept = gateway.newest(sysid, compid, name)
-        if new and (kept is None or time.monotonic() - kept.at > APPEAR):
-            kept = await gateway.next_frame(sysid, compid, name, APPEAR) or kept
-        if kept is not None:
-            return kept
-        there = sorted({each.origin.message for each in gateway.kept(sysid, compid or None)})
-        if not there:
-            raise Failure(404, "not_found", f"nothing was heard of {sysid}/{compid}; system ids: {gateway.who()}")
-        raise Failure(404, "not_found", f"no {name} was heard of {sysid}/{compid}; there are {', '.join(there)}")
 
     async def send(self, request: Request) -> Response:
         """Send one message, every field given but extensions and the target, which is ``sys`` and ``comp``."""

@@ -33,7 +33,7 @@ STATUS = {
 """by an error's code; 502 for any other, which is a newer peer's"""
 TEXT_FACE = ("stream", "stop", "send", "last", "vehicles")
 """first parts of the paths that answer with plain text"""
-MAVLINK2REST_FACE = ("v1", "mavlink", "helper", "info")
+MAVLINK2REST_FACE = ("v1", "mavlink2rest", "mavlink", "helper", "info")
 _encoder = msgspec.json.Encoder(enc_hook=str)
 
 

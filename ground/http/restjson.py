@@ -1,0 +1,131 @@
+"""Messages in mavlink2rest's JSON, and back.
+
+Enums are ``{"type": "MAV_TYPE_QUADROTOR"}``, flags ``"A | B"``, char arrays strings, and a field called ``type`` is
+``mavtype``, because ``type`` holds the message's name. See https://github.com/mavlink/mavlink2rest and the JSON of
+rust-mavlink's serde feature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from zmav.errors import BadMessage
+from zmav.mavlink import Dialect, Frame, decode, encode
+from zmav.mavlink.dialect import Field, MessageType
+from zmav.mavlink.values import to_json
+
+MAVTYPE = "mavtype"
+HEADER = ("system_id", "component_id", "sequence")
+
+
+class Numbers(Protocol):
+    """Who counts frames: :class:`ground.http.gateway.Gateway`."""
+
+    def next_seq(self, sysid: int, compid: int) -> int: ...
+
+
+def document(frame: Frame, dialect: Dialect) -> dict[str, Any]:
+    """``{"header": ..., "message": ...}`` as the WebSocket sends it; raises :class:`BadMessage` for what is unknown."""
+    header = dict(zip(HEADER, (frame.sysid, frame.compid, frame.seq), strict=True))
+    return {"header": header, "message": message(frame, dialect)}
+
+
+def message(frame: Frame, dialect: Dialect) -> dict[str, Any]:
+    """The fields in the order of the wire after ``type``; raises :class:`BadMessage` for what the dialect lacks."""
+    plain, kind = decode(frame, dialect), dialect.by_id[frame.msgid]
+    return {
+        "type": kind.name,
+        **{_name(field): _shown(field, plain[field.name], dialect) for field in kind.wire_fields},
+    }
+
+
+def template(name: str, dialect: Dialect, source: tuple[int, int]) -> dict[str, Any]:
+    """A message to fill in, every field with its default: zeros, an enum's first entry, a first flag.
+
+    Raises :class:`BadMessage` for a name the dialect lacks.
+    """
+    kind = dialect.message(name)
+    fields = {_name(field): _default(field, dialect) for field in kind.wire_fields}
+    return {"header": dict(zip(HEADER, (*source, 0), strict=True)), "message": {"type": kind.name, **fields}}
+
+
+def frame_of(given: Any, dialect: Dialect, source: tuple[int, int], numbers: Numbers) -> bytes:
+    """The frame of a document as it is posted; raises :class:`BadMessage` naming every fault.
+
+    Extension fields may be left out, and of the header what is to be ours. The sequence number is counted here: a
+    client's own is 0 for ever.
+    """
+    if not isinstance(given, Mapping) or not isinstance(given.get("message"), Mapping):
+        raise BadMessage('expected {"header": {...}, "message": {"type": NAME, ...}}', field="message")
+    name = given["message"].get("type")
+    if not isinstance(name, str):
+        raise BadMessage("the message has no type: expected a message's name", field="type", value=name)
+    kind = dialect.message(name)
+    header = _header(given.get("header", {}), source)
+    fields = {_field_name(key, kind): _plain(value) for key, value in given["message"].items() if key != "type"}
+    return encode(dialect, kind.name, fields, sysid=header[0], compid=header[1], seq=numbers.next_seq(*header))
+
+
+def _header(given: Any, source: tuple[int, int]) -> tuple[int, int]:
+    """Whom it is from."""
+    if not isinstance(given, Mapping):
+        raise BadMessage("the header is no object", field="header", value=given, expected=", ".join(HEADER))
+    unknown = [str(key) for key in given if key not in HEADER]
+    if unknown:
+        raise BadMessage(f"the header has no {unknown[0]}; it has {', '.join(HEADER)}", field=unknown[0])
+    found = given.get("system_id", source[0]), given.get("component_id", source[1])
+    if not all(type(each) is int and 0 <= each <= 255 for each in found):
+        raise BadMessage(f"the header's ids are {found[0]!r} and {found[1]!r}", field="header", expected="0 to 255")
+    return found
+
+
+def _name(field: Field) -> str:
+    return MAVTYPE if field.name == "type" else field.name
+
+
+def _field_name(key: str, kind: MessageType) -> str:
+    return "type" if key == MAVTYPE and "type" in kind.by_name else key
+
+
+def _shown(field: Field, value: Any, dialect: Dialect) -> Any:
+    if not field.enum or field.type in ("float", "double"):
+        return to_json(field, value, dialect)
+    if isinstance(value, list):
+        return [_shown(field, each, dialect) for each in value]
+    if field.bitmask:
+        return to_json(field, value, dialect) if value else ""
+    return {"type": to_json(field, value, dialect)}
+
+
+def _plain(value: Any) -> Any:
+    """What :func:`zmav.mavlink.encode` takes for a value in this face's shape."""
+    if isinstance(value, Mapping):
+        if len(value) == 1 and "type" in value:
+            return value["type"]
+        if len(value) == 1 and "bits" in value:  # flags as older versions had them
+            return value["bits"]
+        return dict(value)  # the encoder says what it expected
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    return 0 if value == "" else value
+
+
+def _default(field: Field, dialect: Dialect) -> Any:
+    if field.type == "char":
+        return ""
+    one = _default_scalar(field, dialect)
+    return [one] * field.length if field.length else one
+
+
+def _default_scalar(field: Field, dialect: Dialect) -> Any:
+    if field.type in ("float", "double"):
+        return 0.0
+    entries = dialect.enum_names.get(field.enum)
+    if field.name == "mavlink_version":
+        return 3
+    if not entries:
+        return 0
+    if field.bitmask:
+        return next((name for value, name in sorted(entries.items()) if value > 0), "")
+    return {"type": entries[min(entries)]}
