@@ -8,6 +8,8 @@ each of its frames comes once: the first one that came.
 
 from __future__ import annotations
 
+import functools
+import threading
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
@@ -40,11 +42,13 @@ OnFrame = Callable[[Origin, bytes], None]
 
 
 class Feed:
-    """Calls ``on_frame(origin, frame)`` on a thread of Zenoh's for every frame, in the order in which they came.
+    """Calls ``on_frame(origin, frame)`` on a thread of Zenoh's for every frame, in the order in which they came, one at
+    a time.
 
     ``on_frame`` must be quick and must not raise: what it does not take in time is held back in the session, and then
-    dropped by the routers. ``frame`` are the bytes as the vehicle sent them. Raises :class:`~zmav.errors.BadKey` for
-    vehicles or messages that cannot stand in a key expression.
+    dropped by the routers. ``frame`` are the bytes as the vehicle sent them. Without ``once`` a frame that is heard
+    over two links comes twice, for who chooses a link himself. Raises :class:`~zmav.errors.BadKey` for vehicles or
+    messages that cannot stand in a key expression.
     """
 
     def __init__(
@@ -54,9 +58,12 @@ class Feed:
         fleet: str = "*",
         vehicles: Sequence[str] = ("*",),
         messages: Sequence[str] = ("*",),
+        once: bool = True,
     ) -> None:
-        self._on_frame = on_frame
+        self._on_frame, self._once = on_frame, once
         self._origins: dict[str, Origin | None] = {}
+        self._lock = threading.Lock()
+        """each subscriber has a thread of its own"""
         self._owners: dict[tuple[int, int], str] = {}
         self._shared: set[tuple[int, int]] = set()
         """systems that more than one vehicle's agent speaks for"""
@@ -69,7 +76,11 @@ class Feed:
         wanted = {
             keys.expression(f"{vehicle}/mav/rx/*/*/{message}", fleet) for vehicle in vehicles for message in messages
         }
-        self._subscribers = [session.declare_subscriber(key, self._on_sample) for key in sorted(wanted)]
+        self._wanted = _apart(sorted(wanted))
+        self._subscribers = [
+            session.declare_subscriber(str(key), functools.partial(self._on_sample, index))
+            for index, key in enumerate(self._wanted)
+        ]
 
     def close(self) -> None:
         for subscriber in self._subscribers:
@@ -82,18 +93,21 @@ class Feed:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.close()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, index: int, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        origin = self._origins.get(key) or self._new_origin(key)
-        if origin is None:
-            self.foreign += 1
-            return
-        frame = sample.payload.to_bytes()
-        if self._shared and origin[2:4] in self._shared and self._came_already(origin, frame):
-            self.twice += 1
-            return
-        self.frames += 1
-        self._on_frame(origin, frame)
+        with self._lock:
+            origin = self._origins.get(key) or self._new_origin(key)
+            if origin is None:
+                self.foreign += 1
+                return
+            if index and any(wanted.intersects(sample.key_expr) for wanted in self._wanted[:index]):
+                return  # an expression before this one brings it, too
+            frame = sample.payload.to_bytes()
+            if self._shared and origin[2:4] in self._shared and self._came_already(origin, frame):
+                self.twice += 1
+                return
+            self.frames += 1
+            self._on_frame(origin, frame)
 
     def _new_origin(self, key: str) -> Origin | None:
         origin = origin_of(key)
@@ -101,7 +115,10 @@ class Feed:
             return origin
         self._origins[key] = origin
         place = (origin.sysid, origin.compid)
-        if self._owners.setdefault(place, f"{origin.fleet}/{origin.vehicle}") != f"{origin.fleet}/{origin.vehicle}":
+        if (
+            self._once
+            and self._owners.setdefault(place, f"{origin.fleet}/{origin.vehicle}") != f"{origin.fleet}/{origin.vehicle}"
+        ):
             self._shared.add(place)
         return origin
 
@@ -115,6 +132,15 @@ class Feed:
         if len(self._seen) < MOST:
             self._seen[frame] = (owner, now)
         return False
+
+
+def _apart(expressions: Sequence[str]) -> list[zenoh.KeyExpr]:
+    """Key expressions without those that another one includes: what both want would come twice."""
+    kept: list[zenoh.KeyExpr] = []
+    for each in map(zenoh.KeyExpr, expressions):
+        if not any(other.includes(each) for other in kept):
+            kept = [other for other in kept if not each.includes(other)] + [each]
+    return kept
 
 
 def origin_of(key: str) -> Origin | None:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import zmav
 from ground.feed import Origin
+from ground.gcs.options import Options
 from zmav.mavlink import Dialect, Frame
 
 
@@ -20,6 +21,8 @@ class GcsClient(Protocol):
 
     name: str
     """for people: ``udp 127.0.0.1:14550``"""
+    options: Options
+    """which vehicles it sees"""
 
     @property
     def ids(self) -> frozenset[tuple[int, int]]:
@@ -48,6 +51,9 @@ class Ground(Protocol):
 
     def vehicle(self, sysid: int) -> zmav.Vehicle | None:
         """The vehicle that frames for that system go to; None where there is none, or two autopilots claim it."""
+
+    def systems(self) -> list[int]:
+        """The system ids of the autopilots that are there: who is meant by target 0. Any thread."""
 
     def component(self, sysid: int) -> int:
         """The component id of that system's autopilot; 1 where it is not known."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import math
+import re
 from typing import Literal
 
 import msgspec
@@ -25,6 +26,7 @@ from zmav.mavlink import Dialect
 
 Kind = Literal["udp", "udpin", "tcp", "serial"]
 NAMES = ("rate", "hz", "only", "drop", "vehicles", "read_only")
+_PATTERN = re.compile(r"[a-z0-9_*-]+\Z")
 LEAST_RATE, LEAST_HZ, MOST_HZ = 100.0, 0.1, 500.0
 
 
@@ -148,7 +150,9 @@ def read_messages(text: str, dialect: Dialect, where: str) -> tuple[str, ...]:
 
 def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:
     names = tuple(filter(None, (name.strip() for name in text.split(","))))
-    wrong = [name for name in names if not all(c.isascii() and (c.islower() or c.isdigit() or c in "_-*") for c in name)]
+    wrong = [
+        name for name in names if not all(c.isascii() and (c.islower() or c.isdigit() or c in "_-*") for c in name)
+    ]
     if wrong or not names:
         expected = "names of a-z, 0-9, _ and -, * for any part, joined by commas"
         value = wrong[0] if wrong else text
@@ -158,7 +162,9 @@ def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:
 
 def _read_flag(text: str, where: str) -> bool:
     if text not in ("0", "1"):
-        raise BadConfig(f"{where}: read_only is {text!r}; expected 0 or 1", field="read_only", value=text, expected="0, 1")
+        raise BadConfig(
+            f"{where}: read_only is {text!r}; expected 0 or 1", field="read_only", value=text, expected="0, 1"
+        )
     return text == "1"
 
 

@@ -1,0 +1,241 @@
+"""The whole fleet as one MAVLink endpoint: vehicles' frames to every station, stations' frames to whom they name.
+
+Bytes pass as they came. Vehicles keep their system ids, stations theirs; who is asked for what is not here: the way
+down is :mod:`ground.gcs.downlink`, the way up :mod:`ground.gcs.uplink`. Everything here only subscribes, and puts what
+a station says: a second bridge changes nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+import zmav
+from ground.feed import Feed
+from ground.gcs.answerer import Answerer, GcsClient
+from ground.gcs.answerers import make_answerers
+from ground.gcs.client import Client
+from ground.gcs.downlink import Downlink
+from ground.gcs.options import Endpoint, Options
+from ground.gcs.places import Running
+from ground.gcs.routes import Known, Routes
+from ground.gcs.serial import Serial
+from ground.gcs.standard import SETS
+from ground.gcs.streams import Streams
+from ground.gcs.tcp import TcpIn
+from ground.gcs.udp import UdpIn, UdpOut
+from ground.gcs.uplink import Uplink
+from ground.gcs.words import TOLD, Limiter, Words
+from zmav import keys, wire
+from zmav.errors import BadInput, Clash, NoSuchVehicle
+from zmav.mavlink import Dialect, Frame, Packer, decode
+from zmav.services.port import on_loop
+
+TICK = 0.2
+"""s between two looks at who is there"""
+MOST_PACKERS = 4096
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True):
+    """What a bridge is made of."""
+
+    endpoints: tuple[Endpoint, ...]
+    vehicles: tuple[str, ...] = ("*",)
+    streams: str = "gcs"
+    """which messages are wanted while a client is there: :data:`ground.gcs.standard.SETS`"""
+
+
+class Bridge:
+    """``async with Bridge(z, settings, say): ...``; ``say`` gets a line for whoever watches, on the event loop.
+
+    Raises a typed error where an endpoint cannot be had.
+    """
+
+    def __init__(self, z: zmav.Client, settings: Settings, say: Callable[[str], None] = lambda line: None) -> None:
+        self.z, self.settings = z, settings
+        self.dialect: Dialect = z.dialect
+        self.loop = asyncio.get_running_loop()
+        self.news: Callable[[str], None] = on_loop(self.loop, say)
+        self.routes = Routes(Options(vehicles=settings.vehicles))
+        self.downlink = Downlink(self.dialect, self.routes)
+        self.streams = Streams(z.session, self.dialect, z.fleet_name, settings.vehicles, SETS[settings.streams])
+        self.uplink = Uplink(z, self.dialect, self.routes, self.streams, self._tell, self.news)
+        self.uplink.on_new_id, self.uplink.ack = self._on_new_id, self._ack
+        self.limiter = Limiter()
+        self._words = Words(self.dialect)
+        self._packers: dict[tuple[int, int], Packer] = {}
+        self._packing = threading.Lock()
+        self.endpoints: list[Running] = []
+        self._answerers: list[Answerer] = []
+        self._present: set[Client] = set()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._feed: Feed | None = None
+
+    @property
+    def clients(self) -> tuple[Client, ...]:
+        return self.downlink.clients
+
+    async def __aenter__(self) -> Bridge:
+        self._answerers = make_answerers(self)
+        self.downlink.set_answerers(self._answerers)
+        self.uplink.answerers = self._answerers
+        self.endpoints = [self._open(endpoint) for endpoint in self.settings.endpoints]
+        self._look()
+        try:
+            for endpoint in self.endpoints:
+                await asyncio.to_thread(endpoint.start)
+            self._feed = Feed(
+                self.z.session, self.downlink.on_frame, self.z.fleet_name, self.settings.vehicles, once=False
+            )
+        except BaseException:
+            await self.__aexit__()
+            raise
+        self._tasks = [self.loop.create_task(self._watch()), self.loop.create_task(self._tell_events())]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        if self._feed is not None:
+            await asyncio.to_thread(self._feed.close)
+        for endpoint in self.endpoints:
+            await asyncio.to_thread(endpoint.close)
+        for answerer in self._answerers:
+            answerer.close()
+        self.streams.close()
+
+    def _open(self, endpoint: Endpoint) -> Running:
+        if endpoint.kind == "udp":
+            return UdpOut(endpoint, self)
+        if endpoint.kind == "udpin":
+            return UdpIn(endpoint, self)
+        return TcpIn(endpoint, self) if endpoint.kind == "tcp" else Serial(endpoint, self)
+
+    # What endpoints tell: on their threads.
+
+    def joined(self, client: Client) -> None:
+        self.downlink.add(client)
+
+    def left(self, client: Client, why: str) -> None:
+        client.close()
+        self.downlink.remove(client)
+        for answerer in self._answerers:
+            with contextlib.suppress(Exception):
+                answerer.left(client)
+        self.news(f"{client.name} is gone: {why}")
+
+    def said(self, client: Client, frame: Frame) -> None:
+        self.uplink.said(client, frame)
+
+    def _on_new_id(self, client: Client) -> None:
+        self.downlink.changed()
+        if client.kind_of_station:
+            ids = ", ".join(f"{system}/{component}" for system, component in sorted(client.ids))
+            self.news(f"{client.name} is {ids} ({client.kind_of_station})")
+
+    # What answerers have of us.
+
+    def vehicle(self, sysid: int) -> zmav.Vehicle | None:
+        try:
+            fleet, name = self.routes.way_to(sysid)
+        except (Clash, NoSuchVehicle):
+            return None
+        return zmav.Vehicle(self.z, name, fleet)
+
+    def systems(self) -> list[int]:
+        return list(self.routes.systems)
+
+    def component(self, sysid: int) -> int:
+        known = self.routes.systems.get(sysid)
+        return known[0].compid if known else 1
+
+    def pack(self, sysid: int, compid: int, name: str, **fields: Any) -> bytes:
+        with self._packing:
+            packer = self._packers.get((sysid, compid))
+            if packer is None:
+                if len(self._packers) >= MOST_PACKERS:
+                    self._packers.clear()
+                packer = self._packers[sysid, compid] = Packer(self.dialect, sysid, compid)
+        return packer.pack(name, **fields)
+
+    def put(self, client: GcsClient, frame: Frame) -> None:
+        if isinstance(client, Client):
+            self.uplink.route(client, frame)
+
+    def _ack(self, client: Client, frame: Frame, result: int) -> None:
+        """Answer a command in the vehicle's place; one to all, in the place of each."""
+        fields = decode(frame, self.dialect)
+        command, system = fields["command"], fields["target_system"]
+        for known in self.routes.vehicles.values():
+            if system in (0, known.sysid) and client.options.sees(known.name):
+                client.send(
+                    self.pack(
+                        known.sysid, known.compid, "COMMAND_ACK", command=command, result=result,
+                        target_system=frame.sysid, target_component=frame.compid,
+                    )
+                )  # fmt: skip
+
+    # What clients are told.
+
+    def _tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
+        system = sysid if sysid in self.routes.systems else self._any_system(client)
+        if system and self.limiter.admits((client.name, sysid), text):
+            for frame in self._words.frames(system, severity, f"zmav: {text}"):
+                client.send(frame)
+
+    def _any_system(self, client: Client) -> int:
+        """A vehicle in whose name a client can be told what is about none of them; 0: there is none."""
+        seen = (known.sysid for known in self.routes.vehicles.values() if client.options.sees(known.name))
+        return next(seen, 0)
+
+    def _tell_all(self, known: Known, severity: wire.Severity, text: str) -> None:
+        for client in self.clients:
+            if client.options.sees(known.name) and known.sysid not in client.systems:
+                for frame in self._words.frames(known.sysid, severity, text):
+                    client.send(frame)
+
+    async def _tell_events(self) -> None:
+        """Pass on what vehicles' agents say that a person at a station must see."""
+        async with self.z.subscribe(keys.EVENT.key(self.z.fleet_name, "*")) as samples:
+            async for sample in samples:
+                _, fleet, name, *_ = str(sample.key_expr).split("/")
+                known = self.routes.vehicles.get((fleet, name))
+                try:
+                    event = wire.decode(sample.payload.to_bytes(), wire.Event, f"event of {name}")
+                except BadInput:
+                    continue
+                if known is None or event.kind not in TOLD or not self.limiter.admits(known.place, event.text):
+                    continue
+                self._tell_all(known, event.severity, event.text)
+                if event.kind == "refused":
+                    self.news(f"{name}: {event.text}")
+
+    # Who is there.
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(TICK)
+            self._look()
+
+    def _look(self) -> None:
+        spare = self.routes.spare
+        came, gone = self.routes.refresh(self.z.fleet())
+        if self.routes.spare != spare:
+            self.downlink.changed()
+        for known in came:
+            self.news(f"{known.name} is there: {known.what}")
+        for known in gone:
+            self.news(f"{known.name} is gone")
+        there = {client for client in self.clients if client.present}
+        for client in self._present - there:
+            if not client.gone:
+                self.news(f"{client.name} is silent")
+        for client in there - self._present:
+            self.news(f"{client.name} is there")
+        self._present = there
+        self.streams.refresh(there)

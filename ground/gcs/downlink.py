@@ -1,0 +1,143 @@
+"""From the vehicles to the clients: the hot path. A frame goes from Zenoh's thread straight to the sockets."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Sequence
+
+import msgspec
+
+from ground.feed import Origin
+from ground.gcs.answerer import Answerer
+from ground.gcs.client import Client
+from ground.gcs.kinds import MOST_KINDS, Kind
+from ground.gcs.routes import Routes
+from zmav.mavlink import Dialect
+
+logger = logging.getLogger(__name__)
+LATELY = 10.0
+"""s for which an answer is taken to be for whoever spoke to the vehicle"""
+
+
+class Counters(msgspec.Struct):
+    """Frames of vehicles."""
+
+    frames: int = 0
+    bytes: int = 0
+    torn: int = 0
+    """no whole frame of the component that its key names"""
+    spare: int = 0
+    """of an autopilot that is heard over another way, too"""
+    withheld: int = 0
+    """of no concern to clients"""
+
+
+class Downlink:
+    """:meth:`on_frame` is the feed's; the rest may be called from any thread."""
+
+    def __init__(self, dialect: Dialect, routes: Routes) -> None:
+        self._dialect, self._routes = dialect, routes
+        self.counters = Counters()
+        self._answerers: Sequence[Answerer] = ()
+        self._watched: frozenset[str] = frozenset()
+        self._clients: tuple[Client, ...] = ()
+        self._kinds: dict[str, Kind] = {}
+        self._version = 0
+        self._lock = threading.Lock()
+        self._failed: set[str] = set()
+
+    @property
+    def clients(self) -> tuple[Client, ...]:
+        return self._clients
+
+    def set_answerers(self, answerers: Sequence[Answerer]) -> None:
+        """Before the first frame."""
+        self._answerers = answerers
+        self._watched = frozenset(name for answerer in answerers for name in answerer.watches)
+
+    def add(self, client: Client) -> None:
+        with self._lock:
+            self._clients = (*self._clients, client)
+        self.changed()
+
+    def remove(self, client: Client) -> None:
+        with self._lock:
+            self._clients = tuple(each for each in self._clients if each is not client)
+        self.changed()
+
+    def changed(self) -> None:
+        """Who gets what is to be worked out anew: a client came, went or took another id, or a way is in use now."""
+        with self._lock:
+            self._version += 1
+
+    def on_frame(self, origin: Origin, data: bytes) -> None:
+        kind = self._kinds.get(origin.key) or self._new_kind(origin)
+        counters = self.counters
+        if not kind.is_whole(data):
+            counters.torn += 1
+            return
+        counters.frames += 1
+        counters.bytes += len(data)
+        kind.track.heard = time.monotonic()
+        if kind.version != self._version:
+            self._aim(kind)
+        if kind.watched and self._is_withheld(origin, data):
+            counters.withheld += 1
+            for client in kind.getters + kind.losers:
+                client.leave_out(kind, data)
+            return
+        if kind.target_at is not None and (target := kind.target(data)):
+            self._deliver_to(target, kind, data)
+            return
+        for client in kind.getters:
+            client.deliver(kind, data)
+        for client in kind.losers:
+            client.leave_out(kind, data)
+
+    def _new_kind(self, origin: Origin) -> Kind:
+        track = self._routes.track((origin.fleet, origin.vehicle), origin.sysid)
+        kind = Kind(origin, self._dialect, track, self._watched)
+        if len(self._kinds) < MOST_KINDS:
+            self._kinds[origin.key] = kind
+        return kind
+
+    def _aim(self, kind: Kind) -> None:
+        """Work out who gets it: all whose options let it through, but nobody what he says himself."""
+        kind.version = self._version
+        origin = kind.origin
+        place = origin.fleet, origin.vehicle
+        if (place, origin.sysid) in self._routes.spare:
+            kind.getters = kind.losers = ()
+            return
+        must = kind.must or kind.beat
+        seeing = [c for c in self._clients if c.options.sees(origin.vehicle) and origin.sysid not in c.systems]
+        kind.getters = tuple(client for client in seeing if client.options.passes(origin.message, must))
+        kind.losers = tuple(client for client in seeing if client not in kind.getters)
+
+    def _deliver_to(self, target: int, kind: Kind, data: bytes) -> None:
+        """What is said to somebody: to the clients that are meant, and among several of one id to who has just spoken
+        to that vehicle."""
+        meant = [client for client in kind.getters if target in client.systems]
+        if len(meant) > 1:
+            since, place = time.monotonic() - LATELY, kind.track.place
+            lately = [client for client in meant if client.addressed.get(place, 0.0) > since]
+            meant = lately or meant
+        for client in kind.getters + kind.losers:
+            if client in meant:
+                client.deliver(kind, data)
+            else:
+                client.leave_out(kind, data)
+
+    def _is_withheld(self, origin: Origin, data: bytes) -> bool:
+        for answerer in self._answerers:
+            try:
+                if origin.message in answerer.watches and answerer.withhold(origin, data):
+                    return True
+            except Exception:
+                name = type(answerer).__name__
+                if name not in self._failed:
+                    self._failed.add(name)
+                    logger.exception("%s failed; said once", name)
+        return False

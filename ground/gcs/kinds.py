@@ -1,0 +1,76 @@
+"""What the bridge knows of each message of each component it hears, so that a frame's way is a few look-ups."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ground.feed import Origin
+from zmav.mavlink import Dialect
+from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V1, MAGIC_V2
+
+if TYPE_CHECKING:
+    from ground.gcs.client import Client
+
+Place = tuple[str, str]
+"""fleet and vehicle"""
+HEARTBEAT = "HEARTBEAT"
+MUST_ARRIVE = frozenset({
+    "STATUSTEXT", "PARAM_VALUE", "TIMESYNC", "AUTOPILOT_VERSION", "MESSAGE_INTERVAL", "PROTOCOL_VERSION",
+    "HOME_POSITION", "GPS_GLOBAL_ORIGIN", "MISSION_ITEM_REACHED", "COMMAND_ACK", "CAMERA_INFORMATION",
+    "CAMERA_SETTINGS",
+    "CAMERA_IMAGE_CAPTURED", "VIDEO_STREAM_INFORMATION", "STORAGE_INFORMATION", "GIMBAL_MANAGER_INFORMATION",
+    "COMPONENT_INFORMATION", "COMPONENT_INFORMATION_BASIC", "COMPONENT_METADATA", "PARAM_EXT_VALUE", "PARAM_EXT_ACK",
+    "LOG_ENTRY", "LOG_DATA", "UNKNOWN_410", "EVENT", "CURRENT_EVENT_SEQUENCE", "RESPONSE_EVENT_ERROR",
+})  # fmt: skip
+"""answers, words and events: said once. So is every message that is addressed to somebody"""
+MOST_KINDS = 8192
+"""invented names must not fill the memory"""
+
+
+class Track:
+    """One system heard of one vehicle's agent."""
+
+    __slots__ = ("heard", "place", "sysid")
+
+    def __init__(self, place: Place, sysid: int) -> None:
+        self.place, self.sysid = place, sysid
+        self.heard = 0.0
+        """monotonic s"""
+
+
+class Kind:
+    """One message of one component of one vehicle. ``getters`` and ``losers`` are the clients that get it, and those
+    for whom it is left out; good for as long as ``version`` is the bridge's.
+    """
+
+    __slots__ = (
+        "beat", "getters", "ids", "losers", "must", "name", "origin", "source", "target_at", "track", "version",
+        "watched",
+    )  # fmt: skip
+
+    def __init__(self, origin: Origin, dialect: Dialect, track: Track, watched: frozenset[str]) -> None:
+        self.origin, self.track = origin, track
+        self.name = (origin.sysid, origin.compid, origin.message)
+        self.source = origin.sysid << 8 | origin.compid
+        self.ids = bytes((origin.sysid, origin.compid))
+        message = dialect.by_name.get(origin.message)
+        self.target_at = message.target_system if message is not None else None
+        self.beat = origin.message == HEARTBEAT
+        self.must = self.target_at is not None or origin.message in MUST_ARRIVE
+        self.watched = origin.message in watched
+        self.version = -1
+        self.getters: tuple[Client, ...] = ()
+        self.losers: tuple[Client, ...] = ()
+
+    def is_whole(self, data: bytes) -> bool:
+        """The bytes look like a frame of that component: nobody else's, nor cut."""
+        size = len(data)
+        if size >= 12 and data[0] == MAGIC_V2:
+            return data[5:7] == self.ids and size == (25 if data[2] & 1 else 12) + data[1]
+        return size >= 8 and data[0] == MAGIC_V1 and data[3:5] == self.ids and size == 8 + data[1]
+
+    def target(self, data: bytes) -> int:
+        """The system it is for; 0: everybody."""
+        if self.target_at is None or self.target_at >= data[1]:
+            return 0
+        return data[(HEADER_V2 if data[0] == MAGIC_V2 else HEADER_V1) + self.target_at]

@@ -1,0 +1,135 @@
+"""Which vehicle a system id means: whom a client's frame goes to, and whose telemetry counts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import zmav
+from ground.gcs.kinds import Place, Track
+from ground.gcs.options import Options
+from zmav.errors import Clash, NoSuchVehicle
+
+SILENT = 1.5
+"""s without a frame after which another way to the same autopilot is taken"""
+RECENT = 30.0
+"""s for which a system that is nobody's autopilot is remembered to be behind a vehicle"""
+MOST_TRACKS = 4096
+"""systems of vehicles: invented ones must not fill the memory"""
+
+
+class Known(NamedTuple):
+    """A vehicle that is there."""
+
+    place: Place
+    sysid: int
+    compid: int
+    uid: str | None
+    what: str
+    """in words, for people"""
+
+    @property
+    def name(self) -> str:
+        return self.place[1]
+
+
+class Routes:
+    """Renewed by :meth:`refresh` a few times a second; the rest may be called from any thread, for what is asked is
+    replaced as a whole.
+
+    Two agents whose autopilots have one uid are two ways to one autopilot: the one in use is kept as long as something
+    comes by it, and the other's frames are left out. Two uids, or an unknown one, are two vehicles with one id.
+    """
+
+    def __init__(self, selected: Options) -> None:
+        self._selected = selected
+        self._tracks: dict[tuple[Place, int], Track] = {}
+        self._leaders: dict[int, Place] = {}
+        self.vehicles: dict[Place, Known] = {}
+        self.systems: dict[int, tuple[Known, ...]] = {}
+        """autopilots, by system id"""
+        self.spare: frozenset[tuple[Place, int]] = frozenset()
+        """ways that are not in use"""
+
+    def track(self, place: Place, sysid: int) -> Track:
+        """What is heard of a system over a vehicle's agent, from now on."""
+        new = Track(place, sysid)
+        return self._tracks.setdefault((place, sysid), new) if len(self._tracks) < MOST_TRACKS else new
+
+    def refresh(self, fleet: Iterable[zmav.Vehicle]) -> tuple[list[Known], list[Known]]:
+        """Look who is there; who came, and who went. On one thread."""
+        before, now = self.vehicles, {}
+        systems: dict[int, list[Known]] = {}
+        for vehicle in fleet:
+            state = vehicle.last_state
+            if state is None or state.sysid is None or not vehicle.present or not self._selected.sees(vehicle.name):
+                continue
+            words = ", ".join(filter(None, (f"system {state.sysid}", state.kind, state.autopilot)))
+            known = Known((state.fleet, vehicle.name), state.sysid, state.compid or 1, state.uid, words)
+            now[known.place] = known
+            systems.setdefault(known.sysid, []).append(known)
+        self.vehicles, self.systems = now, {sysid: tuple(found) for sysid, found in systems.items()}
+        self._choose()
+        gone = [known for place, known in before.items() if place not in now]
+        return [known for place, known in now.items() if place not in before], gone
+
+    def _choose(self) -> None:
+        """The way in use to each autopilot that there are several to."""
+        spare: set[tuple[Place, int]] = set()
+        for sysid, found in self.systems.items():
+            places = [known.place for known in found]
+            if len(places) < 2 or not _is_one(found):
+                self._leaders.pop(sysid, None)
+                continue
+            heard = {place: self.track(place, sysid).heard for place in places}
+            newest = max(places, key=heard.__getitem__)
+            leader = self._leaders.get(sysid, newest)
+            if leader not in heard or heard[newest] - heard[leader] > SILENT:
+                leader = newest
+            self._leaders[sysid] = leader
+            spare.update((place, sysid) for place in places if place != leader)
+        self.spare = frozenset(spare)
+
+    def everybody(self) -> list[Place]:
+        """Where to send what is for all: each autopilot once."""
+        spare = self.spare
+        return [place for place, known in self.vehicles.items() if (place, known.sysid) not in spare]
+
+    def way_to(self, sysid: int) -> Place:
+        """The vehicle that frames for a system go to.
+
+        Raises :class:`Clash` that names those who claim the id, and :class:`NoSuchVehicle` where nobody was heard as
+        it.
+        """
+        found = self.systems.get(sysid, ())
+        if len(found) == 1:
+            return found[0].place
+        if found:
+            leader = self._leaders.get(sysid)
+            if leader is None or not _is_one(found):
+                raise clash(found)
+            return leader
+        now, vehicles = time.monotonic(), self.vehicles
+        heard = [track for (place, system), track in list(self._tracks.items())
+                 if system == sysid and place in vehicles and now - track.heard < RECENT]  # fmt: skip
+        if not heard:
+            there = ", ".join(f"{each} {_names(known)}" for each, known in sorted(self.systems.items())) or "none"
+            raise NoSuchVehicle(f"no vehicle has system id {sysid}; there are: {there}", sysid=sysid)
+        return max(heard, key=lambda track: track.heard).place
+
+
+def clash(found: Sequence[Known]) -> Clash:
+    sysid = found[0].sysid
+    return Clash(
+        f"{_names(found)} both have system id {sysid}: nothing is sent to it until one is changed", sysid=sysid
+    )
+
+
+def _names(found: Sequence[Known]) -> str:
+    return " and ".join(sorted(known.name for known in found))
+
+
+def _is_one(found: Sequence[Known]) -> bool:
+    """All are ways to one autopilot."""
+    return found[0].uid is not None and len({known.uid for known in found}) == 1

@@ -1,0 +1,153 @@
+"""Telemetry by demand: what the clients need, wanted of the vehicles by liveliness tokens, and no longer than they are
+there.
+
+A client that asks for more (REQUEST_DATA_STREAM, MAV_CMD_SET_MESSAGE_INTERVAL) gets it; of several the fastest decides.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+
+import zenoh
+
+from ground.gcs.client import Client
+from ground.gcs.kinds import Place
+from ground.gcs.standard import STREAMS
+from zmav import keys
+from zmav.mavlink import Dialect, Frame, decode
+from zmav.vehicle.rates import MAX_HZ, want_key
+
+SET_MESSAGE_INTERVAL = 511
+REQUEST_DATA_STREAM = "REQUEST_DATA_STREAM"
+ACCEPTED, DENIED = 0, 2
+"""MAV_RESULT"""
+MOST = 4096
+"""messages of vehicles that may be asked for: each costs every router a little memory"""
+LEAST_HZ = 0.01
+
+Want = tuple[str, str, str]
+"""fleet, vehicle (a pattern perhaps) and message"""
+
+
+class Streams:
+    """Thread-safe. ``standard`` are rates in Hz by message, of all vehicles that the patterns name."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        dialect: Dialect,
+        fleet: str,
+        vehicles: Sequence[str],
+        standard: Mapping[str, float],
+    ) -> None:
+        self._session, self._dialect = session, dialect
+        self._fleet, self._vehicles, self._standard = fleet, vehicles, standard
+        self._asked: dict[Want, dict[Client, float]] = {}
+        self._tokens: dict[Want, tuple[float, zenoh.LivelinessToken]] = {}
+        self._base: list[zenoh.LivelinessToken] = []
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        with self._lock:
+            self._asked.clear()
+            for token in (*self._base, *(token for _, token in self._tokens.values())):
+                _undeclare(token)
+            self._base.clear()
+            self._tokens.clear()
+
+    def refresh(self, clients: Iterable[Client]) -> None:
+        """Want the standard messages while anybody is there, and nothing on behalf of who is not."""
+        there = {client for client in clients if client.present}
+        with self._lock:
+            if there and not self._base:
+                self._base = [self._declare((self._fleet, vehicle, name), hz)
+                              for vehicle in self._vehicles for name, hz in self._standard.items()
+                              if name in self._dialect.by_name]  # fmt: skip
+            elif not there and self._base:
+                for token in self._base:
+                    _undeclare(token)
+                self._base = []
+            left = [(want, client) for want, asked in self._asked.items() for client in asked if client not in there]
+            for want, client in left:
+                self._set(want, client, 0.0)
+
+    def takes(self, frame: Frame) -> bool:
+        """It asks for messages at a rate."""
+        return self._stream_of(frame) is not None or self.interval_of(frame) is not None
+
+    def ask(self, client: Client, frame: Frame, place: Place | None) -> int:
+        """Do what the frame asks for, of a vehicle or (None) of all; MAV_RESULT."""
+        interval = self.interval_of(frame)
+        if interval is not None:
+            number, period_us = interval
+            name = self._dialect.name_of(number)
+            hz = 0.0 if period_us <= 0.0 else 1e6 / period_us
+            if number < 0 or number > 0xFFFFFF or hz > MAX_HZ or (hz and hz < LEAST_HZ):
+                return DENIED
+            return ACCEPTED if self._change(client, place, {name: hz}) else DENIED
+        stream = self._stream_of(frame)
+        if stream is None:
+            return DENIED
+        names, hz = stream
+        return ACCEPTED if self._change(client, place, dict.fromkeys(names, min(hz, 50.0))) else DENIED
+
+    def interval_of(self, frame: Frame) -> tuple[int, float] | None:
+        """Message id and microseconds of a command that sets an interval; None for any other frame."""
+        if self._dialect.name_of(frame.msgid) not in ("COMMAND_LONG", "COMMAND_INT"):
+            return None
+        fields = decode(frame, self._dialect)
+        if fields["command"] != SET_MESSAGE_INTERVAL:
+            return None
+        number, period = fields["param1"], fields["param2"]
+        if not (number == number and abs(number) < 1e9 and period == period):
+            return -1, 0.0
+        return int(number), period
+
+    def _stream_of(self, frame: Frame) -> tuple[tuple[str, ...], float] | None:
+        if self._dialect.name_of(frame.msgid) != REQUEST_DATA_STREAM:
+            return None
+        fields = decode(frame, self._dialect)
+        hz = float(fields["req_message_rate"]) if fields["start_stop"] else 0.0
+        return STREAMS.get(fields["req_stream_id"], ()), hz
+
+    def _change(self, client: Client, place: Place | None, rates: Mapping[str, float]) -> bool:
+        places = [place] if place is not None else [(self._fleet, vehicle) for vehicle in self._vehicles]
+        with self._lock:
+            for fleet, vehicle in places:
+                for name, hz in rates.items():
+                    want = (fleet, vehicle, name)
+                    if hz and want not in self._asked and len(self._asked) >= MOST:
+                        return False
+                    # What is wanted of all vehicles anyway needs no word of its own.
+                    self._set(want, client, hz if hz > self._standard.get(name, 0.0) else 0.0)
+        return True
+
+    def _set(self, want: Want, client: Client, hz: float) -> None:
+        """What one client wants from now on; 0: nothing."""
+        asked = self._asked.setdefault(want, {})
+        if hz:
+            asked[client] = hz
+        else:
+            asked.pop(client, None)
+        most = max(asked.values(), default=0.0)
+        before = self._tokens.get(want)
+        if most and (before is None or before[0] != most):
+            self._tokens[want] = most, self._declare(want, most)
+        elif not most:
+            self._tokens.pop(want, None)
+        if before is not None and self._tokens.get(want) is not before:
+            _undeclare(before[1])
+        if not asked:
+            del self._asked[want]
+
+    def _declare(self, want: Want, hz: float) -> zenoh.LivelinessToken:
+        fleet, vehicle, name = want
+        key = keys.expression(f"{vehicle}/mav/rx/*/*/{name}", fleet)
+        return self._session.liveliness().declare_token(want_key(key, hz, "gcs"))
+
+
+def _undeclare(token: zenoh.LivelinessToken) -> None:
+    with contextlib.suppress(zenoh.ZError):  # the session is closed, and took it along
+        token.undeclare()

@@ -1,0 +1,136 @@
+"""TCP endpoints: a server that any number of stations connect to."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+
+from ground.gcs.client import Client
+from ground.gcs.options import Endpoint
+from ground.gcs.places import MOST_CLIENTS, Hub
+from zmav.links.sockets import DONTWAIT, MAX_READ, READ_WAKE_S, Address, bind_error, resolve, show
+from zmav.links.tcp import set_stream_options, shut
+
+
+class Connection:
+    """One station's socket; written by whoever has something for it, read by the endpoint's thread."""
+
+    stream = True
+
+    def __init__(self, sock: socket.socket) -> None:
+        self.sock = sock
+        self._room = select.poll()
+        self._room.register(sock, select.POLLOUT)
+
+    def write(self, data: bytes) -> int:
+        try:
+            return self.sock.send(data, DONTWAIT)
+        except BlockingIOError:
+            return 0
+
+    def wait(self, seconds: float) -> None:
+        self._room.poll(seconds * 1000)
+
+    def close(self) -> None:
+        """Wake who waits; the descriptor is given back by the endpoint's thread, which reads it."""
+        shut(self.sock)
+
+
+class TcpIn:
+    """``--tcp``: one thread accepts and reads. A station that stops reading is cut off after a while (by
+    TCP_USER_TIMEOUT); until then the newest telemetry waits for it, and nobody waits with it.
+    """
+
+    def __init__(self, endpoint: Endpoint, hub: Hub) -> None:
+        self.endpoint, self._hub = endpoint, hub
+        self.turned_away = 0
+        self._clients: dict[int, tuple[Client, Connection]] = {}
+        self._closing = threading.Event()
+        self._poll = select.poll()
+        self._thread = threading.Thread(target=self._run, name=f"gcs {endpoint}", daemon=True)
+        self._listener: socket.socket | None = None
+
+    @property
+    def clients(self) -> list[Client]:
+        return [client for client, _ in list(self._clients.values())]
+
+    @property
+    def address(self) -> Address:
+        """Where it listens, once it is started."""
+        assert self._listener is not None
+        return self._listener.getsockname()  # type: ignore[no-any-return]
+
+    def start(self) -> None:
+        family, address = resolve(self.endpoint.host, self.endpoint.port, socket.SOCK_STREAM)[0]
+        sock = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sock.bind(address)
+            sock.listen(16)
+        except OSError as error:
+            sock.close()
+            raise bind_error(error, address, "tcpin") from error
+        sock.setblocking(False)
+        self._listener = sock
+        self._poll.register(sock, select.POLLIN)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._closing.set()
+        if self._thread.ident is not None:
+            self._thread.join(1.0)
+        for client, connection in self._clients.values():
+            client.close()
+            connection.sock.close()
+        if self._listener is not None:
+            self._listener.close()
+
+    def _run(self) -> None:
+        assert self._listener is not None
+        listener = self._listener.fileno()
+        while not self._closing.is_set():
+            for fd, _ in self._poll.poll(READ_WAKE_S * 1000):
+                if fd == listener:
+                    self._accept(self._listener)
+                elif fd in self._clients:
+                    self._read(fd, *self._clients[fd])
+
+    def _accept(self, listener: socket.socket) -> None:
+        try:
+            sock, address = listener.accept()
+        except OSError:  # it went away again, or we have no descriptor left for it
+            self._closing.wait(0.01)
+            return
+        if len(self._clients) >= MOST_CLIENTS:
+            self.turned_away += 1
+            sock.close()
+            return
+        try:
+            set_stream_options(sock)
+        except OSError:
+            sock.close()
+            return
+        connection = Connection(sock)
+        name = f"tcp {show(address)}"
+        client = Client(name, connection, self.endpoint.options, self._hub.dialect, connected=True)
+        self._clients[sock.fileno()] = client, connection
+        self._poll.register(sock, select.POLLIN)
+        self._hub.joined(client)
+
+    def _read(self, fd: int, client: Client, connection: Connection) -> None:
+        why = "closed the connection"
+        try:
+            data = connection.sock.recv(MAX_READ, DONTWAIT)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            data, why = b"", error.strerror or str(error)
+        if not data:
+            del self._clients[fd]
+            self._poll.unregister(fd)
+            self._hub.left(client, why)
+            connection.sock.close()
+            return
+        for frame in client.feed(data):
+            self._hub.said(client, frame)

@@ -1,0 +1,214 @@
+"""From the clients to the vehicles: who speaks, to whom, and what goes no further."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import zenoh
+
+import zmav
+from ground.gcs.answerer import Answerer
+from ground.gcs.client import Client
+from ground.gcs.kinds import HEARTBEAT, Place
+from ground.gcs.routes import Routes
+from ground.gcs.streams import DENIED, Streams
+from zmav import keys, wire
+from zmav.errors import Clash, NoSuchVehicle, ZmavError
+from zmav.mavlink import Dialect, Frame, decode, targets
+from zmav.mavlink.signing import SETUP_SIGNING
+
+logger = logging.getLogger(__name__)
+BEAT = 0.4
+"""s within which a second HEARTBEAT of one component is the same beat, come by another way"""
+AUTOPILOTS = (0, 1)
+"""target components by which an autopilot is meant"""
+MOST_SAID = 1000
+
+Tell = Callable[[Client, int, wire.Severity, str], None]
+"""(client, system id, severity, text): a STATUSTEXT about that system, 0: whichever vehicle the client knows"""
+
+
+class Uplink:
+    """:meth:`said` runs on the endpoints' threads. ``tell`` and ``news`` are how it complains."""
+
+    def __init__(
+        self,
+        z: zmav.Client,
+        dialect: Dialect,
+        routes: Routes,
+        streams: Streams,
+        tell: Tell,
+        news: Callable[[str], None],
+    ) -> None:
+        self._z, self._dialect, self._routes, self._streams = z, dialect, routes, streams
+        self._tell, self._news = tell, news
+        self.answerers: Sequence[Answerer] = ()
+        self.on_new_id: Callable[[Client], None] = lambda client: None
+        self.ack: Callable[[Client, Frame, int], None] = lambda client, frame, result: None
+        """answers a command in the vehicle's place"""
+        self.refused: Counter[str] = Counter()
+        """frames of clients that went nowhere, by reason"""
+        self.sent = 0
+        self._beats: dict[tuple[int, int], float] = {}
+        self._once: set[tuple[object, ...]] = set()
+        self._lock = threading.Lock()
+
+    def said(self, client: Client, frame: Frame) -> None:
+        """A frame of a client. Never raises."""
+        try:
+            if self._may_speak(client, frame):
+                self._take(client, frame)
+        except (ZmavError, zenoh.ZError) as e:
+            self._refuse(client, "error")
+            self._say_once(("error", type(e).__name__), f"{client.name}: {e}")
+        except Exception:
+            self._refuse(client, "error")
+            if self._first(("fault",)):
+                logger.exception("%s: a frame of message %d; said once", client.name, frame.msgid)
+
+    # Who speaks.
+
+    def _may_speak(self, client: Client, frame: Frame) -> bool:
+        place = frame.sysid, frame.compid
+        if frame.sysid in self._routes.systems or not frame.sysid:
+            self._refuse(client, "id")
+            names = ", ".join(known.name for known in self._routes.systems.get(frame.sysid, ())) or "everybody"
+            text = f"refused: you speak as system {frame.sysid}, which is {names}: choose another id for the station"
+            self._complain(client, ("id", frame.sysid), frame.sysid, "error", text)
+            return False
+        if frame.msgid == SETUP_SIGNING:
+            self._refuse(client, "signing")
+            text = "refused: SETUP_SIGNING holds a key, which does not travel: use 'zmav signing setup' on the vehicle"
+            self._complain(client, ("signing",), 0, "error", text)
+            return False
+        if place in client.ids:
+            return True
+        if not frame.verified:
+            self._refuse(client, "id")  # garbage makes nobody known
+            return False
+        if not client.add_id(place):
+            self._refuse(client, "ids")
+            self._complain(client, ("ids",), 0, "error", "refused: you speak as too many systems and components")
+            return False
+        self.on_new_id(client)
+        return True
+
+    # What it wants.
+
+    def _take(self, client: Client, frame: Frame) -> None:
+        name = self._dialect.name_of(frame.msgid)
+        system, component = targets(frame, self._dialect)
+        if component in AUTOPILOTS and self._streams.takes(frame):
+            self._ask(client, frame, system)
+            return
+        if any(name in answerer.takes and self._offer(answerer, client, frame) for answerer in self.answerers):
+            return
+        if client.read_only:
+            self._refuse(client, "read-only")
+            if name != HEARTBEAT:
+                self._complain(client, ("read-only",), system, "notice", "read-only: what you send reaches no vehicle")
+            return
+        if name == HEARTBEAT:
+            if not client.kind_of_station:
+                kind = decode(frame, self._dialect)["type"]
+                client.kind_of_station = (self._dialect.enum_name("MAV_TYPE", kind) or f"type {kind}")[9:]
+                self.on_new_id(client)
+            if not self._is_new_beat(frame):
+                return
+        self.route(client, frame)
+
+    def _offer(self, answerer: Answerer, client: Client, frame: Frame) -> bool:
+        try:
+            return answerer.offer(client, frame)
+        except Exception:
+            if self._first(("answerer", type(answerer).__name__)):
+                logger.exception("%s failed; said once", type(answerer).__name__)
+            return False
+
+    def _ask(self, client: Client, frame: Frame, system: int) -> None:
+        """For messages at a rate."""
+        try:
+            place = self._routes.way_to(system) if system else None
+            result = DENIED if client.read_only else self._streams.ask(client, frame, place)
+        except (Clash, NoSuchVehicle) as e:
+            self._not_routed(client, system, e)
+            return
+        if self._streams.interval_of(frame) is not None:
+            self.ack(client, frame, result)
+
+    def _is_new_beat(self, frame: Frame) -> bool:
+        place, now = (frame.sysid, frame.compid), time.monotonic()
+        with self._lock:
+            if now - self._beats.get(place, -BEAT) < BEAT:
+                return False
+            if len(self._beats) >= MOST_SAID:
+                self._beats.clear()
+            self._beats[place] = now
+        return True
+
+    # To whom.
+
+    def route(self, client: Client, frame: Frame) -> None:
+        """Send a frame to the vehicles it is for: the one of its target, or all."""
+        system, component = targets(frame, self._dialect)
+        name = self._dialect.name_of(frame.msgid)
+        if not system:
+            for place in self._routes.everybody():
+                if client.options.sees(place[1]):
+                    self._put(place, 0, 0, name, frame)
+            return
+        try:
+            place = self._routes.way_to(system)
+        except (Clash, NoSuchVehicle) as e:
+            self._not_routed(client, system, e)
+            return
+        if not client.options.sees(place[1]):
+            self._refuse(client, "target")
+            return
+        client.addressed[place] = time.monotonic()
+        self._put(place, system, component, name, frame)
+
+    def _put(self, place: Place, system: int, component: int, name: str, frame: Frame) -> None:
+        self._z.put(keys.TX, keys.TX.key(*place, sys=system, comp=component, msg=name), frame.data)
+        self.sent += 1
+
+    def _not_routed(self, client: Client, system: int, error: ZmavError) -> None:
+        if isinstance(error, Clash):
+            self._refuse(client, "clash")
+            self._tell(client, system, "error", f"refused: {error}")
+            self._say_once(("clash", system), f"refused for {client.name}: {error}")
+        else:
+            self._refuse(client, "target")
+            self._say_once(("target", system), f"{client.name} speaks to system {system}: {error}")
+
+    # Complaints.
+
+    def _refuse(self, client: Client, reason: str) -> None:
+        client.counters.refused += 1
+        self.refused[reason] += 1
+
+    def _complain(
+        self, client: Client, about: tuple[object, ...], system: int, severity: wire.Severity, text: str
+    ) -> None:
+        """Tell the client and the terminal, once."""
+        name = "/".join(map(str, about))
+        if name in client.told or len(client.told) > MOST_SAID:
+            return
+        client.told.add(name)
+        self._tell(client, system, severity, text)
+        self._news(f"{client.name}: {text}")
+
+    def _say_once(self, about: tuple[object, ...], text: str) -> None:
+        if self._first(about):
+            self._news(text)
+
+    def _first(self, about: tuple[object, ...]) -> bool:
+        with self._lock:
+            if about in self._once or len(self._once) > MOST_SAID:
+                return False
+            self._once.add(about)
+        return True
