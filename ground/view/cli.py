@@ -2,16 +2,109 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+from pathlib import Path
+
 import click
 
-from zmav.cli.common import fleet_option, zenoh_options
-from zmav.errors import BadConfig
+import zmav
+from ground.view import viewer
+from ground.view.screen import Screen
+from ground.view.settings import PainterSettings, Sink
+from ground.view.table import Table
+from ground.view.watch import Watch
+from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.errors import BadConfig, ZmavError
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
 
 @click.command("view")
+@click.option("--save", type=click.Path(dir_okay=False), metavar="FILE.rrd", help="Write a recording for Rerun.")
+@click.option("--web", is_flag=True, help="Serve the viewer as a web page, on loopback.")
+@click.option("--port", type=click.IntRange(1, 65534), default=9090, show_default=True,
+              help="Of the web page; its data come over the next one.")  # fmt: skip
+@click.option("--viewer", "url", metavar="URL",
+              help="A viewer that runs: rerun+http://HOST:9876/proxy.")  # fmt: skip
+@click.option("--vehicles", multiple=True, metavar="PATTERN", help="Only these: quad1, quad*  (repeatable).")
+@click.option("--size", type=click.FloatRange(0.05, 100.0), default=1.0, show_default=True,
+              help="Of the models, which are about 2 m across.")  # fmt: skip
+@click.option("--cameras/--no-cameras", default=True, show_default=True, help="Fetch pictures over the network.")
 @fleet_option
 @zenoh_options
-def command(fleet: str, settings: SessionSettings) -> None:
-    """Show the fleet in three dimensions."""
-    raise BadConfig("view is not here yet")
+def command(
+    save: str | None, web: bool, port: int, url: str | None, vehicles: tuple[str, ...], size: float, cameras: bool,
+    fleet: str, settings: SessionSettings,
+) -> None:  # fmt: skip
+    """Show the fleet in three dimensions, over time and in words, in Rerun's viewer.
+
+    Without an option a window opens; --web serves a page instead, --save writes a file (beside either, or alone). It
+    ends when the window is closed, or with Ctrl-C.
+    """
+    viewer.check_extra()
+    sinks = sinks_of(save, web, port, url)
+    run(_view(sinks, vehicles or ("*",), size, cameras, fleet, settings))
+
+
+def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Sink]:
+    """Where to log to; raises :class:`BadConfig` for what cannot be."""
+    if web and url:
+        raise BadConfig("--web and --viewer are two viewers: choose one", field="web", expected="one of them")
+    found = []
+    if save is not None:
+        path = Path(save)
+        if not path.parent.is_dir():
+            text = f"cannot write {save}: there is no folder {path.parent}"
+            raise BadConfig(text, field="save", value=save, expected="a file in a folder that exists")
+        try:
+            path.open("ab").close()
+        except OSError as e:
+            raise BadConfig(f"cannot write {save}: {e.strerror}", field="save", value=save, expected="a file") from e
+        found.append(Sink("save", path=str(path)))
+    if url is not None:
+        if not url.startswith(("rerun+http://", "rerun+https://", "rerun://")):
+            text = f"{url!r} is no address of a viewer: it is like rerun+http://127.0.0.1:9876/proxy"
+            raise BadConfig(text, field="viewer", value=url, expected="rerun+http://HOST:PORT/proxy")
+        found.append(Sink("connect", url=url))
+    if web:
+        found.append(viewer.web_sink(port))
+    if not found:
+        viewer.check_display()
+        found.append(viewer.native_sink())
+    return found
+
+
+async def _view(
+    sinks: list[Sink], vehicles: tuple[str, ...], size: float, cameras: bool, fleet: str, settings: SessionSettings
+) -> None:
+    """Until a signal, or until a painter ends: its window was closed, or its sink is of no use."""
+    async with contextlib.AsyncExitStack() as stack:
+        z = await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
+        table = Table()
+        watching = asyncio.create_task(Watch(z, table, vehicles, cameras).run())
+        stack.callback(watching.cancel)
+        screens = [Screen(table, PainterSettings(sink, fleet == "*", size), say) for sink in sinks]
+        for screen in screens:
+            await stack.enter_async_context(screen)
+        serving = [asyncio.create_task(screen.serve()) for screen in screens]
+        telling = asyncio.create_task(_tell(screens, sinks))
+        stopped = asyncio.create_task(until_stopped())
+        done, _ = await asyncio.wait([stopped, watching, *serving], return_when=asyncio.FIRST_COMPLETED)
+        for task in (telling, stopped, *serving):
+            task.cancel()
+        if watching in done:
+            watching.result()
+        for task, sink in zip(serving, sinks, strict=True):
+            if task in done and (code := task.result()) != 0:
+                raise ZmavError(f"{sink.words} could not be kept up: its painter ended with {code}")
+
+
+async def _tell(screens: list[Screen], sinks: list[Sink]) -> None:
+    """Say where to look, once there is something."""
+    for screen, sink in zip(screens, sinks, strict=True):
+        await screen.started.wait()
+        if sink.kind == "web":
+            say(f"open {viewer.page(sink)}")
+        elif sink.kind == "save":
+            say(f"recording to {sink.path}; Ctrl-C ends it")

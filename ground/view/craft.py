@@ -1,0 +1,195 @@
+"""One vehicle in the scene: its model, name, velocity, trail, setpoint, and its lines in the plots."""
+
+from __future__ import annotations
+
+import collections
+import math
+
+import rerun as rr
+
+from ground.view import models, style
+from ground.view.canvas import VEHICLES, Canvas, Path
+from ground.view.frames import Datum, quaternion, usable
+from ground.view.setpoints import Setpoints
+from zmav import geo, keys, wire
+from zmav.wire import Vector
+
+SILENT = 2.0 * (keys.STATE.stale_after or 2.0)
+"""s without a state after which a vehicle is grey"""
+STEP = 0.4
+"""m between two points of a trail"""
+TAIL, TRAIL = 25, 400
+"""points of the trail's fresh end, which is logged often, and of all of it"""
+JUMP = 200.0
+"""m between two states that no vehicle flies: the trail begins anew"""
+SLOW = 0.25
+"""m/s below which no arrow is drawn"""
+
+
+class Craft:
+    """Told what is heard of one vehicle; draws what has changed since it was last drawn."""
+
+    def __init__(self, fleet: str, name: str, label: str, size: float) -> None:
+        self.fleet, self.name, self.label, self._size = fleet, name, label, size
+        self.colour = style.colour(label)
+        self.path: Path = (*VEHICLES, label)
+        self.state: wire.VehicleState | None = None
+        self.position: Vector | None = None
+        self.home_amsl: float | None = None
+        self.heard = -math.inf
+        """monotonic seconds"""
+        self.delay = 0.0
+        self.setpoints = Setpoints(self.path)
+        self.silent = False
+        self.complained = False
+        """its position could not be drawn, and that was said"""
+        self._fresh = False
+        self._kind: str | None = ""
+        self._drawn: tuple[str, bool] = ("", True)
+        self._tail: collections.deque[Vector] = collections.deque()
+        self._trail: collections.deque[Vector] = collections.deque(maxlen=TRAIL)
+        self._series: set[str] = set()
+        self._aged = -math.inf
+
+    # What is heard.
+
+    def on_state(self, state: wire.VehicleState, t: float, mono: float, datum: Datum) -> None:
+        self.state, self.heard, self.delay = state, mono, t - state.t
+        if state.position is not None and usable((state.position.alt_amsl, state.position.alt_rel, 0.0)):
+            self.home_amsl = state.position.alt_amsl - state.position.alt_rel
+        self.place(datum)
+        self._fresh = True
+
+    def place(self, datum: Datum) -> None:
+        """Find the position anew, in a state or about an origin that has changed."""
+        if self.state is not None:
+            self.position = datum.ned(self.state) or self.position
+
+    def forget_trail(self) -> None:
+        self._tail.clear()
+        self._trail.clear()
+
+    @property
+    def holder(self) -> str | None:
+        return self.state.lease.holder if self.state is not None and self.state.lease is not None else None
+
+    # What is drawn.
+
+    def paint(self, canvas: Canvas, datum: Datum, now: float, t: float, crowded: bool) -> None:
+        """``now`` is monotonic, ``t`` UTC seconds; ``crowded``: names alone, without what the vehicle does."""
+        state = self.state
+        self.silent = now - self.heard > SILENT
+        self._paint_model(canvas, crowded)
+        if state is not None and self._fresh:
+            self._fresh = False
+            self._paint_pose(canvas, state)
+            self._paint_trail(canvas)
+            self._plot_state(canvas, state)
+        error = self.setpoints.paint(canvas, self.position, self.holder, datum, self.home_amsl, now, t)
+        if error is not None and not self.silent:
+            self.plot(canvas, "error", error)
+        if now - self._aged >= 1.0 and self.heard > -math.inf:
+            self._aged = now
+            self.plot(canvas, "age", now - self.heard)
+
+    def _paint_model(self, canvas: Canvas, crowded: bool) -> None:
+        kind = self.state.kind if self.state else None
+        if kind != self._kind:
+            self._kind = kind
+            model = models.model(kind, self._size)
+            canvas.fixed(
+                (*self.path, "pose", "model"),
+                rr.Mesh3D(vertex_positions=model.corners, vertex_normals=model.normals, vertex_colors=model.tints),
+            )
+        text = self._text(crowded)
+        if (text, self.silent) != self._drawn:
+            shade = style.GREY if self.silent else self.colour
+            if self.silent != self._drawn[1] or not self._drawn[0]:
+                canvas.put((*self.path, "pose", "model"), rr.Mesh3D.from_fields(albedo_factor=shade))
+                self._redraw_trail(canvas, shade)
+            self._drawn = (text, self.silent)
+            name = rr.Points3D([(0.0, 0.0, -0.6 * self._size)], radii=style.points(1.5), colors=shade, labels=text,
+                               show_labels=True)  # fmt: skip
+            canvas.put((*self.path, "pose", "name"), name)
+
+    def _text(self, crowded: bool) -> str:
+        state = self.state
+        if self.silent:
+            return f"{self.label} · silent"
+        if state is None or crowded:
+            return self.label
+        if not state.connected:
+            return f"{self.label} · no autopilot"
+        words = [self.label, state.mode or "", f"← {self.holder}" if self.holder else ""]
+        return " ".join(word[:40] for word in words if word)
+
+    def _paint_pose(self, canvas: Canvas, state: wire.VehicleState) -> None:
+        if self.position is None:
+            return
+        turned = state.attitude
+        if turned is not None and all(map(math.isfinite, (turned.roll, turned.pitch, turned.yaw))):
+            pose = rr.Transform3D(translation=self.position, quaternion=rr.Quaternion(xyzw=quaternion(turned)))
+        else:
+            pose = rr.Transform3D(translation=self.position)
+        canvas.put((*self.path, "pose"), pose)
+        path, velocity = (*self.path, "velocity"), state.velocity
+        if velocity is not None and usable(velocity) and math.hypot(*velocity) > SLOW:
+            canvas.put(
+                path,
+                rr.Arrows3D(origins=[self.position], vectors=[velocity], colors=style.faded(self.colour, 220),
+                            radii=style.points(1.4)),
+            )  # fmt: skip
+        else:
+            canvas.clear(path)
+
+    def _paint_trail(self, canvas: Canvas) -> None:
+        """The fresh end is logged whenever it grows, and the rest once in a while, so that little is logged twice."""
+        if self.position is None:
+            return
+        last = self._tail[-1] if self._tail else None
+        moved = math.inf if last is None else geo.distance(last, self.position)
+        if last is not None and moved > JUMP:
+            self.forget_trail()
+            canvas.clear((*self.path, "trail", "old"))
+        elif moved < STEP:
+            return
+        self._tail.append(self.position)
+        if len(self._tail) > TAIL:
+            while len(self._tail) > 1:
+                self._trail.append(self._tail.popleft())
+            self._redraw_trail(canvas, self.colour)
+        elif len(self._tail) > 1 or self._trail:
+            canvas.put((*self.path, "trail", "fresh"), self._strip([*list(self._trail)[-1:], *self._tail], self.colour))
+
+    def _redraw_trail(self, canvas: Canvas, shade: style.Colour) -> None:
+        if len(self._trail) > 1:
+            canvas.put((*self.path, "trail", "old"), self._strip([*self._trail, self._tail[0]], shade))
+        if len(self._tail) > 1 or (self._trail and self._tail):
+            canvas.put((*self.path, "trail", "fresh"), self._strip([*list(self._trail)[-1:], *self._tail], shade))
+
+    def _strip(self, points: list[Vector], shade: style.Colour) -> rr.LineStrips3D:
+        return rr.LineStrips3D([points], colors=style.faded(shade, 170), radii=style.points(1.2))
+
+    # The plots.
+
+    def _plot_state(self, canvas: Canvas, state: wire.VehicleState) -> None:
+        if self.position is not None:
+            self.plot(canvas, "height", -self.position[2])
+        if state.velocity is not None and usable(state.velocity):
+            self.plot(canvas, "speed", math.hypot(*state.velocity))
+        if state.battery is not None and state.battery.remaining is not None:
+            self.plot(canvas, "battery", 100.0 * state.battery.remaining)
+        if abs(self.delay) < 1000.0:
+            self.plot(canvas, "delay", 1e3 * self.delay)
+
+    def plot(self, canvas: Canvas, what: str, value: float, part: str = "", dim: bool = False) -> None:
+        """A point of ``plots/{what}/{vehicle}``; ``part`` tells two lines of one vehicle in one plot apart."""
+        if not math.isfinite(value):
+            return
+        label = f"{self.label} {part}".rstrip()
+        path = ("plots", what, label)
+        if what + part not in self._series:
+            self._series.add(what + part)
+            shade = style.faded(self.colour, 110) if dim else self.colour
+            canvas.fixed(path, rr.SeriesLines(colors=shade, widths=1.0 if dim else 1.6, names=label))
+        canvas.put(path, rr.Scalars(value))

@@ -1,0 +1,121 @@
+"""The process that draws: it asks for what has changed, ten times a second at most, and logs it to one Rerun sink.
+
+``python -m ground.view.painter SETTINGS``: started by :mod:`ground.view.screen`, and ended with it. On standard output
+it writes one byte whenever it is ready for more; on standard input comes a batch in answer, with its length before it.
+Where its sink takes nothing any more, it asks no more: nothing heaps up anywhere, and who started it need not wait.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import struct
+import sys
+import threading
+import time
+from typing import BinaryIO
+
+import msgspec
+import rerun as rr
+
+from ground.view import blueprint
+from ground.view.canvas import Canvas
+from ground.view.scene import Scene
+from ground.view.settings import LENGTH, READY, PainterSettings, Sink
+from ground.view.table import Batch
+from ground.view.viewer import start_viewer
+
+PERIOD = 0.1
+"""s between two steps at least"""
+SETTLE = 3.0
+"""s from the first vehicle's appearance until the view is fitted to the fleet, once"""
+
+
+def main() -> None:
+    settings = msgspec.json.decode(sys.argv[1], type=PainterSettings)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started us: the pipe's end tells us
+    requests = os.fdopen(os.dup(sys.stdout.fileno()), "wb", buffering=0)
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no request
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    recording = rr.RecordingStream("zmav", send_properties=True)
+    recording.set_log_tick_enabled(False)
+    recording.set_log_time_enabled(False)
+    viewer = start_viewer(settings.sink) if settings.sink.kind in ("native", "web") else None
+    _connect(recording, settings.sink)
+    canvas = Canvas(recording)
+    painting = Painting(recording, canvas, Scene(canvas, settings.several, settings.size))
+    while viewer is None or viewer.poll() is None:
+        began = time.monotonic()
+        batch = _fetch(requests, sys.stdin.buffer)
+        if batch is None:
+            break
+        painting.step(batch, time.monotonic(), time.time())
+        time.sleep(max(0.0, PERIOD - (time.monotonic() - began)))
+    with contextlib.suppress(Exception):  # the sink may be gone
+        recording.flush(timeout_sec=2.0)
+        recording.disconnect()
+    if viewer is not None and viewer.poll() is None:
+        viewer.terminate()
+    os._exit(0)  # Rerun would wait for a sink that takes nothing
+
+
+class Painting:
+    """The scene, step by step, and the layout at its beginning."""
+
+    def __init__(self, recording: rr.RecordingStream, canvas: Canvas, scene: Scene) -> None:
+        self._recording, self.canvas, self.scene = recording, canvas, scene
+        self._fit_at: float | None = None
+        self._fitted = False
+        blueprint.fixed(recording)
+        recording.send_blueprint(blueprint.blueprint())
+
+    def step(self, batch: Batch, now: float, t: float) -> int:
+        """Draw what came; how many paths were logged."""
+        self.scene.apply(batch)
+        self.scene.paint(now, t)
+        if not self._fitted:
+            self._fit(now)
+        return self.canvas.flush(t)
+
+    def _fit(self, now: float) -> None:
+        places = [craft.position for craft in self.scene.crafts.values() if craft.position is not None]
+        if not places:
+            return
+        self._fit_at = now + SETTLE if self._fit_at is None else self._fit_at
+        if now >= self._fit_at:
+            self._fitted = True
+            self._recording.send_blueprint(blueprint.blueprint(places))
+
+
+def _connect(recording: rr.RecordingStream, sink: Sink) -> None:
+    if sink.kind == "save":
+        recording.save(sink.path)
+    else:
+        recording.connect_grpc(sink.url)
+
+
+def _fetch(requests: BinaryIO, answers: BinaryIO) -> Batch | None:
+    """Ask for what has changed; None when nobody answers any more."""
+    try:
+        requests.write(READY)
+        head = answers.read(LENGTH.size)
+        if len(head) < LENGTH.size:
+            return None
+        (length,) = LENGTH.unpack(head)
+        data = answers.read(length)
+        return msgspec.msgpack.decode(data, type=Batch) if len(data) == length else None
+    except (OSError, struct.error, msgspec.DecodeError):
+        return None
+
+
+def _end_with_parent(parent: int) -> None:
+    """End, viewer included, soon after who started us has: the main thread may be waiting for a sink for ever."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    time.sleep(3.0)  # for a file to be written to its end
+    os.killpg(0, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main()

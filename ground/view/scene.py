@@ -1,0 +1,229 @@
+"""All that is shown: told what came (:class:`~ground.view.table.Batch`), it draws what has changed."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+import rerun as rr
+
+from ground.view import meshlinks, pictures, plans, topics
+from ground.view.canvas import Canvas
+from ground.view.craft import Craft
+from ground.view.frames import Datum
+from ground.view.table import Batch, Item
+from zmav import wire
+from zmav.errors import ZmavError
+
+logger = logging.getLogger(__name__)
+CROWD = 12
+"""vehicles above which names stand without modes"""
+MOST = 1000
+"""vehicles drawn"""
+MESH_EVERY, TABLE_EVERY = 0.5, 1.0
+"""s between two drawings of links that follow their vehicles, and of the table"""
+LINES_A_STEP = 20
+"""events logged in one step; the others wait for the next"""
+LEVELS = {
+    "emergency": rr.TextLogLevel.CRITICAL, "alert": rr.TextLogLevel.CRITICAL, "critical": rr.TextLogLevel.CRITICAL,
+    "error": rr.TextLogLevel.ERROR, "warning": rr.TextLogLevel.WARN, "notice": rr.TextLogLevel.INFO,
+    "info": rr.TextLogLevel.INFO, "debug": rr.TextLogLevel.DEBUG,
+}  # fmt: skip
+
+
+class Scene:
+    """``several``: names are ``fleet/vehicle``, as there are several fleets; ``size``: of the models."""
+
+    def __init__(self, canvas: Canvas, several: bool = False, size: float = 1.0) -> None:
+        self._canvas, self._several, self._size = canvas, several, size
+        self.datum = Datum()
+        self.crafts: dict[tuple[str, ...], Craft] = {}
+        self.bad = 0
+        """values left out because they were not what they should be"""
+        self._graph: meshlinks.GraphShown | None = None
+        self._mesh_at = self._table_at = -math.inf
+        self._plans: dict[tuple[str, ...], Item] = {}
+        self._topics: dict[str, Item] = {}
+        self._agents: dict[tuple[str, ...], wire.AgentStatus] = {}
+        self._lines: list[tuple[str, str, str]] = []
+        self._take: dict[str, Callable[[Item], None]] = {
+            "state": self._on_state, "setpoint": self._on_setpoint, "event": self._on_event, "link": self._on_link,
+            "fleet": self._on_topic, "graph": self._on_graph, "mission": self._on_plan, "home": self._on_plan,
+            "agent_status": self._on_agent, "camera_frame": self._on_frame, "camera_detection": self._on_detection,
+        }  # fmt: skip
+
+    def apply(self, batch: Batch) -> None:
+        """Take what came. What is not what it should be is counted and left out."""
+        for item in batch.items:
+            try:
+                self._take[item.kind](item)
+            except ZmavError:
+                self.bad += 1
+            except Exception:  # somebody's payload must not end the picture of everything else
+                self.bad += 1
+                logger.debug("%s of %s was not understood", item.kind, item.place, exc_info=True)
+        if batch.lost:
+            self.say("viewer", "warning", f"{batch.lost} events came faster than they could be shown")
+
+    def paint(self, now: float, t: float) -> None:
+        """Put on the canvas what has changed; ``now`` is monotonic, ``t`` UTC seconds."""
+        crowded = len(self.crafts) > CROWD
+        for craft in self.crafts.values():
+            craft.paint(self._canvas, self.datum, now, t, crowded)
+        if self._graph is not None and now - self._mesh_at >= MESH_EVERY:
+            self._mesh_at = now
+            places = {craft.label: craft.position for craft in self.crafts.values() if craft.position is not None}
+            meshlinks.paint(self._canvas, self._graph, places)
+        if now - self._table_at >= TABLE_EVERY and self.crafts:
+            self._table_at = now
+            self._canvas.put(("fleet",), rr.TextDocument(self._table(now), media_type=rr.MediaType.MARKDOWN))
+        said, self._lines = self._lines[:LINES_A_STEP], self._lines[LINES_A_STEP:]
+        for who, severity, text in said:
+            level = LEVELS.get(severity, rr.TextLogLevel.INFO)
+            self._canvas.line(("events", who), rr.TextLog(text, level=level))
+
+    def say(self, who: str, severity: str, text: str) -> None:
+        """A line in the log of events."""
+        if len(self._lines) < 2000:
+            self._lines.append((who, severity, text[:500]))
+
+    # What comes, by its kind.
+
+    def _craft(self, place: tuple[str, ...]) -> Craft:
+        found = self.crafts.get(place[:2])
+        if found is None:
+            if len(self.crafts) >= MOST:
+                raise ZmavError(f"more than {MOST} vehicles are not drawn")
+            fleet, name = place[:2]
+            label = f"{fleet}/{name}" if self._several else name
+            found = self.crafts[fleet, name] = Craft(fleet, name, label, self._size)
+        return found
+
+    def _on_state(self, item: Item) -> None:
+        state = wire.decode(item.payload, wire.VehicleState, "state")
+        craft = self._craft(item.place)
+        if self.datum.learn(state):
+            self._replace(craft.label)
+        craft.on_state(state, item.t, item.mono, self.datum)
+        if craft.position is None and state.position is not None:
+            self._once(craft, "its position cannot be drawn: it is no number, or more than 100 km from the origin")
+
+    def _once(self, craft: Craft, text: str) -> None:
+        if not craft.complained:
+            craft.complained = True
+            self.say(craft.label, "warning", text)
+
+    def _on_setpoint(self, item: Item) -> None:
+        setpoint = wire.decode(item.payload, wire.Setpoint, "setpoint")
+        self._craft(item.place).setpoints.on_setpoint(item.place[2], setpoint, item.mono)
+
+    def _on_event(self, item: Item) -> None:
+        event = wire.decode(item.payload, wire.Event, "event")
+        self.say(self._craft(item.place).label, event.severity, f"{event.kind}: {event.text}")
+
+    def _on_link(self, item: Item) -> None:
+        if item.place[2] != "autopilot":
+            return  # links between routers are drawn from the graph, which knows both ends
+        quality = wire.decode_link(item.payload)
+        if isinstance(quality, wire.LinkQuality):
+            craft = self._craft(item.place)
+            craft.plot(self._canvas, "loss", 100.0 * quality.loss)
+            if quality.rtt is not None:
+                craft.plot(self._canvas, "rtt", 1e3 * quality.rtt, "autopilot", dim=True)
+
+    def _on_graph(self, item: Item) -> None:
+        self._graph = meshlinks.decode(item.payload)
+        self._mesh_at = -math.inf
+        by_label = {craft.label: craft for craft in self.crafts.values()}
+        for name, way in self._graph.ways.items():
+            if (craft := by_label.get(name)) is not None:
+                if way.rtt is not None:
+                    craft.plot(self._canvas, "rtt", 1e3 * way.rtt)
+                if way.lost is not None:
+                    craft.plot(self._canvas, "loss", 100.0 * way.lost, "way", dim=True)
+
+    def _on_plan(self, item: Item) -> None:
+        self._plans[(item.kind, *item.place)] = item
+        craft = self._craft(item.place)
+        if item.kind == "home":
+            home = plans.home_of(wire.decode(item.payload, wire.LastMessage, "home"))
+            if home is not None:
+                plans.paint_home(self._canvas, craft.path, home, craft.label, self.datum)
+            return
+        plan = wire.decode(item.payload, wire.Mission, "mission")
+        plans.paint_plan(self._canvas, craft.path, plan, self.datum, craft.home_amsl, craft.colour)
+
+    def _on_topic(self, item: Item) -> None:
+        topic = item.place[1]
+        if topic == "origin":
+            if self.datum.declare(wire.decode(item.payload, wire.Origin, "origin")):
+                self._replace("@fleet/origin")
+            return
+        self._topics[topic] = item
+        if unknown := topics.paint(self._canvas, topic, item.payload, self.datum):
+            self.say("fleet", "info", unknown)
+
+    def _on_agent(self, item: Item) -> None:
+        status = wire.decode(item.payload, wire.AgentStatus, "agent status")
+        before = self._agents.get(item.place)
+        if len(self._agents) < MOST or before is not None:
+            self._agents[item.place] = status
+        if before is None or before.state != status.state:
+            text = f"{status.agent} on {item.place[1]}: {status.state} {status.text}".rstrip()
+            self.say("agents", "info", text)
+
+    def _on_frame(self, item: Item) -> None:
+        if not pictures.paint_frame(self._canvas, self._craft(item.place).label, item.place[2], item.payload):
+            self.bad += 1
+
+    def _on_detection(self, item: Item) -> None:
+        if not pictures.paint_detection(self._canvas, self._craft(item.place).label, item.place[2], item.payload):
+            self.bad += 1
+
+    # The origin.
+
+    def _replace(self, by: str) -> None:
+        """The origin has changed: say so, and draw everything about the new one."""
+        origin, rank = self.datum.origin, self.datum.rank
+        assert origin is not None
+        place = f"{origin.lat_deg:.6f} {origin.lon_deg:.6f}, {origin.alt_amsl:.1f} m AMSL"
+        if rank == "provisional":
+            self.say("viewer", "warning", f"no fleet origin is known: drawn about the ground below {by} ({place})")
+        else:
+            self.say("viewer", "info", f"the fleet's origin, {rank} by {by}: {place}")
+        for craft in self.crafts.values():
+            craft.forget_trail()
+            craft.place(self.datum)
+        for item in list(self._plans.values()):
+            self._on_plan(item)
+        for topic, item in self._topics.items():
+            topics.paint(self._canvas, topic, item.payload, self.datum)
+
+    # The table.
+
+    def _table(self, now: float) -> str:
+        """Everybody in words, as Markdown."""
+        head = "| vehicle | mode | armed | battery | lease | heard |\n|---|---|---|---|---|---|\n"
+        lines = []
+        for craft in sorted(self.crafts.values(), key=lambda craft: craft.label)[:100]:
+            state = craft.state
+            if state is None:
+                continue
+            left = state.battery.remaining if state.battery else None
+            battery = "–" if left is None else f"{left:.0%}"
+            armed = "–" if state.armed is None else ("**armed**" if state.armed else "no")
+            age = now - craft.heard
+            heard = f"**silent {age:.0f} s**" if craft.silent else f"{age:.1f} s"
+            cells = [_plain(craft.label), _plain(state.mode or "–"), armed, battery, _plain(craft.holder or ""), heard]
+            lines.append(f"| {' | '.join(cells)} |")
+        agents = [
+            f"- {_plain(status.agent)} on {_plain(place[1])}: {_plain(status.state)} {_plain(status.text)}"
+            for place, status in list(self._agents.items())[:20]
+        ]
+        return head + "\n".join(lines) + ("\n\n" + "\n".join(agents) if agents else "")
+
+
+def _plain(text: str) -> str:
+    """Text that is not taken for Markdown."""
+    return "".join("\\" + c if c in "\\`*_{}[]<>()#|!" else (c if c.isprintable() else " ") for c in text[:80])

@@ -1,0 +1,100 @@
+"""A painter as who started it sees it: it is served what it asks for, and ended without waiting for it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+
+import msgspec
+
+from ground.view.settings import LENGTH, READY, PainterSettings
+from ground.view.table import Table
+from zmav.waiting import within
+
+PATIENCE = 5.0
+"""s without a request after which the painter is said to be stuck"""
+END = 4.0
+"""s for a painter to write out what it has and end, before it is killed"""
+
+
+class Screen:
+    """One painter process. ``async with Screen(table, settings, say) as screen: await screen.serve()``.
+
+    It has a process group of its own, with its viewer: Ctrl-C in the terminal reaches neither.
+    """
+
+    def __init__(self, table: Table, settings: PainterSettings, say: Callable[[str], None]) -> None:
+        self._table, self._settings, self._say = table, settings, say
+        self._process: asyncio.subprocess.Process | None = None
+        self.batches = 0
+        self.asked = time.monotonic()
+        """when it last asked for more"""
+        self.started = asyncio.Event()
+        """it has asked for the first time"""
+
+    async def __aenter__(self) -> Screen:
+        self._reader = self._table.reader()
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "ground.view.painter", msgspec.json.encode(self._settings).decode(),
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
+        )  # fmt: skip
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        process = self._process
+        if process is None:
+            return
+        self._table.drop(self._reader)
+        if process.stdin is not None:
+            process.stdin.close()
+        with contextlib.suppress(asyncio.TimeoutError):
+            await within(END, process.wait())
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # what is left of the group: a stopped viewer, too
+        await process.wait()
+
+    @property
+    def pid(self) -> int:
+        """Of the painter, and of its group."""
+        assert self._process is not None
+        return self._process.pid
+
+    async def serve(self) -> int:
+        """Answer its requests until it ends; its exit code."""
+        process = self._process
+        assert process is not None and process.stdin is not None and process.stdout is not None
+        watch = asyncio.create_task(self._watch())
+        try:
+            while await process.stdout.read(1) == READY:
+                self.asked = time.monotonic()
+                self.started.set()
+                data = msgspec.msgpack.encode(self._reader.take())
+                process.stdin.write(LENGTH.pack(len(data)) + data)
+                await process.stdin.drain()
+                self.batches += 1
+        except (BrokenPipeError, ConnectionResetError):
+            pass  # it has ended meanwhile
+        finally:
+            watch.cancel()
+        return await process.wait()
+
+    async def _watch(self) -> None:
+        """Say when the painter is stuck, and when it goes on; nothing else need be done about it."""
+        await self.started.wait()
+        words, stuck = self._settings.sink.words, False
+        while True:
+            await asyncio.sleep(0.5)
+            late = time.monotonic() - self.asked > PATIENCE
+            if late and not stuck:
+                self._say(f"{words} takes nothing any more: what is shown is old; it goes on with the newest")
+            elif stuck and not late:
+                self._say(f"{words} goes on")
+            stuck = late

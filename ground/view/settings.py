@@ -1,0 +1,41 @@
+"""What a painter is started with, and how it and its starter speak."""
+
+from __future__ import annotations
+
+import struct
+from typing import Literal
+
+import msgspec
+
+LENGTH = struct.Struct("<I")
+"""before every batch"""
+READY = b"?"
+"""a painter's request for the next one"""
+
+
+class Sink(msgspec.Struct, frozen=True):
+    """Where a painter logs to."""
+
+    kind: Literal["native", "web", "save", "connect"]
+    path: str = ""
+    """of the file, for ``save``"""
+    url: str = ""
+    """of Rerun's gRPC proxy, for the others"""
+    port: int = 0
+    """of that proxy, for ``native`` and ``web``, on loopback"""
+    web_port: int = 0
+    """where the web viewer is served, on loopback"""
+
+    @property
+    def words(self) -> str:
+        return {"native": "the viewer", "web": "the web viewer's server", "save": self.path, "connect": self.url}[
+            self.kind
+        ]
+
+
+class PainterSettings(msgspec.Struct, frozen=True):
+    sink: Sink
+    several: bool = False
+    """vehicles are called ``fleet/vehicle``"""
+    size: float = 1.0
+    """of the models"""

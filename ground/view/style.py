@@ -1,0 +1,53 @@
+"""Colours and sizes, in one place."""
+
+from __future__ import annotations
+
+import colorsys
+import re
+import zlib
+
+Colour = tuple[int, int, int, int]
+
+GREY: Colour = (120, 124, 130, 255)
+WHITE: Colour = (235, 238, 242, 255)
+SETPOINT: Colour = (255, 255, 255, 230)
+ERROR_LINE: Colour = (255, 70, 70, 230)
+SEGMENT: Colour = (255, 255, 255, 120)
+MISSION: Colour = (90, 200, 255, 200)
+HOME: Colour = (250, 220, 90, 255)
+STAY_INSIDE: Colour = (80, 220, 120, 220)
+STAY_OUT: Colour = (255, 90, 70, 220)
+GRADES: dict[str, Colour] = {
+    "good": (60, 210, 110, 255),
+    "fair": (250, 205, 60, 255),
+    "poor": (255, 120, 40, 255),
+    "down": (230, 45, 60, 255),
+    "unknown": (140, 145, 155, 255),
+}
+"""of mesh links, by :attr:`mesh.topology.Link.grade`"""
+WIDTHS = {"good": 2.5, "fair": 2.0, "poor": 1.5, "down": 1.0, "unknown": 1.0}
+"""of the same, in points of the screen: the better, the thicker"""
+TOPICS: dict[str, Colour] = {
+    "goal": (120, 255, 140, 255),
+    "plan": (80, 220, 255, 220),
+    "obstacle": (230, 110, 80, 150),
+}
+OTHER_TOPIC: Colour = (200, 160, 255, 200)
+
+
+def points(width: float) -> float:
+    """A radius in points of the screen, in Rerun's way: negative."""
+    return -width
+
+
+def colour(name: str) -> Colour:
+    """A vehicle's own colour, by its name alone: alike in every viewer. Neighbouring numbers are far apart."""
+    stem, number = re.match(r"(.*?)(\d*)\Z", name, re.DOTALL).groups()  # type: ignore[union-attr]
+    start = (zlib.crc32(stem.encode("utf-8", "surrogatepass")) % 360) / 360
+    hue = (start + 0.618034 * (int(number[-6:]) if number else 0)) % 1.0
+    r, g, b = colorsys.hls_to_rgb(hue, 0.62, 0.85)
+    return round(255 * r), round(255 * g), round(255 * b), 255
+
+
+def faded(shade: Colour, alpha: int) -> Colour:
+    return (*shade[:3], alpha)

@@ -1,0 +1,101 @@
+"""Rerun's own viewer, native or as a web page, as a process beside a painter."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from urllib.parse import quote
+
+from ground.view.settings import Sink
+from zmav.errors import BadConfig
+
+HOST = "127.0.0.1"
+MEMORY, SERVER_MEMORY = "2GB", "512MB"
+"""that the viewer and its server keep at most; the oldest is forgotten first"""
+START = 20.0
+"""s for it to listen, on a busy machine"""
+
+
+def check_extra() -> None:
+    """Raises :class:`BadConfig` where Rerun is not installed."""
+    if importlib.util.find_spec("rerun") is None:
+        raise BadConfig("zmav view needs Rerun: pip install 'zmav[viz]'", field="view", expected="zmav[viz]")
+
+
+def check_display(environment: Mapping[str, str] = os.environ) -> None:
+    """Raises :class:`BadConfig` where there is no display for a window."""
+    if not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
+        text = "there is no display to open a window on: use --web (a page for a browser) or --save FILE.rrd"
+        raise BadConfig(text, field="DISPLAY", value=None, expected="a display, --web or --save")
+
+
+def native_sink() -> Sink:
+    port = free_port()
+    return Sink("native", url=proxy(port), port=port)
+
+
+def web_sink(web_port: int) -> Sink:
+    """On that port and the next one, on loopback. Raises :class:`BadConfig` for a port that is taken."""
+    for port in (web_port, web_port + 1):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((HOST, port))
+            except (OSError, OverflowError) as e:
+                text = f"port {port} on {HOST} cannot be had: {e}; say --port with another (it takes the next one, too)"
+                raise BadConfig(text, field="port", value=port, expected="two free ports") from e
+    return Sink("web", url=proxy(web_port + 1), port=web_port + 1, web_port=web_port)
+
+
+def proxy(port: int) -> str:
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def page(sink: Sink) -> str:
+    """Where a browser finds the web viewer."""
+    return f"http://{HOST}:{sink.web_port}/?url={quote(sink.url, safe='')}"
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def start_viewer(sink: Sink) -> subprocess.Popen[bytes]:
+    """Start it and wait until it listens. Raises :class:`BadConfig` where it does not."""
+    command = [*program(), "--bind", HOST, "--port", str(sink.port), "--server-memory-limit", SERVER_MEMORY]
+    if sink.kind == "web":
+        command += ["--serve-web", "--web-viewer-port", str(sink.web_port)]
+    else:
+        command += ["--memory-limit", MEMORY, "--hide-welcome-screen", "--expect-data-soon"]
+    quiet = {"RUST_LOG": "error", **os.environ}
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=quiet)
+    deadline = time.monotonic() + START
+    while process.poll() is None and time.monotonic() < deadline:
+        with socket.socket() as probe:
+            probe.settimeout(1.0)
+            if probe.connect_ex((HOST, sink.port)) == 0:
+                return process
+        time.sleep(0.05)
+    code = process.poll()
+    process.kill()
+    process.wait()
+    text = "it does not listen" if code is None else f"it ended with {code}"
+    raise BadConfig(f"Rerun's viewer did not start: {text}", field="view", expected="a viewer that starts")
+
+
+def program() -> list[str]:
+    """Rerun's own program: not the script around it, which would outlive a signal's victim."""
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        found = Path(folder) / "rerun"
+        if found.is_file():
+            return [str(found)]
+    return ["rerun"]
