@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from ground.gcs.answerer import Answerer, Ground
+from ground.gcs.desk import Desks
+from ground.gcs.params import Params
 
 
 def make_answerers(ground: Ground) -> list[Answerer]:
     """One of each kind, ready to be asked. On the event loop."""
-    return []
+    desks = Desks(ground)
+    return [Params(ground, desks)]

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from ground.gcs.answerer import GcsClient, Ground
 from ground.gcs.words import Words
 from zmav import wire
+from zmav.errors import ZmavError
 from zmav.mavlink import Frame
 from zmav.services.port import on_loop
 
@@ -68,8 +69,8 @@ class Desk:
             return
         try:
             handler(self, frame)
-        except Exception:  # whatever it was, it came from the network: the next one may be in order
-            logger.exception("%s: a frame of message %d could not be answered", self.client.name, frame.msgid)
+        except ZmavError as e:  # it came from the network: the next one may be in order
+            logger.debug("%s: a frame of message %d is not answered: %s", self.client.name, frame.msgid, e)
 
     # What it gets.
 
@@ -148,15 +149,26 @@ class Desks:
     def __init__(self, ground: Ground) -> None:
         self._ground, self._words = ground, Words(ground.dialect)
         self._desks: dict[GcsClient, Desk] = {}
+        self.forget: list[Callable[[Desk], None]] = []
+        """called on the event loop with the desk of a client that has left"""
 
     def of(self, client: GcsClient) -> Desk:
         desk = self._desks.get(client)
-        return desk or self._desks.setdefault(client, Desk(client, self._ground, self._words))
+        if desk is None:
+            desk = Desk(client, self._ground, self._words)
+            if not client.gone:  # or it would be kept for ever
+                desk = self._desks.setdefault(client, desk)
+        return desk
 
     def left(self, client: GcsClient) -> None:
         desk = self._desks.pop(client, None)
         if desk is not None:
-            on_loop(self._ground.loop, desk.close)()
+            on_loop(self._ground.loop, self._close)(desk)
+
+    def _close(self, desk: Desk) -> None:
+        for forget in self.forget:
+            forget(desk)
+        desk.close()
 
     def close(self) -> None:
         for desk in self._desks.values():

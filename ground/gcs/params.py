@@ -1,0 +1,348 @@
+"""Parameters, answered in the vehicles' place: https://mavlink.io/en/services/parameter.html
+
+A list costs the mesh one query, a line where nothing changed, however many clients ask for it; the autopilot's link
+hears nothing of it. A PARAM_SET becomes the order ``param_set``, which the vehicle's agent repeats until it is done,
+and is answered with what the parameter really is then; clients that know the vehicle's parameters hear of a change, by
+whomever. The autopilot's own PARAM_VALUEs (its agent reads them all) are therefore nobody's business, except while its
+set is not known to its agent yet: then who waits for the list gets them as they come, and the rest afterwards.
+
+Other components' parameters (a gimbal's) are theirs and pass.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Coroutine, Iterator
+from typing import Any, NamedTuple
+
+import msgspec
+
+from ground.feed import Origin
+from ground.gcs.answerer import GcsClient, Ground
+from ground.gcs.desk import Desk, Desks
+from ground.gcs.param_copy import Heard, ParamCopy, read_value
+from zmav import wire
+from zmav.errors import BadInput, Refused, ZmavError
+from zmav.mavlink import Frame, decode, encode, paramvalue, parse_frame, targets
+from zmav.services.paramset import HASH_CHECK, is_name
+from zmav.services.port import on_loop
+
+MOST_SETS = 64
+"""orders of one client under way; it repeats what gets no answer"""
+MOST_QUESTIONS = 4096
+"""questions of one client that wait for a set to be read"""
+HASH_ASKED = 5.0
+"""s for which an answer to a question about PX4's checksum is awaited"""
+DOES_NOT_EXIST = 1
+Place = tuple[str, str]
+
+
+class Question(NamedTuple):
+    """A PARAM_REQUEST_READ: by name, or where that is empty by place in the list."""
+
+    frame: Frame
+    name: str
+    place: int
+
+
+class System:
+    """One autopilot, as far as its parameters go. Lives on the event loop."""
+
+    def __init__(self, sysid: int, copy: ParamCopy) -> None:
+        self.sysid, self.copy = sysid, copy
+        self.listeners: set[Desk] = set()
+        """who has asked for its parameters, and hears of changes"""
+        self.listing: dict[Desk, dict[str, tuple[bytes, int]]] = {}
+        """who waits for the list, and what it got of it meanwhile: values and types by name"""
+        self.questions: dict[Desk, list[Question]] = {}
+        self.setting: dict[tuple[Desk, str], bytes] = {}
+        """what is being set for whom, as it came"""
+        self.hash_asked: dict[Desk, float] = {}
+
+    def forget(self, desk: Desk) -> None:
+        self.listeners.discard(desk)
+        for waiting in (self.listing, self.questions, self.hash_asked):
+            waiting.pop(desk, None)
+
+
+class Params:
+    """An :class:`~ground.gcs.answerer.Answerer`."""
+
+    takes = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
+    watches = frozenset({"PARAM_VALUE", "HEARTBEAT"})
+
+    def __init__(self, ground: Ground, desks: Desks) -> None:
+        self._ground, self._desks, self._dialect = ground, desks, ground.dialect
+        self._systems: dict[Place, System] = {}
+        self._others: dict[Place, set[tuple[int, int]]] = {}
+        """components of each vehicle that beat and are not its autopilot"""
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._on_value = on_loop(ground.loop, self._heard)
+        desks.forget.append(self._forget)
+
+    # On the carrying threads.
+
+    def offer(self, client: GcsClient, frame: Frame) -> bool:
+        system, component = targets(frame, self._dialect)
+        if system:
+            vehicle = self._ground.vehicle(system) if system in self._ground.systems() else None
+            if vehicle is None or not client.options.sees(vehicle.name):
+                return False
+            if component not in (0, self._ground.component(system)):
+                return False
+        elif not self._ground.systems():
+            return False
+        handler = {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
+        self._desks.of(client).ask(handler[self._dialect.name_of(frame.msgid)], frame)
+        return True
+
+    def withhold(self, origin: Origin, data: bytes) -> bool:
+        place, source = (origin.fleet, origin.vehicle), (origin.sysid, origin.compid)
+        if origin.message == "HEARTBEAT":
+            if origin.compid != self._ground.component(origin.sysid):
+                self._others.setdefault(place, set()).add(source)
+            return False
+        if origin.sysid not in self._ground.systems() or origin.compid != self._ground.component(origin.sysid):
+            return False
+        if place in self._systems:
+            self._on_value(place, data)
+        return True
+
+    def left(self, client: GcsClient) -> None:
+        self._desks.left(client)
+
+    def close(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        for system in self._systems.values():
+            system.copy.close()
+
+    # From here on: on the event loop.
+
+    def _forget(self, desk: Desk) -> None:
+        for system in self._systems.values():
+            system.forget(desk)
+
+    def _meant(self, desk: Desk, frame: Frame) -> Iterator[System]:
+        """The autopilots that a frame is for."""
+        target, _ = targets(frame, self._dialect)
+        for sysid in [target] if target else self._ground.systems():
+            vehicle = self._ground.vehicle(sysid)
+            if vehicle is None or not desk.client.options.sees(vehicle.name):
+                continue
+            place = vehicle.fleet, vehicle.name
+            system = self._systems.get(place)
+            if system is None or system.sysid != sysid:
+                if system is not None:
+                    system.copy.close()
+                system = self._systems[place] = System(sysid, ParamCopy(vehicle, self._dialect))
+            yield system
+
+    def _component(self, system: System) -> int:
+        return self._ground.component(system.sysid)
+
+    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self._ground.loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # Reading.
+
+    def _list(self, desk: Desk, frame: Frame) -> None:
+        for system in self._meant(desk, frame):
+            system.listeners.add(desk)
+            if targets(frame, self._dialect)[1] == 0:
+                self._pass_to_others(desk, frame, system)
+            if desk not in system.listing and not desk.owes(system):  # else it is impatient
+                system.listing[desk] = {}
+                self._in_background(self._send_list(desk, system))
+
+    async def _send_list(self, desk: Desk, system: System) -> None:
+        try:
+            await system.copy.refresh()
+        except ZmavError as e:
+            system.listing.pop(desk, None)
+            desk.tell(system.sysid, "warning", f"parameters not read: {e}")
+            return
+        got = system.listing.pop(desk, None)
+        if got is None:
+            return  # it has left
+
+        def frame(name: str) -> bytes | None:
+            return system.copy.frame(system.sysid, self._component(system), name)
+
+        copy = system.copy
+        desk.owe(system, [name for name in copy.names if name not in got or not copy.is_as(name, *got[name])], frame)
+
+    def _read(self, desk: Desk, frame: Frame) -> None:
+        fields = decode(frame, self._dialect)
+        by_name = fields["param_index"] < 0
+        question = Question(frame, fields["param_id"] if by_name else "", fields["param_index"])
+        for system in self._meant(desk, frame):
+            if question.name == HASH_CHECK:
+                system.hash_asked[desk] = time.monotonic()
+                self._ground.put(desk.client, self._aimed(frame, system.sysid, self._component(system)))
+                continue
+            system.listeners.add(desk)
+            if system.copy.fresh and self._answer(desk, system, question):
+                continue
+            waiting = system.questions.setdefault(desk, [])
+            if len(waiting) < MOST_QUESTIONS:
+                waiting.append(question)
+            if len(waiting) == 1:
+                self._in_background(self._answer_all(desk, system))
+
+    async def _answer_all(self, desk: Desk, system: System) -> None:
+        """What waits for the set to be looked at again."""
+        try:
+            await system.copy.refresh()
+        except ZmavError:
+            system.questions.pop(desk, None)  # as a vehicle that does not answer; who wants it asks again
+            return
+        for question in system.questions.pop(desk, ()):
+            if not self._answer(desk, system, question):
+                await self._find(desk, system, question)
+
+    def _answer(self, desk: Desk, system: System, question: Question) -> bool:
+        """From the copy, where it is there."""
+        copy, name = system.copy, question.name
+        if not name and question.place < len(copy.names):
+            name = copy.names[question.place]
+        frame = copy.frame(system.sysid, self._component(system), name)
+        if frame is not None:
+            desk.answer(frame)
+        return frame is not None
+
+    async def _find(self, desk: Desk, system: System, question: Question) -> None:
+        """One that is not in the set: hidden from it, another component's, or none at all."""
+        try:
+            if not is_name(question.name):
+                raise BadInput(f"no parameter {question.name or question.place!r}", field="param_id")
+            param = await system.copy.vehicle.params.get(question.name)
+            desk.answer(system.copy.frame_of(system.sysid, self._component(system), param))
+        except BadInput:
+            for_all = targets(question.frame, self._dialect)[1] == 0
+            if not (for_all and self._pass_to_others(desk, question.frame, system)):
+                self._say_there_is_none(desk, system, question)
+        except ZmavError:
+            pass  # as a vehicle that does not answer
+
+    def _say_there_is_none(self, desk: Desk, system: System, question: Question) -> None:
+        if "PARAM_ERROR" in self._dialect.by_name:
+            asker = {"target_system": question.frame.sysid, "target_component": question.frame.compid}
+            desk.answer(self._ground.pack(
+                system.sysid, self._component(system), "PARAM_ERROR", **asker, param_id=question.name[:16],
+                param_index=question.place, error=DOES_NOT_EXIST,
+            ))  # fmt: skip
+
+    def _pass_to_others(self, desk: Desk, frame: Frame, system: System) -> bool:
+        """Give what was for all components to those that are no autopilot's; False: there are none."""
+        vehicle = system.copy.vehicle
+        others = [source for source in self._others.get((vehicle.fleet, vehicle.name), ()) if source[0] == system.sysid]
+        for sysid, compid in others:
+            self._ground.put(desk.client, self._aimed(frame, sysid, compid))
+        return bool(others)
+
+    def _aimed(self, frame: Frame, sysid: int, compid: int) -> Frame:
+        """The same for one component."""
+        fields = {**decode(frame, self._dialect), "target_system": sysid, "target_component": compid}
+        data = encode(
+            self._dialect, self._dialect.name_of(frame.msgid), fields, sysid=frame.sysid, compid=frame.compid,
+            seq=frame.seq, version=frame.version,
+        )  # fmt: skip
+        return parse_frame(data, self._dialect)
+
+    # Setting.
+
+    def _set(self, desk: Desk, frame: Frame) -> None:
+        fields = decode(frame, self._dialect)
+        name, raw = fields["param_id"], frame.payload[:4].ljust(4, b"\0")
+        for system in self._meant(desk, frame):
+            if name == HASH_CHECK:
+                desk.forget(system)  # QGroundControl has that very set already
+                continue
+            system.listeners.add(desk)
+            if system.setting.get((desk, name)) == raw or len(system.setting) >= MOST_SETS:
+                continue
+            system.setting[desk, name] = raw
+            self._in_background(self._set_one(desk, system, name, raw, fields["param_type"]))
+
+    async def _set_one(self, desk: Desk, system: System, name: str, raw: bytes, kind: int) -> None:
+        vehicle = system.copy.vehicle
+        try:
+            if desk.client.read_only:
+                raise Refused("read-only")
+            value = self._wanted(system, name, raw, kind)
+            changed = await vehicle.params.set(name, value)
+            self._changed(desk, system, changed.name, changed.value, kind)
+        except ZmavError as e:
+            desk.tell(system.sysid, "warning", f"{name[:16]} not set: {e}")
+            with contextlib.suppress(ZmavError):
+                held = system.copy.param(name) if system.copy.names else None
+                held = held or await vehicle.params.get(name)
+                is_told = isinstance(e, Refused) and "value" in e.detail
+                self._changed(desk, system, held.name, e.detail["value"] if is_told else held.value, kind)
+        finally:
+            if system.setting.get((desk, name)) == raw:
+                del system.setting[desk, name]
+
+    def _wanted(self, system: System, name: str, raw: bytes, kind: int) -> float | int:
+        """What the client wants it to be; raises :class:`BadInput`."""
+        held = system.copy.param(name)
+        named = paramvalue.type_name(kind) or (held.type if held else "REAL32")
+        value = paramvalue.value_of(raw, named, system.copy.encoding)
+        if value is None:
+            raise BadInput("the value is not a number", field="param_value", value=None, expected="a number")
+        if isinstance(value, float) and value.is_integer() and held is not None and not held.type.startswith("REAL"):
+            return int(value)  # scripts send every value as a REAL32
+        return value
+
+    def _changed(self, desk: Desk, system: System, name: str, value: paramvalue.Value, kind: int) -> None:
+        """Answer who set it, and let the others know where it is another than before."""
+        held = system.copy.param(name)
+        if held is None:
+            param = wire.Param(name=name, value=value, type=paramvalue.type_name(kind) or "REAL32")
+            desk.answer(system.copy.frame_of(system.sysid, self._component(system), param))
+            return
+        news = system.copy.take(msgspec.structs.replace(held, value=value))
+        self._tell(system, name, system.listeners if news else {desk})
+
+    # What the autopilot says.
+
+    def _heard(self, place: Place, data: bytes) -> None:
+        system = self._systems.get(place)
+        if system is None:
+            return
+        heard = read_value(data)
+        if heard.name == HASH_CHECK:
+            self._answer_hash(system, data)
+        elif is_name(heard.name):
+            if system.copy.hear(heard):
+                setting = {desk for desk, name in system.setting if name == heard.name}  # they get an answer
+                self._tell(system, heard.name, system.listeners - setting - set(system.listing))
+            self._pass_on(system, heard, data)
+
+    def _pass_on(self, system: System, heard: Heard, data: bytes) -> None:
+        """To those who wait for a list that its agent does not have yet."""
+        if heard.place >= heard.of:
+            return
+        value = heard.raw, heard.type
+        for desk, got in system.listing.items():
+            if got.get(heard.name) != value and len(got) < heard.of and desk.answer(data):
+                got[heard.name] = value
+
+    def _answer_hash(self, system: System, data: bytes) -> None:
+        now = time.monotonic()
+        for desk, asked in system.hash_asked.items():
+            if now - asked < HASH_ASKED:
+                desk.answer(data)
+        system.hash_asked.clear()
+
+    def _tell(self, system: System, name: str, desks: set[Desk]) -> None:
+        """Say a value to those who do not get it anyway: it is in a list that they are being sent."""
+        frame = system.copy.frame(system.sysid, self._component(system), name)
+        for desk in desks:
+            if frame is not None and not desk.owes(system, name):
+                desk.answer(frame)
