@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ground.top.report import LEVELS, VehicleReport, condition
 from ground.top.words import duration, milliseconds, number, percent
 
-NAME, WHY = "vehicle", "why"
+NAME, WHY, EVENT = "vehicle", "why", "last event"
 NAME_MOST = 16
 """cells; longer names are cut"""
-NARROW_WHY, WIDE_WHY = 20, 32
+NARROW_WHY, WIDE_WHY = 20, 24
 """least cells for the reasons, below and from 120 columns"""
 
 
@@ -79,8 +79,13 @@ def event(v: VehicleReport) -> str:
 
 
 def why(v: VehicleReport) -> str:
+    """What is not well."""
+    return "; ".join(reason.text for reason in v.reasons)
+
+
+def why_or_event(v: VehicleReport) -> str:
     """What is not well; where all is, the last event."""
-    return "; ".join(reason.text for reason in v.reasons) or event(v)
+    return why(v) or event(v)
 
 
 def _badness(v: VehicleReport) -> int:
@@ -120,7 +125,7 @@ def _columns(ned: bool) -> tuple[Column, ...]:
         Column("weakest hop", 20, 18, _hop, lambda v: v.network.weakest and v.network.weakest.loss),
         Column("lease", 13, 7, _lease, lambda v: v.lease and v.lease.holder),
         Column("agents", 12, 15, lambda v: " ".join(v.agents), lambda v: v.agents or None),
-        Column("last event", 34, 13, event, lambda v: v.events[0].age if v.events else None),
+        Column(EVENT, 34, 13, event, lambda v: v.events[0].age if v.events else None),
     )  # fmt: skip
 
 
@@ -141,7 +146,7 @@ def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narr
     """
     have = min(width, 80) if narrow else width
     longest = max((len(v.name) for v in vehicles), default=0)
-    every = [_widened(c, min(max(longest, c.width), NAME_MOST)) if c.name == NAME else c for c in columns(ned)]
+    every = [replace(c, width=min(max(longest, c.width), NAME_MOST)) if c.name == NAME else c for c in columns(ned)]
     left = have - (WIDE_WHY if have >= 120 else NARROW_WHY)
     shown: set[str] = set()
     for column in sorted(every, key=lambda c: c.rank):
@@ -151,8 +156,5 @@ def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narr
         left -= column.width + 1
     chosen = [column for column in every if column.name in shown]
     rest = width - sum(column.width + 1 for column in chosen)
-    return [*chosen, _widened(REASONS, max(rest, 0))]
-
-
-def _widened(column: Column, width: int) -> Column:
-    return Column(column.name, width, column.rank, column.text, column.key, column.right)
+    text = why if EVENT in shown else why_or_event
+    return [*chosen, replace(REASONS, width=max(rest, 0), text=text)]

@@ -64,7 +64,9 @@ def percent(share: float | None) -> str:
 
 
 def number(value: float | None, digits: int = 1, sign: str = "") -> str:
-    return "-" if value is None else f"{value:{sign}.{digits}f}"
+    if value is None:
+        return "-"
+    return f"{round(value, digits) + 0.0:{sign}.{digits}f}"  # no "-0.0"
 
 
 def milliseconds(seconds: float | None) -> str:
