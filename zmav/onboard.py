@@ -18,7 +18,7 @@ import zenoh
 from zmav import config, wire
 from zmav.adapter import Adapter
 from zmav.errors import BadConfig, Forbidden, Refused
-from zmav.links import LinkState, open_link
+from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
 from zmav.services.authority import Authority, Rules
@@ -78,10 +78,11 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
 class Onboard:
     """Adapter and services of one vehicle: ``async with Onboard(session, settings): ...``.
 
-    Raises :class:`~zmav.errors.BadInput` for bad settings, before anything runs.
+    ``link``: what the frames come by, where it is none that ``settings`` can name. Raises
+    :class:`~zmav.errors.BadInput` for bad settings, before anything runs.
     """
 
-    def __init__(self, session: zenoh.Session, settings: OnboardSettings) -> None:
+    def __init__(self, session: zenoh.Session, settings: OnboardSettings, link: Link | None = None) -> None:
         fleet, name, instance = settings.fleet, settings.name, str(session.info.zid())
         if settings.sysid is not None and not 1 <= settings.sysid <= 255:
             why = f"no system id {settings.sysid}; expected 1 to 255"
@@ -91,7 +92,7 @@ class Onboard:
         self.gate = Gate(own) if own else None
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
-            session, fleet, name, open_link(settings.link), dialect,
+            session, fleet, name, link or open_link(settings.link), dialect,
             signing=_signing(settings.signing, dialect) if settings.signing else None,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )  # fmt: skip

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import functools
+import itertools
 import logging
 import threading
-from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 import zenoh
 
+from ground.record.files import Files
 from ground.record.folder import Folder
-from ground.record.history import readable
 from ground.record.route import Asked
 from ground.record.storage import Storage
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.wire.history import MOST
 
-if TYPE_CHECKING:
-    from ground.record.mcapfile import Read
-
 logger = logging.getLogger(__name__)
 WAITING = 8
 """questions that may wait for the files"""
+MOST_LATE = 50
+"""things that are looked for in the files for one question"""
 ROOM = 256 << 10
 """bytes of one answer"""
 END = (1 << 63) - 1
@@ -37,10 +33,11 @@ class Answers:
     """A queryable on ``history/{of}/{what}`` under the recorder's own name, in every fleet that it records."""
 
     def __init__(self, session: zenoh.Session, storage: Storage, folder: Folder, fleet: str, name: str) -> None:
-        self._storage, self._folder, self._name = storage, folder, name
-        self._times: dict[Path, tuple[int, int] | None] = {}
+        self._storage, self._name = storage, name
+        self._files = Files(storage, folder)
         self._searcher = ThreadPoolExecutor(1, "record-search")
         self._waiting = threading.BoundedSemaphore(WAITING)
+        self._searcher.submit(self._files.look)
         self._queryable = session.declare_queryable(keys.HISTORY.key(fleet, name, of="*", what="*"), self._on_query)
 
     def close(self) -> None:
@@ -58,6 +55,10 @@ class Answers:
         if not late:
             query.drop()
             return
+        if len(late) > MOST_LATE:
+            text = f"{len(late)} things would have to be looked for in the files: ask for {MOST_LATE} at most at a time"
+            _refuse(query, Refused(text, reason="wide"))
+            return
         if not self._waiting.acquire(blocking=False):
             _refuse(query, Refused(f"{WAITING} questions wait for the files already: ask again", reason="busy"))
             return
@@ -65,27 +66,27 @@ class Answers:
 
     def _asked(self, query: zenoh.Query) -> list[Asked]:
         expression = query.key_expr
-        return [asked for asked in self._storage.history.known() if expression.intersects(self._key(asked))]
+        known = dict.fromkeys((*self._storage.history.known(), *self._files.known()))
+        return [asked for asked in known if expression.intersects(self._key(asked))]
 
     def _key(self, asked: Asked) -> zenoh.KeyExpr:
         return zenoh.KeyExpr(keys.HISTORY.key(asked.fleet, self._name, of=asked.of, what=asked.what))
 
     def _from_memory(self, query: zenoh.Query, asked: Asked, wanted: _Wanted) -> bool:
         """False, with nothing said, where the files must be asked."""
-        entries, all_there = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
-        if not all_there:
+        entries, whole_from = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
+        if len(entries) < wanted.most and whole_from > wanted.since:
             return False
-        self._reply(query, asked, entries, wanted.most)
+        self._reply(query, asked, entries, wanted.most, more=wanted.since < whole_from)
         return True
 
     def _from_files(self, query: zenoh.Query, late: list[Asked], wanted: _Wanted) -> None:
         """On the thread of searches."""
         try:
             for asked in late:
-                entries, _ = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
-                oldest = min((int(entry.t * 1e9) for entry in entries), default=wanted.until + 1)
-                missing = wanted.most + 1 - len(entries)
-                older = list(self._search(self._storage.history.keys_of(asked), wanted.since, oldest - 1, missing))
+                entries, whole_from = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
+                until, missing = min(wanted.until, whole_from - 1), wanted.most + 1 - len(entries)
+                older = list(itertools.islice(self._files.search(asked, wanted.since, until), missing))
                 self._reply(query, asked, [*reversed(older), *entries], wanted.most)
         except Exception as e:  # a file that somebody else damaged: the next question is answered nevertheless
             logger.warning("a question of what was could not be answered from the files: %r", e)
@@ -94,38 +95,10 @@ class Answers:
             self._waiting.release()
             query.drop()
 
-    def _search(self, topics: list[str], since: int, until: int, most: int) -> Iterator[wire.HistoryEntry]:
-        """From the files, the newest first."""
-        for source in self._sources(since, until):
-            with contextlib.suppress(OSError):
-                for found in source(topics, since, until):
-                    if most <= 0:
-                        return
-                    most -= 1
-                    yield wire.HistoryEntry(key=found.topic, t=found.at / 1e9, value=readable(found.data))
-
-    def _sources(self, since: int, until: int) -> Iterator[Callable[[list[str], int, int], Iterator[Read]]]:
-        if not self._storage.kinds.mcap:
-            return
-        from ground.record import mcapfile
-
-        part = self._storage.part
-        current = part.mcap if part else None
-        if current is not None:
-            yield current.read
-        for path in reversed(self._folder.recordings()):
-            if current is not None and path == current.path:
-                continue
-            if path not in self._times:
-                self._times[path] = mcapfile.times(path)
-            span = self._times[path]
-            if span is None:
-                del self._times[path]  # not finished yet, perhaps
-            elif span[0] <= until and span[1] >= since:
-                yield functools.partial(mcapfile.read_back, path)
-
-    def _reply(self, query: zenoh.Query, asked: Asked, entries: list[wire.HistoryEntry], most: int) -> None:
-        more = len(entries) > most
+    def _reply(
+        self, query: zenoh.Query, asked: Asked, entries: list[wire.HistoryEntry], most: int, more: bool = False
+    ) -> None:
+        more = more or len(entries) > most
         kept: list[wire.HistoryEntry] = []
         size = 0
         for entry in reversed(entries[-most:]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import threading
+import time
 from typing import NamedTuple
 
 import msgspec
@@ -13,7 +14,11 @@ from ground.record.route import Asked, Route
 from zmav import wire
 
 RING = 200
-"""of one key"""
+"""entries that are kept of one key"""
+YOUNG = 3_000_000_000
+"""ns: what came since then is kept as well, since it may not be in the files yet"""
+MOST = 5000
+"""but not more of one key than that"""
 ROOM = 128 << 20
 """bytes of payload; when they are full, each key keeps fewer"""
 MOST_KEYS = 20_000
@@ -29,6 +34,8 @@ class Held(NamedTuple):
 class _Ring(NamedTuple):
     route: Route
     entries: collections.deque[Held]
+    cut: dict[str, int]
+    """``at``: just after the newest entry that was let go"""
 
 
 class History:
@@ -39,6 +46,7 @@ class History:
         self._rings: dict[str, _Ring] = {}
         self._known: dict[Asked, list[str]] = {}
         self._size = 0
+        self._since = time.time_ns()
         self._lock = threading.Lock()
 
     def add_all(self, batch: list[tuple[Route, int, bytes]]) -> None:
@@ -47,20 +55,27 @@ class History:
             for route, at, data in batch:
                 ring = self._rings.get(route.key) or self._new(route)
                 if ring is not None:
-                    self._add(ring.entries, Held(at, data))
+                    self._add(ring, Held(at, data))
 
     def _new(self, route: Route) -> _Ring | None:
         if len(self._rings) >= MOST_KEYS:
             return None
-        ring = self._rings[route.key] = _Ring(route, collections.deque())
+        ring = self._rings[route.key] = _Ring(route, collections.deque(), {})
         self._known.setdefault(route.asked, []).append(route.key)
         return ring
 
-    def _add(self, entries: collections.deque[Held], held: Held) -> None:
+    def _add(self, ring: _Ring, held: Held) -> None:
+        entries = ring.entries
         entries.append(held)
         self._size += len(held.data) + COST
-        while len(entries) > self._ring or (self._size > self._room and len(entries) > 1):
-            self._size -= len(entries.popleft().data) + COST
+        young = held.at - YOUNG
+        while len(entries) > 1:
+            many = len(entries) > self._ring and (entries[0].at < young or len(entries) > MOST)
+            if not many and self._size <= self._room:
+                return
+            gone = entries.popleft()
+            self._size -= len(gone.data) + COST
+            ring.cut["at"] = gone.at + 1
 
     def known(self) -> list[Asked]:
         """All that can be asked for."""
@@ -71,34 +86,22 @@ class History:
         with self._lock:
             return list(self._known.get(asked, ()))
 
-    def last_heard(self) -> dict[tuple[str, str], float]:
-        """When something of each vehicle came last, UTC seconds."""
-        found: dict[tuple[str, str], float] = {}
-        with self._lock:
-            for ring in self._rings.values():
-                place = (ring.route.fleet, ring.route.vehicle)
-                found[place] = max(found.get(place, 0.0), ring.entries[-1].at / 1e9)
-        return found
-
-    def newest(self, asked: Asked, since: int, until: int, most: int) -> tuple[list[wire.HistoryEntry], bool]:
-        """The newest entries between two times (ns UTC), the oldest of them first, and whether memory reaches back far
-        enough for there to be no others.
+    def newest(self, asked: Asked, since: int, until: int, most: int) -> tuple[list[wire.HistoryEntry], int]:
+        """The newest entries between two times (ns UTC), the oldest of them first, and from when on memory is whole:
+        what was before that is for the files to tell.
         """
         found: list[tuple[str, Held]] = []
-        reaches = True
         with self._lock:
-            for key in self._known.get(asked, ()):
-                ring = self._rings[key]
-                fitting = [held for held in ring.entries if since <= held.at <= until]
+            rings = {key: self._rings[key] for key in self._known.get(asked, ())}
+            whole_from = max((ring.cut.get("at", 0) for ring in rings.values()), default=0)
+            whole_from = max(whole_from, self._since)
+            for key, ring in rings.items():
+                fitting = [held for held in ring.entries if max(since, whole_from) <= held.at <= until]
                 found += [(key, held) for held in fitting[-most:]]
-                cut = len(ring.entries) >= self._ring or self._size > self._room
-                reaches = reaches and not (cut and ring.entries[0].at > since)
         found.sort(key=lambda each: each[1].at)
-        enough = len(found) >= most
-        entries = [self.entry(key, held, self._rings[key].route) for key, held in found[-most:]]
-        return entries, reaches or enough
+        return [self._entry(key, held, rings[key].route) for key, held in found[-most:]], whole_from
 
-    def entry(self, key: str, held: Held, route: Route) -> wire.HistoryEntry:
+    def _entry(self, key: str, held: Held, route: Route) -> wire.HistoryEntry:
         """As it is answered: a frame by its fields."""
         data = held.data
         if route.frames:

@@ -7,15 +7,17 @@ file that was cut short reads up to its last flush, and :mod:`ground.record.repa
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import make_reader
-from mcap.records import Message
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
+from zstandard import ZstdError
 
 from ground.record.schemas import Schema
 from ground.record.tail import Tail
@@ -32,6 +34,8 @@ KEY = "key"
 MOST_TOPICS = 60_000
 """ids of topics have two bytes"""
 CHUNK = 4 << 20
+ABOUT = "zmav"
+"""name of the metadata at the beginning of a file"""
 
 
 class Read(NamedTuple):
@@ -60,7 +64,7 @@ class McapFile:
         self._tail = Tail(path)
         self._writer = Writer(self._tail, chunk_size=CHUNK, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
         self._writer.start(library="zmav")
-        self._writer.add_metadata("zmav", about)
+        self._writer.add_metadata(ABOUT, about)
         self._schemas: dict[Schema, int] = {}
         self._topics: dict[str, int] = {}
         self._names: dict[int, str] = {}
@@ -142,15 +146,26 @@ def _records(data: bytes) -> Iterator[Message]:
         return
 
 
-def times(path: Path) -> tuple[int, int] | None:
-    """When a finished file's first and last message were recorded, ns UTC; None for what is none, or has none."""
+class Contents(NamedTuple):
+    """What a finished file holds; times are ns UTC."""
+
+    first: int
+    last: int
+    topics: list[str]
+
+
+def contents(path: Path) -> Contents | None:
+    """By its summary; None for what has none: it is being written, was cut short, is empty, or is something else."""
     try:
         with path.open("rb") as file:
             summary = make_reader(file).get_summary()
-    except (OSError, McapError, ValueError, KeyError):
+    except (OSError, McapError, ValueError, KeyError, struct.error):
         return None
     counts = summary.statistics if summary else None
-    return (counts.message_start_time, counts.message_end_time) if counts and counts.message_count else None
+    if summary is None or counts is None or not counts.message_count:
+        return None
+    topics = [channel.topic for channel in summary.channels.values()]
+    return Contents(counts.message_start_time, counts.message_end_time, topics)
 
 
 def read_back(path: Path, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
@@ -159,3 +174,65 @@ def read_back(path: Path, topics: Collection[str], since: int, until: int) -> It
         found = make_reader(file).iter_messages(list(topics), start_time=since, end_time=until + 1, reverse=True)
         for _, channel, message in found:
             yield Read(message.log_time, channel.topic, message.data)
+
+
+class Found(NamedTuple):
+    """A recorded message with what its topic says of itself."""
+
+    at: int
+    key: str
+    holds: str
+    data: bytes
+
+
+def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
+    """All that was recorded between two times (ns UTC), in order; of a file that was cut short as much as there is.
+
+    Raises ValueError for what is no .mcap, OSError where it cannot be read.
+    """
+    with path.open("rb") as file:
+        try:
+            if contents(path) is not None:
+                found = make_reader(file).iter_messages(start_time=since, end_time=until + 1)
+            else:
+                found = NonSeekingReader(file).iter_messages(log_time_order=False)
+            for _, channel, message in found:
+                if since <= message.log_time <= until:
+                    about = channel.metadata
+                    yield Found(message.log_time, about.get(KEY, ""), about.get(HOLDS, ""), message.data)
+        except (EndOfFile, struct.error, ZstdError):
+            return
+        except McapError as e:
+            raise ValueError(f"{path} is no .mcap: {e}") from e
+
+
+def about(path: Path) -> dict[str, str]:
+    """What the recorder said of a file when it began it; empty where it said nothing."""
+    with path.open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                if isinstance(record, Metadata) and record.name == ABOUT:
+                    return record.metadata
+                if isinstance(record, Message):
+                    break
+        except McapError:
+            pass
+    return {}
+
+
+def topics(path: Path) -> list[str]:
+    """Of a file, also of one that was cut short. Raises ValueError for what is no .mcap, OSError."""
+    known = contents(path)
+    if known is not None:
+        return known.topics
+    found: dict[str, None] = {}
+    with path.open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                if isinstance(record, Channel):
+                    found[record.topic] = None
+        except (EndOfFile, struct.error, ZstdError):
+            pass
+        except McapError as e:
+            raise ValueError(f"it is no .mcap: {e}") from e
+    return list(found)

@@ -32,6 +32,7 @@ from mcap.records import (
 )
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
+from zstandard import ZstdError
 
 _HEAD = struct.Struct("<BQ")
 """of a record: what it is, and how long"""
@@ -115,12 +116,8 @@ class _Found:
                 return
             try:
                 self._take(opcode, length)
-            except (McapError, ValueError, struct.error, OSError, MemoryError):
+            except (McapError, ValueError, struct.error, ZstdError, RuntimeError, MemoryError):
                 return  # bytes that are no record of its kind: what follows cannot be trusted
-            except Exception as e:
-                if type(e).__module__.partition(".")[0] not in ("zstandard", "lz4"):
-                    raise
-                return  # a chunk whose data cannot be unpacked
             self.end = after
 
     def _take(self, opcode: int, length: int) -> None:

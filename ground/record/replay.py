@@ -1,55 +1,208 @@
-"""``zmav replay``: a recorded flight as a vehicle on the key space."""
+"""``zmav replay``: recorded flights on the key space, in step."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 import click
+import msgspec
 
+import zmav
+from ground.record.guard import Guard
+from ground.record.player import Deliver, FedLink, Player, Span
+from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
+from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
-from zmav.links import LinkState
+from zmav.client import Client
+from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import until_stopped
-from zmav.session import SessionSettings, open_session
+from zmav.process import say, until_stopped
+from zmav.session import SessionSettings
+
+PATIENT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop:1000000"
+"""1 s instead of 1 ms until a sample is dropped: at full speed the router is to be waited for"""
+SETTLE_S = 1.0
+"""in which a vehicle that is there is heard"""
 
 
 @click.command("replay")
-@click.argument("file", type=click.Path(exists=True, dir_okay=False))
-@click.option("--name", default="replay", show_default=True, help="Vehicle name to replay as.")
+@click.argument("files", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path), metavar="FILE...")
+@click.option("--as", "--name", "name", help="Another name; for several vehicles with a * for theirs: 'old-*'.")
 @click.option("--speed", default="1", show_default=True, help="Times real time; 'max' as fast as it goes.")
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
-@click.option("--sysid", type=click.IntRange(1, 255), help="Which system is the vehicle, where there are several.")
+@click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Seconds after the beginning to start at.")
+@click.option("--end", type=click.FloatRange(min=0.0), help="Seconds after the beginning to end at.")
+@click.option("--force", is_flag=True, help="Play a vehicle although one of its name is there; never its setpoints.")
+@click.option("--sysid", type=click.IntRange(1, 255), help="Which system is the vehicle, where a .tlog has several.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
 @fleet_option
 @zenoh_options
 def command(
-    file: str, name: str, speed: str, loop: bool, sysid: int | None, dialect: str, fleet: str, settings: SessionSettings
+    files: tuple[Path, ...],
+    name: str | None,
+    speed: str,
+    loop: bool,
+    start: float,
+    end: float | None,
+    force: bool,
+    sysid: int | None,
+    dialect: str,
+    fleet: str,
+    settings: SessionSettings,
 ) -> None:
-    """Play a .tlog into the key space: frames byte for byte, state, messages and events as in flight."""
-    url = f"replay:{file}?speed={speed}" + ("&loop=1" if loop else "")
-    vehicle = OnboardSettings(link=url, name=name, fleet=fleet, sysid=sysid, dialect=dialect)
-    run(_replay(vehicle, settings))
+    """Play recordings into the key space, in step: .tlog files, .mcap files, or the folder of a session.
+
+    A .tlog becomes a vehicle: its frames byte for byte, and state, messages and events as in flight. Of an .mcap every
+    key gets again what came on it. Frames that were sent to vehicles are never played; setpoints and the fleet's plans
+    only where no vehicle is there that could follow them. A vehicle that is there is not played over: see --as.
+    """  # fmt: skip
+    keys.check_name(fleet, "fleet")
+    if end is not None and end <= start:
+        raise BadConfig(f"--end {end:g} is not after --start {start:g}", field="end", value=end, expected="later")
+    sources = open_all(files)
+    if any(not isinstance(source, Tlogs) for source in sources):
+        _check_mcap()
+    span, settings = Span(start, end), msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))
+    base = OnboardSettings(link="", name="replay", fleet=fleet, sysid=sysid, dialect=dialect)
+    run(_replay(sources, name, _speed(speed), loop, span, force, base, settings))
 
 
-async def _replay(vehicle: OnboardSettings, settings: SessionSettings) -> None:
-    with await asyncio.to_thread(open_session, settings) as session:
-        async with Onboard(session, vehicle) as onboard:
-            click.echo(f"replaying {vehicle.link} as {vehicle.fleet}/{vehicle.name}", err=True)
-            start = time.monotonic()
-            ways_to_end = {asyncio.create_task(until_stopped()), asyncio.create_task(_until_played(onboard))}
-            _, unfinished = await asyncio.wait(ways_to_end, return_when=asyncio.FIRST_COMPLETED)
-            for task in unfinished:
-                task.cancel()
-            count = onboard.adapter.splitter.counters
-            click.echo(
-                f"{count.frames} frames ({count.unknown} unknown, {count.lost} lost) in "
-                f"{time.monotonic() - start:.1f} s",
-                err=True,
-            )
+async def _replay(
+    sources: Sequence[Source], name: str | None, speed: float, loop: bool, span: Span, force: bool,
+    base: OnboardSettings, settings: SessionSettings,
+) -> None:  # fmt: skip
+    names = await asyncio.to_thread(_names, sources, name)
+    async with (
+        zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z,
+        contextlib.AsyncExitStack() as s,
+    ):
+        await z.settle(timeout=SETTLE_S)
+        guard = Guard(z, set(names.values()), force, say)
+        guard.check()
+        onboards: list[Onboard] = []
+        parts: list[tuple[Source, Deliver]] = []
+        links: list[FedLink] = []
+        for source in sources:
+            if isinstance(source, Tlogs):
+                link = FedLink(source.label)
+                onboards.append(Onboard(z.session, msgspec.structs.replace(base, name=names[source.vehicle]), link))
+                links.append(link)
+                parts.append((source, lambda record, link=link: link.feed(record.data)))  # type: ignore[misc]
+            else:
+                parts.append((source, Putter(z, names, guard)))
+            say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{names[v]}' for v in source.vehicles())}")
+        for onboard in onboards:
+            await s.enter_async_context(onboard)
+        guard.watch({str(z.session.info.zid())})
+        player = Player(parts, speed, loop, span)
+        begun = time.monotonic()
+        player.start()
+        try:
+            await _until_over(player, links)
+        finally:
+            for link in links:
+                link.close()
+            await asyncio.to_thread(player.close)
+            guard.close()
+        _say_end(player, onboards, time.monotonic() - begun)
 
 
-async def _until_played(onboard: Onboard) -> None:
-    """A recording that is not repeated ends with its link down."""
-    while not await asyncio.to_thread(onboard.adapter.link.wait, LinkState.DOWN, 0.5):
-        pass
+def _say_end(player: Player, onboards: list[Onboard], seconds: float) -> None:
+    counts = [onboard.adapter.splitter.counters for onboard in onboards]
+    told = []
+    if counts:
+        frames, unknown, lost = (sum(getattr(c, what) for c in counts) for what in ("frames", "unknown", "lost"))
+        told.append(f"{frames} frames ({unknown} unknown, {lost} lost)")
+    others = player.played - sum(count.frames for count in counts)
+    if others > 0:
+        told.append(f"{others} samples")
+    say(f"{' and '.join(told) or 'nothing'} in {seconds:.1f} s")
+    if player.error is not None:
+        raise BadInput(f"the recording could not be played to its end: {player.error}", field="file")
+
+
+async def _until_over(player: Player, links: Sequence[FedLink]) -> None:
+    """Until all is played and taken, or we are asked to end."""
+
+    async def played() -> None:
+        await asyncio.to_thread(player.over.wait)
+        for link in links:
+            await asyncio.to_thread(link.feed, None)
+            await asyncio.to_thread(link.wait_taken)
+
+    ways_to_end = {asyncio.create_task(until_stopped()), asyncio.create_task(played())}
+    _, unfinished = await asyncio.wait(ways_to_end, return_when=asyncio.FIRST_COMPLETED)
+    player.stop()
+    for link in links:
+        link.close()
+    for task in unfinished:
+        task.cancel()
+
+
+class Putter:
+    """Puts again what came on a key, under the vehicle's new name, where the guard lets it."""
+
+    def __init__(self, z: Client, names: dict[str, str], guard: Guard) -> None:
+        self._z, self._names, self._guard = z, names, guard
+        self._known: dict[str, tuple[keys.Channel, str, str | None] | None] = {}
+        self.held_back = 0
+
+    def __call__(self, record: Record) -> None:
+        try:
+            known = self._known[record.key]
+        except KeyError:
+            known = self._known[record.key] = self._read(record.key)
+        if known is None:
+            return
+        channel, key, vehicle = known
+        if not self._guard.may(channel, key, vehicle):
+            self.held_back += 1
+            return
+        self._z.put(channel, key, record.data)
+
+    def _read(self, key: str) -> tuple[keys.Channel, str, str | None] | None:
+        channel, vehicle = vehicle_of(key)
+        if channel is None:
+            return None
+        chunks = key.split("/")
+        chunks[1] = self._z.fleet_name
+        name = None
+        if vehicle is not None:
+            name = chunks[2] = self._names.get(vehicle, vehicle)
+        return channel, "/".join(chunks), name
+
+
+def _names(sources: Sequence[Source], name: str | None) -> dict[str, str]:
+    """How each recorded vehicle is called now. Raises :class:`BadInput` where that cannot be."""
+    recorded = sorted({vehicle for source in sources for vehicle in source.vehicles()})
+    if not recorded:
+        raise BadInput("the recording holds nothing that can be played", field="file", expected="a recording of zmav's")
+    if name is None:
+        return {vehicle: vehicle for vehicle in recorded}
+    if "*" not in name and len(recorded) > 1:
+        some = ", ".join(recorded[:5])
+        text = f"{len(recorded)} vehicles ({some}) cannot all be {name!r}: write a * for their own names"
+        raise BadConfig(text, field="name", value=name, expected="a name with a *, as in 'old-*'")
+    return {vehicle: keys.check_name(name.replace("*", vehicle)) for vehicle in recorded}
+
+
+def _speed(text: str) -> float:
+    if text == "max":
+        return 0.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = -1.0
+    if not 0.0 < speed < 1e6:
+        raise BadConfig(f"no speed {text!r}: expected a number above 0, or max", field="speed", value=text)
+    return speed
+
+
+def _check_mcap() -> None:
+    from ground.record.cli import check_mcap
+
+    check_mcap()

@@ -55,7 +55,7 @@ class Route:
         self.fleet, self.vehicle = parts["fleet"], parts.get("vehicle", SHARED)
         self.frames = channel in (keys.RX, keys.TX)
         self.picture = channel.encoding in PICTURES
-        self.asked = Asked(self.fleet, self.vehicle, _what(channel, parts))
+        self.asked = asked_of(key)
         self.base = f"{keys.ROOT}/{self.fleet}/{self.vehicle}"
         self.all_frames = f"{self.base}/mav/{channel.name}"
         """topic of every frame of the vehicle, in one direction"""
@@ -101,6 +101,12 @@ def stamp(document: bytes) -> float | None:
         with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return 0.0 if isinstance(msgspec.json.decode(document), dict) else None
         return None
+
+
+def asked_of(key: str) -> Asked:
+    """By what the history of a key is asked for. Raises :class:`BadKey` for one that is not in the registry."""
+    channel, parts = keys.match(key)
+    return Asked(parts["fleet"], parts.get("vehicle", SHARED), _what(channel, parts))
 
 
 def _what(channel: keys.Channel, parts: dict[str, str]) -> str:

@@ -1,0 +1,154 @@
+"""What is played: recordings as records in the order of their times, whichever format they are in."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from zmav import keys
+from zmav.errors import BadConfig, BadInput, BadKey
+from zmav.links.tlog import TlogReader
+from zmav.mavlink import Dialect, load_dialect
+from zmav.mavlink.frame import MAGIC_V2
+
+END = (1 << 63) - 1
+_RECORDED = re.compile(r"(?:[a-z0-9_-]+\.)?(?P<vehicle>[a-z0-9_-]+)\.\d{3,}\Z")
+"""how the recorder calls a .tlog, but for its ending"""
+
+
+class Record(NamedTuple):
+    """``at``: ns UTC of its recording; ``key``: on which it came, empty for a vehicle's frames."""
+
+    at: int
+    key: str
+    data: bytes
+
+
+class Source(Protocol):
+    """One recording, or the parts of one."""
+
+    label: str
+    """for a person"""
+
+    def vehicles(self) -> list[str]:
+        """Whose recording it is. Raises :class:`BadInput` where it is none."""
+
+    def first(self) -> int | None:
+        """When it begins, ns UTC; None: it holds nothing that can be played."""
+
+    def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
+        """Anew at each call. Raises OSError where it cannot be read."""
+
+
+class Tlogs:
+    """The .tlog parts of one vehicle, one after the other."""
+
+    def __init__(self, vehicle: str, paths: Sequence[Path]) -> None:
+        self.vehicle, self._paths = vehicle, list(paths)
+        self.label = ", ".join(map(str, paths))
+
+    def vehicles(self) -> list[str]:
+        return [self.vehicle]
+
+    def first(self) -> int | None:
+        return next((record.at for record in self.records()), None)
+
+    def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
+        for path in self._paths:
+            with path.open("rb") as file:
+                for micros, frame in TlogReader(file):
+                    if since <= micros * 1000 <= until:
+                        yield Record(micros * 1000, "", frame)
+
+
+class Mcap:
+    """An .mcap of the recorder's; one that was cut short is played as far as it goes."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.label = path, str(path)
+        self._keys: dict[tuple[str, bytes], str] = {}
+        self._dialect: Dialect | None = None
+
+    def vehicles(self) -> list[str]:
+        from ground.record import mcapfile
+
+        try:
+            topics = mcapfile.topics(self._path)
+        except (OSError, ValueError) as e:
+            raise BadInput(f"cannot play {self._path}: {e}", field="file", expected="an .mcap of the recorder's") from e
+        found = {topic.split("/")[2] for topic in topics if topic.startswith(f"{keys.ROOT}/") and topic.count("/") > 2}
+        return sorted(name for name in found if keys.NAME.match(name))
+
+    def first(self) -> int | None:
+        return next((record.at for record in self.records()), None)
+
+    def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
+        from ground.record import mcapfile
+
+        for found in mcapfile.read_forth(self._path, since, until):
+            if found.holds == mcapfile.AS_IT_CAME:
+                yield Record(found.at, found.key, found.data)
+            elif found.holds == mcapfile.ALL_FRAMES:
+                yield Record(found.at, self._key_of(found.key, found.data), found.data)
+
+    def _key_of(self, topic: str, frame: bytes) -> str:
+        """A vehicle's frames lie together: each came on the key that its header tells."""
+        v2 = frame[0] == MAGIC_V2
+        head = frame[5:10] if v2 else frame[3:6]
+        found = self._keys.get((topic, head))
+        if found is None:
+            if self._dialect is None:
+                self._dialect = load_dialect(self._dialect_name())
+            msgid = int.from_bytes(head[2:], "little")
+            found = f"{topic}/{head[0]}/{head[1]}/{self._dialect.name_of(msgid)}"
+            self._keys[topic, head] = found
+        return found
+
+    def _dialect_name(self) -> str:
+        from ground.record import mcapfile
+
+        return mcapfile.about(self._path).get("dialect", "ardupilotmega")
+
+
+def open_all(paths: Sequence[Path]) -> list[Source]:
+    """The recordings in these files, and in these folders of a session: of a folder the .mcap, if it has one, and else
+    the .tlog files. Raises :class:`BadConfig` for what is neither, and where an .mcap needs what is not installed.
+    """
+    tlogs: dict[str, list[Path]] = {}
+    sources: list[Source] = []
+    files = [file for path in paths for file in (_in_folder(path) if path.is_dir() else [path])]
+    several = sum(file.suffix != ".mcap" for file in files) > 1
+    for file in files:
+        if file.suffix == ".mcap":
+            sources.append(Mcap(file))
+        else:
+            tlogs.setdefault(_vehicle(file, several), []).append(file)
+    return [*sources, *(Tlogs(vehicle, parts) for vehicle, parts in tlogs.items())]
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    for ending in (".mcap", ".tlog"):
+        found = sorted(folder.glob(f"*{ending}"))
+        if found:
+            return found
+    text = f"{folder} holds no .mcap and no .tlog: give the folder of one session"
+    raise BadConfig(text, field="file", value=str(folder), expected="recordings")
+
+
+def _vehicle(file: Path, several: bool) -> str:
+    """As its recorder called it; else ``replay``, or where there are several after the file."""
+    recorded = _RECORDED.match(file.stem)
+    if recorded:
+        return recorded["vehicle"]
+    return (re.sub(r"[^a-z0-9_-]+", "-", file.stem.lower()).strip("-") if several else "") or "replay"
+
+
+def vehicle_of(key: str) -> tuple[keys.Channel | None, str | None]:
+    """A key's channel (None: the registry has it no more) and vehicle (None: it is shared)."""
+    with contextlib.suppress(BadKey):
+        channel, parts = keys.match(key)
+        return channel, parts.get("vehicle")
+    return None, None
