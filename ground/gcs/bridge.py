@@ -73,6 +73,7 @@ class Bridge:
         self.endpoints: list[Running] = []
         self._answerers: list[Answerer] = []
         self._present: set[Client] = set()
+        self._silent: set[Client] = set()
         self._tasks: list[asyncio.Task[None]] = []
         self._feed: Feed | None = None
 
@@ -120,6 +121,8 @@ class Bridge:
 
     def joined(self, client: Client) -> None:
         self.downlink.add(client)
+        if client.present:
+            self.news(f"{client.name} is there")
 
     def left(self, client: Client, why: str) -> None:
         client.close()
@@ -232,10 +235,11 @@ class Bridge:
         for known in gone:
             self.news(f"{known.name} is gone")
         there = {client for client in self.clients if client.present}
-        for client in self._present - there:
-            if not client.gone:
-                self.news(f"{client.name} is silent")
-        for client in there - self._present:
-            self.news(f"{client.name} is there")
+        for client in self._silent & there:
+            self.news(f"{client.name} is back")
+        fell_silent = {client for client in self._present - there if not client.gone}
+        for client in fell_silent:
+            self.news(f"{client.name} is silent")
+        self._silent = {client for client in self._silent | fell_silent if not (client.gone or client in there)}
         self._present = there
         self.streams.refresh(there)

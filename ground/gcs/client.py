@@ -11,7 +11,7 @@ import msgspec
 from ground.gcs.kinds import Kind, Place
 from ground.gcs.numbering import Numbering, renumbered, sequence_of
 from ground.gcs.options import Options
-from ground.gcs.outbox import Item, Outbox
+from ground.gcs.outbox import MOST_FRESH, Item, Outbox
 from mesh.bearer.budget import Bucket
 from zmav.mavlink import Dialect, Frame, Splitter
 from zmav.mavlink.frame import MAGIC_V2
@@ -144,7 +144,7 @@ class Client:
         """A vehicle's frame, which it gets, now or later."""
         source, seq = kind.source, data[4] if data[0] == MAGIC_V2 else data[2]
         with self._ready:
-            if self._period and not kind.must and not kind.beat and self._is_early(kind.name):
+            if self._period and not kind.must and not kind.beat and self._is_early(kind.about(data)):
                 self.counters.thinned += 1
                 self._came(source, seq)
             elif self._is_free(len(data)):
@@ -158,7 +158,7 @@ class Client:
                 self._came(source, seq)
                 item = Item(source, data)
                 if not kind.must:
-                    self._outbox.put_fresh(kind.name, item, kind.beat)
+                    self._outbox.put_fresh(kind.about(data), item, kind.beat)
                 elif not self._outbox.put_urgent(item):
                     self.counters.dropped += 1
                 self._ready.notify()
@@ -194,6 +194,8 @@ class Client:
         now, due = time.monotonic(), self._due.get(name, 0.0)
         if now < due:
             return True
+        if len(self._due) > MOST_FRESH:
+            self._due.clear()
         # A quarter of a period's grace: telemetry that comes at just this rate is never quite regular.
         self._due[name] = max(due, now - self._period) + self._period if due else now + 0.75 * self._period
         return False

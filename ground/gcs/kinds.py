@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING
 
 from ground.feed import Origin
-from zmav.mavlink import Dialect
+from zmav.mavlink import Dialect, MessageType
 from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V1, MAGIC_V2
 
 if TYPE_CHECKING:
@@ -23,6 +24,15 @@ MUST_ARRIVE = frozenset({
     "LOG_ENTRY", "LOG_DATA", "UNKNOWN_410", "EVENT", "CURRENT_EVENT_SEQUENCE", "RESPONSE_EVENT_ERROR",
 })  # fmt: skip
 """answers, words and events: said once. So is every message that is addressed to somebody"""
+INSTANCES = {
+    "BATTERY_STATUS": "id", "DISTANCE_SENSOR": "id", "SERVO_OUTPUT_RAW": "port", "RAW_IMU": "id", "AIRSPEED": "id",
+    "MCU_STATUS": "id", "ESC_INFO": "index", "ESC_STATUS": "index", "NAMED_VALUE_FLOAT": "name",
+    "NAMED_VALUE_INT": "name", "DEBUG_VECT": "name", "DEBUG": "ind", "DEBUG_FLOAT_ARRAY": "array_id",
+    "MAG_CAL_PROGRESS": "compass_id", "MAG_CAL_REPORT": "compass_id", "ADSB_VEHICLE": "ICAO_address",
+    "AIS_VESSEL": "MMSI", "OBSTACLE_DISTANCE": "sensor_type", "RC_CHANNELS_RAW": "port", "RC_CHANNELS_SCALED": "port",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": "gimbal_device_id", "OPTICAL_FLOW": "sensor_id",
+}  # fmt: skip
+"""messages of which a component sends several, each about another thing, and the field that tells them apart"""
 MOST_KINDS = 8192
 """invented names must not fill the memory"""
 
@@ -44,7 +54,7 @@ class Kind:
     """
 
     __slots__ = (
-        "beat", "getters", "ids", "losers", "must", "name", "origin", "source", "target_at", "track", "version",
+        "beat", "getters", "ids", "instance", "losers", "must", "name", "origin", "source", "target_at", "track", "version",
         "watched",
     )  # fmt: skip
 
@@ -55,6 +65,7 @@ class Kind:
         self.ids = bytes((origin.sysid, origin.compid))
         message = dialect.by_name.get(origin.message)
         self.target_at = message.target_system if message is not None else None
+        self.instance = _place_of(message, INSTANCES.get(origin.message, ""))
         self.beat = origin.message == HEARTBEAT
         self.must = self.target_at is not None or origin.message in MUST_ARRIVE
         self.watched = origin.message in watched
@@ -69,8 +80,26 @@ class Kind:
             return data[5:7] == self.ids and size == (25 if data[2] & 1 else 12) + data[1]
         return size >= 8 and data[0] == MAGIC_V1 and data[3:5] == self.ids and size == 8 + data[1]
 
+    def about(self, data: bytes) -> object:
+        """What a frame is about: a newer one about the same takes its place."""
+        if self.instance is None:
+            return self.name
+        start = HEADER_V2 if data[0] == MAGIC_V2 else HEADER_V1
+        end = start + data[1]
+        return (*self.name, data[start + self.instance.start : min(start + self.instance.stop, end)])
+
     def target(self, data: bytes) -> int:
         """The system it is for; 0: everybody."""
         if self.target_at is None or self.target_at >= data[1]:
             return 0
         return data[(HEADER_V2 if data[0] == MAGIC_V2 else HEADER_V1) + self.target_at]
+
+
+def _place_of(message: MessageType | None, name: str) -> slice | None:
+    """The bytes of the payload in which a field lies; None: there is no such field."""
+    before = "<"
+    for field in message.wire_fields if message is not None else ():
+        start, before = struct.calcsize(before), before + field.code
+        if field.name == name:
+            return slice(start, struct.calcsize(before))
+    return None

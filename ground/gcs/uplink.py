@@ -115,7 +115,8 @@ class Uplink:
         if name == HEARTBEAT:
             if not client.kind_of_station:
                 kind = decode(frame, self._dialect)["type"]
-                client.kind_of_station = (self._dialect.enum_name("MAV_TYPE", kind) or f"type {kind}")[9:]
+                named = self._dialect.enum_name("MAV_TYPE", kind) or f"type {kind}"
+                client.kind_of_station = named.removeprefix("MAV_TYPE_")
                 self.on_new_id(client)
             if not self._is_new_beat(frame):
                 return
