@@ -17,13 +17,33 @@ class Parameter:
     schema: dict[str, Any] = field(default_factory=lambda: TEXT)
 
 
+TAGS = {
+    "Key space": "every key by its name: asked, written, read live",
+    "Orders": "do this; the answer is how it ended",
+    "Setpoints": "streams for scripts, under a lease that the gateway holds",
+    "Text": "for what can GET text and no more, such as MATLAB's urlread",
+    "mavlink2rest": "the interface of mavlink2rest",
+    "Pages": "for people and for monitoring",
+}
+"""groups of paths, in the order in which they are shown"""
+GROUP = {
+    "keys": "Key space",
+    "ws": "Key space",
+    "do": "Orders",
+    "setpoint": "Setpoints",
+    "release": "Setpoints",
+    **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics"), "Pages"),
+}
+"""a path's group by its first part; any other is mavlink2rest's"""
 PATH = {
     "vehicle": "the vehicle's name, as in quad1",
     "verb": "the order",
     "key": "a key or a key expression: quad1, quad*/ATTITUDE, zmav/demo/quad1/link/*",
     "sys": "MAVLink system id",
     "comp": "MAVLink component id; 0: all of the system's",
-    "msg": "name of a MAVLink message",
+    "message": "name of a MAVLink message",
+    "name": "name of a MAVLink message",
 }
 """parts of paths by their names"""
 

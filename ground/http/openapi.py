@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 
-from ground.http.described import BODIES, PATH, QUERY, Parameter
+from ground.http.described import BODIES, GROUP, PATH, QUERY, TAGS, Parameter
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from ground.http.setpoints import Point
@@ -60,6 +60,7 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
             "description": "Errors are JSON with a kind and a text; under /stream, /send, /last and /vehicles, text.",
             "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
         },
+        "tags": [{"name": name, "description": text} for name, text in TAGS.items()],
         "paths": _paths(routes),
         "components": {
             "schemas": components,
@@ -90,13 +91,12 @@ def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
 
 
 def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> dict[str, Any]:
-    said = inspect.getdoc(endpoint) or ""
+    said = (inspect.getdoc(endpoint) or "").replace("``", "")
     summary, _, more = said.partition("\n\n")
-    first = path.strip("/").split("/")[0]
     operation: dict[str, Any] = {
         "summary": " ".join(summary.split()),
         "operationId": "_".join([method, *(part.strip("{}.").replace(".", "_") for part in path.split("/") if part)]),
-        "tags": [first or "page"],
+        "tags": [GROUP.get(path.split("/")[1], "mavlink2rest")],
         "parameters": [_parameter(Parameter(name, PATH.get(name, name)), "path") for name in names],
         "responses": {"200": {"description": "done"}, "default": _error()},
     }
@@ -112,7 +112,7 @@ def _order(verb: Verb, names: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "summary": verb.doc,
         "operationId": f"do_{verb.name}",
-        "tags": ["orders"],
+        "tags": ["Orders"],
         "parameters": names,
         "requestBody": _body(verb.args),
         "responses": {

@@ -41,10 +41,11 @@ logger = logging.getLogger(__name__)
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):
-    """What a client sends: one of ``subscribe`` and ``unsubscribe``."""
+    """What a client sends: one of ``subscribe``, ``unsubscribe`` and ``ping``, which comes back as ``pong``."""
 
     subscribe: str | None = None
     unsubscribe: str | None = None
+    ping: float | None = None
     hz: Annotated[float, msgspec.Meta(gt=0.0, le=MAX_HZ)] | None = None
 
 
@@ -129,7 +130,9 @@ class Socket:
 
     async def _obey(self, ask: Ask) -> None:
         client = self._gateway.client
-        if ask.unsubscribe is not None:
+        if ask.ping is not None:
+            self._say({"pong": ask.ping})
+        elif ask.unsubscribe is not None:
             key = keys.expression(ask.unsubscribe, client.fleet_name)
             if key not in self._readers:
                 there = ", ".join(self._readers) or "nothing"
@@ -243,8 +246,9 @@ def _ask_of(data: str | bytes) -> Ask:
     except (msgspec.DecodeError, UnicodeError, RecursionError) as e:
         said = str(data[:80])
         raise BadInput(f"not understood: {e}", field="message", value=said, expected=EXPECTED) from e
-    if (ask.subscribe is None) == (ask.unsubscribe is None):
-        raise BadInput("one of subscribe and unsubscribe is needed", field="message", value="", expected=EXPECTED)
+    if [ask.subscribe, ask.unsubscribe, ask.ping].count(None) != 2:
+        text = "one of subscribe, unsubscribe and ping is needed"
+        raise BadInput(text, field="message", value=str(data[:80]), expected=EXPECTED)
     return ask
 
 

@@ -1,0 +1,101 @@
+"use strict";
+// Orders: what makes a vehicle safe is two presses away, what moves it is behind a question.
+
+const READ_ONLY = document.querySelector("meta[name=zmav-read-only]").content === "yes";
+
+// A new element with a class, a text and children; text is never markup.
+function make(tag, className = "", text = "", ...children) {
+  const element = document.createElement(tag);
+  if (className) element.className = className;
+  if (text) element.textContent = text;
+  element.append(...children);
+  return element;
+}
+
+function toast(text, kind, lasting = 6000) {
+  const box = make("div", `toast ${kind}`, text);
+  document.getElementById("toasts").append(box);
+  if (lasting) setTimeout(() => box.remove(), lasting);
+  return box;
+}
+
+// Give an order and say how it ended. The vehicle sees it through by itself, whatever becomes of this page.
+async function order(fleet, name, verb, args = {}) {
+  const box = toast(`${name}: ${verb} …`, "", 0);
+  let text;
+  let kind = "bad";
+  try {
+    const path = `keys/${encodeURIComponent(fleet)}/${encodeURIComponent(name)}/do/${verb}`;
+    const answer = await fetch(address(path), { method: "POST", body: JSON.stringify(args) });
+    const body = await answer.json();
+    if (answer.ok) {
+      text = `${name}: ${verb} done in ${body.took.toFixed(1)} s`;
+      kind = "good";
+    } else {
+      text = `${name}: ${verb} not done: ${body.error.text}`;
+    }
+  } catch (error) {
+    text = `${name}: no word on ${verb}: ${error.message}`;
+  }
+  box.remove();
+  toast(text, kind, kind === "good" ? 5000 : 15000);
+}
+
+// A button that does nothing until it is pressed a second time within four seconds.
+function armTwice(button, act) {
+  const label = button.textContent;
+  let timer = null;
+  const rest = () => {
+    clearTimeout(timer);
+    timer = null;
+    button.textContent = label;
+    button.classList.remove("asking");
+  };
+  button.addEventListener("click", () => {
+    if (timer) {
+      rest();
+      act();
+    } else {
+      button.textContent = `${label}: sure?`;
+      button.classList.add("asking");
+      timer = setTimeout(rest, 4000);
+    }
+  });
+}
+
+// Ask, and give the number that was entered (or true), or null for no.
+function confirmed(title, text, yes, field = null) {
+  const dialog = document.getElementById("confirm");
+  const input = dialog.querySelector("input");
+  document.getElementById("confirm-title").textContent = title;
+  document.getElementById("confirm-text").textContent = text;
+  document.getElementById("confirm-yes").textContent = yes;
+  const label = document.getElementById("confirm-field");
+  label.hidden = !field;
+  input.disabled = !field;
+  if (field) {
+    label.querySelector("span").textContent = field.label;
+    input.value = field.value;
+  }
+  dialog.returnValue = "no";
+  dialog.showModal();
+  return new Promise((resolve) => {
+    dialog.addEventListener(
+      "close",
+      () => resolve(dialog.returnValue === "yes" ? (field ? Number(input.value) : true) : null),
+      { once: true },
+    );
+  });
+}
+
+async function askArm(fleet, name, armed) {
+  const verb = armed ? "disarm" : "arm";
+  const text = armed ? "Its motors stop. It is refused in the air." : "Its motors start to turn. Is everybody clear of it?";
+  if (await confirmed(`${armed ? "Disarm" : "Arm"} ${name}?`, text, armed ? "Disarm" : "Arm")) await order(fleet, name, verb);
+}
+
+async function askTakeoff(fleet, name) {
+  const field = { label: "Height above home", value: 10 };
+  const alt = await confirmed(`Take off with ${name}?`, "It climbs at once. Is the air above it free?", "Take off", field);
+  if (alt !== null && alt > 0) await order(fleet, name, "takeoff", { alt_rel: alt });
+}
