@@ -23,6 +23,7 @@ from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
 from ground.gcs.desk import Desk, Desks
 from ground.gcs.param_copy import Heard, ParamCopy, read_value
+from ground.gcs.target import is_for_autopilots, vehicles
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink import Frame, decode, encode, paramvalue, parse_frame, targets
@@ -85,14 +86,7 @@ class Params:
     # On the carrying threads.
 
     def offer(self, client: GcsClient, frame: Frame) -> bool:
-        system, component = targets(frame, self._dialect)
-        if system:
-            vehicle = self._ground.vehicle(system) if system in self._ground.systems() else None
-            if vehicle is None or not client.options.sees(vehicle.name):
-                return False
-            if component not in (0, self._ground.component(system)):
-                return False
-        elif not self._ground.systems():
+        if not is_for_autopilots(self._ground, client, frame):
             return False
         handler = {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
         self._desks.of(client).ask(handler[self._dialect.name_of(frame.msgid)], frame)
@@ -118,6 +112,7 @@ class Params:
             task.cancel()
         for system in self._systems.values():
             system.copy.close()
+        self._desks.close()
 
     # From here on: on the event loop.
 
@@ -127,11 +122,7 @@ class Params:
 
     def _meant(self, desk: Desk, frame: Frame) -> Iterator[System]:
         """The autopilots that a frame is for."""
-        target, _ = targets(frame, self._dialect)
-        for sysid in [target] if target else self._ground.systems():
-            vehicle = self._ground.vehicle(sysid)
-            if vehicle is None or not desk.client.options.sees(vehicle.name):
-                continue
+        for sysid, vehicle in vehicles(self._ground, desk.client, frame):
             place = vehicle.fleet, vehicle.name
             system = self._systems.get(place)
             if system is None or system.sysid != sysid:

@@ -20,6 +20,7 @@ __all__ = [
     "Need",
     "Target",
     "autopilot_for",
+    "autopilot_named",
     "kind_of",
 ]
 
@@ -45,3 +46,9 @@ def kind_of(mav_type: int) -> str:
 def autopilot_for(mav_autopilot: int, mav_type: int) -> Autopilot:
     """The rules for a HEARTBEAT's ``autopilot`` (MAV_AUTOPILOT) and ``type`` (MAV_TYPE)."""
     return _STACKS.get(mav_autopilot, Generic)(kind_of(mav_type))
+
+
+def autopilot_named(name: str | None, kind: str | None) -> Autopilot:
+    """The rules by what a :class:`~zmav.wire.VehicleState` says: ``ardupilot`` and ``copter``, for instance."""
+    stack = next((each for each in (ArduPilot, Px4) if each.name == name), Generic)
+    return stack(kind or "other")

@@ -145,7 +145,7 @@ class Items:
                 raise BadInput(f"{name} is {value}: not a number it can be")
         if item.command == DO_JUMP:
             params[0] += self.offset(kind)
-        scale = self._scale(item.command, frame)
+        scale = self.scale(item.command, frame)
         x, y = (_grid(axis, value, scale) for axis, value in (("x", item.x), ("y", item.y)))
         return Raw(frame, command, int(item.autocontinue), _singles(params), x, y, _singles([item.z])[0])
 
@@ -154,7 +154,7 @@ class Items:
         params = [None if math.isnan(value) else _shortest(value) for value in raw.params]
         if command == DO_JUMP and params[0] is not None:
             params[0] -= self.offset(kind)
-        scale = self._scale(command, raw.frame)
+        scale = self.scale(command, raw.frame)
         x, y = (0.0 if abs(value) >= GRID else value / scale for value in (raw.x, raw.y))
         frame = enums.get("MAV_FRAME", {}).get(raw.frame, f"MAV_FRAME_{raw.frame}")
         if "GLOBAL" in frame and not self.located(command):
@@ -164,7 +164,8 @@ class Items:
             command=command, frame=frame, params=params, x=x, y=y, z=z, autocontinue=bool(raw.autocontinue)
         )
 
-    def _scale(self, command: str, frame: int) -> float:
+    def scale(self, command: str, frame: int) -> float:
+        """What x and y are multiplied by on their way into a MISSION_ITEM_INT."""
         name = self._dialect.enum_name("MAV_FRAME", frame) or ""
         if "LOCAL" in name or "BODY" in name:
             return 1e4

@@ -1,0 +1,110 @@
+"""What a client says about one vehicle's plan, and the answers it gets in the autopilot's name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import zmav
+from ground.gcs.answerer import Ground
+from ground.gcs.desk import Desk
+from zmav import wire
+from zmav.autopilots import autopilot_named
+from zmav.errors import BadInput, Forbidden, NotHolder, Refused, Unsupported, ZmavError
+from zmav.mavlink import Frame
+from zmav.services.mission_items import HOME, KINDS, Items, Raw, raw_from
+from zmav.wire import MissionKind
+
+ACCEPTED, ERROR, UNSUPPORTED, INVALID, BAD_SEQUENCE, DENIED, CANCELLED = 0, 1, 3, 5, 13, 14, 15
+"""MAV_MISSION_RESULT"""
+BY_NUMBER = {number: kind for kind, number in KINDS.items()}
+BEYOND = 2**31 - 2
+"""no place on Earth, and not the number that means "here" either"""
+
+
+class Line(NamedTuple):
+    """One kind of one vehicle's plans, as one client sees it."""
+
+    desk: Desk
+    sysid: int
+    kind: MissionKind
+
+
+class Asked:
+    """A frame of a client for one vehicle, and how it is answered."""
+
+    def __init__(
+        self, ground: Ground, desk: Desk, frame: Frame, fields: Mapping[str, Any], sysid: int, vehicle: zmav.Vehicle
+    ) -> None:
+        self._ground = ground
+        self.desk, self.frame, self.fields, self.sysid, self.vehicle = desk, frame, fields, sysid, vehicle
+        kind = BY_NUMBER.get(fields.get("mission_type", 0))
+        self.line = None if kind is None else Line(desk, sysid, kind)
+
+    @property
+    def items(self) -> Items:
+        state = self.vehicle.last_state
+        rules = autopilot_named(state.autopilot if state else None, state.kind if state else None)
+        return Items(self._ground.dialect, rules.missions.home_first)
+
+    def raws(self, kind: MissionKind, mission: wire.Mission) -> list[Raw]:
+        """As the autopilot has it, home included."""
+        items = self.items
+        raws = [items.raw(kind, item) for item in mission.items]
+        if not items.offset(kind) or (mission.home is None and not raws):
+            return raws
+        lat, lon, alt = mission.home or (0.0, 0.0, 0.0)
+        return [HOME._replace(x=round(lat * 1e7), y=round(lon * 1e7), z=alt), *raws]
+
+    def raw(self, as_float: bool) -> Raw:
+        """The item in a MISSION_ITEM_INT, or in a MISSION_ITEM, whose x and y are degrees and metres."""
+        if not as_float:
+            return raw_from(self.fields)
+        item = raw_from({**self.fields, "x": 0, "y": 0})
+        scale = self.items.scale(self.items.name(item), item.frame)
+        return item._replace(x=_grid(self.fields["x"] * scale), y=_grid(self.fields["y"] * scale))
+
+    def decode(self, kind: MissionKind, raws: list[Raw]) -> list[wire.MissionItem]:
+        """What the order takes; the frames are the client's own."""
+        items = self.items
+        found = items.decode(kind, raws)
+        names = self._ground.dialect.enum_names["MAV_FRAME"]
+        for item, raw in zip(found, raws[items.offset(kind) :], strict=True):
+            item.frame = names.get(raw.frame, item.frame)
+        return found
+
+    # Answers.
+
+    def say(self, name: str, **fields: Any) -> None:
+        """In the autopilot's name, to who asked."""
+        asker = {"target_system": self.frame.sysid, "target_component": self.frame.compid}
+        kind = {"mission_type": self.fields.get("mission_type", 0)}
+        component = self._ground.component(self.sysid)
+        self.desk.answer(self._ground.pack(self.sysid, component, name, **asker, **kind, **fields))
+
+    def ack(self, result: int) -> None:
+        self.say("MISSION_ACK", type=result)
+
+    def refuse(self, error: ZmavError, what: str) -> None:
+        self.tell("warning", f"{what}: {error}")
+        self.ack(result_of(error, self._ground.dialect.enums["MAV_MISSION_RESULT"]))
+
+    def tell(self, severity: wire.Severity, text: str) -> None:
+        self.desk.tell(self.sysid, severity, text)
+
+
+def result_of(error: ZmavError, results: Mapping[str, int]) -> int:
+    """The MAV_MISSION_RESULT that says it."""
+    said = results.get(str(error.detail.get("result")))
+    if said is not None:
+        return said
+    if isinstance(error, Unsupported):
+        return UNSUPPORTED
+    if isinstance(error, BadInput):
+        return INVALID
+    return DENIED if isinstance(error, (Forbidden, NotHolder, Refused)) else ERROR
+
+
+def _grid(value: float) -> int:
+    """What cannot be one is out of every range, and is refused by name."""
+    return round(value) if abs(value) < BEYOND else BEYOND

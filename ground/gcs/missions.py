@@ -1,0 +1,304 @@
+"""Missions, fences and rally points, answered in the vehicles' place: https://mavlink.io/en/services/mission.html
+
+Downloads come from the cache of the vehicle's agent. An upload is collected here, so that a bad radio between station
+and bridge costs the vehicle nothing, and becomes one order, which replaces the plan as a whole or leaves the old one in
+force; the MISSION_ACK says how that ended. On an ArduPilot item 0 is home: it is shown to clients, and what they send
+in its place is left out.
+
+Items that are orders in disguise (``current`` 2 and 3: fly there now) pass, and so does what no cache holds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import time
+from collections.abc import Callable, Coroutine
+from typing import Any, NamedTuple
+
+from ground.feed import Origin
+from ground.gcs.answerer import GcsClient, Ground
+from ground.gcs.desk import Desk, Desks
+from ground.gcs.mission_asked import (
+    ACCEPTED,
+    BAD_SEQUENCE,
+    BY_NUMBER,
+    CANCELLED,
+    DENIED,
+    UNSUPPORTED,
+    Asked,
+    Line,
+    result_of,
+)
+from ground.gcs.mission_upload import Silent, Upload
+from ground.gcs.target import is_for_autopilots, vehicles
+from zmav.errors import Forbidden, Unsupported, ZmavError
+from zmav.mavlink import Frame, decode
+from zmav.services.mission_items import KINDS, WORDS, Raw
+
+ALL = 255
+"""MAV_MISSION_TYPE_ALL"""
+ORDERS = (2, 3)
+"""``current`` of an item that is flown to at once, and of one that is a new altitude"""
+MOST_WORK = 256
+"""transactions of all clients under way; they repeat what gets no answer"""
+ACK_AGAIN = 0.5
+"""s after a MISSION_ACK from which on a repeated last item says that it was lost"""
+
+
+class Ended(NamedTuple):
+    """How the last upload did, and when."""
+
+    last: int
+    result: int
+    at: float
+
+
+class Missions:
+    """An :class:`~ground.gcs.answerer.Answerer`."""
+
+    takes = frozenset({
+        "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK", "MISSION_COUNT",
+        "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST",
+    })  # fmt: skip
+    watches: frozenset[str] = frozenset()
+
+    def __init__(self, ground: Ground, desks: Desks) -> None:
+        self._ground, self._desks, self._dialect = ground, desks, ground.dialect
+        self._shown: dict[Line, tuple[list[Raw], int]] = {}
+        """what a client is downloading, and the item being flown"""
+        self._uploads: dict[Line, Upload] = {}
+        self._ended: dict[Line, Ended] = {}
+        self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
+        """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
+        self._handlers: dict[str, Callable[[Desk, Frame], None]] = {
+            "MISSION_REQUEST_LIST": functools.partial(self._each, self._list),
+            "MISSION_REQUEST_INT": functools.partial(self._each, self._item),
+            "MISSION_REQUEST": functools.partial(self._each, self._item),
+            "MISSION_ACK": functools.partial(self._each, self._over),
+            "MISSION_COUNT": functools.partial(self._each, self._count),
+            "MISSION_WRITE_PARTIAL_LIST": functools.partial(self._each, self._partial),
+            "MISSION_ITEM_INT": functools.partial(self._each, self._take),
+            "MISSION_ITEM": functools.partial(self._each, self._take),
+            "MISSION_CLEAR_ALL": functools.partial(self._each, self._clear),
+            "MISSION_SET_CURRENT": functools.partial(self._each, self._current),
+        }
+        desks.forget.append(self._forget)
+
+    # On the carrying threads.
+
+    def offer(self, client: GcsClient, frame: Frame) -> bool:
+        name = self._dialect.name_of(frame.msgid)
+        if not is_for_autopilots(self._ground, client, frame):
+            return False
+        if name in ("MISSION_ITEM", "MISSION_ITEM_INT") and decode(frame, self._dialect)["current"] in ORDERS:
+            return False
+        self._desks.of(client).ask(self._handlers[name], frame)
+        return True
+
+    def withhold(self, origin: Origin, data: bytes) -> bool:
+        return False
+
+    def left(self, client: GcsClient) -> None:
+        self._desks.left(client)
+
+    def close(self) -> None:
+        self._uploads.clear()
+        for task in list(self._working.values()):
+            task.cancel()
+        self._desks.close()
+
+    # From here on: on the event loop.
+
+    def _forget(self, desk: Desk) -> None:
+        self._shown = {line: shown for line, shown in self._shown.items() if line.desk is not desk}
+        self._ended = {line: ended for line, ended in self._ended.items() if line.desk is not desk}
+        for line in [line for line in self._uploads if line.desk is desk]:
+            upload = self._uploads.pop(line)
+            if not upload.complete and upload.task is not None:  # what it sent whole is done, who would undo it?
+                upload.task.cancel()
+
+    def _each(self, handle: Callable[[Asked], None], desk: Desk, frame: Frame) -> None:
+        """Handle a frame for each vehicle that it is for."""
+        fields = decode(frame, self._dialect)
+        for sysid, vehicle in vehicles(self._ground, desk.client, frame):
+            handle(Asked(self._ground, desk, frame, fields, sysid, vehicle))
+
+    def _work(self, key: tuple[Any, ...], work: Coroutine[Any, Any, None]) -> asyncio.Task[None] | None:
+        """Do it, unless it is being done."""
+        if key in self._working or len(self._working) >= MOST_WORK:
+            work.close()
+            return None
+        task = self._working[key] = self._ground.loop.create_task(work)
+        task.add_done_callback(lambda task: self._working.pop(key, None))
+        return task
+
+    # Downloads.
+
+    def _list(self, asked: Asked) -> None:
+        if asked.line is None:
+            asked.ack(UNSUPPORTED)
+        else:
+            self._work(("list", asked.line), self._show(asked, asked.line))
+
+    async def _show(self, asked: Asked, line: Line) -> None:
+        """Say how many items there are, and keep them for the client to ask for."""
+        try:
+            raws = await self._fetch(asked, line)
+        except ZmavError as e:
+            asked.refuse(e, f"{WORDS[line.kind]} not read")
+        else:
+            asked.say("MISSION_COUNT", count=len(raws))
+
+    async def _fetch(self, asked: Asked, line: Line) -> list[Raw]:
+        mission = await asked.vehicle.missions.get(line.kind)
+        raws, start = asked.raws(line.kind, mission), asked.items.offset(line.kind)
+        self._shown[line] = raws, -1 if mission.current is None else mission.current + start
+        return raws
+
+    def _item(self, asked: Asked) -> None:
+        if asked.line is None:
+            asked.ack(UNSUPPORTED)
+        elif asked.line in self._shown:
+            self._show_item(asked, asked.line)
+        else:
+            self._work(("item", asked.line), self._show_late(asked, asked.line))
+
+    async def _show_late(self, asked: Asked, line: Line) -> None:
+        """An item of a plan that nobody asked for as a whole."""
+        try:
+            await self._fetch(asked, line)
+        except ZmavError as e:
+            asked.refuse(e, f"{WORDS[line.kind]} not read")
+        else:
+            self._show_item(asked, line)
+
+    def _show_item(self, asked: Asked, line: Line) -> None:
+        (raws, current), seq = self._shown[line], asked.fields["seq"]
+        if seq >= len(raws):
+            asked.ack(BAD_SEQUENCE)
+            return
+        fields = {**raws[seq].fields(), "seq": seq, "current": int(seq == current and line.kind == "mission")}
+        if self._dialect.name_of(asked.frame.msgid) == "MISSION_REQUEST_INT":
+            asked.say("MISSION_ITEM_INT", **fields)
+        else:
+            scale = asked.items.scale(asked.items.name(raws[seq]), raws[seq].frame)
+            asked.say("MISSION_ITEM", **{**fields, "x": raws[seq].x / scale, "y": raws[seq].y / scale})
+
+    def _over(self, asked: Asked) -> None:
+        """It has all it wanted."""
+        if asked.line is not None:
+            self._shown.pop(asked.line, None)
+
+    # Uploads.
+
+    def _count(self, asked: Asked) -> None:
+        line, count = asked.line, asked.fields["count"]
+        if line is None:
+            asked.ack(UNSUPPORTED)
+        elif self._may_change(asked, line):
+            self._begin(asked, line, 0, count - 1)
+
+    def _partial(self, asked: Asked) -> None:
+        if asked.line is None:
+            asked.ack(UNSUPPORTED)
+        elif self._may_change(asked, asked.line):
+            self._work(("partial", asked.line), self._begin_partial(asked, asked.line))
+
+    async def _begin_partial(self, asked: Asked, line: Line) -> None:
+        """Some items of the plan that is there; the vehicle gets the plan with them in their places."""
+        try:
+            raws = asked.raws(line.kind, await asked.vehicle.missions.get(line.kind))
+        except ZmavError as e:
+            asked.refuse(e, f"{WORDS[line.kind]} not changed")
+            return
+        first, last = asked.fields["start_index"], asked.fields["end_index"]
+        last = len(raws) - 1 if last < 0 else last
+        if 0 <= first <= last < len(raws):
+            self._begin(asked, line, first, last, raws)
+        else:
+            asked.ack(BAD_SEQUENCE)
+
+    def _may_change(self, asked: Asked, line: Line) -> bool:
+        if asked.desk.client.read_only:
+            asked.refuse(Forbidden("read-only"), f"{WORDS[line.kind]} not changed")
+        return not asked.desk.client.read_only
+
+    def _begin(self, asked: Asked, line: Line, first: int, last: int, old: list[Raw] | None = None) -> None:
+        before = self._uploads.get(line)
+        if before is not None and not before.items and (before.first, before.last) == (first, last) and last >= first:
+            before.ask()  # it has not heard that we ask
+            return
+        if before is not None and not before.complete and before.task is not None:
+            before.task.cancel()
+        self._ended.pop(line, None)
+        upload = self._uploads[line] = Upload(asked.desk, asked.say, first, last, asked.frame.version == 1)
+        upload.task = self._work(("upload", line, id(upload)), self._run(asked, line, upload, old))
+        if upload.task is None:
+            del self._uploads[line]
+            asked.ack(DENIED)
+
+    async def _run(self, asked: Asked, line: Line, upload: Upload, old: list[Raw] | None) -> None:
+        result = CANCELLED
+        try:
+            came = await upload.collect()
+            raws = came if old is None else [*old[: upload.first], *came, *old[upload.last + 1 :]]
+            order = asked.vehicle.missions.upload(asked.decode(line.kind, raws), line.kind)
+            await (upload.keep_waiting(order) if came else order)
+            result = ACCEPTED
+        except Silent:
+            asked.tell("warning", f"{WORDS[line.kind]} not uploaded: item {upload.next} did not come")
+        except ZmavError as e:
+            result = result_of(e, self._dialect.enums["MAV_MISSION_RESULT"])
+            asked.tell("warning", f"{WORDS[line.kind]} not uploaded: {e}")
+        finally:
+            if self._uploads.get(line) is upload:
+                del self._uploads[line]
+                self._ended[line] = Ended(upload.last, result, time.monotonic())
+                asked.ack(result)
+
+    def _take(self, asked: Asked) -> None:
+        line = asked.line
+        if line is None:
+            return
+        upload, ended = self._uploads.get(line), self._ended.get(line)
+        seq, as_float = asked.fields["seq"], self._dialect.name_of(asked.frame.msgid) == "MISSION_ITEM"
+        if upload is not None:
+            upload.take(seq, asked.raw(as_float), as_float)
+        elif ended is not None and ended.last == seq and time.monotonic() - ended.at > ACK_AGAIN:
+            self._ended[line] = ended._replace(at=time.monotonic())
+            asked.ack(ended.result)
+
+    # Orders.
+
+    def _clear(self, asked: Asked) -> None:
+        number = asked.fields["mission_type"]
+        if number not in (*BY_NUMBER, ALL):
+            asked.ack(UNSUPPORTED)
+        elif self._may_change(asked, asked.line or Line(asked.desk, asked.sysid, "mission")):
+            self._work(("clear", asked.desk, asked.sysid, number), self._clear_all(asked, number))
+
+    async def _clear_all(self, asked: Asked, number: int) -> None:
+        for kind in KINDS if number == ALL else [BY_NUMBER[number]]:
+            try:
+                await asked.vehicle.missions.clear(kind)
+            except ZmavError as e:
+                if number == ALL and isinstance(e, Unsupported):
+                    continue  # it has none of that kind
+                asked.refuse(e, f"{WORDS[kind]} not cleared")
+                return
+        asked.ack(ACCEPTED)
+
+    def _current(self, asked: Asked) -> None:
+        if asked.desk.client.read_only:
+            asked.refuse(Forbidden("read-only"), "mission item not set")
+            return
+        seq = asked.fields["seq"]
+        self._work(("current", asked.desk, asked.sysid, seq), self._jump(asked, seq))
+
+    async def _jump(self, asked: Asked, seq: int) -> None:
+        """The MISSION_CURRENT that the autopilot then says is the answer."""
+        try:
+            await asked.vehicle.missions.set_current(max(seq - asked.items.offset("mission"), 0))
+        except ZmavError as e:
+            asked.refuse(e, f"mission item {seq} not set")
