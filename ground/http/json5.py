@@ -12,6 +12,8 @@ from typing import Any
 
 from zmav.errors import BadInput
 
+LONGEST = 65_536
+"""characters that are looked at one by one"""
 _TOKEN = re.compile(
     r"""
     (?P<blank>[\s\ufeff]+ | //[^\n\r\u2028\u2029]* | /\*(?:[^*]|\*(?!/))*\*/)
@@ -34,10 +36,11 @@ def loads(data: bytes) -> Any:
     except UnicodeDecodeError as e:
         raise BadInput(f"not UTF-8: {e.reason} at byte {e.start}", field="body", expected="JSON") from e
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        pass  # the common case is plain JSON, which is read at full speed
-    try:
+        try:
+            return json.loads(text)  # nearly always it is plain JSON, which is read at full speed
+        except ValueError:
+            if len(text) > LONGEST:
+                raise
         return json.loads("".join(_plain(text)))
     except RecursionError:
         raise BadInput("not JSON: nested too deeply", field="body", expected="JSON") from None

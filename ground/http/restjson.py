@@ -63,8 +63,22 @@ def frame_of(given: Any, dialect: Dialect, source: tuple[int, int], numbers: Num
         raise BadMessage("the message has no type: expected a message's name", field="type", value=name)
     kind = dialect.message(name)
     header = _header(given.get("header", {}), source)
-    fields = {_field_name(key, kind): _plain(value) for key, value in given["message"].items() if key != "type"}
-    return encode(dialect, kind.name, fields, sysid=header[0], compid=header[1], seq=numbers.next_seq(*header))
+    fields = {}
+    for key, value in given["message"].items():
+        if key != "type":
+            name = _field_name(key, kind)
+            fields[name] = _plain(value, kind.by_name.get(name))
+    try:
+        return encode(dialect, kind.name, fields, sysid=header[0], compid=header[1], seq=numbers.next_seq(*header))
+    except BadMessage as e:
+        raise _named_as_given(kind, e) from e
+
+
+def _named_as_given(kind: MessageType, error: BadMessage) -> BadMessage:
+    """The same error, with the name that a field has here."""
+    bad = {MAVTYPE if name == "type" else name: why for name, why in error.detail.get("fields", {}).items()}
+    listed = "; ".join(f"{name}: {why}" for name, why in bad.items())
+    return BadMessage(f"{kind.name} cannot be encoded: {listed}", fields=bad) if bad else error
 
 
 def _header(given: Any, source: tuple[int, int]) -> tuple[int, int]:
@@ -98,7 +112,7 @@ def _shown(field: Field, value: Any, dialect: Dialect) -> Any:
     return {"type": to_json(field, value, dialect)}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, field: Field | None) -> Any:
     """What :func:`zmav.mavlink.encode` takes for a value in this face's shape."""
     if isinstance(value, Mapping):
         if len(value) == 1 and "type" in value:
@@ -107,8 +121,8 @@ def _plain(value: Any) -> Any:
             return value["bits"]
         return dict(value)  # the encoder says what it expected
     if isinstance(value, list):
-        return [_plain(each) for each in value]
-    return 0 if value == "" else value
+        return [_plain(each, field) for each in value]
+    return 0 if value == "" and field is not None and field.bitmask else value
 
 
 def _default(field: Field, dialect: Dialect) -> Any:

@@ -20,6 +20,8 @@ CONNECTIONS = 256
 """connections and requests at once; beyond it the answer is 503"""
 MESSAGE_SIZE = 1_000_000
 """bytes in one WebSocket message from a client"""
+SEND_BUFFER = 262_144
+"""bytes that the kernel keeps for a client that does not read"""
 LONGEST_HEAD = 65_536
 """bytes of a request's line and headers"""
 
@@ -34,8 +36,8 @@ class _Server(uvicorn.Server):
 def bound(host: str, port: int, stalled: float = STALLED) -> socket.socket:
     """A listening socket's address taken; raises :class:`PortInUse`, or :class:`BadConfig` for a host that is not ours.
 
-    TCP_USER_TIMEOUT goes over to every connection: who leaves sent bytes unread for that long is cut off, whatever
-    face it asked, and takes no more memory.
+    TCP_USER_TIMEOUT and the buffer's size go over to every connection: who leaves sent bytes unread for that long is
+    cut off, whatever face it asked, and takes no more memory.
     """
     try:
         family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -45,6 +47,7 @@ def bound(host: str, port: int, stalled: float = STALLED) -> socket.socket:
     sock = socket.socket(family, kind, proto)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * stalled))
         sock.bind(address)

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import pytest
 import zenoh
+from starlette.applications import Starlette
+from starlette.routing import Route, WebSocketRoute
 
 import zmav
 from ground.http.app import make_app
@@ -71,7 +73,7 @@ class Served:
             async with (
                 zmav.open(fleet=FLEET, settings=SessionSettings(connect=[self.endpoint])) as client,
                 Gateway(client, bool(self._rules and self._rules.read_only), **self._how) as self.gateway,
-                serving(make_app(self.gateway, self._rules), bound("127.0.0.1", 0, stalled)) as self.port,
+                serving(self._make_app(), bound("127.0.0.1", 0, stalled)) as self.port,
             ):
                 self._ready.set()
                 await self._stop.wait()
@@ -80,6 +82,15 @@ class Served:
             raise
         finally:
             self._ready.set()
+
+    def _make_app(self) -> Starlette:
+        self.app = make_app(self.gateway, self._rules)
+        return self.app
+
+    def face(self, path: str) -> Any:
+        """The object whose method answers on a route's path."""
+        routes = [route for route in self.app.routes if isinstance(route, (Route, WebSocketRoute))]
+        return next(getattr(route.endpoint, "__self__", None) for route in routes if route.path == path)
 
     def close(self) -> None:
         self.loop.call_soon_threadsafe(self._stop.set)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -17,7 +17,7 @@ from zmav.mavlink import decode, load_dialect, parse_frame
 if TYPE_CHECKING:
     from tests.ground.http.conftest import Serve, Served
 
-ATTITUDE = {
+ATTITUDE: dict[str, Any] = {
     "time_boot_ms": 5, "roll": 0.25, "pitch": -0.5, "yaw": 1.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": 0.0,
 }  # fmt: skip
 
