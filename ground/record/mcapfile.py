@@ -171,7 +171,7 @@ def contents(path: Path) -> Contents | None:
 def read_back(path: Path, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
     """Of a finished file's topics what was recorded between two times, the newest first."""
     with path.open("rb") as file:
-        found = make_reader(file).iter_messages(list(topics), start_time=since, end_time=until + 1, reverse=True)
+        found = make_reader(file).iter_messages(list(topics), starting_at=since, ending_at=until, reverse=True)
         for _, channel, message in found:
             yield Read(message.log_time, channel.topic, message.data)
 
@@ -193,7 +193,7 @@ def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
     with path.open("rb") as file:
         try:
             if contents(path) is not None:
-                found = make_reader(file).iter_messages(start_time=since, end_time=until + 1)
+                found = make_reader(file).iter_messages(starting_at=since, ending_at=until)
             else:
                 found = NonSeekingReader(file).iter_messages(log_time_order=False)
             for _, channel, message in found:

@@ -1,0 +1,280 @@
+"""What is in the files: exact frames, decoded fields, all of it whatever happens to the disk or the process."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from mcap.reader import make_reader
+from pymavlink import mavutil
+
+from ground.record import mcapfile
+from ground.record.repair import is_whole, repair
+from tests.ground.record.conftest import read, read_cut, records
+from zmav import wire
+from zmav.errors import BadConfig
+from zmav.links.tlog import TlogReader
+
+if TYPE_CHECKING:
+    from tests.ground.record.conftest import Frames, Room
+
+QUAD1 = "zmav/demo/quad1"
+STATE = wire.encode(wire.VehicleState(
+    t=1700000000.5, fleet="demo", name="quad1", instance="i",
+    position=wire.GlobalPosition(lat_deg=1.0, lon_deg=2.0, alt_amsl=3.0, alt_rel=0.0),
+))  # fmt: skip
+
+
+def tlog(path: Path) -> list[bytes]:
+    with path.open("rb") as file:
+        reader = TlogReader(file)
+        found = [frame for _, frame in reader]
+        assert reader.skipped == 0
+        return found
+
+
+def test_frames_are_kept_byte_for_byte_and_decoded(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(), frames()
+    for number in range(50):
+        here.storage.put(f"{QUAD1}/{make.key}", make(), at=(1_700_000_000_000 + number) * 1_000_000)
+    here.storage.close()
+    (path,) = here.files("tlog")
+    assert path.name == "quad1.001.tlog"
+    assert path.read_bytes() == b"".join(
+        struct.pack(">Q", 1_700_000_000_000_000 + 1000 * n) + frame for n, frame in enumerate(make.made)
+    )
+    theirs = mavutil.mavlink_connection(str(path))
+    assert [theirs.recv_match().time_boot_ms for _ in range(50)] == list(range(50))
+    assert theirs.recv_match() is None
+
+    (path,) = here.files("mcap")
+    assert read(path, mcapfile.ALL_FRAMES) == [(f"{QUAD1}/mav/rx", frame) for frame in make.made]
+    decoded = read(path, mcapfile.DECODED)
+    assert {topic for topic, _ in decoded} == {f"{QUAD1}/mav/rx/1/1/ATTITUDE"}
+    assert [json.loads(data)["time_boot_ms"] for _, data in decoded] == list(range(50))
+    assert here.storage.counts.written == 50
+
+
+def test_documents_are_kept_as_they_came_with_what_foxglove_wants(desk: Any) -> None:
+    here = desk(kinds=mcapfile_only())
+    event = wire.encode(wire.Event(t=1700000001.0, kind="mode", severity="info", text="GUIDED"))
+    goal = b'{"quad1": [1, 2, 3]}'
+    came = [(f"{QUAD1}/state", STATE), (f"{QUAD1}/event", event), ("zmav/demo/@fleet/goal", goal)]
+    for key, data in [*came, (f"{QUAD1}/state", b"no JSON"), (f"{QUAD1}/link/x", b"[1]")]:
+        here.storage.put(key, data, at=1_700_000_005_000_000_000)
+    here.storage.close()
+    assert here.files("tlog") == []
+    (path,) = here.files("mcap")
+    kept = [*came, (f"{QUAD1}/state/bytes", b"no JSON"), (f"{QUAD1}/link/x/bytes", b"[1]")]
+    assert read(path, mcapfile.AS_IT_CAME) == kept
+    made = dict(read(path, mcapfile.DERIVED))
+    assert json.loads(made[f"{QUAD1}/location"])["latitude"] == 1.0
+    assert json.loads(made[f"{QUAD1}/log"])["message"] == "GUIDED"
+    times = [(m.log_time, m.publish_time) for m in records(path) if type(m).__name__ == "Message"]
+    assert times[0] == (1_700_000_005_000_000_000, 1_700_000_000_500_000_000)
+
+
+def mcapfile_only() -> Any:
+    from ground.record.part import Kinds
+
+    return Kinds(tlog=False)
+
+
+def test_what_is_no_frame_or_not_recorded_spoils_nothing(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(), frames()
+    for key, data in (
+        (make.key, make()), (make.key, b"\xfd\x01"), (make.key, b""), ("param/X", b"{}"), ("nonsense/at/all", b"{}"),
+        ("mav/rx/300/1/ATTITUDE", make()), ("mav/rx/x/1/ATTITUDE", make()), ("mav/tx/1/1/ATTITUDE", make()),
+    ):  # fmt: skip
+        here.storage.put(f"{QUAD1}/{key}", data)
+    here.storage.close()
+    assert here.storage.counts.refused == 4
+    assert tlog(here.files("tlog")[0]) == make.made
+    (path,) = here.files("mcap")
+    assert read(path, mcapfile.ALL_FRAMES) == [(f"{QUAD1}/mav/rx", make.made[0]), (f"{QUAD1}/mav/tx", make.made[3])]
+    assert [data for _, data in read(path, mcapfile.AS_IT_CAME)] == make.made[1:3], "kept with their odd keys"
+
+
+def test_files_are_complete_in_themselves_at_every_split(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(split_size=4000), frames()
+    for part in range(1, 4):
+        for _ in range(200):
+            here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.until("written", 200 * part)
+    here.storage.close()
+    assert [path.name for path in here.files("mcap")] == [f"record.{n:03}.mcap" for n in (1, 2, 3)]
+    kept = [frame for path in here.files("mcap") for _, frame in read(path, mcapfile.ALL_FRAMES)]
+    assert kept == make.made
+    assert [frame for path in here.files("tlog") for frame in tlog(path)] == make.made
+    assert here.storage.counts.bytes == sum(path.stat().st_size for path in here.storage.session.iterdir())
+
+
+def test_the_floor_of_free_room_is_kept(desk: Any, folder: Room, frames: type[Frames]) -> None:
+    folder.room = 2000
+    here, make = desk(keep_free=1000), frames()
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("written", 1)
+    folder.room = 999
+    here.told("999 B free on the disk, and 1.0 kB are to be kept")
+    assert here.storage.paused
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("unwritten", 1)
+    folder.room = 1001
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("unwritten", 2)  # or it would be off and on with every sample
+    folder.room = 2000
+    while here.storage.counts.parts < 2:
+        here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.until("taken", len(make.made))
+    here.told("there is room again")
+    here.storage.close()
+    assert here.storage.paused is None
+    first, second = here.files("tlog")
+    assert tlog(first) == make.made[:1]
+    assert tlog(second) == make.made[-here.storage.counts.written + 1 :]
+
+
+@pytest.fixture
+def narrow() -> Iterator[Any]:
+    """Limit how large any file of this process may become: as a full disk, it takes a part of what is written."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
+    desk: Any, frames: type[Frames], narrow: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ground.record.storage.RETRY_S", 0.2)
+    here, make = desk(), frames()
+    for _ in range(100):
+        here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("written", 100)
+    narrow(max(path.stat().st_size for path in here.storage.session.iterdir()) + 3000)
+    for _ in range(1000):
+        here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.told("the disk is full: nothing is recorded until there is room")
+    (cut,) = here.files("mcap")[:1]
+    assert not is_whole(cut)
+    assert [frame for _, frame in read_cut(cut, mcapfile.ALL_FRAMES)] == make.made[:100]
+    written = here.storage.counts.written
+    narrow(resource.RLIM_INFINITY)
+    while not any("there is room again" in line for line in here.said):
+        here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.until("taken", len(make.made))
+    here.storage.close()
+    counts = here.storage.counts
+    assert counts.written > written
+    assert counts.written + counts.unwritten == counts.taken == len(make.made)
+    assert [frame for _, frame in read(cut, mcapfile.ALL_FRAMES)] == make.made[:100], "it got its summary afterwards"
+    last = read(here.files("mcap")[-1], mcapfile.ALL_FRAMES)
+    assert last[-1][1] == make.made[-1]
+    assert tlog(here.files("tlog")[0])[:100] == make.made[:100]
+
+
+def test_a_file_cut_anywhere_is_completed_to_its_last_flush(desk: Any, frames: type[Frames], tmp_path: Path) -> None:
+    here, make = desk(), frames()
+    for flushed in (20, 40, 60):
+        while len(make.made) < flushed:
+            here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.until("written", flushed)
+    here.storage.close()
+    whole = here.files("mcap")[0].read_bytes()
+    path, kept = tmp_path / "cut.mcap", []
+    for size in (*range(8, len(whole), max(1, len(whole) // 20)), len(whole) - 1):
+        path.write_bytes(whole[:size])
+        expected = read_cut(path, mcapfile.ALL_FRAMES)
+        done = repair(path)
+        assert not done.whole
+        assert is_whole(path)
+        found = read(path, mcapfile.ALL_FRAMES)
+        assert found == expected
+        kept.append(len(found))
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+            assert summary is not None
+            assert summary.statistics is not None
+            assert summary.statistics.message_count == 2 * len(found) == done.messages
+        if found:
+            assert next(mcapfile.read_back(path, [f"{QUAD1}/mav/rx"], 0, 1 << 62)).data == found[-1][1]
+        assert repair(path).whole
+    assert kept == sorted(kept)
+    assert {0, 20, 40, 60} <= set(kept)
+
+
+@pytest.mark.parametrize("content", [b"", b"no recording", b"\x89MCAP0\r\n"[:7]])
+def test_what_is_no_mcap_is_not_touched(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"no \.mcap"):
+        repair(path)
+    assert path.read_bytes() == content
+
+
+def test_a_damaged_middle_ends_the_recording_there(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(), frames()
+    for flushed in (20, 40):
+        while len(make.made) < flushed:
+            here.storage.put(f"{QUAD1}/{make.key}", make())
+        here.until("written", flushed)
+    part = here.storage.part
+    here.storage.close()
+    (path,) = here.files("mcap")
+    data = bytearray(path.read_bytes())
+    second = part.mcap._spans[1]
+    middle = (second.begin + second.end) // 2 - 200
+    data[middle] ^= 0xFF
+    path.write_bytes(data[:-8])
+    repair(path)
+    assert [frame for _, frame in read(path, mcapfile.ALL_FRAMES)] == make.made[:20]
+
+
+def test_two_recorders_never_share_a_folder(folder: Room) -> None:
+    from ground.record.folder import Folder
+
+    with pytest.raises(BadConfig, match=rf"another recorder \(process {os.getpid()}\) writes to .*--out"):
+        Folder(folder.path)
+    first, second = folder.session(), folder.session()
+    assert first != second
+    folder.close()
+    with Folder(folder.path) as again:
+        assert again.unfinished == []
+    folder._lock = os.open(os.devnull, os.O_RDONLY)  # the fixture closes it once more
+
+
+def test_where_nobody_can_write_is_told(tmp_path: Path) -> None:
+    from ground.record.folder import Folder
+
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadConfig, match="cannot record to"):
+        Folder(tmp_path / "file" / "x")
+
+
+def test_names_without_end_fill_no_memory(desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ground.record.storage.MOST_ROUTES", 20)
+    monkeypatch.setattr("ground.record.part.MOST_TLOGS", 10)
+    here, make = desk(), frames()
+    for number in range(30):
+        here.storage.put(f"zmav/demo/quad{number}/{make.key}", make())
+    here.storage.close()
+    assert here.storage.counts.refused == 10
+    assert len(here.files("tlog")) == 10
+
+
+def test_a_full_queue_counts_what_it_leaves_out(
+    desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ground.record.storage.QUEUE", 5)
+    monkeypatch.setattr("ground.record.storage.POLL_S", 60.0)
+    here, make = desk(), frames()
+    here.until("taken", 0)
+    for _ in range(9):
+        here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.storage.close()
+    assert (here.storage.counts.dropped, here.storage.counts.written) == (4, 5)
