@@ -98,11 +98,10 @@ class Guard:
             raise Failure(414, "too_long", f"the address is longer than {LONGEST_TARGET} bytes")
         if not path.isprintable() or "\ufffd" in path:
             raise Failure(400, "bad_path", "the path holds bytes that are no text")
-        # By the query's own bytes: what is left is to reach the faces as it was written.
         query, given = _without_token(query)
         bearer = headers.get("authorization", "")
         if bearer.lower().startswith("bearer "):
-            given = bearer[7:].strip()
+            given = bearer[7:].strip().encode("latin-1")
         method = scope.get("method", "GET")
         self._check_token(given)
         self._check_host(headers.get("host", ""))
@@ -111,9 +110,9 @@ class Guard:
             raise Failure(403, "read_only", "this gateway only reads: it was started with --read-only")
         return {**scope, "query_string": query}
 
-    def _check_token(self, given: str) -> None:
+    def _check_token(self, given: bytes) -> None:
         wanted = self._rules.token
-        if wanted and not hmac.compare_digest(wanted.encode(), given.encode("utf-8", "replace")):
+        if wanted and not hmac.compare_digest(wanted.encode(), given):
             what = "that token is not this gateway's" if given else "this gateway asks for its token"
             raise Failure(401, "token", f"{what}: give it as 'Authorization: Bearer ...' or as ?token=...")
 
@@ -172,13 +171,13 @@ def _acts(path: str) -> bool:
     return _first(path) in ACTING
 
 
-def _without_token(query: bytes) -> tuple[bytes, str]:
+def _without_token(query: bytes) -> tuple[bytes, bytes]:
     """The query string without ``token=...``, and the token."""
     if b"token=" not in query:
-        return query, ""
+        return query, b""
     pairs = parse_qsl(query.decode("latin-1"), keep_blank_values=True, encoding="utf-8", errors="replace")
     token = next((value for name, value in pairs if name == "token"), "")
-    return urlencode([pair for pair in pairs if pair[0] != "token"]).encode(), token
+    return urlencode([pair for pair in pairs if pair[0] != "token"]).encode(), token.encode("utf-8", "replace")
 
 
 def _cors(origin: str) -> list[tuple[bytes, bytes]]:

@@ -177,7 +177,7 @@ def _ids(request: Request) -> tuple[int, int]:
 def _number(text: str, what: str, low: float, high: float, whole: bool = False) -> float:
     """Raises :class:`Failure` for what is no number from ``low`` (rates: above it) to ``high``."""
     try:
-        value = float(int(text)) if whole else float(text)
+        value = float(text) if text.isascii() and (text.isdecimal() or not whole) else math.nan
     except ValueError:
         value = math.nan
     if not (low <= value <= high) or (value == 0 and what in ("hz", "port")):
