@@ -54,8 +54,8 @@ class Kind:
     """
 
     __slots__ = (
-        "beat", "getters", "ids", "instance", "losers", "must", "name", "origin", "source", "target_at", "track", "version",
-        "watched",
+        "beat", "getters", "ids", "instance", "losers", "must", "name", "origin", "source", "target_at",
+        "track", "version", "watched",
     )  # fmt: skip
 
     def __init__(self, origin: Origin, dialect: Dialect, track: Track, watched: frozenset[str]) -> None:
