@@ -1,6 +1,6 @@
 """zmav: one key space for a swarm of real vehicles.
 
-import asyncio, zmav
+import zmav
 
 async def main():
     async with zmav.open() as z:
@@ -10,7 +10,7 @@ async def main():
         await quad.goto(pos=(20, 0, -10))
         await quad.land()
 
-asyncio.run(main())
+zmav.run(main())
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from __future__ import annotations
 from zmav.client import Client, Subscription
 from zmav.client import connect as open
 from zmav.errors import ZmavError
+from zmav.process import run
 from zmav.vehicle import Lease, Vehicle
 from zmav.wire import Setpoint, VehicleState
 
-__all__ = ["Client", "Lease", "Setpoint", "Subscription", "Vehicle", "VehicleState", "ZmavError", "open"]
+__all__ = ["Client", "Lease", "Setpoint", "Subscription", "Vehicle", "VehicleState", "ZmavError", "open", "run"]
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""How a zmav process lives: it runs until SIGTERM or SIGINT, and then ends or starts anew."""
+"""How a zmav process lives: it runs until SIGTERM or SIGINT, and then ends or starts anew; and how a script does."""
 
 from __future__ import annotations
 
@@ -9,13 +9,39 @@ import signal
 import stat
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, ZmavError
+
+
+def run(main: Coroutine[Any, Any, int | None]) -> None:
+    """Run a script to its end, as ``asyncio.run``, and end the process with what it returns where that is a number.
+
+    Ctrl-C and SIGTERM cancel it, and what it does then (``except asyncio.CancelledError``, ``async with``) is waited
+    for. It ends without a traceback: with 130 after Ctrl-C, 0 after SIGTERM, and 1 and its words after a
+    :class:`~zmav.errors.ZmavError`. In the main thread.
+    """
+
+    async def body() -> int | None:
+        task = asyncio.current_task()
+        assert task is not None
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+        return await main
+
+    try:
+        code = asyncio.run(body())
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except asyncio.CancelledError:
+        sys.exit(0)
+    except ZmavError as e:
+        sys.exit(f"{Path(sys.argv[0]).stem}: {e}")
+    if code is not None:
+        sys.exit(code)
 
 
 async def until_stopped() -> None:

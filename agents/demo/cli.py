@@ -9,6 +9,7 @@ import statistics
 import subprocess
 import sys
 import time
+from typing import NoReturn
 
 import click
 from rich.console import Console, Group
@@ -22,7 +23,7 @@ from agents.demo.watch import Watch
 from zmav.cli.common import console
 from zmav.cli.ls import fleet_view
 from zmav.errors import SessionError
-from zmav.session import SessionSettings
+from zmav.session import DEFAULT_ROUTER, SessionSettings
 from zmav.sim import Home
 
 FLEET = "demo"
@@ -33,10 +34,18 @@ TIME_LIMIT = 115.0
 @click.command("demo")
 @click.option("--headless", is_flag=True, help="Lines instead of a live table (also where there is no terminal).")
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
-def demo(headless: bool, endpoint: str | None) -> None:
-    """Fly three simulated copters: take off, change places, land. Ends with a summary; 0 only if all got there."""
+@click.option("--stay", is_flag=True, help="Start them and leave the flying to you: scripts, other verbs.")
+def demo(headless: bool, endpoint: str | None, stay: bool) -> None:
+    """Fly three simulated copters: take off, change places, land. Ends with a summary; 0 only if all got there.
+
+    'zmav demo --stay' only starts them, where clients look for a router by themselves, until Ctrl-C ends it: then 'zmav
+    top', 'zmav do quad1 arm' and the scripts in ground/examples find quad1, quad2 and quad3.
+    """
     out = console()
     start = time.monotonic()
+    if stay:
+        with Processes() as processes:
+            _stay(processes, endpoint or DEFAULT_ROUTER, out)
     with Processes() as processes:
         ground = endpoint or f"tcp/127.0.0.1:{free_port()}"
         start_fleet(processes, ground, out)
@@ -48,6 +57,14 @@ def demo(headless: bool, endpoint: str | None) -> None:
     verdict = "every vehicle got there" if code == 0 else "FAILED: not every vehicle got there"
     out.print(f"{verdict}, in {time.monotonic() - start:.0f} s", style="bold green" if code == 0 else "bold red")
     sys.exit(code)
+
+
+def _stay(processes: Processes, ground: str, out: Console) -> NoReturn:
+    start_fleet(processes, ground, out)
+    out.print("they stand ready in a few seconds: look with 'zmav top'; Ctrl-C ends them")
+    while True:
+        processes.check()
+        time.sleep(0.5)
 
 
 def start_fleet(processes: Processes, ground: str, console: Console) -> None:

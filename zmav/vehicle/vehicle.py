@@ -13,7 +13,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
+from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, describe, parse_frame
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease, held
@@ -81,6 +81,17 @@ class Vehicle:
         if age > limit:
             raise Stale(f"{self.name} was last heard {age:.1f} s ago", vehicle=self.name, age=age)
         return heard.state
+
+    @property
+    def local(self) -> wire.Vector:
+        """Where it is: metres north, east and down of the fleet's origin. Raises as :attr:`state`, and :class:`Refused`
+        where it has no position or no origin was declared.
+        """
+        state = self.state
+        if state.local is None:
+            text = "no fleet origin: start 'zmav up' with --origin" if state.position else "no position yet"
+            raise Refused(f"{self.name} has {text}", vehicle=self.name)
+        return state.local
 
     @property
     def last_state(self) -> wire.VehicleState | None:

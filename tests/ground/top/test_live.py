@@ -94,7 +94,8 @@ class Voice:
         """One event, kept for who comes later, as a vehicle keeps it."""
         publisher = zenoh.ext.declare_advanced_publisher(
             self.session, keys.EVENT.key("demo", name), cache=zenoh.ext.CacheConfig(max_samples=10),
-            publisher_detection=True, sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
+            publisher_detection=True,
+            sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
         )  # fmt: skip
         self._declared.append(publisher)
         publisher.put(wire.encode(wire.Event(t=time.time() - ago, kind="statustext", severity="info", text=text)))
