@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import collections
 import logging
+import time
 from collections.abc import Callable, Hashable, Iterable
 from typing import NamedTuple
 
@@ -29,6 +30,8 @@ BURST, PAUSE = 16, 0.01
 datagrams, and a station that works through PARAM_VALUEs in Python takes a quarter of a millisecond for each."""
 AGAIN = 0.02
 """s until a client that took no more is tried again"""
+STUCK = 30.0
+"""s without its taking anything after which it is owed nothing any more: it may ask again"""
 
 Handler = Callable[["Desk", Frame], None]
 
@@ -113,16 +116,25 @@ class Desk:
         try:
             in_burst = 0
             while not self.client.gone and (frame := self._next()) is not None:
-                while not self.client.send(frame):
-                    if self.client.gone:
-                        return
-                    await asyncio.sleep(AGAIN)
+                if not await self._push(frame):
+                    self._answers.clear()
+                    self._lists.clear()
+                    return
                 in_burst += 1
                 if in_burst >= BURST:
                     in_burst = 0
                     await asyncio.sleep(PAUSE)
         finally:
             self._sending = None
+
+    async def _push(self, frame: bytes) -> bool:
+        """False: it has taken nothing for a long time."""
+        since = time.monotonic()
+        while not self.client.send(frame):
+            if self.client.gone or time.monotonic() - since > STUCK:
+                return False
+            await asyncio.sleep(AGAIN)
+        return True
 
     def _next(self) -> bytes | None:
         """The next frame to send: an answer, or one of each list in turn."""

@@ -12,7 +12,6 @@ Other components' parameters (a gimbal's) are theirs and pass.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 from collections.abc import Coroutine, Iterator
 from typing import Any, NamedTuple
@@ -27,6 +26,7 @@ from ground.gcs.target import is_for_autopilots, vehicles
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink import Frame, decode, encode, paramvalue, parse_frame, targets
+from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.paramset import HASH_CHECK, is_name
 from zmav.services.port import on_loop
 
@@ -199,7 +199,7 @@ class Params:
     def _answer(self, desk: Desk, system: System, question: Question) -> bool:
         """From the copy, where it is there."""
         copy, name = system.copy, question.name
-        if not name and question.place < len(copy.names):
+        if not name and 0 <= question.place < len(copy.names):
             name = copy.names[question.place]
         frame = copy.frame(system.sysid, self._component(system), name)
         if frame is not None:
@@ -216,17 +216,15 @@ class Params:
         except BadInput:
             for_all = targets(question.frame, self._dialect)[1] == 0
             if not (for_all and self._pass_to_others(desk, question.frame, system)):
-                self._say_there_is_none(desk, system, question)
+                self._say_there_is_none(desk, question.frame, system, question.name, question.place)
         except ZmavError:
             pass  # as a vehicle that does not answer
 
-    def _say_there_is_none(self, desk: Desk, system: System, question: Question) -> None:
+    def _say_there_is_none(self, desk: Desk, asker: Frame, system: System, name: str, place: int = -1) -> None:
         if "PARAM_ERROR" in self._dialect.by_name:
-            asker = {"target_system": question.frame.sysid, "target_component": question.frame.compid}
-            desk.answer(self._ground.pack(
-                system.sysid, self._component(system), "PARAM_ERROR", **asker, param_id=question.name[:16],
-                param_index=question.place, error=DOES_NOT_EXIST,
-            ))  # fmt: skip
+            target = {"target_system": asker.sysid, "target_component": asker.compid}
+            about = {"param_id": name[:16], "param_index": place, "error": DOES_NOT_EXIST}
+            desk.answer(self._ground.pack(system.sysid, self._component(system), "PARAM_ERROR", **target, **about))
 
     def _pass_to_others(self, desk: Desk, frame: Frame, system: System) -> bool:
         """Give what was for all components to those that are no autopilot's; False: there are none."""
@@ -258,37 +256,44 @@ class Params:
             if system.setting.get((desk, name)) == raw or len(system.setting) >= MOST_SETS:
                 continue
             system.setting[desk, name] = raw
-            self._in_background(self._set_one(desk, system, name, raw, fields["param_type"]))
+            self._in_background(self._set_one(desk, frame, system, name, raw, fields["param_type"]))
 
-    async def _set_one(self, desk: Desk, system: System, name: str, raw: bytes, kind: int) -> None:
+    async def _set_one(self, desk: Desk, frame: Frame, system: System, name: str, raw: bytes, kind: int) -> None:
         vehicle = system.copy.vehicle
         try:
             if desk.client.read_only:
                 raise Refused("read-only")
-            value = self._wanted(system, name, raw, kind)
+            value = self._wanted(system, raw, kind)
             changed = await vehicle.params.set(name, value)
             self._changed(desk, system, changed.name, changed.value, kind)
         except ZmavError as e:
             desk.tell(system.sysid, "warning", f"{name[:16]} not set: {e}")
-            with contextlib.suppress(ZmavError):
-                held = system.copy.param(name) if system.copy.names else None
-                held = held or await vehicle.params.get(name)
-                is_told = isinstance(e, Refused) and "value" in e.detail
-                self._changed(desk, system, held.name, e.detail["value"] if is_told else held.value, kind)
+            await self._answer_refused(desk, frame, system, name, e)
         finally:
             if system.setting.get((desk, name)) == raw:
                 del system.setting[desk, name]
 
-    def _wanted(self, system: System, name: str, raw: bytes, kind: int) -> float | int:
+    async def _answer_refused(self, desk: Desk, asker: Frame, system: System, name: str, error: ZmavError) -> None:
+        """With the value that it has all the same, where that can be had."""
+        try:
+            held = system.copy.param(name) or await system.copy.vehicle.params.get(name)
+        except BadInput:
+            self._say_there_is_none(desk, asker, system, name)
+        except ZmavError:
+            return
+        else:
+            value = error.detail["value"] if isinstance(error, Refused) and "value" in error.detail else held.value
+            self._changed(desk, system, held.name, value, paramvalue.type_number(held.type))
+
+    def _wanted(self, system: System, raw: bytes, kind: int) -> float | int:
         """What the client wants it to be; raises :class:`BadInput`."""
-        held = system.copy.param(name)
-        named = paramvalue.type_name(kind) or (held.type if held else "REAL32")
+        named = paramvalue.type_name(kind) or "REAL32"
+        if system.copy.encoding is ParamEncoding.C_CAST:
+            named = "REAL32"  # whatever it is, a float carries it; what is no integer is not made one here
         value = paramvalue.value_of(raw, named, system.copy.encoding)
         if value is None:
             raise BadInput("the value is not a number", field="param_value", value=None, expected="a number")
-        if isinstance(value, float) and value.is_integer() and held is not None and not held.type.startswith("REAL"):
-            return int(value)  # scripts send every value as a REAL32
-        return value
+        return int(value) if isinstance(value, float) and value.is_integer() else value
 
     def _changed(self, desk: Desk, system: System, name: str, value: paramvalue.Value, kind: int) -> None:
         """Answer who set it, and let the others know where it is another than before."""

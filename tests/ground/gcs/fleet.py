@@ -1,0 +1,133 @@
+"""Simulated vehicles with their real agents, a router, and a bridge before them, for a whole module of tests."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+from collections.abc import Callable, Coroutine, Sequence
+from concurrent.futures import Future
+from types import TracebackType
+from typing import Any, TypeVar
+
+import zmav
+from ground.gcs.bridge import Bridge, Settings
+from ground.gcs.options import Options, parse_endpoint
+from ground.gcs.tcp import TcpIn
+from ground.gcs.udp import UdpIn
+from tests.ground.gcs.conftest import PATIENCE_S, Station
+from zmav.mavlink import decode, load_dialect
+from zmav.onboard import Onboard, OnboardSettings
+from zmav.session import SessionSettings, open_session
+from zmav.sim import SimVehicle, VehicleSpec, World
+from zmav.waiting import within
+
+T = TypeVar("T")
+
+
+class Fleet:
+    """Everything in one thread's event loop; ``with`` it. The vehicles are v1, v2... in their specs' order."""
+
+    def __init__(self, specs: Sequence[VehicleSpec], speed: float = 4.0, **options: str) -> None:
+        self._specs, self._speed, self._options = specs, speed, options
+        self.loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self._stop = asyncio.Event()
+
+    def __enter__(self) -> Fleet:
+        self._thread.start()
+        ready: Future[None] = Future()
+        self._life = asyncio.run_coroutine_threadsafe(self._live(ready), self.loop)
+        self._life.add_done_callback(lambda life: ready.done() or ready.set_exception(life.exception() or EOFError()))
+        ready.result(2 * PATIENCE_S)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.loop.call_soon_threadsafe(self._stop.set)
+        self._life.result(PATIENCE_S)
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join(PATIENCE_S)
+        self.loop.close()
+
+    async def _live(self, ready: Future[None]) -> None:
+        world = World(self._specs, endpoint="tcp:0", speed=self._speed, ready_s=0.5)
+        router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
+        with world, open_session(router) as session:
+            (reply,) = session.get(f"@/{session.info.zid()}/router")
+            assert reply.ok is not None
+            self.endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]
+            self.names = [f"v{i}" for i in range(1, len(world.vehicles) + 1)]
+            crews = [
+                await Onboard(session, OnboardSettings(link=url, name=name)).__aenter__()
+                for url, name in zip(world.urls, self.names, strict=True)
+            ]
+            async with zmav.open(connect=[self.endpoint]) as z:
+                self.world, self.z = world, z
+                for vehicle in await z.wait_for(*self.names, timeout=PATIENCE_S):
+                    await vehicle.wait_until(lambda s: s.connected, PATIENCE_S)
+                ends = [parse_endpoint(kind, f"0?{self._options.get(kind, '')}", Options(), load_dialect())
+                        for kind in ("tcp", "udpin")]  # fmt: skip
+                async with Bridge(z, Settings(endpoints=tuple(ends), streams="none"), lambda line: None) as bridge:
+                    self.bridge = bridge
+                    ready.set_result(None)
+                    await self._stop.wait()
+            for crew in reversed(crews):
+                await crew.__aexit__(None, None, None)
+
+    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """On the fleet's loop."""
+        return asyncio.run_coroutine_threadsafe(within(PATIENCE_S, coroutine), self.loop).result()
+
+    def vehicle(self, number: int) -> zmav.Vehicle:
+        return self.z.vehicle(f"v{number}")
+
+    def sim(self, number: int) -> SimVehicle:
+        return self.world.vehicles[number - 1]
+
+    def params(self, number: int) -> dict[str, float]:
+        """What the autopilot itself holds."""
+        sim = self.sim(number)
+        store = sim.px4.params if self._specs[number - 1].autopilot == "px4" else sim.copter.params
+        return {name: store[name] for name in store.names}
+
+    @property
+    def tcp(self) -> tuple[str, int]:
+        return next((each.address[0], each.address[1]) for each in self.bridge.endpoints if isinstance(each, TcpIn))
+
+    @property
+    def udp(self) -> tuple[str, int]:
+        return next((each.address[0], each.address[1]) for each in self.bridge.endpoints if isinstance(each, UdpIn))
+
+    def caller(self, sysid: int = 255, compid: int = 190) -> Caller:
+        """A station on the bridge's TCP server."""
+        return Caller(socket.create_connection(self.tcp), sysid, compid)
+
+
+class Caller(Station):
+    """A station that asks and waits."""
+
+    def wait(self, true: Callable[[], bool], what: str) -> None:
+        with self._changed:
+            assert self._changed.wait_for(true, PATIENCE_S), f"never: {what}; {self.texts()}"
+
+    def fields(self, name: str, sysid: int | None = None) -> list[dict[str, Any]]:
+        """What came of a message, in order."""
+        found = [frame for frame in self.named(name) if sysid in (None, frame.sysid)]
+        return [decode(frame, self.dialect) for frame in found]
+
+    def answer(self, question: str, answer: str, /, sysid: int = 1, **fields: Any) -> dict[str, Any]:
+        """Say something to a vehicle's autopilot; what comes of ``answer`` next."""
+        before = len(self.fields(answer, sysid))
+        self.to(question, sysid, **fields)
+        self.wait(lambda: len(self.fields(answer, sysid)) > before, f"{answer} to {question}")
+        return self.fields(answer, sysid)[before]
+
+    def to(self, message: str, sysid: int = 1, **fields: Any) -> None:
+        self.send(message, **{"target_system": sysid, "target_component": 1, **fields})
+
+    def silent_about(self, name: str, sysid: int | None = None) -> None:
+        """Whatever was to come of it has come: the answer to another question came after it."""
+        before = len(self.fields(name, sysid))
+        self.answer("PARAM_REQUEST_READ", "PARAM_ERROR", sysid or 1, param_id="NO_SUCH_THING", param_index=-1)
+        assert self.fields(name, sysid)[before:] == []

@@ -1,0 +1,219 @@
+"""Parameters through the bridge: lists, questions and sets, answered in the place of an ArduCopter and a PX4."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from ground.gcs.param_copy import read_value
+from tests.ground.gcs.fleet import Caller, Fleet
+from zmav import keys
+from zmav.mavlink import Frame
+from zmav.mavlink.paramvalue import type_name
+from zmav.sim import VehicleSpec
+
+ARDUPILOT, PX4 = 1, 2
+REAL32, INT32 = 9, 6
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Iterator[Fleet]:
+    with Fleet([VehicleSpec(), VehicleSpec(autopilot="px4")], speed=4.0, udpin="read_only=1") as fleet:
+        yield fleet
+
+
+@pytest.fixture
+def gcs(fleet: Fleet) -> Iterator[Caller]:
+    yield from station(fleet, 255)
+
+
+@pytest.fixture
+def other(fleet: Fleet) -> Iterator[Caller]:
+    yield from station(fleet, 254)
+
+
+def station(fleet: Fleet, sysid: int) -> Iterator[Caller]:
+    caller = fleet.caller(sysid)
+    caller.beat()
+    yield caller
+    caller.close()
+
+
+def values(caller: Caller, sysid: int) -> dict[str, Any]:
+    """What came as PARAM_VALUE, by name, as numbers of their type."""
+    found: dict[str, Any] = {}
+    for frame in frames(caller, sysid):
+        heard = read_value(frame.data)
+        bytewise = sysid == PX4 and heard.type == INT32
+        found[heard.name] = struct.unpack("<i" if bytewise else "<f", heard.raw)[0]
+    return found
+
+
+def frames(caller: Caller, sysid: int) -> list[Frame]:
+    return [frame for frame in caller.named("PARAM_VALUE") if frame.sysid == sysid]
+
+
+def whole_list(caller: Caller, sysid: int, count: int, **target: int) -> None:
+    caller.to("PARAM_REQUEST_LIST", sysid, **target)
+    caller.wait(lambda: len(frames(caller, sysid)) >= count, f"{count} parameters of {sysid}")
+
+
+@pytest.mark.parametrize("number", [ARDUPILOT, PX4])
+def test_a_list_is_what_the_vehicle_holds_each_at_its_index_and_once(fleet: Fleet, gcs: Caller, number: int) -> None:
+    held = fleet.params(number)
+    whole_list(gcs, number, len(held))
+    got = [read_value(frame.data) for frame in frames(gcs, number)]
+    assert [heard.place for heard in got] == list(range(len(held)))
+    assert {heard.of for heard in got} == {len(held)}
+    assert values(gcs, number) == pytest.approx(held, rel=1e-6)
+    table = fleet.run(fleet.vehicle(number).params.list())
+    assert [(heard.name, type_name(heard.type)) for heard in got] == [(p.name, p.type) for p in table.params]
+    assert {(frame.sysid, frame.compid) for frame in gcs.named("PARAM_VALUE")} == {(number, 1)}
+
+
+def test_the_autopilot_and_the_mesh_hear_nothing_of_a_list(fleet: Fleet, gcs: Caller, other: Caller) -> None:
+    before, asked = fleet.bridge.uplink.sent, []
+    ask = fleet.z.ask
+
+    async def counted(key: str, *args: Any, **more: Any) -> Any:
+        asked.append(key)
+        return await ask(key, *args, **more)
+
+    fleet.z.ask = counted  # type: ignore[method-assign]
+    try:
+        for caller in (gcs, other):
+            caller.to("PARAM_REQUEST_LIST", ARDUPILOT)
+            caller.to("PARAM_REQUEST_LIST", ARDUPILOT)  # impatient: it gets them once
+        for caller in (gcs, other):
+            caller.wait(lambda: len(frames(caller, ARDUPILOT)) >= len(fleet.params(ARDUPILOT)), "all of them")  # noqa: B023
+            caller.silent_about("PARAM_VALUE", ARDUPILOT)
+    finally:
+        fleet.z.ask = ask  # type: ignore[method-assign]
+    assert len(frames(gcs, ARDUPILOT)) == len(frames(other, ARDUPILOT)) == len(fleet.params(ARDUPILOT))
+    assert asked.count(keys.PARAMS.key("demo", "v1")) <= 2
+    assert fleet.bridge.uplink.sent - before <= 4  # HEARTBEATs
+
+
+def test_target_0_means_every_vehicle_and_component_0_every_component(fleet: Fleet, gcs: Caller) -> None:
+    gcs.to("PARAM_REQUEST_LIST", 0, target_component=0)
+    for number in (ARDUPILOT, PX4):
+        count = len(fleet.params(number))
+        gcs.wait(lambda: len(frames(gcs, number)) >= count, f"{count} of {number}")  # noqa: B023
+
+
+def test_read_by_name_and_by_index(fleet: Fleet, gcs: Caller) -> None:
+    by_name = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_id="WPNAV_SPEED", param_index=-1)
+    assert (by_name["param_id"], by_name["param_value"]) == ("WPNAV_SPEED", 1000.0)
+    index = by_name["param_index"]
+    assert gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_index=index) == by_name
+    number = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="COM_LOW_BAT_ACT", param_index=-1)
+    assert number["param_type"] == INT32
+    assert struct.pack("<f", number["param_value"]) == bytes(4)
+
+
+def test_what_there_is_none_of_is_said_to_be_none(gcs: Caller) -> None:
+    said = gcs.answer("PARAM_REQUEST_READ", "PARAM_ERROR", param_id="NO_SUCH_THING", param_index=-1)
+    assert (said["param_id"], said["error"], said["target_system"]) == ("NO_SUCH_THING", 1, 255)
+    said = gcs.answer("PARAM_REQUEST_READ", "PARAM_ERROR", param_index=30000)
+    assert (said["param_index"], said["error"]) == (30000, 1)
+
+
+def test_a_set_is_done_and_both_clients_see_it_once(fleet: Fleet, gcs: Caller, other: Caller) -> None:
+    other.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_id="WPNAV_ACCEL", param_index=-1)
+    set_it: dict[str, Any] = {"param_id": "WPNAV_ACCEL", "param_value": 222.0, "param_type": REAL32}
+    assert gcs.answer("PARAM_SET", "PARAM_VALUE", **set_it)["param_value"] == 222.0
+    assert fleet.params(ARDUPILOT)["WPNAV_ACCEL"] == 222.0
+    other.wait(lambda: len(frames(other, ARDUPILOT)) > 1, "the news")
+    for caller, count in ((gcs, 1), (other, 2)):
+        caller.silent_about("PARAM_VALUE")
+        assert [read_value(frame.data).name for frame in frames(caller, ARDUPILOT)] == ["WPNAV_ACCEL"] * count
+    assert other.fields("PARAM_VALUE")[-1]["param_value"] == 222.0
+
+
+def test_a_set_by_another_ground_node_is_seen(fleet: Fleet, gcs: Caller) -> None:
+    gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="MPC_XY_CRUISE", param_index=-1)
+    fleet.run(fleet.z.vehicle("v2").params.set("MPC_XY_CRUISE", 6.5))
+    gcs.wait(lambda: values(gcs, PX4).get("MPC_XY_CRUISE") == 6.5, "the news")
+    read = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="MPC_XY_CRUISE", param_index=-1)
+    assert read["param_value"] == 6.5
+
+
+def test_integers_travel_bytewise_to_a_px4(fleet: Fleet, gcs: Caller) -> None:
+    three = struct.unpack("<f", struct.pack("<i", 3))[0]
+    done = gcs.answer("PARAM_SET", "PARAM_VALUE", PX4, param_id="COM_LOW_BAT_ACT", param_value=three, param_type=INT32)
+    assert struct.pack("<f", done["param_value"]) == struct.pack("<i", 3)
+    assert fleet.params(PX4)["COM_LOW_BAT_ACT"] == 3
+
+
+@pytest.mark.parametrize(("name", "value", "why"), [
+    ("FRAME_CLASS", 1.5, "takes integers"), ("FRAME_CLASS", float("nan"), "not a number"),
+])  # fmt: skip
+def test_a_set_refused_is_answered_with_the_old_value_and_the_reason(
+    fleet: Fleet, gcs: Caller, name: str, value: float, why: str
+) -> None:
+    before = fleet.params(ARDUPILOT)[name]
+    said = gcs.answer("PARAM_SET", "PARAM_VALUE", param_id=name, param_value=value, param_type=REAL32)
+    assert (said["param_id"], said["param_value"], fleet.params(ARDUPILOT)[name]) == (name, before, before)
+    gcs.wait(lambda: why in gcs.texts(), why)
+    gcs.answer("PARAM_SET", "PARAM_ERROR", param_id="NO_SUCH_THING", param_value=1.0, param_type=REAL32)
+    assert f"{name} not set" in gcs.texts()
+
+
+def test_read_only_answers_questions_and_sets_nothing(fleet: Fleet) -> None:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.connect(fleet.udp)
+    viewer = Caller(sock, 253)
+    try:
+        viewer.beat()
+        whole_list(viewer, ARDUPILOT, 1000)
+        before = viewer.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="MIS_TAKEOFF_ALT", param_index=-1)
+        said = viewer.answer(
+            "PARAM_SET", "PARAM_VALUE", PX4, param_id="MIS_TAKEOFF_ALT", param_value=7.0, param_type=REAL32
+        )
+        assert said == before
+        viewer.wait(lambda: "MIS_TAKEOFF_ALT not set: read-only" in viewer.texts(), "the reason")
+        assert fleet.params(PX4)["MIS_TAKEOFF_ALT"] != 7.0
+    finally:
+        viewer.close()
+
+
+def test_the_checksum_of_a_px4_is_the_autopilot_s_own(fleet: Fleet, gcs: Caller) -> None:
+    """QGroundControl asks for it, and where it has that very set it says so, to be sent no list."""
+    said = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="_HASH_CHECK", param_index=-1)
+    assert (said["param_id"], said["param_index"]) == ("_HASH_CHECK", 65535)
+    gcs.to("PARAM_REQUEST_LIST", PX4)
+    gcs.wait(lambda: len(frames(gcs, PX4)) > 20, "the list")
+    gcs.to("PARAM_SET", PX4, param_id="_HASH_CHECK", param_value=said["param_value"], param_type=5)
+    gcs.silent_about("_NOTHING")
+    count = len(frames(gcs, PX4))
+    assert count < len(fleet.params(PX4))
+    gcs.silent_about("PARAM_VALUE", PX4)
+
+
+def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> None:
+    gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_id="WPNAV_SPEED", param_index=-1)
+    withheld = fleet.bridge.downlink.counters.withheld
+    fleet.run(fleet.vehicle(ARDUPILOT).params.refresh())
+    gcs.wait(lambda: fleet.bridge.downlink.counters.withheld > withheld + 1000, "a flood")
+    gcs.silent_about("PARAM_VALUE", ARDUPILOT)
+
+
+def test_hostile_names_and_indices_harm_nothing(gcs: Caller) -> None:
+    for name in ("", "A*/B", "\x7f\x01", "x" * 16, "?" * 16):
+        gcs.to("PARAM_REQUEST_READ", param_id=name, param_index=-1)
+        gcs.to("PARAM_SET", param_id=name, param_value=1.0, param_type=77)
+    gcs.to("PARAM_REQUEST_READ", param_index=-32768, param_id="$*")
+    assert (
+        gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_id="WPNAV_SPEED", param_index=-1)["param_value"] == 1000.0
+    )
+
+
+def test_a_flood_of_questions_is_bounded_and_others_are_answered(gcs: Caller, other: Caller) -> None:
+    question = gcs.packer.pack("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5)
+    gcs.sock.sendall(question * 20_000)
+    assert other.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_index=7)["param_index"] == 7
+    gcs.wait(lambda: len(frames(gcs, ARDUPILOT)) > 100, "some answers")
