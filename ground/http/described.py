@@ -28,14 +28,14 @@ TAGS = {
 """groups of paths, in the order in which they are shown"""
 GROUP = {
     "keys": "Key space",
-    "ws": "Key space",
+    "/ws": "Key space",
     "do": "Orders",
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
     **dict.fromkeys(("", "docs", "openapi.json", "metrics"), "Pages"),
 }
-"""a path's group by its first part; any other is mavlink2rest's"""
+"""a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
     "vehicle": "the vehicle's name, as in quad1",
     "verb": "the order",

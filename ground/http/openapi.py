@@ -96,7 +96,7 @@ def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> d
     operation: dict[str, Any] = {
         "summary": " ".join(summary.split()),
         "operationId": "_".join([method, *(part.strip("{}.").replace(".", "_") for part in path.split("/") if part)]),
-        "tags": [GROUP.get(path.split("/")[1], "mavlink2rest")],
+        "tags": [GROUP.get(path, GROUP.get(path.split("/")[1], "mavlink2rest"))],
         "parameters": [_parameter(Parameter(name, PATH.get(name, name)), "path") for name in names],
         "responses": {"200": {"description": "done"}, "default": _error()},
     }

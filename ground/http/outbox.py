@@ -41,7 +41,7 @@ class Outbox(Generic[T]):
         """Take a sample of the subscription ``number``; the one before it, if still here, is out of date."""
         slot = (number, key)
         if slot not in self._next:
-            if len(self._next) >= MOST_KEYS:
+            if len(self._next) >= MOST_KEYS and not self._make_room():
                 self.dropped += 1
                 return
             self._next[slot] = 0.0
@@ -52,6 +52,12 @@ class Outbox(Generic[T]):
                 heapq.heappush(self._late, (due, slot))
         self._newest[slot] = sample
         self._arrived.set()
+
+    def _make_room(self) -> bool:
+        """Forget keys of which nothing waits and that may be sent again at any time."""
+        now = time.monotonic()
+        self._next = {slot: due for slot, due in self._next.items() if slot in self._newest or due > now}
+        return len(self._next) < MOST_KEYS
 
     def queue(self, number: int, sample: T) -> None:
         """Take a sample that goes in order and is not replaced."""

@@ -222,7 +222,8 @@ class Sockets:
         socket = Socket(self._gateway, ws)
         self._open.add(socket)
         try:
-            self.cut += await socket.run()
+            if await socket.run():
+                self.cut += 1
         finally:
             self._open.discard(socket)
             self._dropped += socket.dropped

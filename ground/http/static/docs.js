@@ -104,7 +104,7 @@ async function draw() {
   document.getElementById("about").textContent = `${openapi.info.description} Version ${openapi.info.version}.`;
   const groups = new Map(openapi.tags.map((tag) => [tag.name, [make("h2", "", tag.name, make("span", "muted", tag.description))]]));
   for (const [path, methods] of Object.entries(openapi.paths)) {
-    for (const [method, operation] of Object.entries(methods)) {
+    for (const [method, operation] of Object.entries(methods).sort()) {
       groups.get(operation.tags[0]).push(operationOf(path, method, operation));
     }
   }

@@ -69,7 +69,7 @@ function draw() {
   const stale = count((card) => card.stale);
   if (all.length) {
     const parts = [`${all.length} vehicle${all.length > 1 ? "s" : ""}`, `${count((card) => card.state.armed)} armed`];
-    if (stale) parts.push(`${stale} silent`);
+    if (stale && connection === "live") parts.push(`${stale} silent`);
     document.getElementById("summary").textContent = parts.join(" · ");
     document.title = `${stale || connection === "lost" ? "⚠ " : ""}zmav · ${all.length} vehicles`;
   }

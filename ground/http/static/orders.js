@@ -56,7 +56,7 @@ function armTwice(button, act) {
       rest();
       act();
     } else {
-      button.textContent = `${label}: sure?`;
+      button.textContent = `${label}?`;
       button.classList.add("asking");
       timer = setTimeout(rest, 4000);
     }

@@ -1,0 +1,184 @@
+"""The key space over HTTP: queries answered, the last frames, and puts that the registry allows."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+
+from zmav import keys, wire
+from zmav.mavlink import decode, encode, load_dialect, parse_frame
+
+if TYPE_CHECKING:
+    from tests.ground.http.conftest import Serve, Served
+
+PARAM = {"name": "RTL_ALT", "value": 1500.0}
+ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=584.0)
+
+
+@pytest.fixture(scope="module")
+def answering(served: Served) -> Iterator[Served]:
+    """quad1 answers for a parameter, refuses another, and would take any order it is asked."""
+    orders: list[str] = []
+    session, param = served.session, keys.PARAM.key("demo", "quad1", param="*")
+
+    def on_param(query: zenoh.Query) -> None:
+        with query:
+            if str(query.key_expr).endswith("/NOPE"):
+                error = wire.ErrorBody(code="bad_input", message="no parameter NOPE", detail={"field": "name"})
+                query.reply_err(wire.encode(error))
+            else:
+                query.reply(keys.PARAM.key("demo", "quad1", param="RTL_ALT"), json.dumps(PARAM))
+
+    def on_order(query: zenoh.Query) -> None:
+        with query:
+            orders.append(str(query.key_expr))
+
+    declared = [
+        session.declare_queryable(param, on_param),
+        session.declare_queryable(keys.DO.key("demo", "quad1", verb="*"), on_order),
+    ]
+    yield served
+    assert not orders, f"asking must never be ordering: {orders}"
+    for queryable in declared:
+        queryable.undeclare()
+
+
+def test_a_query_is_answered_with_its_key_and_its_value(answering: Served) -> None:
+    for path in ("/keys/quad1/param/RTL_ALT", "/keys/zmav/demo/quad1/param/RTL_ALT", "/keys/*/param/*"):
+        reply = answering.get(path)
+        assert reply.status == 200
+        (found,) = reply.json
+        assert found["key"] == "zmav/demo/quad1/param/RTL_ALT"
+        assert found["value"] == PARAM
+        assert abs(found["t"] - time.time()) < 60.0
+        assert reply.headers["cache-control"] == "no-store"
+
+
+def test_an_error_reply_is_in_the_list_and_decides_the_status(answering: Served) -> None:
+    reply = answering.get("/keys/quad1/param/NOPE")
+    assert reply.status == 400
+    (found,) = reply.json
+    assert found["key"] == "zmav/demo/quad1/param/NOPE"
+    assert found["error"] == {"field": "name", "kind": "bad_input", "text": "no parameter NOPE"}
+
+
+def test_what_nobody_answers_for_is_404_and_says_who_is_there(answering: Served) -> None:
+    reply = answering.get("/keys/quad7/param/RTL_ALT", timeout=0.2)
+    assert reply.status == 404
+    assert "quad1, quad2" in reply.json["error"]["text"]
+    nothing = answering.get("/keys/quad7*/param/*", timeout=0.2)
+    assert (nothing.status, nothing.json) == (200, [])
+
+
+def test_the_last_frames_are_given_decoded(served: Served) -> None:
+    served.hear("ATTITUDE", roll=0.5, time_boot_ms=1, pitch=0, yaw=0, rollspeed=0, pitchspeed=0, yawspeed=0)
+    served.hear("SYSTEM_TIME", time_unix_usec=5, time_boot_ms=6)
+    (found,) = served.get("/keys/quad*/ATTITUDE").json
+    assert found["key"] == "zmav/demo/quad1/mav/rx/1/1/ATTITUDE"
+    assert (found["value"]["name"], found["value"]["fields"]["roll"]) == ("ATTITUDE", 0.5)
+    both = [each["key"].rpartition("/")[2] for each in served.get("/keys/zmav/demo/quad1/mav/rx/**").json]
+    assert both == ["ATTITUDE", "SYSTEM_TIME"]
+    served.hear_raw("zmav/demo/quad1/mav/rx/1/1/SYSTEM_TIME", b"no frame")
+    (broken,) = served.get("/keys/quad1/SYSTEM_TIME").json
+    assert broken["value"]["hex"] == b"no frame".hex()
+    assert "frame" in broken["value"]["error"]
+
+
+@pytest.mark.parametrize("key", ["quad1/do/land", "zmav/demo/quad1/do/hold", "quad1/do/*", "*/do/arm"])
+def test_asking_for_an_order_is_refused(answering: Served, key: str) -> None:
+    reply = answering.get(f"/keys/{key}")
+    assert reply.status == 403
+    assert "POST" in reply.json["error"]["text"]
+
+
+@pytest.mark.parametrize(
+    ("path", "field"),
+    [
+        ("/keys/quad1//state", "key"),
+        ("/keys/quad1/%23", "key"),
+        ("/keys/quad1?timeout=soon", "timeout"),
+        ("/keys/quad1?timeout=0", "timeout"),
+        ("/keys/quad1?timeout=nan", "timeout"),
+    ],
+)
+def test_bad_questions_name_what_is_wrong(served: Served, path: str, field: str) -> None:
+    reply = served.request("GET", path)
+    assert reply.status == 400
+    assert reply.json["error"]["field"] == field
+
+
+def put(served: Served, key: str, body: bytes | str, kind: str = "application/json") -> Any:
+    return served.request("PUT", f"/keys/{key}", body, content_type=kind)
+
+
+def test_a_message_is_put_by_its_fields_and_as_a_frame(served: Served) -> None:
+    fields = json.dumps({"base_mode": 1, "custom_mode": 4})
+    reply = put(served, "quad1/mav/tx/1/1/SET_MODE", fields)
+    assert reply.status == 200, reply.text
+    assert reply.json["key"] == "zmav/demo/quad1/mav/tx/1/1/SET_MODE"
+    ((key, data),) = served.sent(1)
+    frame = parse_frame(data, load_dialect())
+    assert (key, frame.sysid, frame.compid) == ("zmav/demo/quad1/mav/tx/1/1/SET_MODE", 255, 190)
+    assert decode(frame, load_dialect()) == {"target_system": 1, "base_mode": 1, "custom_mode": 4}
+    raw = encode(load_dialect(), "HEARTBEAT", dict.fromkeys(
+        ("type", "autopilot", "base_mode", "custom_mode", "system_status"), 0), sysid=7, compid=8, seq=9)  # fmt: skip
+    assert put(served, "quad1/mav/tx/0/0/HEARTBEAT", raw, "application/octet-stream").status == 200
+    assert served.sent(1) == [("zmav/demo/quad1/mav/tx/0/0/HEARTBEAT", raw)]
+
+
+@pytest.mark.parametrize(
+    ("key", "body", "kind", "words"),
+    [
+        ("quad1/mav/tx/1/1/SET_MODE", b'{"base_mode": 1}', "json", "custom_mode"),
+        ("quad1/mav/tx/1/1/SET_MODE", b'{"base_mode": 1, "custom_mode": "x"}', "json", "custom_mode"),
+        ("quad1/mav/tx/1/1/SET_MODE", b"[1]", "json", "JSON object"),
+        ("quad1/mav/tx/1/1/NO_SUCH", b"{}", "json", "NO_SUCH"),
+        ("quad1/mav/tx/a/1/SET_MODE", b"{}", "json", "numbers"),
+        ("quad1/mav/tx/1/1/SET_MODE", b"\xfd\x00", "octet-stream", "frame"),
+        ("quad1/mav/tx/*/1/SET_MODE", b"{}", "json", "wildcard"),
+        ("zmav/demo/@fleet/origin", b'{"lat_deg": 1}', "json", "lon_deg"),
+        ("zmav/demo/@fleet/goal", b"{", "json", "JSON"),
+        ("zmav/demo/@fleet/goal", b"", "json", "empty"),
+        ("quad1/setpoint/http", b'{"pos": [1, 2, 3]}', "json", "lease"),
+        ("quad1/do/hold", b"{}", "json", "POST"),
+        ("quad1/nothing/of/ours", b"{}", "json", "not a zmav key"),
+    ],
+)
+def test_a_bad_put_is_named_and_puts_nothing(served: Served, key: str, body: bytes, kind: str, words: str) -> None:
+    reply = put(served, key, body, f"application/{kind}")
+    assert reply.status == 400, reply.text
+    assert words in reply.json["error"]["text"]
+    assert not served.tx
+
+
+@pytest.mark.parametrize("key", ["quad1/state", "quad1/event", "quad1/mav/rx/1/1/HEARTBEAT", "quad1/param/RTL_ALT"])
+def test_only_what_others_may_write_is_written(served: Served, key: str) -> None:
+    reply = put(served, key, b"{}")
+    assert reply.status == 403
+    assert reply.json["error"]["kind"] == "forbidden"
+
+
+def test_a_topic_of_the_fleet_is_put(served: Served) -> None:
+    found: list[bytes] = []
+    key = keys.FLEET.key("demo", topic="origin")
+    subscriber = served.session.declare_subscriber(key, lambda sample: found.append(sample.payload.to_bytes()))
+    assert put(served, key, wire.encode(ORIGIN)).status == 200
+    served.until(lambda: bool(found), "origin")
+    assert wire.decode(found[0], wire.Origin, "origin") == ORIGIN
+    subscriber.undeclare()
+
+
+def test_a_gateway_that_only_reads_puts_nothing(serve: Serve, served: Served) -> None:
+    served.gateway  # noqa: B018  the module's gateway writes; this one shares nothing with it
+    from ground.http.guard import Rules
+
+    reading = serve(Rules(read_only=True))
+    assert put(reading, "zmav/demo/@fleet/goal", b"{}").json["error"]["kind"] == "read_only"
+    assert reading.get("/do/quad1/hold").status == 403
+    assert reading.post("/keys/quad1/do/hold").status == 403
+    assert reading.get("/setpoint/quad1", n=1, e=2, d=-3).status == 403
