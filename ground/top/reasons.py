@@ -27,6 +27,8 @@ CLOCK_OFF = 1.0
 LEASE_END_SHOWN, EVENT_SHOWN = 60.0, 30.0
 """s for which the end of a lease and an error are worth saying"""
 NO_POSITION = {"NO_GPS": "no GPS", "NO_FIX": "GPS has no fix", "2D_FIX": "GPS 2D"}
+LATE = "replayed"
+"""why what was signed before the last that came is not believed"""
 SEVERE = ("emergency", "alert", "critical", "error")
 HURT = ("CRITICAL", "EMERGENCY", "FLIGHT_TERMINATION")
 FAILED = ("failed", "error", "lost", "abort", "aborted")
@@ -63,13 +65,16 @@ def _no_state(f: Facts) -> str | None:
         return "its token is there, but no state was heard"
     if f.presence == "ok":
         return None
+    if f.presence == "silent" and f.disbelieved:
+        return f"its states are not believed: {', '.join(f.disbelieved)}"
     token = ", and its token is gone" if f.presence == "gone" else ""
     return f"no state for {duration(f.age)}{token}" if f.age is not None else f"no state was heard{token}"
 
 
 def _disbelieved(f: Facts) -> str | None:
-    """Somebody speaks in its name; or it is the vehicle itself, with credentials that are not believed."""
-    return f"not believed what was said in its name: {', '.join(f.disbelieved)}" if f.disbelieved else None
+    """Somebody else speaks in its name. What comes late may only have been overtaken on the way."""
+    others = [reason for reason in f.disbelieved if reason != LATE]
+    return f"somebody else spoke in its name: {', '.join(others)}" if others else None
 
 
 def _clash(f: Facts) -> str | None:
@@ -227,7 +232,6 @@ def _error(f: Facts) -> str | None:
 
 RULES: tuple[Rule, ...] = (
     Rule("state", "bad", _no_state, always=True),
-    Rule("disbelieved", "bad", _disbelieved, always=True),
     Rule("clash", "bad", _clash),
     Rule("autopilot", "bad", _autopilot),
     Rule("status", "bad", _status),
@@ -235,6 +239,7 @@ RULES: tuple[Rule, ...] = (
     Rule("gps-fix", "bad", _gps_fix),
     Rule("link-poor", "bad", _link_poor),
     Rule("agent-failed", "bad", _agent_failed),
+    Rule("disbelieved", "warn", _disbelieved),
     Rule("battery-low", "warn", _battery_low),
     Rule("gps-weak", "warn", _gps_weak),
     Rule("position-old", "warn", _position_old),

@@ -123,13 +123,14 @@ def test_a_process_that_dies_ends_it_with_words(
     assert alive(pids) == set()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_it_can_be_ended_at_any_time(start_demo: Callable[..., Demo], number: int, code: int) -> None:
-    demo = start_demo()
+@pytest.mark.parametrize(("number", "code", "stay"), [(signal.SIGTERM, 143, False), (signal.SIGINT, 130, True)])
+def test_it_can_be_ended_at_any_time(start_demo: Callable[..., Demo], number: int, code: int, stay: bool) -> None:
+    demo = start_demo(*(["--stay", "--endpoint", f"tcp/127.0.0.1:{free_port()}"] if stay else []))
     pids = wait_for_children(demo, "quad1", "sim", "router")
     demo.send_signal(number)
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == code, out
+    assert "swarm" not in pids
     assert "Traceback" not in out
     assert alive(pids) == set()
 

@@ -68,6 +68,8 @@ async def test_a_state_is_its_vehicles_or_nobodys(
             await z.news(10.0)
             modes.add(z.vehicle("quad1").state.mode)
         assert modes == {"STABILIZE"}
+        assert {"name", "stranger"} <= set(z.disbelieved("quad1", "demo"))
+        assert z.disbelieved("quad2", "demo") == []
 
 
 async def test_an_earlier_state_is_not_taken_for_a_new_one(guarded: StartGuarded) -> None:

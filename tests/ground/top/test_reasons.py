@@ -66,7 +66,9 @@ CASES: list[tuple[str, Facts, str]] = [
     ("state", facts(presence="stale", age=12.2), "bad: no state for 12s"),
     ("state", facts(presence="gone", age=125.0), "bad: no state for 2m05, and its token is gone"),
     ("state", facts(presence="silent", age=None, state=None), "bad: its token is there, but no state was heard"),
-    ("disbelieved", facts(disbelieved=("name",)), "bad: not believed what was said in its name: name"),
+    ("state", facts(presence="silent", age=None, state=None, disbelieved=("unknown",)),
+     "bad: its states are not believed: unknown"),
+    ("disbelieved", facts(disbelieved=("name", "replayed")), "warn: somebody else spoke in its name: name"),
     ("clash", facts(state=state(clash="quad2 and quad1 both have system id 1")),
      "bad: clash: quad2 and quad1 both have system id 1"),
     ("clash", facts(twins=("quad2",)), "bad: clash of system ids with quad2"),
@@ -119,6 +121,7 @@ WELL: dict[str, Facts] = {
     "a clock that GPS agrees with": facts(
         state=state(clock=wire.ClockInfo(boot_t=0.0, error_s=0.01, gps_offset_s=0.9))
     ),
+    "a state that was overtaken": facts(disbelieved=("replayed",)),
     "an agent at work": facts(agents=(agent(),)),
     "not ready, but in the air": facts(state=state(armed=True, not_ready=["pre-arm checks fail"])),
 }
