@@ -1,7 +1,7 @@
 """Answers to clients that are shown the body of a good answer only: ``?envelope=1``.
 
 urlread of MATLAB and of Octave hides the text of every answer that is an error. Asked with ``envelope=1`` the gateway
-answers ``{"ok": ..., "status": ..., "body": ...}`` with status 200, where ``body`` is the JSON or the text that it would
+answers ``{"ok": ..., "status": ..., "body": ...}`` with status 200. ``body`` is the JSON or the text that it would
 have answered, and ``ok`` says that ``status`` is no error.
 """
 

@@ -1,6 +1,6 @@
 """Makes private/messages.txt, by which the toolbox decodes frames: ``python ground/matlab/messages.py`` after a change.
 
-A line for each message of the dialect: its id, name, crc_extra, and its fields in the payload's order as name:type:count.
+A line for each message: its id, name, crc_extra, and its fields in the payload's order as name:type:count.
 """
 
 from __future__ import annotations

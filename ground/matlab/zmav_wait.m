@@ -37,8 +37,9 @@ function yes = holds(condition, state)
         answer = condition(state);
         yes = ~isempty(answer) && all(answer(:));
     catch problem
-        % A vector that is not there yet, and nothing else, may be waited for.
-        if isempty(regexpi([problem.identifier ' ' problem.message], 'out.?of.?bound|index.*exceed|badsubscript'))
+        % A part that is not there yet, and nothing else, may be waited for: s.local(3) or s.position.alt_rel of [].
+        missing = 'out.?of.?bound|index.*exceed|badsubscript|cannot be indexed with \.|dot indexing|structRefFromNonStruct';
+        if isempty(regexpi([problem.identifier ' ' problem.message], missing, 'once'))
             rethrow(problem);
         end
         yes = false;

@@ -3,7 +3,9 @@ function text = zmav_json(value)
     if isnumeric(value) && isreal(value) && ~isempty(value) && (isvector(value) || isscalar(value))
         parts = cell(1, numel(value));
         for k = 1:numel(value)
-            if isfinite(value(k))
+            if isinteger(value)
+                parts{k} = sprintf('%d', value(k));
+            elseif isfinite(value(k))
                 parts{k} = sprintf('%.17g', value(k));
             else
                 parts{k} = 'null';
