@@ -61,12 +61,12 @@ def reasons(facts: Facts) -> list[Reason]:
 
 
 def _no_state(f: Facts) -> str | None:
+    if f.presence == "silent" and f.disbelieved:
+        return f"its states are not believed: {', '.join(f.disbelieved)}"
     if f.presence == "silent":
         return "its token is there, but no state was heard"
     if f.presence == "ok":
         return None
-    if f.presence == "silent" and f.disbelieved:
-        return f"its states are not believed: {', '.join(f.disbelieved)}"
     token = ", and its token is gone" if f.presence == "gone" else ""
     return f"no state for {duration(f.age)}{token}" if f.age is not None else f"no state was heard{token}"
 
