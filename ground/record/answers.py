@@ -24,8 +24,8 @@ WAITING = 8
 """questions that may wait for the files"""
 MOST_LATE = 50
 """things that are looked for in the files for one question"""
-ROOM = 256 << 10
-"""bytes of one answer"""
+ROOM = 48 << 10
+"""bytes of one answer: of what takes more than one of Zenoh's batches (64 kB), a part and so the whole can be lost"""
 END = (1 << 63) - 1
 
 
@@ -109,9 +109,7 @@ class Answers:
             kept.append(entry)
         answer = wire.History(recorder=self._name, of=asked.of, what=asked.what, entries=kept[::-1], more=more)
         with contextlib.suppress(zenoh.ZError):  # whoever asked is gone
-            query.reply(
-                self._key(asked), wire.encode(answer), encoding=keys.HISTORY.encoding, **keys.HISTORY.qos.options()
-            )
+            query.reply(self._key(asked), wire.encode(answer), encoding=keys.HISTORY.encoding)
 
 
 class _Wanted(msgspec.Struct, frozen=True):

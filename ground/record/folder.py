@@ -44,7 +44,10 @@ class Folder:
         """what a recorder that was killed left behind"""
 
     def close(self) -> None:
-        os.close(self._lock)
+        """Let another recorder have it; twice is harmless."""
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
     def __enter__(self) -> Folder:
         return self

@@ -65,6 +65,11 @@ class McapFile:
         self._writer = Writer(self._tail, chunk_size=CHUNK, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
         self._writer.start(library="zmav")
         self._writer.add_metadata(ABOUT, about)
+        try:
+            self._tail.flush()  # what follows is whole chunks
+        except OSError:
+            self._tail.close()
+            raise
         self._schemas: dict[Schema, int] = {}
         self._topics: dict[str, int] = {}
         self._names: dict[int, str] = {}

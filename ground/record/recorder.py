@@ -72,14 +72,20 @@ class Recorder:
         return self
 
     async def __aexit__(self, *exception: object) -> None:
-        for task in self._tasks:
+        await self.close()
+
+    async def close(self) -> None:
+        """Hear no more, write what came, complete the files; twice is harmless."""
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._answers is not None:
-            await asyncio.to_thread(self._answers.close)
-        for held in self._held:
+        await asyncio.gather(*tasks, return_exceptions=True)
+        answers, self._answers = self._answers, None
+        if answers is not None:
+            await asyncio.to_thread(answers.close)
+        while self._held:
             with contextlib.suppress(zenoh.ZError):
-                held.undeclare()
+                self._held.pop().undeclare()
         await asyncio.to_thread(self.storage.close)
 
     def _subscribe(self, number: int, pattern: str) -> None:

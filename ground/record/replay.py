@@ -85,7 +85,7 @@ async def _replay(
         guard.check()
         onboards: list[Onboard] = []
         parts: list[tuple[Source, Deliver]] = []
-        links: list[FedLink] = []
+        links, putters = list[FedLink](), list[Putter]()
         for source in sources:
             if isinstance(source, Tlogs):
                 link = FedLink(source.label)
@@ -93,7 +93,8 @@ async def _replay(
                 links.append(link)
                 parts.append((source, lambda record, link=link: link.feed(record.data)))  # type: ignore[misc]
             else:
-                parts.append((source, Putter(z, names, guard)))
+                putters.append(Putter(z, names, guard))
+                parts.append((source, putters[-1]))
             say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{names[v]}' for v in source.vehicles())}")
         for onboard in onboards:
             await s.enter_async_context(onboard)
@@ -108,19 +109,21 @@ async def _replay(
                 link.close()
             await asyncio.to_thread(player.close)
             guard.close()
-        _say_end(player, onboards, time.monotonic() - begun)
+        _say_end(player, onboards, sum(put.held_back for put in putters), time.monotonic() - begun)
 
 
-def _say_end(player: Player, onboards: list[Onboard], seconds: float) -> None:
+def _say_end(player: Player, onboards: list[Onboard], held_back: int, seconds: float) -> None:
     counts = [onboard.adapter.splitter.counters for onboard in onboards]
     told = []
     if counts:
         frames, unknown, lost = (sum(getattr(c, what) for c in counts) for what in ("frames", "unknown", "lost"))
         told.append(f"{frames} frames ({unknown} unknown, {lost} lost)")
-    others = player.played - sum(count.frames for count in counts)
+    others = player.played - held_back - sum(count.frames for count in counts)
     if others > 0:
         told.append(f"{others} samples")
-    say(f"{' and '.join(told) or 'nothing'} in {seconds:.1f} s")
+    if held_back:
+        told.append(f"{held_back} held back, that vehicles might take for orders")
+    say(f"{', '.join(told) or 'nothing'} in {seconds:.1f} s")
     if player.error is not None:
         raise BadInput(f"the recording could not be played to its end: {player.error}", field="file")
 

@@ -165,7 +165,7 @@ class Storage:
         return route
 
     def _write(self, batch: list[tuple[Route, int, bytes]]) -> None:
-        self.history.add_all(batch)
+        self.history.add_all([each for each in batch if not each[0].picture])
         if self.part is None and not self._begin():
             self.counts.unwritten += len(batch)
             return

@@ -1,0 +1,300 @@
+"""The recorder on the key space: what it hears, what it answers, and what is left of it when it is killed."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+from pymavlink import mavutil
+
+import zmav
+from ground.record import mcapfile
+from ground.record.answers import END
+from ground.record.folder import Folder
+from ground.record.recorder import Recorder, Wanted
+from ground.record.repair import is_whole
+from ground.record.route import Asked
+from ground.record.storage import Settings
+from tests.cli.conftest import Here, Process
+from tests.ground.record.conftest import Frames, read, read_cut
+from zmav import keys, wire
+from zmav.client import Answer, Client
+from zmav.errors import BadConfig, BadInput, Refused, ZmavError
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
+
+PATIENCE_S = 30.0
+FIVE = [f"quad{n}" for n in range(1, 6)]
+
+
+class Recording:
+    """A running recorder, the fleet's router, and a ground station that asks."""
+
+    def __init__(self, recorder: Recorder, router: zenoh.Session, z: Client, folder: Folder) -> None:
+        self.recorder, self.router, self.z, self.folder = recorder, router, z, folder
+
+    def put(self, key: str, data: bytes) -> None:
+        self.router.put(f"zmav/demo/{key}", data, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    async def taken(self, count: int) -> None:
+        """Until so many samples, besides the recorder's own status, are in the files."""
+        own = 0
+
+        def there() -> bool:
+            nonlocal own
+            mine = Asked("demo", self.recorder.name, "agent_status")
+            own = len(self.recorder.storage.history.newest(mine, 0, END, 1000)[0])
+            return self.recorder.storage.counts.written - own >= count
+
+        await until(there, lambda: f"{self.recorder.storage.counts}, {own} its own")
+
+    async def ask(self, what: str, **query: Any) -> wire.History:
+        (found,) = await self.ask_all(what, **query)
+        return found
+
+    async def ask_all(self, what: str, **query: Any) -> list[wire.History]:
+        payload = json.dumps(query).encode() if query else b""
+        answers = await self.z.ask(f"zmav/demo/*/history/{what}", payload, PATIENCE_S, keys.HISTORY)
+        for answer in answers:
+            if isinstance(answer, ZmavError):
+                raise answer
+        found = [wire.decode(a.payload, wire.History, "history") for a in answers if isinstance(a, Answer)]
+        return sorted(found, key=lambda each: (each.of, each.what))
+
+
+async def until(true: Any, what: Any) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < deadline, what()
+        await asyncio.sleep(0.02)
+
+
+@pytest.fixture
+async def recording(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Recording]:
+    monkeypatch.setattr("ground.record.storage.FLUSH_S", 0.1)
+    router, endpoint = net.router()
+    with Folder(tmp_path / "out") as folder:
+        async with (
+            zmav.open(connect=[endpoint]) as z,
+            zmav.open(connect=[endpoint]) as asking,
+            Recorder(z, folder, Settings(keep_free=0), Wanted(name="gs"), lambda line: None) as recorder,
+        ):
+            for key in ("state", "event", "mav/rx/1/1/ATTITUDE", "setpoint/x"):
+                await net.linked(router, f"zmav/demo/quad1/{key}")
+            await net.linked(router, "zmav/demo/@fleet/plan")
+            yield Recording(recorder, router, asking, folder)
+
+
+async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> None:
+    make = Frames()
+    sent = {
+        "quad1/mav/rx/1/1/ATTITUDE": make(), "quad1/mav/tx/1/1/ATTITUDE": make(),
+        "quad1/state": wire.encode(wire.VehicleState(t=1.0, fleet="demo", name="quad1", instance="i")),
+        "quad1/event": b'{"t": 1.0, "kind": "mode", "severity": "info", "text": "GUIDED"}',
+        "quad1/setpoint/swap": b'{"lease": "x", "seq": 1, "deadline": 5.0, "pos": [1, 2, 3]}',
+        "quad1/link/autopilot": b'{"t": 1.0}', "quad1/agent/swap/status": b'{"t": 1.0, "agent": "swap"}',
+        "@fleet/plan": b'{"quad1": []}', "@group/north/states": b'{"t": 1.0, "group": "north"}',
+    }  # fmt: skip
+    recorded = {c.name for c in keys.CHANNELS.values() if c.recorded and c.kind in ("pub", "put")}
+    assert {keys.match(f"zmav/demo/{key}")[0].name for key in sent} == recorded
+    for key, data in sent.items():
+        recording.put(key, data)
+    await recording.taken(len(sent))
+    await recording.recorder.close()
+    (path,) = recording.recorder.storage.session.glob("*.mcap")
+    kept = dict(read(path, mcapfile.AS_IT_CAME))
+    assert {key: kept.get(f"zmav/demo/{key}") for key in sent if "/mav/" not in key} == {
+        key: data for key, data in sent.items() if "/mav/" not in key
+    }
+    assert {data for _, data in read(path, mcapfile.ALL_FRAMES)} == set(make.made)
+
+
+async def test_what_was_is_told_when_the_vehicle_is_gone(recording: Recording) -> None:
+    """From memory; and, where that does not reach, from the file that is being written."""
+    make = Frames()
+    begun = time.time()
+    for number in range(5):
+        recording.put("quad1/event", json.dumps({"t": number, "kind": "x", "severity": "info", "text": "t"}).encode())
+    recording.put("quad1/mav/rx/1/1/ATTITUDE", make())
+    await recording.taken(6)
+
+    last = await recording.ask("quad1/event")
+    assert (last.recorder, last.of, last.what, last.more) == ("gs", "quad1", "event", True)
+    assert [entry.value["t"] for entry in last.entries] == [4]
+    assert begun <= last.entries[0].t <= time.time()
+    every = await recording.ask("quad1/event", last=5)
+    assert [entry.value["t"] for entry in every.entries] == [0, 1, 2, 3, 4]
+    middle = await recording.ask("quad1/event", since=every.entries[1].t - 1e-6, until=every.entries[3].t + 1e-6)
+    assert [entry.value["t"] for entry in middle.entries] == [1, 2, 3]
+    assert not middle.more
+    attitude = await recording.ask("quad1/ATTITUDE")
+    assert attitude.entries[0].value["time_boot_ms"] == 0
+    assert {found.what for found in await recording.ask_all("quad1/*")} == {"event", "ATTITUDE"}
+    assert await recording.ask_all("quad9/*") == []
+
+
+async def test_what_memory_let_go_is_found_in_the_files(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ground.record.history.YOUNG", 0)
+    history = recording.recorder.storage.history
+    monkeypatch.setattr(history, "_ring", 10)
+    for number in range(100):
+        recording.put("quad1/link/x", json.dumps({"t": 0.0, "n": number}).encode())
+    await recording.taken(100)
+    found = await recording.ask("quad1/link", last=50)
+    assert [entry.value["n"] for entry in found.entries] == list(range(50, 100))
+    assert found.more
+    found = await recording.ask("quad1/link", until=found.entries[0].t - 1e-6)
+    assert [entry.value["n"] for entry in found.entries] == list(range(50))
+    assert not found.more
+
+
+@pytest.mark.parametrize(
+    ("query", "words"),
+    [({"last": 0}, "last"), ({"last": 5000}, "last"), ({"since": "now"}, "since"), ({"wen": 1}, "wen"),
+     ({"since": 2.0, "until": 1.0}, "after until")],
+)  # fmt: skip
+async def test_a_bad_question_is_answered_with_why(recording: Recording, query: dict[str, Any], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        await recording.ask("quad1/state", **query)
+
+
+async def test_parameters_behind_the_key_are_taken_too(recording: Recording) -> None:
+    for number in range(3):
+        recording.put("quad1/link/x", json.dumps({"n": number}).encode())
+    await recording.taken(3)
+
+    def get(selector: str) -> list[zenoh.Reply]:
+        return list(recording.router.get(f"zmav/demo/gs/history/quad1/link{selector}", timeout=PATIENCE_S))
+
+    (reply,) = await asyncio.to_thread(get, "?last=2")
+    assert reply.ok is not None
+    found = wire.decode(reply.ok.payload.to_bytes(), wire.History, "history")
+    assert [entry.value["n"] for entry in found.entries] == [1, 2]
+    (reply,) = await asyncio.to_thread(get, "?last=two")
+    assert reply.err is not None
+    assert "'two'; expected a number" in str(wire.error_from(reply.err.payload.to_bytes()))
+
+
+async def test_an_answer_is_bounded(recording: Recording) -> None:
+    for number in range(20):
+        recording.put("quad1/link/x", json.dumps({"n": number, "x": "y" * 10_000}).encode())
+    await recording.taken(20)
+    found = await recording.ask("quad1/link", last=20)
+    assert found.more
+    assert 1 <= len(found.entries) < 20
+    assert found.entries[-1].value["n"] == 19
+
+
+async def test_a_question_for_too_much_of_the_files_is_refused(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ground.record.answers.MOST_LATE", 2)
+    for number in range(4):
+        recording.put(f"quad{number}/link/x", b"{}")
+    await recording.taken(4)
+    with pytest.raises(Refused, match="ask for 2 at most"):
+        await recording.ask_all("*/*", since=0.0)
+
+
+async def test_a_recorder_tells_of_earlier_sessions_and_how_it_does(
+    recording: Recording, tmp_path: Path, net: Net
+) -> None:
+    """The first one ends; the next one, in the same folder, still knows the vehicle that is gone."""
+    recording.put("quad7/link/x", b'{"n": 7}')
+    await recording.taken(1)
+    status = recording.recorder.status()
+    assert (status.state, status.detail["dropped"]) == ("recording", 0)
+    with pytest.raises(BadConfig, match="another recorder"):
+        Folder(tmp_path / "out")
+    said: list[str] = []
+    with Folder(tmp_path / "second") as other:
+        async with Recorder(recording.z, other, Settings(keep_free=0), Wanted(name="gs"), said.append):
+            assert "another recorder of gs answers" in said[0]
+    await recording.recorder.close()
+    recording.folder.close()
+    with Folder(tmp_path / "out") as again:
+        wanted = Wanted(vehicles=("none*",), name="gs2")
+        async with Recorder(recording.z, again, Settings(keep_free=0), wanted, said.append):
+            found: list[wire.History] = []
+            while not found:  # it looks at the files while it begins to record
+                found = await recording.ask_all("quad7/link")
+            assert found[0].recorder == "gs2"
+            assert found[0].entries[0].value == {"n": 7}
+
+
+async def test_killed_in_the_middle_it_leaves_all_that_it_had_written(net: Net, tmp_path: Path) -> None:
+    """Five vehicles, recorded by a process that gets SIGKILL: what its status said is written is there."""
+    router, endpoint = net.router()
+    out = tmp_path / "out"
+    command = ("record", "--out", str(out), "-e", endpoint, "--keep-free", "0", "--name", "gs")
+    process = Process(sys.executable, "-m", "zmav", *command)
+    process.expect("recording demo/*")
+    written = 0
+
+    def on_status(sample: zenoh.Sample) -> None:
+        nonlocal written
+        written = json.loads(sample.payload.to_bytes())["detail"]["written"]
+
+    router.declare_subscriber("zmav/demo/gs/agent/recorder/status", on_status)
+    await net.linked(router, "zmav/demo/quad1/mav/rx/1/1/ATTITUDE")
+    makes = [Frames(sysid) for sysid in range(1, 6)]
+    try:
+        while written < 500:
+            for name, make in zip(FIVE, makes, strict=True):
+                router.put(f"zmav/demo/{name}/{make.key}", make())
+            await asyncio.sleep(0.002)
+    finally:
+        process.popen.send_signal(signal.SIGKILL)
+        process.wait()
+    (session,) = [path for path in out.iterdir() if path.is_dir()]
+    (cut,) = session.glob("*.mcap")
+    assert not is_whole(cut)
+    for ended in (read_cut, read):
+        kept = ended(cut, mcapfile.ALL_FRAMES)
+        assert len(kept) >= 490  # of the 500, a few may have been the recorder's own status
+        for name, make in zip(FIVE, makes, strict=True):
+            own = [frame for topic, frame in kept if topic == f"zmav/demo/{name}/mav/rx"]
+            assert own == make.made[: len(own)], "without a gap"
+        if ended is read_cut:
+            assert "completed; it holds" in Here()("record", "--repair", str(cut)).err
+    by_pymavlink = 0
+    for name, make in zip(FIVE, makes, strict=True):
+        log = mavutil.mavlink_connection(str(session / f"{name}.001.tlog"))
+        while (message := log.recv_match()) is not None:
+            assert message.get_type() == "ATTITUDE"
+            assert bytes(message.get_msgbuf()) == make.made[message.time_boot_ms]
+            by_pymavlink += 1
+    assert by_pymavlink >= 490
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--no-tlog", "--no-mcap"], "nothing is left"),
+        (["--vehicles", "a b"], "no vehicle can be called 'a b'"),
+        (["--name", "Ground One"], "cannot stand in a key"),
+        (["--want", "ATTITUDE"], "expected ATTITUDE=10"),
+        (["--want", "ATTITUDE=-1"], "no rate -1"),
+        (["--repair", __file__], r"is no .mcap"),
+        (["--out", "/dev/null/x"], "cannot record to"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else None,
+)
+def test_what_cannot_be_is_said(net: Net, tmp_path: Path, arguments: list[str], words: str) -> None:
+    _, endpoint = net.router()
+    told = Here("-e", endpoint).fails("record", "--out", str(tmp_path / "out"), *arguments)
+    assert words in str(told.error)
+
+
+@pytest.mark.parametrize("arguments", [["--split-size", "10"], ["--split-size", "x"], ["--split-time", "5 years"]])
+def test_wrong_usage_is_told(arguments: list[str]) -> None:
+    assert arguments[1] in Here().misused("record", *arguments).err

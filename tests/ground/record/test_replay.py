@@ -1,0 +1,326 @@
+"""Recordings played again: in step, byte for byte, and never as orders to a vehicle that is there."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+
+from ground.record import mcapfile, sources
+from ground.record.folder import Folder
+from ground.record.player import FedLink, Player, Span
+from ground.record.sources import Mcap, Record, Tlogs
+from ground.record.storage import Settings, Storage
+from tests.cli.conftest import Here
+from tests.ground.record.conftest import Frames
+from zmav import keys, wire
+from zmav.errors import BadConfig, BadInput, Clash
+from zmav.mavlink import load_dialect
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
+
+START_US = 1_700_000_000_000_000
+PATIENT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop:5000000"
+
+
+def tlog(path: Path, frames: Frames, *seconds: float) -> Path:
+    """Write a .tlog with a frame at each time."""
+    path.write_bytes(b"".join(struct.pack(">Q", START_US + int(1e6 * t)) + frames() for t in seconds))
+    return path
+
+
+class Clock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self) -> None:
+        self.t = 1000.0
+
+    def __call__(self) -> float:
+        return self.t
+
+    def pause(self, seconds: float) -> bool:
+        self.t += seconds
+        return False
+
+
+def play(parts: list[tuple[Any, str]], **how: Any) -> list[tuple[float, str, bytes]]:
+    """(when by the clock since the start, who, payload) of all that is played."""
+    clock, found = Clock(), list[tuple[float, str, bytes]]()
+
+    def deliver(who: str) -> Any:
+        return lambda record: found.append((round(clock.t - 1000.0, 6), who, record.data))
+
+    player = Player([(source, deliver(who)) for source, who in parts], now=clock, pause=clock.pause, **how)
+    player.start()
+    assert player.over.wait(30.0)
+    assert player.error is None
+    return found
+
+
+def test_several_recordings_go_by_one_clock(tmp_path: Path) -> None:
+    one, two = Frames(1), Frames(2)
+    a = Tlogs("a", [tlog(tmp_path / "a.tlog", one, 0.0, 1.0, 2.0)])
+    b = Tlogs("b", [tlog(tmp_path / "b.tlog", two, 0.5, 1.5), tlog(tmp_path / "b2.tlog", two, 2.5)])
+    both = [(a, "a"), (b, "b")]
+    order = [(0.0, "a"), (0.5, "b"), (1.0, "a"), (1.5, "b"), (2.0, "a"), (2.5, "b")]
+    assert [(t, who) for t, who, _ in play(both)] == order
+    assert [data for _, who, data in play(both) if who == "b"] == two.made
+    assert [(t, who) for t, who, _ in play(both, speed=2.0)] == [(t / 2, who) for t, who in order]
+    assert {t for t, _, _ in play(both, speed=0.0)} == {0.0}
+    assert [(t, who) for t, who, _ in play(both, span=Span(0.9, 2.0))] == [(0.1, "a"), (0.6, "b"), (1.1, "a")]
+    assert play(both, span=Span(9.0)) == []
+
+
+def test_a_pause_of_hours_is_played_as_no_time(tmp_path: Path) -> None:
+    source = Tlogs("a", [tlog(tmp_path / "a.tlog", Frames(), 0.0, 1.0, 7201.0, 7202.0, 100.0, 101.0)])
+    assert [t for t, _, _ in play([(source, "a")])] == [0.0, 1.0, 1.0, 2.0, 2.0, 3.0]
+
+
+def test_a_loop_begins_again_until_it_is_ended(tmp_path: Path) -> None:
+    clock, found = Clock(), list[bytes]()
+    make = Frames()
+    source = Tlogs("a", [tlog(tmp_path / "a.tlog", make, 0.0, 1.0)])
+
+    def deliver(record: Record) -> None:
+        found.append(record.data)
+        if len(found) == 5:
+            player.stop()
+
+    player = Player([(source, deliver)], loop=True, now=clock, pause=clock.pause)
+    player.start()
+    assert player.over.wait(30.0)
+    assert found == [*make.made, *make.made, make.made[0]]
+
+
+def test_what_holds_nothing_is_no_endless_loop(tmp_path: Path) -> None:
+    (tmp_path / "empty.tlog").write_bytes(b"")
+    assert play([(Tlogs("a", [tmp_path / "empty.tlog"]), "a")], loop=True) == []
+
+
+def test_a_fed_link_gives_its_frames_and_ends() -> None:
+    from zmav.links import LinkState
+
+    link, heard = FedLink("x"), list[bytes]()
+    link.start(heard.append, lambda state, detail: None)
+    for data in (b"1", b"2", None):
+        link.feed(data)
+    link.wait_taken()
+    assert link.wait(LinkState.DOWN, 30.0)
+    assert heard == [b"1", b"2"]
+    assert not link.send(b"x")
+    link.close()
+    link.feed(b"3")  # nobody's any more
+
+
+def test_names_of_what_is_played(tmp_path: Path) -> None:
+    for name in ("quad1.001.tlog", "quad1.002.tlog", "north.quad2.001.tlog", "My Flight.tlog"):
+        tlog(tmp_path / name, Frames(), 0.0)
+
+    def names(*paths: str) -> list[str]:
+        return sorted(v for source in sources.open_all([tmp_path / p for p in paths]) for v in source.vehicles())
+
+    assert names(".") == ["my-flight", "quad1", "quad2"]
+    assert names("My Flight.tlog") == ["replay"]
+    assert names("quad1.002.tlog") == ["quad1"]
+    (tmp_path / "none").mkdir()
+    with pytest.raises(BadConfig, match=r"holds no \.mcap and no \.tlog"):
+        names("none")
+    (tmp_path / "x.mcap").write_bytes(b"no recording at all")
+    with pytest.raises(BadInput, match=r"no \.mcap"):
+        names("x.mcap")
+
+
+EVENT = wire.encode(wire.Event(t=1.0, kind="mode", severity="info", text="GUIDED"))
+SETPOINT = wire.encode(wire.Setpoint(lease="x", seq=1, deadline=1.0, pos=(1.0, 2.0, 3.0)))
+
+
+class Recorded:
+    """A session with two vehicles: what came on each key, in order."""
+
+    def __init__(self, folder: Path) -> None:
+        make, other = Frames(1), Frames(2)
+        self.came: list[tuple[str, bytes]] = []
+        for _ in range(20):
+            self.came += [(f"zmav/demo/quad1/{make.key}", make()), (f"zmav/demo/quad2/{other.key}", other())]
+        self.came += [
+            ("zmav/demo/quad1/mav/rx/9/9/ATTITUDE", make()), ("zmav/demo/quad1/event", EVENT),
+            ("zmav/demo/quad1/setpoint/swap", SETPOINT), ("zmav/demo/quad1/mav/tx/1/1/ATTITUDE", make()),
+            ("zmav/demo/quad2/state", b"no JSON"), ("zmav/demo/@fleet/goal", b'{"quad1": [1, 2, 3]}'),
+            ("zmav/demo/@fleet/roster", b'{"n": 1}'),
+        ]  # fmt: skip
+        with Folder(folder) as out:
+            storage = Storage(out, Settings(keep_free=0), load_dialect(), lambda line: None)
+            storage.start()
+            for number, (key, data) in enumerate(self.came):
+                storage.put(key, data, at=START_US * 1000 + number * 1_000_000)
+            storage.close()
+        self.session = storage.session
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
+    yield Recorded(tmp_path_factory.mktemp("recorded"))
+
+
+def test_an_mcap_gives_back_every_key_and_byte(recorded: Recorded, tmp_path: Path) -> None:
+    """Also one that was cut short, as far as it goes."""
+    (path,) = recorded.session.glob("*.mcap")
+    played = [(record.key, record.data) for record in Mcap(path).records()]
+    without_tx = [(key, data) for key, data in recorded.came if "/mav/tx/" not in key]
+    assert [each for each in played if "/mav/tx/" not in each[0]] == without_tx
+    assert Mcap(path).vehicles() == ["quad1", "quad2"]
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:-20])
+    assert [(record.key, record.data) for record in Mcap(cut).records()] == played
+    assert Mcap(cut).vehicles() == ["quad1", "quad2"]
+    assert mcapfile.about(cut)["dialect"] == "ardupilotmega"
+
+
+def expected(recorded: Recorded, *, orders: bool, name: str = "*") -> list[tuple[str, bytes]]:
+    found = []
+    for key, data in recorded.came:
+        if "/mav/tx/" in key or "roster" in key or (not orders and ("setpoint" in key or "@fleet" in key)):
+            continue
+        chunks = key.split("/")
+        chunks[2] = chunks[2] if chunks[2].startswith("@") else name.replace("*", chunks[2])
+        found.append(("/".join(chunks), data))
+    return sorted(found)
+
+
+class Stage:
+    """A router of a fleet, and what is heard there."""
+
+    def __init__(self, net: Net) -> None:
+        self.router, self.endpoint = net.router(cfg=[PATIENT])
+        self.heard: list[tuple[str, bytes]] = []
+        for key in ("zmav/**", "zmav/*/@fleet/**"):
+            self.router.declare_subscriber(key, self._on_sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+
+    async def replay(self, recorded: Recorded, *arguments: str, fails: bool = False) -> Any:
+        verb = Here("-e", self.endpoint)
+        told = verb.fails if fails else verb
+        path = str(recorded.session)
+        return await asyncio.to_thread(told, "replay", path, "--speed", "max", *arguments)
+
+    async def until(self, count: int) -> list[tuple[str, bytes]]:
+        for _ in range(1500):
+            if len(self.heard) >= count:
+                break
+            await asyncio.sleep(0.02)
+        return sorted(self.heard)
+
+    def vehicle(self, name: str) -> Any:
+        """A vehicle comes to be there: its token; call ``undeclare``."""
+        key = keys.ALIVE.key("demo", name, role="vehicle", sys=1, autopilot="px4", uid="-", instance="real")
+        return self.router.liveliness().declare_token(key)
+
+
+@pytest.fixture
+def stage(net: Net) -> Stage:
+    return Stage(net)
+
+
+@pytest.fixture(autouse=True)
+def no_signals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Verbs run in threads here, where no signal can be heard: they end by themselves."""
+    monkeypatch.setattr("ground.record.replay.until_stopped", asyncio.Event().wait)
+
+
+async def test_into_an_empty_fleet_all_comes_again_but_what_was_sent_to_vehicles(
+    stage: Stage, recorded: Recorded
+) -> None:
+    told = await stage.replay(recorded)
+    wanted = expected(recorded, orders=True)
+    assert await stage.until(len(wanted)) == wanted
+    assert "demo/quad1, demo/quad2" in told.err
+    assert "45 samples, 2 held back" in told.err
+
+
+async def test_a_vehicle_that_is_there_is_not_played_over(stage: Stage, recorded: Recorded) -> None:
+    token = stage.vehicle("quad1")
+    told = await stage.replay(recorded, fails=True)
+    assert isinstance(told.error, Clash)
+    assert "quad1 is there: --as 'old-*'" in str(told.error)
+    assert stage.heard == []
+    token.undeclare()
+
+
+async def test_under_another_name_beside_a_vehicle_no_goal_is_played(stage: Stage, recorded: Recorded) -> None:
+    token = stage.vehicle("quad1")
+    await stage.replay(recorded, "--as", "old-*")
+    wanted = [each for each in expected(recorded, orders=True, name="old-*") if "@fleet" not in each[0]]
+    assert await stage.until(len(wanted)) == wanted
+    token.undeclare()
+
+
+async def test_forced_beside_the_vehicle_itself_no_setpoint_is_played(stage: Stage, recorded: Recorded) -> None:
+    token = stage.vehicle("quad1")
+    await stage.replay(recorded, "--force")
+    wanted = expected(recorded, orders=False)
+    assert await stage.until(len(wanted)) == wanted
+    token.undeclare()
+
+
+async def test_a_vehicle_that_comes_ends_its_part(stage: Stage, recorded: Recorded) -> None:
+    """Played for ever, until one of the vehicles turns up; the other one goes on."""
+    running = asyncio.Event()
+
+    async def stopped() -> None:
+        await running.wait()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ground.record.replay.until_stopped", stopped)
+        replay = asyncio.create_task(stage.replay(recorded, "--loop"))
+        await stage.until(100)
+        token = stage.vehicle("quad1")
+        for _ in range(1500):
+            before = len(stage.heard)
+            await stage.until(before + 200)
+            if not any("quad1" in key or "@fleet" in key for key, _ in stage.heard[before:]):
+                break
+        else:
+            pytest.fail("quad1 is played on")
+        running.set()
+        told = await replay
+    assert "quad1 has come: what was recorded of it is no longer played" in told.err
+    token.undeclare()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--as", "old"], "2 vehicles (quad1, quad2) cannot all be 'old'"),
+        (["--as", "Old *"], "cannot stand in a key"),
+        (["--start", "5", "--end", "5"], "--end 5 is not after --start 5"),
+        (["--speed", "0"], "no speed '0'"),
+        (["--fleet", "*"], "cannot stand in a key"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+async def test_what_cannot_be_is_said(stage: Stage, recorded: Recorded, arguments: list[str], words: str) -> None:
+    told = await stage.replay(recorded, *arguments, fails=True)
+    assert words in str(told.error)
+    assert stage.heard == []
+
+
+async def test_several_tlogs_are_several_vehicles(stage: Stage, recorded: Recorded) -> None:
+    files = [str(path) for path in sorted(recorded.session.glob("*.tlog"))]
+    told = await asyncio.to_thread(Here("-e", stage.endpoint), "replay", *files, "--speed", "max", "--as", "old-*")
+    assert "42 frames (0 unknown" in told.err
+    own = [(key, data) for key, data in recorded.came if "/mav/" in key]
+    await stage.until(len(own))
+    frames = sorted(data for key, data in stage.heard if "/mav/rx/" in key)
+    assert frames == sorted(data for _, data in own)
+    assert {key.split("/")[2] for key, _ in stage.heard} == {"old-quad1", "old-quad2"}
+    states = [json.loads(data) for key, data in stage.heard if key.endswith("/state")]
+    assert {state["name"] for state in states} <= {"old-quad1", "old-quad2"}
