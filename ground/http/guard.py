@@ -75,7 +75,7 @@ class Guard:
 
     async def _run(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let the face answer; what goes wrong in it is its own affair, and never a traceback for the asker."""
-        begun = False
+        begun = scope["type"] == "websocket"  # whose messages go straight on
 
         async def sending(message: Message) -> None:
             nonlocal begun
@@ -83,7 +83,7 @@ class Guard:
             await send(message)
 
         try:
-            await self._app(scope, receive, sending)
+            await self._app(scope, receive, send if begun else sending)
         except Exception:
             logger.exception("error while answering %s", scope["path"])
             if not begun:

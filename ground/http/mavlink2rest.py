@@ -7,11 +7,11 @@ without ``/v1``, too, and under ``/mavlink2rest``, where BlueOS has it. https://
 
 from __future__ import annotations
 
-import json
 from datetime import datetime, timezone
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Literal
 
+import msgspec
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
@@ -38,7 +38,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
             Route(f"{prefix}/mavlink/{{path:path}}", face.get),
             Route(f"{prefix}/helper/mavlink", face.helper),
             Route(f"{prefix}/info", face.info),
-            WebSocketRoute(f"{prefix}/ws/mavlink", sockets.serve),
+            WebSocketRoute(f"{prefix}/ws/mavlink", sockets),
         ]
     return found
 
@@ -90,7 +90,7 @@ class Mavlink2Rest:
         if name is None:
             raise Failure(400, "bad_input", "which message? ?name=HEARTBEAT")
         try:
-            return _pretty(template(name, self._gateway.dialect, SOURCE), sort=False)
+            return _pretty(template(name, self._gateway.dialect, SOURCE), order=None)
         except BadMessage:
             raise Failure(404, "not_found", "Invalid message name.") from None
 
@@ -155,7 +155,6 @@ def _time(t: float) -> str:
     return datetime.fromtimestamp(t, timezone.utc).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
-def _pretty(value: Any, sort: bool = True) -> Response:
-    text = json.dumps(value, indent=2, sort_keys=sort, ensure_ascii=False)
-    headers = {"Cache-Control": "no-store"}
-    return Response(text.encode("utf-8", "replace"), media_type="application/json", headers=headers)
+def _pretty(value: Any, order: Literal["sorted"] | None = "sorted") -> Response:
+    text = msgspec.json.format(msgspec.json.encode(value, order=order), indent=2)
+    return Response(text, media_type="application/json", headers={"Cache-Control": "no-store"})

@@ -32,12 +32,17 @@ def document(frame: Frame, dialect: Dialect) -> dict[str, Any]:
 
 
 def message(frame: Frame, dialect: Dialect) -> dict[str, Any]:
-    """The fields in the order of the wire after ``type``; raises :class:`BadMessage` for what the dialect lacks."""
+    """``type`` and the fields; raises :class:`BadMessage` for what the dialect lacks.
+
+    NaN and infinities stay what they are: msgspec's JSON has null for them.
+    """
     plain, kind = decode(frame, dialect), dialect.by_id[frame.msgid]
-    return {
-        "type": kind.name,
-        **{_name(field): _shown(field, plain[field.name], dialect) for field in kind.wire_fields},
-    }
+    if "type" in kind.by_name:
+        plain = {_name(kind.by_name[name]): value for name, value in plain.items()}
+    for field in kind.fields:
+        if field.enum:
+            plain[_name(field)] = _shown(field, plain[_name(field)], dialect)
+    return {"type": kind.name, **plain}
 
 
 def template(name: str, dialect: Dialect, source: tuple[int, int]) -> dict[str, Any]:
@@ -103,8 +108,8 @@ def _field_name(key: str, kind: MessageType) -> str:
 
 
 def _shown(field: Field, value: Any, dialect: Dialect) -> Any:
-    if not field.enum or field.type in ("float", "double"):
-        return to_json(field, value, dialect)
+    if field.type in ("float", "double"):  # PARAM_SET's value and its like: a number all the same
+        return value
     if isinstance(value, list):
         return [_shown(field, each, dialect) for each in value]
     if field.bitmask:

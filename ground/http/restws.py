@@ -7,7 +7,8 @@ import collections
 import contextlib
 
 import msgspec
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.types import Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from ground.http.batches import Batch, Batches
 from ground.http.filters import matching
@@ -70,24 +71,25 @@ class RestSockets:
     def __len__(self) -> int:
         return len(self._readers)
 
-    async def serve(self, socket: WebSocket) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One client, as long as it stays and reads; a bad filter is refused with 400 before."""
+        socket = WebSocket(scope, receive, send)
         try:
             if len(self._readers) >= MOST:
                 raise Failure(503, "too_many", f"there are {MOST} clients already")
             names = await matching(socket.query_params.get("filter", ".*"), self._gateway.dialect.by_name)
         except (BadInput, Failure) as e:
             failure = failure_of(e) if isinstance(e, BadInput) else e
-            await deny(refusal(socket.url.path, failure), socket.scope, socket.receive, socket.send)
+            await deny(refusal(scope["path"], failure), scope, receive, send)
             return
         await socket.accept()
         reader = Reader(names)
         self._add(reader)
         try:
             await together(
-                self._send(socket, reader), self._receive(socket, reader), self._ask(reader), self._end(reader)
+                self._send(send, reader), self._receive(socket, reader), self._ask(reader), self._end(reader)
             )
-        except (WebSocketDisconnect, _Gone):
+        except (OSError, _Gone):
             return  # what it has not read is cut off with the connection: see ground.http.server
         finally:
             self._remove(reader)
@@ -97,9 +99,9 @@ class RestSockets:
         self.dropped += 1
         raise _Gone
 
-    async def _send(self, socket: WebSocket, reader: Reader) -> None:
-        while True:
-            await socket.send({"type": "websocket.send", "text": await reader.get()})
+    async def _send(self, send: Send, reader: Reader) -> None:
+        while True:  # straight to the server: what WebSocket adds costs more than all the rest of it
+            await send({"type": "websocket.send", "text": await reader.get()})
 
     async def _receive(self, socket: WebSocket, reader: Reader) -> None:
         while True:

@@ -88,9 +88,10 @@ class Served:
         return self.app
 
     def face(self, path: str) -> Any:
-        """The object whose method answers on a route's path."""
+        """The object that answers on a route's path, or whose method does."""
         routes = [route for route in self.app.routes if isinstance(route, (Route, WebSocketRoute))]
-        return next(getattr(route.endpoint, "__self__", None) for route in routes if route.path == path)
+        endpoint = next(route.endpoint for route in routes if route.path == path)
+        return getattr(endpoint, "__self__", endpoint)
 
     def close(self) -> None:
         self.loop.call_soon_threadsafe(self._stop.set)
