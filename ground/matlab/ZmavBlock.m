@@ -1,6 +1,6 @@
 classdef ZmavBlock < matlab.System
 %ZMAVBLOCK  What the Simulink blocks of the toolbox have in common; all they do is in ZMAV_BLOCK.
-%   It needs MATLAB R2020a or newer; for older releases there is ZMAV_SFUN. Runs interpreted: nothing is compiled.
+%   It needs MATLAB R2021a or newer; for older releases there is ZMAV_SFUN. Runs interpreted: nothing is compiled.
 %
 %   See also ZMAVTELEMETRY, ZMAVSTATE, ZMAVSETPOINT, ZMAV_SIMULINK_LIBRARY.
 

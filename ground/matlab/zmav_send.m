@@ -13,9 +13,15 @@ function zmav_send(z, vehicle, message, varargin)
 %   See also ZMAV_DO, ZMAV_SETPOINT.
 
     [sys, comp] = zmav_system(z, vehicle);
-    params = zmav_arguments(varargin);
-    for k = 2:2:numel(params)
-        params{k} = regexprep(params{k}, '^["\[](.*)["\]]$', '$1');  % plain text, and arrays as comma lists
-    end
+    params = zmav_arguments(varargin, @plain);
     zmav_http(z, 'get', sprintf('/send/%d/%d/%s', sys, comp, zmav_encode(message)), params);
+end
+
+function text = plain(value)
+    % Text as it is, numbers as they are, arrays with commas between.
+    if ischar(value)
+        text = value;
+    else
+        text = regexprep(zmav_json(double(value)), '[\[\]]', '');
+    end
 end

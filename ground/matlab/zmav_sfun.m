@@ -1,5 +1,5 @@
 function zmav_sfun(block)
-%ZMAV_SFUN  The Simulink blocks as one Level-2 MATLAB S-function, for releases older than R2020a.
+%ZMAV_SFUN  The Simulink blocks as one Level-2 MATLAB S-function, for releases older than R2021a.
 %   In a Level-2 MATLAB S-Function block with the parameters KIND, URL, VEHICLE, MESSAGE, FIELDS, SAMPLE_TIME:
 %       'telemetry', 'http://127.0.0.1:8088', 'quad1', 'ATTITUDE', {'roll', 'pitch', 'yaw'}, 0.1
 %       'state',     'http://127.0.0.1:8088', 'quad1', '', {}, 0.1

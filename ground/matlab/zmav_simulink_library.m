@@ -1,7 +1,7 @@
 function file = zmav_simulink_library(folder)
 %ZMAV_SIMULINK_LIBRARY  Make the Simulink block library zmav_blocks.slx: telemetry, state and setpoint.
 %   FILE = ZMAV_SIMULINK_LIBRARY() makes it in the current folder, ZMAV_SIMULINK_LIBRARY(FOLDER) in another. The blocks
-%   are MATLAB System blocks over the classes of this folder, which must stay on the path; older releases than R2020a
+%   are MATLAB System blocks over the classes of this folder, which must stay on the path; older releases than R2021a
 %   get Level-2 S-functions in their place.
 %
 %   A vehicle flies in real time: in a model that uses the blocks, switch simulation pacing on, and take a fixed step.
@@ -31,7 +31,7 @@ function file = zmav_simulink_library(folder)
     for k = 1:size(blocks, 1)
         path = [name '/' blocks{k, 1}];
         place = [40, 40 + 110 * (k - 1), 200, 110 + 110 * (k - 1)];
-        if verLessThan('simulink', '10.1') %#ok<VERLESSMATLAB>
+        if verLessThan('simulink', '10.3') %#ok<VERLESSMATLAB>
             add_block('simulink/User-Defined Functions/Level-2 MATLAB S-Function', path, 'Position', place, ...
                 'FunctionName', 'zmav_sfun', 'Parameters', [blocks{k, 3} ', 0.1']);
         else

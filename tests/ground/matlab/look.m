@@ -60,6 +60,7 @@ zmav_close(guarded);
 zmav_send(z, 'quad1', 'MANUAL_CONTROL', 'x', 0, 'y', 0, 'z', 0, 'r', 0, 'buttons', 0);
 zmav_send(z, [1 1], 'SET_MODE', struct('base_mode', 1, 'custom_mode', 0));
 zmav_send(z, 'quad1', 'STATUSTEXT', 'severity', 'MAV_SEVERITY_INFO', 'text', 'a, "b" & c');
+zmav_send(z, 'quad1', 'PLAY_TUNE', 'tune', '"quoted" [1] tune');
 zmav_send(z, 'quad1', 'SET_GPS_GLOBAL_ORIGIN', 'latitude', -353632610, 'longitude', 1491652300, 'altitude', 584090);
 zmav_do(z, 'quad1', 'command', 'command', 'REQUEST_MESSAGE', 'params', struct('param1', 148));
 zmav_mode(z, 'quad1', 'STABILIZE');
