@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 
 import rerun as rr
@@ -35,7 +36,9 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
         active_tab=0,
     )
     below = rrb.Horizontal(
-        rrb.TextLogView(origin="/events", name="Events"),
+        rrb.TextLogView(
+            origin="/events", name="Events", columns=rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
+        ),
         rrb.Tabs(
             rrb.TextDocumentView(origin="/fleet", name="Table"),
             rrb.Spatial2DView(origin="/camera", name="Camera"),
@@ -52,7 +55,7 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
         ),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="time"),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
         auto_views=False,
         auto_layout=False,
     )
@@ -71,14 +74,14 @@ def _plot(what: str, name: str) -> rrb.TimeSeriesView:
 
 
 def eye(places: Sequence[Vector]) -> rrb.EyeControls3D | None:
-    """From the south-west and above, so that all of ``places`` are seen; None where there are none yet."""
+    """From the south-west and above, so that most of ``places`` are seen; None where there are none yet."""
     if not places:
         return None
-    north = sum(place[0] for place in places) / len(places)
-    east = sum(place[1] for place in places) / len(places)
-    up = -sum(place[2] for place in places) / len(places)
-    around = max(math.dist(place, (north, east, -up)) for place in places)
-    away = 1.5 * min(max(around, NARROW), WIDE)
+    north, east, down = (statistics.median(place[axis] for place in places) for axis in range(3))
+    up = -down
+    distances = sorted(math.dist(place, (north, east, down)) for place in places)
+    around = distances[round(0.8 * (len(distances) - 1))]  # one that is far away must not make all others small
+    away = 1.2 * min(max(around, NARROW), WIDE)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=(east - 0.65 * away, north - away, up + 0.7 * away),

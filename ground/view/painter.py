@@ -14,6 +14,7 @@ import struct
 import sys
 import threading
 import time
+from datetime import timedelta
 from typing import BinaryIO
 
 import msgspec
@@ -28,6 +29,8 @@ from ground.view.viewer import start_viewer
 
 PERIOD = 0.1
 """s between two steps at least"""
+FLUSH_VIEWER, FLUSH_FILE = 0.2, 2.0
+"""s that logged rows may wait for others: a killed painter leaves a file without the last of them"""
 SETTLE = 3.0
 """s from the first vehicle's appearance until the view is fitted to the fleet, once"""
 
@@ -38,7 +41,7 @@ def main() -> None:
     requests = os.fdopen(os.dup(sys.stdout.fileno()), "wb", buffering=0)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no request
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    recording = rr.RecordingStream("zmav", send_properties=True)
+    recording = rr.RecordingStream("zmav", batcher_config=_batcher(settings.sink))
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
     viewer = start_viewer(settings.sink) if settings.sink.kind in ("native", "web") else None
@@ -86,6 +89,13 @@ class Painting:
         if now >= self._fit_at:
             self._fitted = True
             self._recording.send_blueprint(blueprint.blueprint(places))
+
+
+def _batcher(sink: Sink) -> rr.ChunkBatcherConfig:
+    """Rows of a path that go together: each chunk costs a kilobyte, whatever it holds."""
+    config = rr.ChunkBatcherConfig.DEFAULT()
+    config.flush_tick = timedelta(seconds=FLUSH_FILE if sink.kind == "save" else FLUSH_VIEWER)
+    return config
 
 
 def _connect(recording: rr.RecordingStream, sink: Sink) -> None:

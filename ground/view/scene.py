@@ -81,7 +81,7 @@ class Scene:
         said, self._lines = self._lines[:LINES_A_STEP], self._lines[LINES_A_STEP:]
         for who, severity, text in said:
             level = LEVELS.get(severity, rr.TextLogLevel.INFO)
-            self._canvas.line(("events", who), rr.TextLog(text, level=level))
+            self._canvas.line(("events", who), rr.TextLog(f"{who}: {text}", level=level))
 
     def say(self, who: str, severity: str, text: str) -> None:
         """A line in the log of events."""

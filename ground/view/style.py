@@ -25,7 +25,7 @@ GRADES: dict[str, Colour] = {
     "unknown": (140, 145, 155, 255),
 }
 """of mesh links, by :attr:`mesh.topology.Link.grade`"""
-WIDTHS = {"good": 2.5, "fair": 2.0, "poor": 1.5, "down": 1.0, "unknown": 1.0}
+WIDTHS = {"good": 1.8, "fair": 1.5, "poor": 1.2, "down": 0.9, "unknown": 0.9}
 """of the same, in points of the screen: the better, the thicker"""
 TOPICS: dict[str, Colour] = {
     "goal": (120, 255, 140, 255),

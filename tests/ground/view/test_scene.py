@@ -1,0 +1,281 @@
+"""What is drawn, read back from the recording: places, attitudes, colours, and how often."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ground.view import meshlinks, style
+from ground.view.frames import NED_IN_VIEW
+from zmav import geo, wire
+
+Q1 = ("demo", "quad1")
+BODY = "/world/ned/vehicles/quad1"
+T0 = 1.8e9
+ORIGIN = wire.Origin(lat_deg=52.756, lon_deg=-1.246, alt_amsl=60.0)
+Make = Callable[..., Any]
+
+
+def rgba(number: int) -> tuple[int, int, int, int]:
+    return number >> 24 & 255, number >> 16 & 255, number >> 8 & 255, number & 255
+
+
+def global_of(ned: wire.Vector) -> wire.GlobalPosition:
+    lat, lon, alt = geo.to_global(ORIGIN, ned)
+    return wire.GlobalPosition(lat_deg=lat, lon_deg=lon, alt_amsl=alt, alt_rel=alt - 60.0)
+
+
+def test_a_vehicle_stands_where_it_is_and_the_view_turns_north_east_down_into_its_own_axes(
+    paint: Make, state: Make
+) -> None:
+    painted = paint()
+    painted.step(("state", Q1, state(local=(10.0, 20.0, -5.0))))
+    rows = painted.rows()
+    assert rows[f"{BODY}/pose"][0].values["Transform3D:translation"] == [[10.0, 20.0, -5.0]]
+    turned = rows["/world/ned"][0]
+    assert turned.t is None
+    matrix = np.array(turned.values["Transform3D:mat3x3"]).reshape(3, 3, order="F")
+    assert np.linalg.det(matrix) == pytest.approx(1.0), "a mirror image"
+    assert (matrix @ [10.0, 20.0, -5.0]).tolist() == [20.0, 10.0, 5.0], "east, north, up"
+    assert np.array(NED_IN_VIEW).tolist() == matrix.tolist()
+
+
+@pytest.mark.parametrize(
+    ("attitude", "body", "ned"),
+    [
+        ((0.0, 0.0, math.pi / 2), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),  # the nose points east
+        ((0.0, math.pi / 2, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),  # nose up
+        ((math.pi / 2, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),  # the right wing down
+        ((math.pi / 2, 0.0, math.pi / 2), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),  # rolled right and heading east
+    ],
+)
+def test_the_attitude_turns_the_body_into_ned(
+    paint: Make, state: Make, attitude: tuple[float, float, float], body: wire.Vector, ned: wire.Vector
+) -> None:
+    painted = paint()
+    roll, pitch, yaw = attitude
+    painted.step(("state", Q1, state(attitude=wire.Attitude(roll=roll, pitch=pitch, yaw=yaw))))
+    ((x, y, z, w),) = painted.rows()[f"{BODY}/pose"][0].values["Transform3D:quaternion"]
+    q, v = np.array((x, y, z)), np.array(body)
+    turned = v + 2.0 * np.cross(q, np.cross(q, v) + w * v)
+    assert turned == pytest.approx(ned, abs=1e-6)
+
+
+def test_no_path_is_logged_more_often_than_ten_times_a_second_and_the_newest_wins(paint: Make, state: Make) -> None:
+    painted = paint()
+    for i in range(40):
+        many = [("state", Q1, state(local=(i + k / 10, 0.0, -5.0), t=T0 + i)) for k in range(5)]
+        painted.step(*many, ("setpoint", (*Q1, "planner"), wire.Setpoint(lease="l", seq=i, deadline=0, pos=(i, 1, -5))))
+    rows = painted.rows()
+    times = {name: [row.t for row in found if row.t is not None] for name, found in rows.items()}
+    for name, found in times.items():
+        closest = min((b - a for a, b in itertools.pairwise(found)), default=1.0)
+        assert closest >= 0.099 or name.startswith("/events"), f"{name}: {closest} s apart"
+    poses = rows[f"{BODY}/pose"]
+    assert len(poses) == 40
+    assert poses[3].values["Transform3D:translation"][0][0] == pytest.approx(3.4)
+
+
+def test_a_setpoint_is_marked_and_its_distance_plotted_until_it_is_stale(paint: Make, state: Make) -> None:
+    painted = paint()
+    setpoint = wire.Setpoint(lease="l", seq=1, deadline=0.0, pos=(13.0, 24.0, -5.0))
+    painted.step(("state", Q1, state()), ("setpoint", (*Q1, "planner"), setpoint))
+    painted.step(after=5.0)
+    painted.step(after=0.1)
+    rows = painted.rows()
+    assert rows["/plots/error/quad1"][-1].values["Scalars:scalars"] == [5.0]
+    line = rows[f"{BODY}/error"]
+    assert line[0].values["LineStrips3D:strips"] == [[[10.0, 20.0, -5.0], [13.0, 24.0, -5.0]]]
+    assert [sorted(row.values) for row in rows[f"{BODY}/setpoint"]][-1] == ["Clear:is_recursive"]
+    assert len(line) == 2, "it is cleared once and not again"
+
+
+def test_of_two_senders_the_lease_holders_setpoint_counts(paint: Make, state: Make) -> None:
+    painted = paint()
+    held = wire.LeaseInfo(holder="planner", expires=T0)
+    painted.step(
+        ("state", Q1, state(lease=held)),
+        ("setpoint", (*Q1, "planner"), wire.Setpoint(lease="l", seq=1, deadline=0, pos=(10.0, 20.0, -6.0))),
+        ("setpoint", (*Q1, "other"), wire.Setpoint(lease="m", seq=1, deadline=0, pos=(0.0, 0.0, -50.0))),
+    )
+    assert painted.rows()["/plots/error/quad1"][-1].values["Scalars:scalars"] == [1.0]
+
+
+def test_a_segment_is_drawn_whole_and_followed_by_its_times(paint: Make, state: Make) -> None:
+    painted = paint()
+    points = [wire.SegmentPoint(t=T0 + t, pos=(10.0 * t, 0.0, -5.0)) for t in (0.0, 1.0, 2.0)]
+    painted.step(
+        ("state", Q1, state()), ("setpoint", (*Q1, "p"), wire.Setpoint(lease="l", seq=1, deadline=0, segment=points))
+    )
+    painted.step(after=0.9)
+    painted.step(after=9.0)
+    rows = painted.rows()
+    assert len(rows[f"{BODY}/segment"][0].values["LineStrips3D:strips"][0]) == 3
+    assert rows[f"{BODY}/setpoint"][1].values["Points3D:positions"][0] == pytest.approx([10.0, 0.0, -5.0])
+    assert "Clear:is_recursive" in rows[f"{BODY}/segment"][-1].values
+
+
+def test_the_trail_is_bounded_and_stays_when_the_vehicle_falls_silent(paint: Make, state: Make) -> None:
+    painted = paint()
+    for i in range(600):
+        painted.step(("state", Q1, state(local=(float(i), 0.0, -5.0))))
+    painted.step(after=10.0)
+    rows = painted.rows()
+    old = [row for row in rows[f"{BODY}/trail/old"] if "LineStrips3D:strips" in row.values]
+    assert len(old) == len(rows[f"{BODY}/trail/old"]), "it was cleared"
+    assert max(len(row.values["LineStrips3D:strips"][0]) for row in old) <= 401
+    assert rgba(old[-1].values["LineStrips3D:colors"][0])[:3] == style.GREY[:3]
+    assert rows[f"{BODY}/pose/name"][-1].values["Points3D:labels"] == ["quad1 · silent"]
+    assert rgba(rows[f"{BODY}/pose/model"][-1].values["Mesh3D:albedo_factor"][0]) == style.GREY
+    assert rows["/plots/age/quad1"][-1].values["Scalars:scalars"][0] == pytest.approx(10.0, abs=0.2)
+
+
+def test_links_are_coloured_by_grade_and_end_at_their_hosts(paint: Make, state: Make) -> None:
+    painted = paint()
+    links = [meshlinks.LinkShown("ground", "quad1", "good", 0.004, 0.0),
+             meshlinks.LinkShown("quad1", "quad2", "poor", 0.2, 0.3),
+             meshlinks.LinkShown("quad2", "quad3", "good")]  # fmt: skip
+    roles = {"ground": "router", "quad1": "vehicle", "quad2": "vehicle", "quad3": "vehicle"}
+    ways = {"quad1": meshlinks.WayShown(0.004, 0.0, 1), "quad2": meshlinks.WayShown(0.204, 0.3, 2)}
+    graph = meshlinks.encode(meshlinks.GraphShown(links, ways, roles))
+    painted.step(
+        ("state", Q1, state()),
+        ("state", ("demo", "quad2"), state("quad2", local=(0.0, 50.0, -9.0))),
+        ("graph", (), graph),
+    )
+    rows = painted.rows()
+    mesh = rows["/world/ned/mesh"][0].values
+    assert [rgba(c) for c in mesh["LineStrips3D:colors"]] == [style.GRADES["good"], style.GRADES["poor"]]
+    assert mesh["LineStrips3D:strips"][1] == [[10.0, 20.0, -5.0], [0.0, 50.0, -9.0]], "where both vehicles are"
+    assert mesh["LineStrips3D:labels"] == ["4 ms", "200 ms 30% lost"]
+    assert rows["/world/ned/mesh/stations"][0].values["Points3D:labels"] == ["ground"]
+    assert rows["/plots/rtt/quad2"][-1].values["Scalars:scalars"] == [204.0]
+    assert rows[r"/plots/loss/quad2\ way"][-1].values["Scalars:scalars"] == [30.0]
+
+
+def test_without_an_origin_the_first_vehicles_ground_stands_in_and_a_declared_one_replaces_it(
+    paint: Make, state: Make
+) -> None:
+    painted = paint()
+    here = global_of((30.0, 40.0, -12.0))
+    painted.step(("state", Q1, state(local=None, position=here)))
+    assert painted.scene.datum.rank == "provisional"
+    painted.step(("fleet", ("demo", "origin"), ORIGIN))
+    painted.step(("state", Q1, state(local=None, position=here)))
+    rows = painted.rows()
+    poses = [row.values["Transform3D:translation"][0] for row in rows[f"{BODY}/pose"]]
+    assert poses[0] == pytest.approx([0.0, 0.0, -12.0], abs=0.01)
+    assert poses[-1] == pytest.approx([30.0, 40.0, -12.0], abs=0.01)
+    said = [row.values["TextLog:text"][0] for row in rows["/events/viewer"]]
+    assert "no fleet origin is known" in said[0]
+    assert "declared by @fleet/origin" in said[1]
+
+
+def test_a_vehicle_with_both_positions_betrays_the_origin(paint: Make, state: Make) -> None:
+    painted = paint()
+    ned = (1500.0, -800.0, -40.0)
+    painted.step(("state", Q1, state(local=ned, position=global_of(ned))))
+    origin = painted.scene.datum.origin
+    assert origin is not None
+    assert geo.to_ned(ORIGIN, origin.lat_deg, origin.lon_deg, origin.alt_amsl) == pytest.approx((0, 0, 0), abs=0.01)
+
+
+def test_fence_mission_and_home_are_drawn_in_ned(paint: Make, state: Make) -> None:
+    painted = paint()
+    corners = [global_of(p) for p in ((0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (50.0, 60.0, 0.0))]
+    vertex = "MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION"
+    fence = [wire.MissionItem(command=vertex, params=[3.0], x=c.lat_deg, y=c.lon_deg) for c in corners]
+    top = global_of((20.0, 30.0, -25.0))
+    way = [wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=top.lat_deg, y=top.lon_deg, z=25.0),
+           wire.MissionItem(command="MAV_CMD_DO_CHANGE_SPEED", params=[0.0, 5.0])]  # fmt: skip
+    fields = {"latitude": round(52.756e7), "longitude": round(-1.246e7), "altitude": 60000}
+    home = wire.LastMessage(name="HOME_POSITION", id=242, sysid=1, compid=1, seq=0, age=0.0, count=1, signed=False,
+                            verified=False, fields=fields, units={})  # fmt: skip
+    painted.step(
+        ("state", Q1, state(local=(0.0, 0.0, -5.0), position=global_of((0.0, 0.0, -5.0)))),
+        ("mission", (*Q1, "fence"), wire.Mission(kind="fence", items=fence)),
+        ("mission", (*Q1, "mission"), wire.Mission(items=way)),
+        ("home", Q1, home),
+    )
+    painted.step(("mission", (*Q1, "fence"), wire.Mission(kind="fence")))
+    rows = painted.rows()
+    drawn = rows[f"{BODY}/fence"]
+    loop = drawn[0].values["LineStrips3D:strips"][0]
+    assert [p[:2] for p in loop] == [pytest.approx(p, abs=0.01) for p in ((0, 0), (50, 0), (50, 60), (0, 0))]
+    assert rgba(drawn[0].values["LineStrips3D:colors"][0]) == style.STAY_INSIDE
+    assert "Clear:is_recursive" in drawn[1].values
+    assert rows[f"{BODY}/mission"][0].values["Points3D:positions"] == [pytest.approx([20.0, 30.0, -25.0], abs=0.01)]
+    assert rows[f"{BODY}/home"][0].values["Points3D:positions"] == [pytest.approx([0.0, 0.0, 0.0], abs=0.01)]
+
+
+def test_the_fleets_topics_are_drawn_where_they_have_a_form_and_told_where_they_have_none(paint: Make) -> None:
+    painted = paint()
+    obstacles = {"frame": "local ENU", "obstacles": [
+        {"type": "box", "min": [0, 10, 0], "max": [4, 20, 30]},
+        {"type": "cylinder", "center": [5, 7], "radius": 2.0, "floor": 1.0, "ceiling": 9.0},
+        {"center": [1, 2, 3], "radius": 1.0}]}  # fmt: skip
+    plan = {"quad1": {"path": [[0, 0, -5], [10, 0, -5]]}, "quad2": [[1, 1, -6], [2, 2, -6]]}
+    for topic, document in (
+        ("obstacle", obstacles),
+        ("plan", plan),
+        ("goal", {"quad1": [1, 2, -3]}),
+        ("news", {"a": "b"}),
+    ):
+        painted.step(("fleet", ("demo", topic), json.dumps(document).encode()))
+    painted.step(("fleet", ("demo", "goal"), b""))
+    rows = painted.rows()
+    top = "/world/ned/topics"
+    box = rows[f"{top}/obstacle/boxes"][0].values
+    assert box["Boxes3D:centers"] == [[15.0, 2.0, -15.0]] and box["Boxes3D:half_sizes"] == [[5.0, 2.0, 15.0]]
+    prism = rows[f"{top}/obstacle/prisms"][0].values["LineStrips3D:strips"]
+    assert np.mean(prism[0][:-1], axis=0) == pytest.approx([7.0, 5.0, -1.0], abs=1e-4)
+    assert prism[1][0][2] == -9.0
+    assert rows[f"{top}/obstacle/balls"][0].values["Ellipsoids3D:centers"] == [[2.0, 1.0, -3.0]]
+    lines = rows[f"{top}/plan/lines"][0].values
+    assert lines["LineStrips3D:strips"] == [[[0, 0, -5], [10, 0, -5]], [[1, 1, -6], [2, 2, -6]]]
+    assert rgba(lines["LineStrips3D:colors"][0])[:3] == style.colour("quad1")[:3]
+    goals = rows[f"{top}/goal/points"]
+    assert goals[0].values["Points3D:positions"] == [[1.0, 2.0, -3.0]] and goals[0].values["Points3D:labels"] == [
+        "quad1"
+    ]
+    assert "Clear:is_recursive" in goals[1].values
+    assert [row.values["TextLog:text"][0] for row in rows["/events/fleet"]] == ['fleet: news: {"a": "b"}']
+
+
+def test_pictures_are_shown_with_what_was_detected(paint: Make) -> None:
+    painted, jpeg = paint(), b"\xff\xd8\xff\xe0" + b"x" * 100 + b"\xff\xd9"
+    found = {
+        "detections": [
+            {"label": "pad", "box": [10, 20, 30, 40]},
+            {"id": 7, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]]},
+        ]
+    }
+    camera = (*Q1, "down cam")
+    painted.step(("camera_frame", camera, jpeg), ("camera_detection", camera, json.dumps(found).encode()))
+    painted.step(("camera_frame", camera, b"no jpeg"), ("camera_detection", camera, b"[]"))
+    rows = painted.rows()
+    path = r"/camera/quad1/down\ cam"
+    assert len(rows[path]) == 1 and bytes(rows[path][0].values["EncodedImage:blob"][0]) == jpeg
+    boxes = rows[f"{path}/detection"]
+    assert boxes[0].values["Boxes2D:centers"] == [[25.0, 40.0]] and boxes[0].values["Boxes2D:labels"] == ["pad"]
+    assert "Clear:is_recursive" in boxes[1].values
+    assert len(rows[f"{path}/detection/corners"][0].values["LineStrips2D:strips"][0]) == 5
+    assert painted.scene.bad == 1
+
+
+def test_events_are_told_with_their_severity_and_a_flood_of_them_is_counted(paint: Make) -> None:
+    painted = paint()
+    events = [wire.Event(t=T0, kind="statustext", severity="critical", text=f"n{i}") for i in range(50)]
+    painted.step(*(("event", Q1, event) for event in events))
+    painted.step()
+    painted.step()
+    rows = painted.rows()["/events/quad1"]
+    assert [row.values["TextLog:text"][0] for row in rows] == [f"quad1: statustext: n{i}" for i in range(50)]
+    assert {row.values["TextLog:level"][0] for row in rows} == {"CRITICAL"}
+    assert [sum(row.t == t for row in rows) for t in sorted({row.t for row in rows})] == [20, 20, 10]
