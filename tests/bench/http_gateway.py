@@ -94,6 +94,13 @@ def measure(side: Side, count: int, rate: float, seconds: float) -> Run:
     return Run(statistics.median(found), p99, len(found) / expected, cpu / 1e3 / (rate * took))
 
 
+def idle(side: Side, rate: float, seconds: float) -> float:
+    """CPU in µs a message that comes in while nobody reads it."""
+    before, began = _cpu_ns(side.pid), time.monotonic()
+    time.sleep(seconds)
+    return (_cpu_ns(side.pid) - before) / 1e3 / (rate * (time.monotonic() - began))
+
+
 def gets(port: int, path: str) -> tuple[float, float]:
     """Median and 99th percentile in µs."""
     connection, took = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0), []
@@ -110,8 +117,11 @@ def gets(port: int, path: str) -> tuple[float, float]:
 
 def run(rounds: int, seconds: float, rate: float) -> dict[str, Any]:
     runs: dict[tuple[str, int], list[Run]] = {}
+    unread: dict[str, list[float]] = {}
     with sides(rate) as (both, port):
         for _ in range(rounds):
+            for side in both:
+                unread.setdefault(side.name, []).append(idle(side, rate, seconds))
             for count in COUNTS:
                 for side in both:
                     runs.setdefault((side.name, count), []).append(measure(side, count, rate, seconds))
@@ -121,6 +131,7 @@ def run(rounds: int, seconds: float, rate: float) -> dict[str, Any]:
         for key, found in runs.items()
     }
     return {
+        "unread": {name: statistics.median(found) for name, found in unread.items()},
         "websocket": [{"side": name, "clients": n, **each._asdict()} for (name, n), each in table.items()],
         "get": [{"path": path, "p50": p50, "p99": p99} for path, (p50, p99) in asked.items()],
     }
@@ -136,6 +147,8 @@ def show(found: dict[str, Any], rate: float) -> None:
         ours, theirs = (row for row in found["websocket"] if row["clients"] == count)
         ratios = ", ".join(f"{what} {theirs[what] / ours[what]:.2f}" for what in ("p50", "p99", "cpu"))
         print(f"pymavlink + json against zmav http, {count} clients: {ratios}")
+    unread = ", ".join(f"{name} {cpu:.0f}" for name, cpu in found["unread"].items())
+    print(f"CPU in µs a message in that nobody reads: {unread}")
     print("\nGET over one connection, µs\n")
     print(f"{'p50':>6}{'p99':>7}  path")
     for row in found["get"]:
