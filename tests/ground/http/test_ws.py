@@ -183,7 +183,7 @@ def test_a_client_that_does_not_read_is_cut_off_and_others_read_on(
     body = json.dumps({"t": 0, "agent": "loud", "state": "x" * 200_000})
     end = time.monotonic() + PATIENCE_S
     while not figures["cut"]() and time.monotonic() < end:
-        served.session.put(key, body)
+        served.session.put(key, body, congestion_control=zenoh.CongestionControl.BLOCK)
         assert client.get()["key"] == key
         time.sleep(0.1)  # the reader's own pace: what stalls is the other
     served.until(lambda: figures["cut"]() == 1 and figures["websockets"]() == 1, "socket cut off")
@@ -218,7 +218,7 @@ def test_events_all_come_in_order(served: Served, client: Client) -> None:
     served.linked(key)
     for number in range(20):
         event = wire.Event(t=float(number), kind="statustext", severity="info", text=f"word {number}")
-        served.session.put(key, wire.encode(event))
+        served.session.put(key, wire.encode(event), congestion_control=zenoh.CongestionControl.BLOCK)
     assert [client.get()["value"]["t"] for _ in range(20)] == [float(number) for number in range(20)]
 
 
