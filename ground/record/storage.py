@@ -30,6 +30,7 @@ from zmav.mavlink import Dialect
 logger = logging.getLogger(__name__)
 QUEUE = 100_000
 """samples that may wait to be written"""
+AT_ONCE = 2000
 POLL_S = 0.05
 FLUSH_S = 1.0
 SYNC_S = 5.0
@@ -119,9 +120,9 @@ class Storage:
     def _run(self) -> None:
         stopping = False
         while not stopping:
-            stopping = self._stop.wait(POLL_S)
+            stopping = self._stop.wait(0.0 if self._queue else POLL_S) and len(self._queue) <= AT_ONCE
             try:
-                self._write_all()
+                self._write_some()
                 now = time.monotonic()
                 if now - self._flushed >= FLUSH_S or stopping:
                     self._flushed = now
@@ -134,9 +135,10 @@ class Storage:
                 logger.exception("recording goes on after an error that nobody foresaw")
         self._mend_torn()
 
-    def _write_all(self) -> None:
+    def _write_some(self) -> None:
+        """So many that, however fast they come, the files are flushed in time."""
         queue, batch = self._queue, list[tuple[Route, int, bytes]]()
-        while queue:
+        for _ in range(min(len(queue), AT_ONCE)):
             at, key, data = queue.popleft()
             self.counts.taken += 1
             route = self._route(key)
@@ -144,9 +146,6 @@ class Storage:
                 self.counts.refused += 1
                 continue
             batch.append((route, at, data))
-            if len(batch) == 500:
-                self._write(batch)
-                batch = []
         if batch:
             self._write(batch)
 
