@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ground.top.report import LEVELS, VehicleReport, condition
-from ground.top.words import duration, milliseconds, number, percent
+from ground.top.words import duration, fit, milliseconds, number, percent
 
 NAME, WHY, EVENT = "vehicle", "why", "last event"
 NAME_MOST = 16
@@ -61,7 +61,8 @@ def _battery(v: VehicleReport) -> str:
 
 
 def _lease(v: VehicleReport) -> str:
-    return "" if v.lease is None else f"{v.lease.holder} {duration(v.lease.ends_in)}"
+    """Its holder, and how long it lasts unless renewed."""
+    return "" if v.lease is None else f"{fit(v.lease.holder, 8).rstrip()} {duration(v.lease.ends_in)}"
 
 
 def _hop(v: VehicleReport) -> str:

@@ -79,7 +79,7 @@ def _place(v: VehicleReport) -> str:
     if v.speed is not None:
         words.append(f"{v.speed:.1f} m/s, climb {number(v.climb, 1, '+')} m/s")
     if v.heading_deg is not None:
-        words.append(f"heading {v.heading_deg:.0f}")
+        words.append(f"heading {round(v.heading_deg) % 360}")
     return ", ".join(words) or "no position"
 
 

@@ -214,7 +214,8 @@ def _agent_failed(f: Facts) -> str | None:
 
 
 def _agent_silent(f: Facts) -> str | None:
-    words = [f"{a.name} silent for {duration(a.age)}" for a in f.agents if a.stale]
+    silent = [a for a in f.agents if a.stale and a.state.lower() not in FAILED]
+    words = [f"{a.name} silent for {duration(a.age)}" for a in silent]
     return f"agent {', '.join(words)}" if words else None
 
 

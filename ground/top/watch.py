@@ -38,6 +38,8 @@ RECENT = 10.0
 AGENT_STALE = keys.AGENT_STATUS.stale_after or 5.0
 AGENT_GONE = 60.0
 """s of silence after which an agent is no longer shown"""
+FINISHED = ("ended", "done", "stopped")
+"""last words of an agent that ends well"""
 NOT_DROPPED = ("flown", "engaging", "held")
 
 
@@ -216,7 +218,7 @@ class Watch:
         )
 
     def _agent_reports(self, now: float) -> tuple[AgentReport, ...]:
-        self._agents = {who: heard for who, heard in self._agents.items() if now - heard.at < AGENT_GONE}
+        self._agents = {who: heard for who, heard in self._agents.items() if now - heard.at < _shown_for(heard.status)}
         return tuple(
             AgentReport(
                 name=name, fleet=fleet, host=host, state=heard.status.state, text=heard.status.text,
@@ -233,6 +235,11 @@ def _systems(known: dict[Place, Facts]) -> dict[tuple[str, int | None], list[str
         if facts.presence == "ok" and facts.state is not None and facts.state.sysid is not None:
             systems.setdefault((fleet, facts.state.sysid), []).append(name)
     return systems
+
+
+def _shown_for(status: wire.AgentStatus) -> float:
+    """s of silence; who said that it ends is expected to say no more."""
+    return AGENT_STALE if status.state.lower() in FINISHED else AGENT_GONE
 
 
 def _presence(age: float | None, token: bool) -> Presence:

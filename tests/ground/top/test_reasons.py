@@ -80,6 +80,7 @@ CASES: list[tuple[str, Facts, str]] = [
     ("gps-fix", facts(state=gps(fix="NO_FIX", satellites=0)), "bad: GPS has no fix"),
     ("link-poor", facts(link=link(0.2)), "bad: MAVLink loss 20%"),
     ("agent-failed", facts(agents=(agent(state="failed", text="no pad"),)), "bad: agent follower failed (no pad)"),
+    ("agent-failed", facts(agents=(agent(state="Failed", age=9.0, stale=True),)), "bad: agent follower Failed"),
     ("battery-low", facts(state=state(battery=wire.Battery(remaining=0.24))), "warn: battery 24%"),
     ("battery-low", facts(state=state(battery=wire.Battery(remaining=0.15))), "warn: battery 15%"),
     ("gps-weak", facts(state=gps(satellites=5)), "warn: GPS 5 satellites"),
