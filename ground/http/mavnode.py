@@ -195,7 +195,8 @@ def _none_other(request: Request, *known: str) -> None:
 
 
 def _asker(request: Request) -> str:
-    return request.client.host if request.client is not None else "127.0.0.1"
+    """Their address; one of IPv4 as such, where we listen on both."""
+    return request.client.host.removeprefix("::ffff:") if request.client is not None else "127.0.0.1"
 
 
 def _shown(value: Any) -> str:

@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Iterator
 
 import uvicorn
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from zmav.errors import BadConfig, PortInUse
 
@@ -20,10 +21,24 @@ CONNECTIONS = 256
 """connections and requests at once; beyond it the answer is 503"""
 MESSAGE_SIZE = 1_000_000
 """bytes in one WebSocket message from a client"""
+HEAD_PATIENCE = 15.0
+"""s for a connection's first request to come"""
 SEND_BUFFER = 262_144
 """bytes that the kernel keeps for a client that does not read"""
 LONGEST_HEAD = 65_536
 """bytes of a request's line and headers"""
+
+
+class _Protocol(H11Protocol):
+    """Closes a connection whose first request does not come: there are only so many at once."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.loop.call_later(HEAD_PATIENCE, self._hurry)
+
+    def _hurry(self) -> None:
+        if self.cycle is None and self.transport.get_protocol() is self:  # a WebSocket's has taken its place
+            self.transport.close()
 
 
 class _Server(uvicorn.Server):
@@ -67,8 +82,8 @@ async def serving(app: ASGIApp, sock: socket.socket) -> AsyncIterator[int]:
     logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a client's bad bytes are no news
     config = uvicorn.Config(
         app, log_config=None, access_log=False, lifespan="off", server_header=False, proxy_headers=False,
-        limit_concurrency=CONNECTIONS, h11_max_incomplete_event_size=LONGEST_HEAD, http="h11", ws="websockets-sansio",
-        ws_max_size=MESSAGE_SIZE, ws_ping_interval=10.0, ws_ping_timeout=20.0, ws_per_message_deflate=False,
+        limit_concurrency=CONNECTIONS, h11_max_incomplete_event_size=LONGEST_HEAD, http=_Protocol,
+        ws="websockets-sansio", ws_max_size=MESSAGE_SIZE, ws_ping_interval=10.0, ws_ping_timeout=20.0, ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
     )  # fmt: skip
     server = _Server(config)

@@ -11,7 +11,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from ground.http import guard
+from ground.http import guard, server
 from ground.http.guard import Rules
 from ground.http.server import bound
 from zmav.errors import BadConfig, PortInUse
@@ -197,6 +197,14 @@ def test_a_body_that_does_not_come_is_not_waited_for(served: Served, monkeypatch
     monkeypatch.setattr(guard, "BODY_PATIENCE", 0.1)
     begin = b"POST /v1/mavlink HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\n{"
     assert raw(served, begin).startswith(b"HTTP/1.1 408")
+
+
+@pytest.mark.parametrize("begin", [b"", b"GET /vehi"])
+def test_a_request_that_does_not_come_is_not_waited_for(
+    served: Served, begin: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "HEAD_PATIENCE", 0.1)
+    assert raw(served, begin) == b""
 
 
 def test_the_form_of_an_error_is_its_face_s(served: Served) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import socket
 import threading
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
@@ -19,6 +21,7 @@ from ground.http.restjson import document, frame_of, template
 from ground.http.restws import RestSockets
 from zmav import keys
 from zmav.mavlink import decode, encode, load_dialect, parse_frame
+from zmav.mavlink.frame import build_frame
 
 if TYPE_CHECKING:
     from tests.ground.http.conftest import Serve, Served
@@ -182,6 +185,15 @@ def test_every_message_s_template_can_be_sent_and_read(served: Served) -> None:
         given = json.loads(json.dumps(template(name, dialect, (255, 0))))
         frame = parse_frame(frame_of(given, dialect, (255, 0), served.gateway), dialect)
         assert json.loads(json.dumps(document(frame, dialect)))["message"] == given["message"], name
+
+
+def test_every_message_can_be_shown_whatever_its_bytes() -> None:
+    dialect, chance = load_dialect(), random.Random(3)
+    for kind in dialect.by_id.values():
+        for payload in (b"\xff" * kind.max_length, b"\x80" * kind.max_length, chance.randbytes(kind.max_length)):
+            frame = parse_frame(build_frame(kind, payload, 1, 1, 0), dialect)
+            shown = json.loads(msgspec.json.encode(document(frame, dialect)))["message"]
+            assert len(shown) == len(kind.fields) + 1, kind.name
 
 
 # What is wrong.
