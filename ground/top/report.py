@@ -151,6 +151,8 @@ class Report(msgspec.Struct, kw_only=True):
     t: float
     fleet: str
     """its name, or ``*``"""
+    router: bool
+    """this computer's session has a router at present; false: nothing can be heard, and everything grows old"""
     vehicles: list[VehicleReport]
     agents: list[AgentReport]
     """of every host, vehicles included"""

@@ -94,11 +94,13 @@ def _style(column: Column, v: VehicleReport, lost: bool) -> str:
 
 def _title(ui: Ui, report: Report, shown: int) -> Line:
     counts = report.count()
+    lost: Line = [] if report.router else [("  NO ROUTER: nothing can be heard", BAD)]
     total = len(report.vehicles)
     fleet = "all fleets" if report.fleet == "*" else report.fleet
     line: Line = [("zmav top ", "bold"), (time.strftime("%H:%M:%S", time.localtime(report.t)), "dim")]
     if ui.paused:
         line.append((f" PAUSED {duration(time.time() - report.t)} ago", "bold yellow"))
+    line += lost
     line.append((f"  {fleet}  {total} vehicle{'' if total == 1 else 's'}", ""))
     if shown != total:
         line.append((f", {shown} shown", ""))

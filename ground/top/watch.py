@@ -193,7 +193,13 @@ class Watch:
             twins = systems.get((fleet, facts.state.sysid), []) if facts.state is not None else []
             others = tuple(other for other in twins if other != name)
             vehicles.append(describe(facts, fleet, others, self._graph, several))
-        return Report(t=time.time(), fleet=self._z.fleet_name, vehicles=vehicles, agents=list(agents))
+        return Report(
+            t=time.time(), fleet=self._z.fleet_name, router=self._linked(), vehicles=vehicles, agents=list(agents)
+        )
+
+    def _linked(self) -> bool:
+        info = self._z.session.info
+        return bool(info.routers_zid() or info.peers_zid())
 
     def _facts(self, place: Place, seen: Seen, now: float, agents: tuple[AgentReport, ...]) -> Facts | None:
         """None: no vehicle; something else, like a router, said a link's quality."""

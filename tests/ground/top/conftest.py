@@ -48,6 +48,6 @@ def make() -> Make:
 @pytest.fixture
 def report() -> MakeReport:
     def report(*vehicles: VehicleReport, agents: tuple[AgentReport, ...] = ()) -> Report:
-        return Report(t=1_800_000_000.0, fleet="demo", vehicles=list(vehicles), agents=list(agents))
+        return Report(t=1_800_000_000.0, fleet="demo", router=True, vehicles=list(vehicles), agents=list(agents))
 
     return report

@@ -380,6 +380,15 @@ async def test_who_falls_silent_is_stale_with_a_token_and_gone_without(voice: Vo
         (vehicle,) = watch.report().vehicles
         assert vehicle.mode == "GUIDED"  # the last that was heard
         assert vehicle.age is not None and vehicle.age > 2.0
+        assert watch.report().router
+        voice.close()
+        voice.session.close()
+
+        async def until_alone() -> None:
+            while watch.report().router:
+                await asyncio.sleep(0.05)
+
+        await asyncio.wait_for(until_alone(), PATIENCE_S)
         watching.cancel()
 
 

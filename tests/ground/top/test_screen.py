@@ -80,6 +80,13 @@ def test_a_lost_vehicle_is_unmistakable_without_colours(make: Make, report: Make
     assert (styles["b"], styles["GONE"], styles["12s"]) == ("dim", "bold red", "bold red")
 
 
+def test_a_lost_router_is_said_first(make: Make, report: MakeReport) -> None:
+    found = report(make())
+    assert "NO ROUTER" not in drawn(Ui(), found, 80)[0]
+    found.router = False
+    assert "NO ROUTER: nothing can be heard" in drawn(Ui(), found, 80)[0]
+
+
 def test_fifty_vehicles_scroll_with_the_selection(make: Make, report: MakeReport) -> None:
     ui, found = Ui(), fleet(make, report, 50)
     lines = drawn(ui, found, 80, 24)
