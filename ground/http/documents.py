@@ -61,3 +61,9 @@ def _channel(key: str) -> keys.Channel | None:
         return keys.match(key)[0]
     except BadKey:
         return None
+
+
+def names_a_message(key: str) -> bool:
+    """A key expression is of frames of one message: what an autopilot can be asked to send."""
+    chunks = key.split("/")
+    return len(chunks) == 8 and chunks[3:5] == ["mav", "rx"] and keys.MESSAGE.match(chunks[-1]) is not None

@@ -6,6 +6,8 @@ no query: of these the last ones heard are given.
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import time
 from typing import Any
 
@@ -15,14 +17,17 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
+from ground.feed import Origin
 from ground.http.arguments import object_of, seconds_of
-from ground.http.documents import answer, document_of
-from ground.http.gateway import Gateway
+from ground.http.documents import answer, document_of, names_a_message
+from ground.http.gateway import WANTED_HZ, Gateway
 from ground.http.reply import Failure, body_of, failure_of
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, BadKey, Forbidden, ZmavError
 from zmav.mavlink import Dialect, decode, encode, parse_frame
+from zmav.services.port import on_loop
+from zmav.waiting import within
 from zmav.zenoh_codec import GROUND_STATION
 
 MOST_ANSWERED = 32_000_000
@@ -59,7 +64,7 @@ async def look(gateway: Gateway, text: str, timeout: float) -> tuple[list[dict[s
     key = keys.expression(text, gateway.client.fleet_name)
     expression = zenoh.KeyExpr(key)
     _check_readable(expression)
-    found = frames(gateway, expression)
+    found = await heard(gateway, key, timeout)
     errors: list[ZmavError] = []
     if not FRAMES.includes(expression):
         for each in await _ask(gateway, key, timeout):
@@ -71,6 +76,36 @@ async def look(gateway: Gateway, text: str, timeout: float) -> tuple[list[dict[s
         raise Failure(404, "not_found", f"nobody answers for {key} within {timeout:g} s; {_present(gateway)}", key=key)
     status = failure_of(errors[0]).status if errors and not found else 200
     return [*sorted(found, key=_key_of), *({"key": key, **body_of(failure_of(each))} for each in errors)], status
+
+
+async def heard(gateway: Gateway, key: str, timeout: float) -> list[dict[str, Any]]:
+    """The last frames that a key expression takes in. One message by its name is asked of the autopilots for a while,
+    and waited for where none of them has come: they do not send what nobody reads.
+    """
+    expression = zenoh.KeyExpr(key)
+    found = frames(gateway, expression)
+    if not names_a_message(key):
+        return found
+    fleet, vehicle, message = key.split("/")[1], key.split("/")[2], key.split("/")[-1]
+    new = gateway.wants.want(vehicle, message, WANTED_HZ, fleet=fleet)
+    return found if found or not new else await _first(gateway, expression, timeout)
+
+
+async def _first(gateway: Gateway, expression: zenoh.KeyExpr, timeout: float) -> list[dict[str, Any]]:
+    came = asyncio.Event()
+    wake = on_loop(asyncio.get_running_loop(), came.set)
+
+    def listen(origin: Origin, frame: bytes) -> None:
+        if expression.intersects(zenoh.KeyExpr(origin.key)):
+            wake()
+
+    remove = gateway.add_listener(listen)
+    try:
+        with contextlib.suppress(asyncio.TimeoutError):
+            await within(timeout, came.wait())
+    finally:
+        remove()
+    return frames(gateway, expression)
 
 
 def frames(gateway: Gateway, expression: zenoh.KeyExpr) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ import zenoh
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from ground.http.documents import document_of_sample, to_json
+from ground.http.documents import document_of_sample, names_a_message, to_json
 from ground.http.gateway import Gateway
 from ground.http.outbox import Outbox
 from ground.http.reply import body_of, failure_of
@@ -47,6 +47,8 @@ class Ask(msgspec.Struct, forbid_unknown_fields=True):
     unsubscribe: str | None = None
     ping: float | None = None
     hz: Annotated[float, msgspec.Meta(gt=0.0, le=MAX_HZ)] | None = None
+    history: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0
+    """how many of each vehicle's past events come first"""
 
 
 class Came(NamedTuple):
@@ -145,15 +147,16 @@ class Socket:
             if len(self._readers) >= MOST_SUBSCRIPTIONS:
                 text = f"no more than {MOST_SUBSCRIPTIONS} subscriptions a socket: unsubscribe, or use a wildcard"
                 raise BadInput(text, field="subscribe", value=key, expected=f"at most {MOST_SUBSCRIPTIONS}")
-            await self._take(key, ask.hz)
+            await self._take(key, ask.hz, ask.history)
             self._say({"subscribed": key, "hz": ask.hz})
 
-    async def _take(self, key: str, hz: float | None) -> None:
-        token = want_key(key, hz, "http") if hz is not None and _names_a_message(key) else ""
+    async def _take(self, key: str, hz: float | None, history: int) -> None:
+        token = want_key(key, hz, "http") if hz is not None and names_a_message(key) else ""
         self._numbers += 1
         stack = contextlib.AsyncExitStack()
         reader = Reader(self._numbers, key, hz, stack)
-        samples = await stack.enter_async_context(self._gateway.client.subscribe(key, token=token))
+        subscription = self._gateway.client.subscribe(key, token=token, history=history)
+        samples = await stack.enter_async_context(subscription)
         self._readers[key], self._periods[reader.number] = reader, 1.0 / hz if hz else 0.0
         reader.task = asyncio.create_task(self._pump(reader.number, aiter(samples)))
 
@@ -262,11 +265,6 @@ def _hz_of(text: str | None) -> float | None:
         expected = f"above 0, at most {MAX_HZ:g}"
         raise BadInput(f"no rate: {text!r}", field="hz", value=str(text)[:80], expected=expected)
     return hz
-
-
-def _names_a_message(key: str) -> bool:
-    chunks = key.split("/")
-    return len(chunks) == 8 and chunks[3:5] == ["mav", "rx"] and keys.MESSAGE.match(chunks[-1]) is not None
 
 
 def _is_event(key: str) -> bool:

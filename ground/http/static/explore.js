@@ -52,7 +52,7 @@ class Explorer {
     if (!text) return;
     this.say("");
     this.asked = text;
-    this.link.subscribe(text, Number(document.getElementById("hz").value) || 2);
+    this.link.subscribe(text, { hz: Number(document.getElementById("hz").value) || 2 });
   }
 
   say(text) {

@@ -30,7 +30,7 @@ class Link {
     this.opened = Date.now();
     socket.onopen = () => {
       this.delay = 300;
-      for (const [key, hz] of this.wanted) this.send({ subscribe: key, hz });
+      for (const [key, how] of this.wanted) this.send({ subscribe: key, ...how });
       this.ping();
     };
     socket.onmessage = (event) => {
@@ -69,9 +69,10 @@ class Link {
     if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  subscribe(key, hz) {
-    this.wanted.set(key, hz);
-    this.send({ subscribe: key, hz });
+  // how: {hz} a second at most, {history} past events first.
+  subscribe(key, how) {
+    this.wanted.set(key, how);
+    this.send({ subscribe: key, ...how });
   }
 
   unsubscribe(key) {

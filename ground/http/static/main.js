@@ -37,10 +37,14 @@ function onState(fleet, name, state) {
 
 function onEvent(name, event) {
   if (!event || typeof event.text !== "string") return;
+  const same = [...events.children].some((item) => item.dataset.t === String(event.t) && item.lastChild.textContent === event.text);
+  if (same) return; // what was heard before the connection was lost
   if (!eventCount++) events.replaceChildren();
   const when = new Date(event.t * 1000).toLocaleTimeString([], { hour12: false });
   const kind = SEVERE.has(event.severity) ? "bad" : event.severity === "warning" ? "warn" : "";
-  events.prepend(make("li", kind, "", make("time", "", when), make("b", "", name), make("span", "", event.text)));
+  const item = make("li", kind, "", make("time", "", when), make("b", "", name), make("span", "", event.text));
+  item.dataset.t = event.t;
+  events.insertBefore(item, [...events.children].find((other) => Number(other.dataset.t) <= event.t) || null);
   while (events.children.length > MOST_EVENTS) events.lastChild.remove();
   document.getElementById("event-count").textContent = `${eventCount} so far`;
 }
@@ -91,7 +95,7 @@ const explorer = new Explorer(link);
 const map = new FleetMap(document.getElementById("map"), document.getElementById("map-note"));
 for (const button of document.querySelectorAll("#everybody button")) armTwice(button, () => orderAll(button.dataset.verb));
 for (const anchor of document.querySelectorAll("footer a")) anchor.href = address(anchor.getAttribute("href"));
-link.subscribe("*", 5);
-link.subscribe("*/event", null);
+link.subscribe("*", { hz: 5 });
+link.subscribe("*/event", { history: 10 });
 setInterval(draw, DRAW_MS);
 draw();

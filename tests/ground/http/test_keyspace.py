@@ -89,6 +89,19 @@ def test_the_last_frames_are_given_decoded(served: Served) -> None:
     assert "frame" in broken["value"]["error"]
 
 
+def test_a_message_that_nobody_read_is_asked_for_and_waited_for(served: Served) -> None:
+    """The vehicle sends VFR_HUD as soon as it sees that somebody wants it."""
+    fields = {"airspeed": 9.0, "groundspeed": 8.0, "heading": 7, "throttle": 6, "alt": 5.0, "climb": 4.0}
+    frame = encode(load_dialect(), "VFR_HUD", fields, sysid=1, compid=1, seq=1)
+    key = keys.RX.key("demo", "quad1", sys=1, comp=1, msg="VFR_HUD")
+    served.linked(key)
+    pattern = keys.WANT.key("demo", "quad1", msg="VFR_HUD", hz="*", instance="*")
+    watch = served.session.liveliness().declare_subscriber(pattern, lambda token: served.session.put(key, frame))
+    (found,) = served.get("/keys/quad1/VFR_HUD", timeout=30).json
+    assert found["value"]["fields"]["airspeed"] == 9.0
+    watch.undeclare()
+
+
 @pytest.mark.parametrize("key", ["quad1/do/land", "zmav/demo/quad1/do/hold", "quad1/do/*", "*/do/arm"])
 def test_asking_for_an_order_is_refused(answering: Served, key: str) -> None:
     reply = answering.get(f"/keys/{key}")

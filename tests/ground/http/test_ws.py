@@ -148,6 +148,7 @@ def test_pictures_and_other_bytes_and_deletions(served: Served, client: Client) 
         ({"subscribe": "quad1", "often": 5}, "often"),
         ({"subscribe": "quad1", "hz": 0}, "hz"),
         ({"subscribe": "quad1", "hz": 1e9}, "hz"),
+        ({"subscribe": "quad1/event", "history": -1}, "history"),
         ({"subscribe": "quad1//state"}, "not a key expression"),
         ({"unsubscribe": "quad1/link/*"}, "was not subscribed to"),
     ],
