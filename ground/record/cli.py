@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
+import importlib
 import re
 import time
 from collections.abc import Callable
@@ -182,9 +182,11 @@ def _repair(path: Path) -> None:
 
 def check_mcap() -> None:
     """Raise :class:`BadConfig` where the package is missing."""
-    if importlib.util.find_spec("mcap") is None:
-        text = "an .mcap needs the package mcap: pip install 'zmav[ground]', or record with --no-mcap"
-        raise BadConfig(text, field="mcap", expected="pip install 'zmav[ground]'")
+    try:
+        importlib.import_module("mcap.writer")
+    except ImportError as e:
+        text = "an .mcap needs the package mcap: pip install 'zmav[ground]', or use .tlog files alone (--no-mcap)"
+        raise BadConfig(text, field="mcap", expected="pip install 'zmav[ground]'") from e
 
 
 def _rate(text: str) -> tuple[str, float]:

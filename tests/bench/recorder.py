@@ -3,8 +3,8 @@
     python tests/bench/recorder.py [--vehicles 50] [--rate 100] [--seconds 5]
 
 Ours: frames put on their keys in a router, recorded by 'zmav record' (a .tlog of each vehicle and an .mcap of
-everything, decoded). Theirs: the same frames as UDP datagrams, received by pymavlink and written as
-MAVProxy writes them (one .tlog, nothing decoded). Rates are offered by this process; CPU is that of the recording process alone.
+everything, decoded). Theirs: the same frames as UDP datagrams, received by pymavlink and written as MAVProxy
+writes them (one .tlog, nothing decoded). Rates are offered by this process; CPU is that of the recording process alone.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def ours(made: list[tuple[str, bytes]], rate: float, seconds: float, *more: str)
     detail: dict[str, Any] = {}
 
     def on_status(sample: zenoh.Sample) -> None:
-        detail.update(json.loads(sample.payload.to_bytes())["detail"])
+        detail.update(json.loads(sample.payload.to_bytes())["detail"], told=detail.get("told", 0) + 1)
 
     command = (
         "record",
@@ -151,12 +151,25 @@ def ours(made: list[tuple[str, bytes]], rate: float, seconds: float, *more: str)
 
 
 def _settled(detail: dict[str, Any]) -> int:
-    """What is written, once it grows no more but by the recorder's own status."""
-    known = -100
-    while detail["written"] > known + 5:
+    """What is written, once it grows no more but by the recorder's own statuses."""
+    calm, known, seen = 0, -100, 0
+    while calm < 2:
+        if detail["told"] == seen:
+            time.sleep(0.05)
+            continue
+        seen = detail["told"]
+        calm = calm + 1 if detail["written"] <= known + 2 else 0
         known = detail["written"]
-        time.sleep(1.3)
-    return int(detail["written"])
+    return int(known)
+
+
+def _grown(path: Path) -> int:
+    """A file's size once it grows no more."""
+    size = -1
+    while path.stat().st_size > size:
+        size = path.stat().st_size
+        time.sleep(1.0)
+    return size
 
 
 def theirs(made: list[tuple[str, bytes]], rate: float, seconds: float) -> Result:
@@ -168,11 +181,10 @@ def theirs(made: list[tuple[str, bytes]], rate: float, seconds: float) -> Result
             sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, RECEIVE_BUFFER)
             sender.connect(("127.0.0.1", port))
             offer(lambda key, frame: sender.send(frame), made, rate, 1.0)
-            time.sleep(1.0)
-            first, before = log.stat().st_size, _cpu_ns(recorder.pid)
+            first, before = _grown(log), _cpu_ns(recorder.pid)
             sent, took = offer(lambda key, frame: sender.send(frame), made, rate, seconds)
-            time.sleep(1.0)
-            cpu, size = (_cpu_ns(recorder.pid) - before) / 1e3, log.stat().st_size
+            size = _grown(log)
+            cpu = (_cpu_ns(recorder.pid) - before) / 1e3
         mean = sum(len(frame) + 8 for _, frame in made) / len(made)
         return Result(sent / took, min(sent, round((size - first) / mean)), sent, cpu / sent, cpu / 1e6 / took, size)
     finally:
