@@ -100,7 +100,8 @@ def _read_token(path: str) -> str:
     try:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as e:
-        raise BadConfig(f"token file {path}: {e}", field="token_file", value=path, expected="a text file") from e
+        why = e.strerror if isinstance(e, OSError) else e
+        raise BadConfig(f"token file {path}: {why}", field="token_file", value=path, expected="a text file") from e
     if not lines or not lines[0].strip():
         raise BadConfig(f"token file {path} is empty", field="token_file", value=path, expected="a token")
     return lines[0].strip()
