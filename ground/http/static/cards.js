@@ -70,7 +70,8 @@ class Card {
     this.state = state;
     this.at = Date.now();
     const here = state.position;
-    if (!here) return;
+    this.placed = Boolean(here) && [here.lat_deg, here.lon_deg, here.alt_rel].every(Number.isFinite);
+    if (!this.placed) return;
     const last = this.trail[this.trail.length - 1];
     if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, lat: here.lat_deg, lon: here.lon_deg });
     while (this.trail.length > 300) this.trail.shift();
@@ -86,6 +87,17 @@ class Card {
 
   say(part, text) {
     if (this.parts[part].textContent !== text) this.parts[part].textContent = text;
+  }
+
+  // A state that is not as it should be spoils its own card and no other.
+  drawSafely() {
+    try {
+      this.draw();
+    } catch (error) {
+      this.element.classList.add("trouble");
+      this.parts.note.hidden = false;
+      this.say("note", "What it says of itself is not understood");
+    }
   }
 
   draw() {

@@ -3,6 +3,7 @@
 
 const DRAW_MS = 200;
 const MOST_EVENTS = 100;
+const MOST_CARDS = 500;
 const SEVERE = new Set(["emergency", "alert", "critical", "error"]);
 const cards = new Map();
 const banner = document.getElementById("lost");
@@ -25,6 +26,7 @@ function onState(fleet, name, state) {
   const id = `${fleet}/${name}`;
   let card = cards.get(id);
   if (!card) {
+    if (cards.size >= MOST_CARDS) return;
     card = new Card(fleet, name);
     cards.set(id, card);
     const after = [...cards.keys()].sort()[[...cards.keys()].sort().indexOf(id) + 1];
@@ -68,7 +70,7 @@ function drawLink() {
 function draw() {
   drawLink();
   const all = [...cards.values()];
-  for (const card of all) card.draw();
+  for (const card of all) card.drawSafely();
   const count = (true_) => all.filter(true_).length;
   const stale = count((card) => card.stale);
   if (all.length) {

@@ -14,7 +14,7 @@ class FleetMap {
   }
 
   draw(cards) {
-    const placed = cards.filter((card) => card.state && card.state.position);
+    const placed = cards.filter((card) => card.placed);
     const ratio = window.devicePixelRatio || 1;
     const width = this.canvas.clientWidth;
     const height = this.canvas.clientHeight;
@@ -130,7 +130,7 @@ class FleetMap {
     const paint = colour(card.stale ? "--bad" : s.armed ? "--accent" : "--muted");
     ink.save();
     ink.translate(x, y);
-    ink.rotate(s.attitude ? s.attitude.yaw : 0);
+    ink.rotate((s.attitude && Number(s.attitude.yaw)) || 0);
     ink.beginPath();
     ink.moveTo(0, -10);
     ink.lineTo(7, 8);

@@ -288,6 +288,19 @@ async def test_the_page_shows_the_fleet_move(tab: Tab, served: Served, fleet: Fl
 
 
 @pytest.mark.asyncio(loop_scope="module")
+async def test_a_broken_vehicle_spoils_its_own_card_only(tab: Tab, served: Served, fleet: Fleet) -> None:
+    for number, state in enumerate(
+        (b'{"mode": 5}', b'{"position": {"lat_deg": "x"}, "not_ready": 7}', b"[]", b"7", b"{"), 1
+    ):
+        served.session.put(keys.STATE.key("demo", f"wreck{number}"), state)
+    await tab.until(f"{card('wreck2')}.innerText.includes('not understood')")
+    fleet.height = 45.6
+    await tab.until(f"{card('quad1')}.innerText.includes('45.6 m')")
+    await tab.until("document.getElementById('map-note').textContent.includes('a square is')")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
 async def test_any_key_expression_is_read_live(tab: Tab, served: Served, fleet: Fleet) -> None:
     await tab.run("document.getElementById('key').value = 'quad*/ATTITUDE'")
     await tab.run("document.getElementById('subscribe').requestSubmit()")
