@@ -39,7 +39,12 @@ class Fleet:
         self._thread.start()
         ready: Future[None] = Future()
         self._life = asyncio.run_coroutine_threadsafe(self._live(ready), self.loop)
-        self._life.add_done_callback(lambda life: ready.done() or ready.set_exception(life.exception() or EOFError()))
+
+        def ended(life: Future[None]) -> None:
+            if not ready.done():
+                ready.set_exception(life.exception() or RuntimeError("it ended"))
+
+        self._life.add_done_callback(ended)
         ready.result(2 * PATIENCE_S)
         return self
 
@@ -87,8 +92,7 @@ class Fleet:
 
     def params(self, number: int) -> dict[str, float]:
         """What the autopilot itself holds."""
-        sim = self.sim(number)
-        store = sim.px4.params if self._specs[number - 1].autopilot == "px4" else sim.copter.params
+        store = self.sim(number).brain.params
         return {name: store[name] for name in store.names}
 
     @property
