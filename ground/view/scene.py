@@ -128,7 +128,7 @@ class Scene:
         quality = wire.decode_link(item.payload)
         if isinstance(quality, wire.LinkQuality):
             craft = self._craft(item.place)
-            craft.plot(self._canvas, "loss", 100.0 * quality.loss)
+            craft.plot(self._canvas, "loss", 100.0 * quality.loss, "autopilot", dim=True)
             if quality.rtt is not None:
                 craft.plot(self._canvas, "rtt", 1e3 * quality.rtt, "autopilot", dim=True)
 
@@ -141,7 +141,7 @@ class Scene:
                 if way.rtt is not None:
                     craft.plot(self._canvas, "rtt", 1e3 * way.rtt)
                 if way.lost is not None:
-                    craft.plot(self._canvas, "loss", 100.0 * way.lost, "way", dim=True)
+                    craft.plot(self._canvas, "loss", 100.0 * way.lost)
 
     def _on_plan(self, item: Item) -> None:
         self._plans[(item.kind, *item.place)] = item

@@ -36,10 +36,15 @@ def rows_of(path: Path) -> dict[str, list[Row]]:
     """Every row of a recording, by path, in order of time."""
     found: dict[str, list[Row]] = {}
     for chunk in RrdReader(str(path)).stream():
-        for line in chunk.to_record_batch().to_pylist():
-            times = line.pop("time", None)
+        batch = chunk.to_record_batch()
+        times: list[float | None] = [None] * batch.num_rows
+        if "time" in batch.schema.names:
+            index = batch.schema.get_field_index("time")  # nanoseconds, which a datetime does not hold
+            times = [ns / 1e9 for ns in batch.column(index).cast("int64").to_pylist()]
+            batch = batch.remove_column(index)
+        for t, line in zip(times, batch.to_pylist(), strict=True):
             values = {name: value for name, value in line.items() if ":" in name and value is not None}
-            found.setdefault(chunk.entity_path, []).append(Row(times and times.timestamp(), values))
+            found.setdefault(chunk.entity_path, []).append(Row(t, values))
     return {name: sorted(rows, key=lambda row: row.t or 0.0) for name, rows in found.items()}
 
 
@@ -70,6 +75,12 @@ class Painted:
         self._recording.flush()
         self._recording.disconnect()
         return rows_of(self.path)
+
+
+@pytest.fixture
+def read() -> Callable[[Path], dict[str, list[Row]]]:
+    """Every row of a recording by path; it may still be written to."""
+    return rows_of
 
 
 @pytest.fixture

@@ -141,7 +141,7 @@ def test_links_are_coloured_by_grade_and_end_at_their_hosts(paint: Make, state: 
     links = [meshlinks.LinkShown("ground", "quad1", "good", 0.004, 0.0),
              meshlinks.LinkShown("quad1", "quad2", "poor", 0.2, 0.3),
              meshlinks.LinkShown("quad2", "quad3", "good")]  # fmt: skip
-    roles = {"ground": "router", "quad1": "vehicle", "quad2": "vehicle", "quad3": "vehicle"}
+    roles: dict[str, str | None] = {"ground": "router", "quad1": "vehicle", "quad2": "vehicle", "quad3": "vehicle"}
     ways = {"quad1": meshlinks.WayShown(0.004, 0.0, 1), "quad2": meshlinks.WayShown(0.204, 0.3, 2)}
     graph = meshlinks.encode(meshlinks.GraphShown(links, ways, roles))
     painted.step(
@@ -156,7 +156,7 @@ def test_links_are_coloured_by_grade_and_end_at_their_hosts(paint: Make, state: 
     assert mesh["LineStrips3D:labels"] == ["4 ms", "200 ms 30% lost"]
     assert rows["/world/ned/mesh/stations"][0].values["Points3D:labels"] == ["ground"]
     assert rows["/plots/rtt/quad2"][-1].values["Scalars:scalars"] == [204.0]
-    assert rows[r"/plots/loss/quad2\ way"][-1].values["Scalars:scalars"] == [30.0]
+    assert rows["/plots/loss/quad2"][-1].values["Scalars:scalars"] == [30.0]
 
 
 def test_without_an_origin_the_first_vehicles_ground_stands_in_and_a_declared_one_replaces_it(
