@@ -9,8 +9,8 @@ from typing import Any
 from ground.top.report import LEVELS, VehicleReport, condition
 from ground.top.words import duration, fit, milliseconds, number, percent
 
-NAME, WHY, EVENT = "vehicle", "why", "last event"
-NAME_MOST = 16
+NAME, MODE, WHY, EVENT = "vehicle", "mode", "why", "last event"
+NAME_MOST, MODE_MOST = 16, 12
 """cells; longer names are cut"""
 NARROW_WHY, WIDE_WHY = 20, 24
 """least cells for the reasons, below and from 120 columns"""
@@ -110,7 +110,7 @@ def _columns(ned: bool) -> tuple[Column, ...]:
         Column("kind", 6, 14, lambda v: v.kind or "-", lambda v: v.kind),
         Column("autopilot", 9, 17, lambda v: v.autopilot or "-", lambda v: v.autopilot),
         Column("id", 3, 16, lambda v: str(v.sysid or "-"), lambda v: v.sysid, right=True),
-        Column("mode", 9, 2, lambda v: v.mode or "-", lambda v: v.mode),
+        Column(MODE, 8, 2, lambda v: v.mode or "-", lambda v: v.mode),
         Column("armed", 5, 3, _armed, lambda v: v.armed),
         place,
         Column("alt", 6, 5, lambda v: number(_height(v)), _height, right=True),
@@ -146,8 +146,11 @@ def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narr
     ``narrow``: no more than 80 columns would hold, and the more words.
     """
     have = min(width, 80) if narrow else width
-    longest = max((len(v.name) for v in vehicles), default=0)
-    every = [replace(c, width=min(max(longest, c.width), NAME_MOST)) if c.name == NAME else c for c in columns(ned)]
+    longest = {
+        NAME: min(max((len(v.name) for v in vehicles), default=0), NAME_MOST),
+        MODE: min(max((len(v.mode or "") for v in vehicles), default=0), MODE_MOST),
+    }
+    every = [replace(c, width=max(longest.get(c.name, 0), c.width)) for c in columns(ned)]
     left = have - (WIDE_WHY if have >= 120 else NARROW_WHY)
     shown: set[str] = set()
     for column in sorted(every, key=lambda c: c.rank):

@@ -18,6 +18,13 @@ ENTER = "\x1b[?1049h\x1b[?25l\x1b[2J"
 LEAVE = "\x1b[0m\x1b[?25h\x1b[?1049l"
 
 
+def _path(fd: int) -> str:
+    try:
+        return os.ttyname(fd)
+    except OSError:  # in some containers its name is that of a file which is not there
+        return "/dev/tty"
+
+
 class Terminal:
     """``async with Terminal(fd, on_key, on_resize) as terminal: terminal.show(text)``; on the event loop, main thread.
 
@@ -27,7 +34,7 @@ class Terminal:
 
     def __init__(self, fd: int, on_key: Callable[[str], None], on_resize: Callable[[], None]) -> None:
         self._on_key, self._on_resize = on_key, on_resize
-        self._path = os.ttyname(fd)
+        self._path = _path(fd)
         self._keyboard = Keyboard()
         self._fd = -1
         self._before: list[object] = []
