@@ -237,7 +237,7 @@ class Bridge:
         there = {client for client in self.clients if client.present}
         for client in self._silent & there:
             self.news(f"{client.name} is back")
-        fell_silent = {client for client in self._present - there if not client.gone}
+        fell_silent = {client for client in self._present - there if client.stays and not client.gone}
         for client in fell_silent:
             self.news(f"{client.name} is silent")
         self._silent = {client for client in self._silent | fell_silent if not (client.gone or client in there)}

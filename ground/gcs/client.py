@@ -57,7 +57,9 @@ class Counters(msgspec.Struct):
 class Client:
     """Thread-safe, all of it."""
 
-    def __init__(self, name: str, sink: Sink, options: Options, dialect: Dialect, *, connected: bool = False) -> None:
+    def __init__(
+        self, name: str, sink: Sink, options: Options, dialect: Dialect, *, connected: bool = False, stays: bool = False
+    ) -> None:
         self.name, self.options, self._sink = name, options, sink
         self.splitter = Splitter(dialect)
         self.counters = Counters()
@@ -70,6 +72,8 @@ class Client:
         self.told: set[str] = set()
         """what it was told once"""
         self.gone = False
+        self.stays = stays
+        """it is sent to whether it is there or not"""
         self._connected = connected
         self._ids: frozenset[tuple[int, int]] = frozenset()
         self._systems: frozenset[int] = frozenset()

@@ -63,7 +63,7 @@ class Serial:
         options = endpoint.options
         if options.rate is None and self._link.capacity is not None:
             options = msgspec.structs.replace(options, rate=SHARE * self._link.capacity)
-        self._client = Client(f"serial {endpoint.text}", Line(self._link), options, hub.dialect)
+        self._client = Client(f"serial {endpoint.text}", Line(self._link), options, hub.dialect, stays=True)
 
     @property
     def clients(self) -> list[Client]:

@@ -133,7 +133,7 @@ class UdpOut(_Udp):
         host = ("::1" if v6 else "127.0.0.1") if is_loopback(target) else ("::" if v6 else "0.0.0.0")
         self._target, self._for_many = target, _is_for_many(target)
         self._peer = Peer(self._bind(family, (host, 0), "udpout"), target)
-        self._client = Client(str(self.endpoint), self._peer, self.endpoint.options, self._hub.dialect)
+        self._client = Client(str(self.endpoint), self._peer, self.endpoint.options, self._hub.dialect, stays=True)
         self._hub.joined(self._client)
         self._thread.start()
 

@@ -160,7 +160,7 @@ class Uplink:
         if not system:
             for place in self._routes.everybody():
                 if client.options.sees(place[1]):
-                    self._put(place, 0, 0, name, frame)
+                    self._put(place, 0, component, name, frame)
             return
         try:
             place = self._routes.way_to(system)

@@ -51,6 +51,8 @@ async def test_frames_pass_both_ways_untouched_and_by_target(scene: Scene) -> No
     strange = unknown_frame(255, 190)
     tcp.sock.sendall(strange)
     assert await two.hears(lambda key, data: "UNKNOWN_" in key, "an unknown message") == strange
+    tcp.send("SET_MAG_OFFSETS", target_component=7)
+    await two.hears(lambda key, data: key.endswith("/tx/0/7/SET_MAG_OFFSETS"), "what is for one component of all")
     assert not tcp.lost() and not udp.lost()
     await scene.heard("255/190 (GCS)")
     tcp.send("COMMAND_LONG", **{**command(two, ARM), "target_system": 77})
