@@ -15,7 +15,7 @@ from ground.http.refusals import Refusals
 from ground.http.wants import Wants
 from zmav import keys
 from zmav.client import Client
-from zmav.errors import BadMessage, Clash, NoSuchVehicle
+from zmav.errors import BadMessage, Clash, NoSuchVehicle, Stale
 from zmav.mavlink import Dialect, Frame, parse_frame, targets
 from zmav.services.port import on_loop
 from zmav.vehicle import Vehicle
@@ -232,13 +232,13 @@ class Gateway:
         """Put a frame to the vehicle it is for, or to every vehicle where it is for all; returns the keys.
 
         ``target``: system and component for a message that names none itself. Raises
-        :class:`~zmav.errors.BadMessage`, :class:`NoSuchVehicle`, :class:`Clash`, and with credentials
+        :class:`~zmav.errors.BadMessage`, :class:`NoSuchVehicle`, :class:`Stale`, :class:`Clash`, and with credentials
         :class:`~zmav.errors.Forbidden` where our role may not. What the vehicle itself refuses comes as an event: see
         :mod:`ground.http.refusals`.
         """
         frame = parse_frame(data, self.dialect)
         sysid, compid = _target(frame, self.dialect, target)
-        vehicles = [self.the_vehicle(sysid)] if sysid else self.client.fleet()
+        vehicles = [self._reachable(sysid)] if sysid else [each for each in self.client.fleet() if each.present]
         name, found = self.dialect.name_of(frame.msgid), []
         for vehicle in vehicles:
             key = keys.TX.key(vehicle.fleet, vehicle.name, sys=sysid, comp=compid, msg=name)
@@ -248,6 +248,13 @@ class Gateway:
             self.sent += 1
             found.append(key)
         return found
+
+    def _reachable(self, sysid: int) -> Vehicle:
+        vehicle = self.the_vehicle(sysid)
+        if not vehicle.present:
+            age = vehicle.age or 0.0
+            raise Stale(f"{vehicle.name} was last heard {age:.1f} s ago", vehicle=vehicle.name, age=age)
+        return vehicle
 
 
 def _target(frame: Frame, dialect: Dialect, wanted: tuple[int, int] | None) -> tuple[int, int]:

@@ -44,13 +44,17 @@ class MavNode:
         self._gateway, self.streams = gateway, streams
 
     async def vehicles(self, request: Request) -> Response:
-        """A line a vehicle: ``name sysid compid autopilot kind mode armed``; ``-`` where it is not known."""
+        """A line a vehicle: ``name sysid compid autopilot kind mode armed``; ``-`` where it is not known.
+
+        Mode and arming are not known of a vehicle that was last heard too long ago.
+        """
         _none_other(request)
         lines = []
         for vehicle in self._gateway.client.fleet():
             s = vehicle.last_state
-            said = (s.sysid, s.compid, s.autopilot, s.kind, s.mode, s.armed) if s is not None else (None,) * 6
-            lines.append(" ".join([vehicle.name, *(_word(each) for each in said)]))
+            said = (s.sysid, s.compid, s.autopilot, s.kind) if s is not None else (None,) * 4
+            now = (s.mode, s.armed) if s is not None and vehicle.present else (None, None)
+            lines.append(" ".join([vehicle.name, *(_word(each) for each in (*said, *now))]))
         return _text(*lines)
 
     async def stream(self, request: Request) -> Response:

@@ -57,6 +57,7 @@ class Served:
         self._ready = threading.Event()
         self._failed: BaseException | None = None
         self._seq = 0
+        self._tokens: list[zenoh.LivelinessToken] = []  # a token lasts no longer than the object
         self.tx: list[tuple[str, bytes]] = []
         self._tx_news = threading.Condition()
         session.declare_subscriber("zmav/*/*/mav/tx/**", self._on_tx)
@@ -139,10 +140,11 @@ class Served:
 
     # As the fleet.
 
-    def vehicle(self, name: str, sysid: int = 1, **more: Any) -> None:
-        """Let a vehicle be there: its token and its state, which the gateway has heard when this returns."""
+    def vehicle(self, name: str, sysid: int = 1, present: bool = True, **more: Any) -> None:
+        """Let a vehicle be there: its token (if ``present``) and its state, which are heard when this returns."""
         about = {"role": "vehicle", "sys": sysid, "autopilot": "ardupilot", "uid": "none", "instance": f"{name}1"}
-        self.session.liveliness().declare_token(keys.ALIVE.key(FLEET, name, **about))
+        if present:
+            self._tokens.append(self.session.liveliness().declare_token(keys.ALIVE.key(FLEET, name, **about)))
         state = wire.VehicleState(
             t=time.time(), fleet=FLEET, name=name, instance=f"{name}1", connected=True, sysid=sysid, compid=1,
             autopilot="ardupilot", kind="copter", mode="GUIDED", armed=False, **more,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import time
 from collections.abc import Iterator
@@ -165,6 +166,17 @@ def test_two_vehicles_with_one_id_get_nothing(serve: Serve) -> None:
         reply = served.get(path)
         assert reply.status == 409
         assert "demo/left and demo/right share system id 7" in reply.text
+    assert not served.tx
+
+
+def test_a_vehicle_that_is_gone_is_said_to_be(serve: Serve) -> None:
+    served = serve()
+    served.vehicle("quad1", 1, present=False)  # its state was heard; no token says that it still is
+    served.until(lambda: not served.gateway.client.vehicle("quad1").present, "silence for longer than a state's limit")
+    assert served.get("/vehicles").text == "quad1 1 1 ardupilot copter - -\n"
+    reply = served.get("/send/1/1/SET_MODE", base_mode=1, custom_mode=4)
+    assert reply.status == 504
+    assert re.match(r"quad1 was last heard \d+\.\d s ago", reply.text)
     assert not served.tx
 
 
