@@ -69,6 +69,7 @@ class McapFile:
             self._tail.flush()  # what follows is whole chunks
         except OSError:
             self._tail.close()
+            path.unlink(missing_ok=True)
             raise
         self._schemas: dict[Schema, int] = {}
         self._topics: dict[str, int] = {}
@@ -122,9 +123,12 @@ class McapFile:
         finally:
             self._tail.close()
 
-    def abandon(self) -> None:
-        """Close it as it is: without what was not flushed, without its summary."""
+    def abandon(self) -> bool:
+        """Close it without what was not flushed and without its summary. False: that is nothing, so it is gone."""
         self._tail.close()
+        if not self._spans:
+            self.path.unlink(missing_ok=True)
+        return bool(self._spans)
 
     def read(self, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
         """What was flushed of these topics, the newest first; from any thread, while the file is written."""

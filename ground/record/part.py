@@ -162,10 +162,13 @@ class Part:
             raise failed
 
     def abandon(self) -> None:
-        """Close them as they are, each readable to its last flush."""
-        for tail in self.tlogs.values():
+        """Close them as they are, each readable to its last flush; those that hold nothing are taken away."""
+        for place, tail in list(self.tlogs.items()):
             with contextlib.suppress(OSError):
                 tail.flush()
             tail.close()
-        if self.mcap:
-            self.mcap.abandon()
+            if not tail.size:
+                tail.path.unlink(missing_ok=True)
+                del self.tlogs[place]
+        if self.mcap and not self.mcap.abandon():
+            self.mcap = None

@@ -40,6 +40,8 @@ MOST_ROUTES = 20_000
 """keys that are known: nobody's invented ones must fill the memory"""
 ROOM_AGAIN = 1.05
 """so many times the floor must be free before writing goes on"""
+ROOM_AFTER_FULL = 4 << 20
+"""bytes that must be free at least, once the disk was full: or a few kB would be filled again and again"""
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
@@ -86,6 +88,7 @@ class Storage:
         """samples that are in the part and not in its files yet"""
         self._opened = self._flushed = self._synced = 0.0
         self._retry = 0.0
+        self._was_full = False
         self._finished_bytes = 0
         self._torn: list[Path] = []
         """files that a full disk cut short: they get their summary when there is room"""
@@ -188,24 +191,28 @@ class Storage:
         if self.paused and now < self._retry:
             return False
         self._retry = now + FLUSH_S
-        if self._short_of_room(ROOM_AGAIN if self.paused else 1.0):
+        if self._short_of_room(self._room_to_begin()):
             return False
         about = {"session": self.session.name, "part": str(self.counts.parts + 1), "dialect": self._dialect.name}
         self.part = Part(self.session, self.counts.parts + 1, self._settings.kinds, self._dialect, about)
         self.counts.parts += 1
         self._opened = self._synced = now
         if self.paused:
-            self.paused = None
+            self.paused, self._was_full = None, False
             self._tell("there is room again: recording goes on")
             self._mend_torn()
         return True
 
-    def _short_of_room(self, factor: float = 1.0) -> bool:
-        floor = self._settings.keep_free
+    def _room_to_begin(self) -> float:
+        floor = self._settings.keep_free * (ROOM_AGAIN if self.paused else 1.0)
+        return max(floor, ROOM_AFTER_FULL) if self._was_full else floor
+
+    def _short_of_room(self, floor: float) -> bool:
         free = self._folder.free()
-        if free >= floor * factor:
+        if free >= floor:
             return False
-        self._pause(f"{size_words(free)} free on the disk, and {size_words(floor)} are to be kept: nothing is recorded")
+        kept = size_words(self._settings.keep_free)
+        self._pause(f"{size_words(free)} free on the disk, and {kept} are to be kept: nothing is recorded")
         return True
 
     def _pause(self, why: str) -> None:
@@ -222,7 +229,7 @@ class Storage:
         self._note_written(part)
         how = self._settings
         large, old = part.size >= how.split_size, now - self._opened >= how.split_time
-        if self._short_of_room() or large or old:
+        if self._short_of_room(how.keep_free) or large or old:
             self._close_part()
         elif now - self._synced >= SYNC_S and (self._syncing is None or self._syncing.done()):
             self._synced = now
@@ -257,12 +264,12 @@ class Storage:
             self._await_sync()
             part.abandon()
             self._torn += part.files
-            self._finished_bytes += part.total
+            self._finished_bytes += sum(path.stat().st_size for path in part.files)
         self.counts.unwritten += self._pending
         self._pending = 0
         self._retry = time.monotonic() + RETRY_S
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        words = "the disk is full" if full else f"cannot write to {self.session}: {error.strerror}"
+        self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        words = "the disk is full" if self._was_full else f"cannot write to {self.session}: {error.strerror}"
         self._pause(f"{words}: nothing is recorded until there is room")
 
     def _mend_torn(self) -> None:

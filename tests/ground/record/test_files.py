@@ -108,7 +108,9 @@ def test_files_are_complete_in_themselves_at_every_split(desk: Any, frames: type
             here.storage.put(f"{QUAD1}/{make.key}", make())
         here.until("written", 200 * part)
     here.storage.close()
-    assert [path.name for path in here.files("mcap")] == [f"record.{n:03}.mcap" for n in (1, 2, 3)]
+    names = [path.name for path in here.files("mcap")]
+    assert len(names) >= 3
+    assert names == [f"record.{n:03}.mcap" for n in range(1, len(names) + 1)]
     kept = [frame for path in here.files("mcap") for _, frame in read(path, mcapfile.ALL_FRAMES)]
     assert kept == make.made
     assert [frame for path in here.files("tlog") for frame in tlog(path)] == make.made
