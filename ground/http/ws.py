@@ -10,21 +10,20 @@ the newest sample wins; events are never left out. A client that does not read f
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import msgspec
 import zenoh
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from ground.http.documents import document_of_sample, names_a_message, to_json
+from ground.http.documents import names_a_message, to_json
 from ground.http.gateway import Gateway
 from ground.http.outbox import Outbox
 from ground.http.reply import body_of, failure_of
+from ground.http.sources import Came, Source, Sources
 from zmav import keys
 from zmav.errors import BadInput, ZmavError
 from zmav.vehicle.rates import MAX_HZ, want_key
@@ -34,6 +33,8 @@ MOST_SUBSCRIPTIONS = 64
 MOST_SOCKETS = 200
 STALL = 5.0
 """s a client may take to read what waits for it"""
+IN_A_ROW = 16
+"""messages sent to one client before others have their turn"""
 TRY_AGAIN_LATER = 1013
 """RFC 6455's registry of close codes"""
 EXPECTED = '{"subscribe": "quad1/ATTITUDE", "hz": 5} or {"unsubscribe": ...}'
@@ -51,33 +52,24 @@ class Ask(msgspec.Struct, forbid_unknown_fields=True):
     """how many of each vehicle's past events come first"""
 
 
-class Came(NamedTuple):
-    """A sample and when it came (UTC seconds)."""
-
-    sample: zenoh.Sample
-    t: float
-
-
 class Reader:
     """One subscription of one socket."""
 
-    def __init__(self, number: int, key: str, hz: float | None, stack: contextlib.AsyncExitStack) -> None:
-        self.number, self.key, self.hz = number, key, hz
-        self.task: asyncio.Task[None] | None = None
-        self._stack = stack
+    def __init__(self, number: int, owner: object, source: Source, token: zenoh.LivelinessToken | None) -> None:
+        self.number = number
+        self._owner, self._source, self._token = owner, source, token
 
-    async def end(self) -> None:
-        if self.task is not None:
-            self.task.cancel()
-            await asyncio.gather(self.task, return_exceptions=True)
-        await self._stack.aclose()
+    async def end(self, sources: Sources) -> None:
+        if self._token is not None:
+            self._token.undeclare()
+        await sources.leave(self._source, self._owner)
 
 
 class Socket:
     """One WebSocket and what it subscribed to. Lives on the event loop."""
 
-    def __init__(self, gateway: Gateway, ws: WebSocket) -> None:
-        self._gateway, self._ws = gateway, ws
+    def __init__(self, gateway: Gateway, sources: Sources, ws: WebSocket) -> None:
+        self._gateway, self._sources, self._ws = gateway, sources, ws
         self._outbox: Outbox[Came | dict[str, Any]] = Outbox()
         self._readers: dict[str, Reader] = {}
         self._periods: dict[int, float] = {}
@@ -106,7 +98,7 @@ class Socket:
                 if isinstance(ended, Exception) and not isinstance(ended, (WebSocketDisconnect, OSError)):
                     logger.error("a WebSocket ended by a fault of ours", exc_info=ended)
             for reader in list(self._readers.values()):
-                await reader.end()
+                await reader.end(self._sources)
 
     async def _read(self) -> None:
         await self._first()
@@ -151,41 +143,41 @@ class Socket:
             self._say({"subscribed": key, "hz": ask.hz})
 
     async def _take(self, key: str, hz: float | None, history: int) -> None:
-        token = want_key(key, hz, "http") if hz is not None and names_a_message(key) else ""
+        wanted = want_key(key, hz, "http") if hz is not None and names_a_message(key) else ""
         self._numbers += 1
-        stack = contextlib.AsyncExitStack()
-        reader = Reader(self._numbers, key, hz, stack)
-        subscription = self._gateway.client.subscribe(key, token=token, history=history)
-        samples = await stack.enter_async_context(subscription)
-        self._readers[key], self._periods[reader.number] = reader, 1.0 / hz if hz else 0.0
-        reader.task = asyncio.create_task(self._pump(reader.number, aiter(samples)))
+        number, owner = self._numbers, object()
+        source = await self._sources.join(key, owner, lambda came: self._arrived(number, came), history)
+        token = self._gateway.client.session.liveliness().declare_token(wanted) if wanted else None
+        self._readers[key] = Reader(number, owner, source, token)
+        self._periods[number] = 1.0 / hz if hz else 0.0
+
+    def _arrived(self, number: int, came: Came) -> None:
+        if _is_event(came.key):
+            self._outbox.queue(number, came)
+        else:
+            self._outbox.put(number, came.key, came)
 
     async def _drop(self, key: str) -> None:
         reader = self._readers.pop(key, None)
         if reader is not None:
-            await reader.end()
+            await reader.end(self._sources)
             del self._periods[reader.number]
             self._outbox.forget(reader.number)
-
-    async def _pump(self, number: int, samples: AsyncIterator[zenoh.Sample]) -> None:
-        async for sample in samples:
-            key, came = str(sample.key_expr), Came(sample, time.time())
-            if _is_event(key):
-                self._outbox.queue(number, came)
-            else:
-                self._outbox.put(number, key, came)
 
     def _say(self, words: dict[str, Any]) -> None:
         self._outbox.queue(0, words)
 
     async def _write(self) -> None:
+        sent = 0
         while True:
             item = await self._outbox.get(self._periods)
             self._since = time.monotonic()
-            document = item if isinstance(item, dict) else document_of_sample(*item, self._gateway.client.dialect)
-            await self._ws.send_text(to_json(document).decode())
+            text = item.text(self._gateway.dialect) if isinstance(item, Came) else to_json(item).decode()
+            await self._ws.send_text(text)
             self._since = None
-            await asyncio.sleep(0)  # sending need not wait, and others have work to do
+            sent += 1
+            if sent % IN_A_ROW == 0:
+                await asyncio.sleep(0)  # sending need not wait, and others have work to do
 
     async def _watch(self) -> None:
         """Return when the client has not taken a message for :data:`STALL` seconds."""
@@ -197,7 +189,7 @@ class Sockets:
     """Every WebSocket of the gateway's own kind, and what became of those before."""
 
     def __init__(self, gateway: Gateway) -> None:
-        self._gateway = gateway
+        self._gateway, self._sources = gateway, Sources(gateway.client)
         self._open: set[Socket] = set()
         self._dropped = 0
         self.cut = 0
@@ -222,7 +214,7 @@ class Sockets:
         if len(self._open) >= MOST_SOCKETS:
             await ws.close(TRY_AGAIN_LATER, f"no more than {MOST_SOCKETS} WebSockets")
             return
-        socket = Socket(self._gateway, ws)
+        socket = Socket(self._gateway, self._sources, ws)
         self._open.add(socket)
         try:
             if await socket.run():

@@ -192,6 +192,22 @@ def test_a_client_that_does_not_read_is_cut_off_and_others_read_on(
     deaf.close()
 
 
+def test_sockets_share_what_they_read_and_end_apart(served: Served, client: Client) -> None:
+    other = Client(served, "?key=quad1/ATTITUDE")
+    other.get()
+    client.ask({"subscribe": "quad1/ATTITUDE"})
+    attitude(served, 0.5)
+    assert client.get() == other.get()
+    other.close()
+    served.until(lambda: served.gateway.figures["websockets"]() == 1, "end of the other")
+    attitude(served, 0.75)
+    assert client.get()["value"]["fields"]["roll"] == 0.75
+    client.ask({"unsubscribe": "quad1/ATTITUDE"})
+    client.ask({"subscribe": "quad1/ATTITUDE"})
+    attitude(served, 1.0)
+    assert client.get()["value"]["fields"]["roll"] == 1.0
+
+
 def test_a_token_and_another_site(serve: Serve, served: Served) -> None:
     guarded = serve(Rules(token="secret"))
     with pytest.raises(InvalidStatus):
