@@ -24,6 +24,8 @@ REFUSED_FOR = 5.0
 """s after the last refusal for which a port counts as unreachable: routers and kernels say it once a second at most"""
 ASK_EVERY = 10.0
 """s between two times that the messages of a stream are asked for"""
+MOST_ORIGINS = 4096
+"""messages of components that one stream's cap tells apart"""
 PLAIN_HZ = 4.0
 """the rate of named messages where no rate is given"""
 
@@ -86,6 +88,8 @@ class Stream:
         now = time.monotonic()
         due = self._due.get(origin, 0.0)
         if now >= due and origin not in self._late:
+            if len(self._due) >= MOST_ORIGINS:
+                self._due.clear()  # invented messages: the others may come too soon, once
             self._due[origin] = max(due + 1.0 / self.wish.hz, now)
             return True
         if origin not in self._late:

@@ -14,6 +14,7 @@ from typing import Any
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput
+from zmav.services.demand import NOT_STREAMED
 from zmav.vehicle.rates import want_key
 
 LASTING = 30.0
@@ -38,12 +39,13 @@ class Wants:
         """Have a message sent at ``hz`` for ``lasting`` seconds from now (``math.inf``: until :meth:`drop`).
 
         ``vehicle`` and ``fleet`` may be ``*``; no ``fleet`` is the client's. True where it was not wanted before and is
-        now; what the dialect lacks cannot be asked for, nor more than :data:`MOST` at once.
+        now. Nobody is asked for what the dialect lacks, nor for answers, events and the heartbeat, which come when they
+        come, nor for more than :data:`MOST` at once.
         """
         place = (fleet or self._client.fleet_name, vehicle, message, hz)
         new = place not in self._tokens
         if new:
-            if message not in self._client.dialect.by_name or len(self._tokens) >= MOST:
+            if len(self._tokens) >= MOST or not self._is_streamed(message):
                 return False
             try:
                 rx = keys.RX.key(place[0], vehicle, sys="*", comp="*", msg=message)
@@ -54,6 +56,10 @@ class Wants:
         if self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep)
         return new
+
+    def _is_streamed(self, message: str) -> bool:
+        found = self._client.dialect.by_name.get(message)
+        return found is not None and found.target_system is None and message not in NOT_STREAMED
 
     def drop(self, vehicle: str, message: str, hz: float, fleet: str = "") -> None:
         place = (fleet or self._client.fleet_name, vehicle, message, hz)

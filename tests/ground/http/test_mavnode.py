@@ -73,6 +73,10 @@ def test_asking_for_a_message_has_the_autopilot_send_it(served: Served) -> None:
     tokens = [str(reply.ok.key_expr) for reply in served.session.liveliness().get(wanted) if reply.ok]
     assert len(tokens) == 1
     assert tokens[0].split("/")[5] == "4"
+    served.hear("HEARTBEAT", "quad2", 2, type=2, autopilot=3, base_mode=0, custom_mode=0, system_status=4)
+    assert served.get("/last/2/1/HEARTBEAT").status == 200
+    any_ = keys.WANT.key("demo", "quad2", msg="HEARTBEAT", hz="*", instance="*")
+    assert not list(served.session.liveliness().get(any_))  # it comes by itself, and no faster for us
 
 
 @pytest.mark.parametrize(
