@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import zmav
 from ground.gcs.bridge import Bridge, Settings
-from ground.gcs.options import Options, parse_endpoint
+from ground.gcs.options import Kind, Options, parse_endpoint
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
 from tests.ground.gcs.conftest import PATIENCE_S, Station
@@ -63,7 +63,7 @@ class Fleet:
             assert reply.ok is not None
             self.endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]
             self.names = [f"v{i}" for i in range(1, len(world.vehicles) + 1)]
-            crews = [
+            self.crews = crews = [
                 await Onboard(session, OnboardSettings(link=url, name=name)).__aenter__()
                 for url, name in zip(world.urls, self.names, strict=True)
             ]
@@ -71,8 +71,11 @@ class Fleet:
                 self.world, self.z = world, z
                 for vehicle in await z.wait_for(*self.names, timeout=PATIENCE_S):
                     await vehicle.wait_until(lambda s: s.connected, PATIENCE_S)
-                ends = [parse_endpoint(kind, f"0?{self._options.get(kind, '')}", Options(), load_dialect())
-                        for kind in ("tcp", "udpin")]  # fmt: skip
+                asked: tuple[tuple[Kind, str], ...] = (("tcp", "tcp"), ("udpin", "udpin"), ("tcp", "slow"))
+                ends = [
+                    parse_endpoint(kind, f"0?{self._options.get(name, '')}", Options(), load_dialect())
+                    for kind, name in asked
+                ]
                 async with Bridge(z, Settings(endpoints=tuple(ends), streams="none"), lambda line: None) as bridge:
                     self.bridge = bridge
                     ready.set_result(None)
@@ -97,15 +100,19 @@ class Fleet:
 
     @property
     def tcp(self) -> tuple[str, int]:
-        return next((each.address[0], each.address[1]) for each in self.bridge.endpoints if isinstance(each, TcpIn))
+        return self._tcps[0]
+
+    @property
+    def _tcps(self) -> list[tuple[str, int]]:
+        return [(each.address[0], each.address[1]) for each in self.bridge.endpoints if isinstance(each, TcpIn)]
 
     @property
     def udp(self) -> tuple[str, int]:
         return next((each.address[0], each.address[1]) for each in self.bridge.endpoints if isinstance(each, UdpIn))
 
-    def caller(self, sysid: int = 255, compid: int = 190) -> Caller:
-        """A station on the bridge's TCP server."""
-        return Caller(socket.create_connection(self.tcp), sysid, compid)
+    def caller(self, sysid: int = 255, compid: int = 190, *, slow: bool = False) -> Caller:
+        """A station on the bridge's TCP server, or on the second one, which may be ``slow``."""
+        return Caller(socket.create_connection(self._tcps[slow]), sysid, compid)
 
 
 class Caller(Station):

@@ -31,7 +31,7 @@ def main(address: str, sysid: int, vehicles: list[int], target: int) -> dict[str
                 continue
             system, name = message.get_srcSystem(), message.get_type()
             addressed = getattr(message, "target_system", 0)
-            if name != "BAD_DATA" and (system not in vehicles or addressed not in (0, sysid)):
+            if name[:7] not in ("BAD_DAT", "UNKNOWN") and (system not in vehicles or addressed not in (0, sysid)):
                 foreign.append(f"{name} from {system} to {addressed}")
             if name in names and source in (0, system):
                 heard[name, system, getattr(message, "param_index", getattr(message, "seq", -1))] += 1
@@ -77,7 +77,7 @@ def main(address: str, sysid: int, vehicles: list[int], target: int) -> dict[str
         "sent": [(seq, round(lat * 1e7), round(lon * 1e7), alt) for seq, (lat, lon, alt) in enumerate(items)],
         "back": back,
         "params": {system: {name: raw.hex() for name, raw in found.items()} for system, found in params.items()},
-        "twice": [f"{name} {index} of {system}: {n}" for (name, system, index), n in heard.items()
+        "twice": [(name, system, index, n) for (name, system, index), n in heard.items()
                   if n > 1 and name in ("PARAM_VALUE", "MISSION_ITEM_INT")],
         "foreign": foreign,
     }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import struct
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from ground.gcs import param_copy
 from ground.gcs.param_copy import read_value
 from tests.ground.gcs.fleet import Caller, Fleet
 from zmav import keys
@@ -22,7 +24,9 @@ REAL32, INT32 = 9, 6
 
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
-    with Fleet([VehicleSpec(), VehicleSpec(autopilot="px4")], speed=4.0, udpin="read_only=1") as fleet:
+    with Fleet(
+        [VehicleSpec(), VehicleSpec(autopilot="px4")], speed=4.0, udpin="read_only=1", slow="rate=4kB/s"
+    ) as fleet:
         yield fleet
 
 
@@ -200,6 +204,38 @@ def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> No
     fleet.run(fleet.vehicle(ARDUPILOT).params.refresh())
     gcs.wait(lambda: fleet.bridge.downlink.counters.withheld > withheld + 1000, "a flood")
     gcs.silent_about("PARAM_VALUE", ARDUPILOT)
+
+
+def test_a_set_that_is_still_being_read_comes_as_it_is_read(
+    fleet: Fleet, gcs: Caller, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The autopilot has restarted: its agent reads it anew, and the client need not wait for the end of that."""
+    monkeypatch.setattr(param_copy, "FRESH", 0.0)
+    known, count = fleet.crews[0].params.known, len(fleet.params(ARDUPILOT))
+
+    async def restarted() -> bool:
+        known.doubt()
+        await fleet.loop.run_in_executor(None, gcs.to, "PARAM_REQUEST_LIST", ARDUPILOT)
+        while not frames(gcs, ARDUPILOT):
+            await asyncio.sleep(0.001)
+        return known.complete
+
+    assert not fleet.run(restarted())
+    gcs.wait(lambda: len(frames(gcs, ARDUPILOT)) >= count, "all of them")
+    gcs.silent_about("PARAM_VALUE", ARDUPILOT)
+    assert sorted(read_value(frame.data).place for frame in frames(gcs, ARDUPILOT)) == list(range(count))
+
+
+def test_a_list_over_a_narrow_link_lets_answers_through(fleet: Fleet) -> None:
+    radio = fleet.caller(250, slow=True)
+    try:
+        radio.beat()
+        radio.to("PARAM_REQUEST_LIST", ARDUPILOT)
+        radio.wait(lambda: len(frames(radio, ARDUPILOT)) > 30, "the list")
+        radio.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", ARDUPILOT)
+        assert len(frames(radio, ARDUPILOT)) < 300
+    finally:
+        radio.close()
 
 
 def test_hostile_names_and_indices_harm_nothing(gcs: Caller) -> None:
