@@ -9,7 +9,7 @@ from typing import Any
 from ground.top.report import LEVELS, VehicleReport, condition
 from ground.top.words import duration, fit, milliseconds, number, percent
 
-NAME, MODE, WHY, EVENT = "vehicle", "mode", "why", "last event"
+NAME, FLEET, MODE, WHY, EVENT = "vehicle", "fleet", "mode", "why", "last event"
 NAME_MOST, MODE_MOST = 16, 12
 """cells; longer names are cut"""
 NARROW_WHY, WIDE_WHY = 20, 24
@@ -106,6 +106,7 @@ def _columns(ned: bool) -> tuple[Column, ...]:
     )
     return (
         Column(NAME, 8, 0, lambda v: v.name, lambda v: v.name),
+        Column(FLEET, 8, 0, lambda v: v.fleet, lambda v: v.fleet),
         Column("is", 6, 0, condition, _badness),
         Column("kind", 6, 14, lambda v: v.kind or "-", lambda v: v.kind),
         Column("autopilot", 9, 17, lambda v: v.autopilot or "-", lambda v: v.autopilot),
@@ -142,6 +143,7 @@ def columns(ned: bool = False) -> tuple[Column, ...]:
 
 def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narrow: bool = False) -> list[Column]:
     """The columns that fit, the reasons last with what is left: never more than ``width`` cells, a space between two.
+    The fleet is one of them where there are several.
 
     ``narrow``: no more than 80 columns would hold, and the more words.
     """
@@ -150,7 +152,10 @@ def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narr
         NAME: min(max((len(v.name) for v in vehicles), default=0), NAME_MOST),
         MODE: min(max((len(v.mode or "") for v in vehicles), default=0), MODE_MOST),
     }
-    every = [replace(c, width=max(longest.get(c.name, 0), c.width)) for c in columns(ned)]
+    one_fleet = len({v.fleet for v in vehicles}) < 2
+    every = [
+        replace(c, width=max(longest.get(c.name, 0), c.width)) for c in columns(ned) if c.name != FLEET or not one_fleet
+    ]
     left = have - (WIDE_WHY if have >= 120 else NARROW_WHY)
     shown: set[str] = set()
     for column in sorted(every, key=lambda c: c.rank):

@@ -80,6 +80,15 @@ def test_a_lost_vehicle_is_unmistakable_without_colours(make: Make, report: Make
     assert (styles["b"], styles["GONE"], styles["12s"]) == ("dim", "bold red", "bold red")
 
 
+def test_several_fleets_are_told_apart(make: Make, report: MakeReport) -> None:
+    ui, found = Ui(), report(make("quad1", fleet="alpha"), make("quad1", fleet="beta"))
+    _, head, one, two, *_ = drawn(ui, found, 80)
+    assert head.split()[:3] == ["vehicle^", "fleet", "is"]
+    assert (one.split()[:2], two.split()[:2]) == (["quad1", "alpha"], ["quad1", "beta"])
+    press(ui, found, "end")
+    assert ui.selected == ("beta", "quad1")
+
+
 def test_a_lost_router_is_said_first(make: Make, report: MakeReport) -> None:
     found = report(make())
     assert "NO ROUTER" not in drawn(Ui(), found, 80)[0]
@@ -106,7 +115,7 @@ def test_keys_sort_and_turn_round(make: Make, report: MakeReport) -> None:
         make("a", battery=0.5), make("b", battery=None), make("c", battery=0.1, why=(("bad", "battery 10%"),))
     )
     ui = Ui()
-    press(ui, found, "right")
+    press(ui, found, "right", "right")
     assert [v.name for v in ui.rows(found)] == ["c", "a", "b"]  # by "is": the worst first
     while ui.sort != "batt":
         press(ui, found, ">")
