@@ -92,7 +92,7 @@ async def _bridge(
     settings: Settings, fleet: str, dialect: str, session: SessionSettings, stats_every: float | None
 ) -> None:
     async with zmav.open(fleet=fleet, settings=session, dialect=dialect) as z:
-        settings = _allowed(z, settings)
+        settings = allowed(z, settings)
         async with Bridge(z, settings, say) as bridge:
             for endpoint in settings.endpoints:
                 say(_words(endpoint))
@@ -104,14 +104,14 @@ async def _bridge(
                     telling.cancel()
 
 
-def _allowed(z: zmav.Client, settings: Settings) -> Settings:
+def allowed(z: zmav.Client, settings: Settings) -> Settings:
     """The settings, read-only where our credentials are a viewer's: routers would drop what stations send, unsaid."""
     if z.member is None:
         return settings
     try:
-        z.member.check_role(keys.TX.key(z.member.credentials.fleet, "any", sys=0, comp=0, msg="HEARTBEAT"))
+        z.member.check_role(keys.TX.key(z.member.credentials.fleet, "vehicles", sys=0, comp=0, msg="HEARTBEAT"))
     except Forbidden as e:
-        say(f"read-only: {e}")
+        say(f"read-only, by your credentials: {e}")
         shut = (
             msgspec.structs.replace(each, options=msgspec.structs.replace(each.options, read_only=True))
             for each in settings.endpoints

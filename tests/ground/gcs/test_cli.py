@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING
 import pytest
 from click.testing import CliRunner
 
+import zmav
 from agents.demo.processes import free_port
-from ground.gcs.cli import command
+from ground.gcs.bridge import Settings
+from ground.gcs.cli import allowed, command
+from ground.gcs.options import Options, parse_endpoint
 from tests.ground.gcs.conftest import Scene, Station
+from tests.trust.conftest import Authority, authority  # noqa: F401  (a fixture)
 from zmav.errors import BadConfig, PortInUse, ZmavError
+from zmav.mavlink import load_dialect
 from zmav.waiting import within
 
 if TYPE_CHECKING:
@@ -58,6 +63,15 @@ async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
         if program.returncode is None:
             program.kill()
             await program.wait()
+
+
+@pytest.mark.parametrize("role", ["viewer", "operator"])
+async def test_a_viewers_credentials_make_it_read_only(scene: Scene, authority: Authority, role: str) -> None:  # noqa: F811
+    folder = authority.issue("alice", role)
+    endpoint = parse_endpoint("tcp", "0", Options(hz=2.0), load_dialect())
+    async with zmav.open(connect=[scene.router_endpoint], credentials=str(folder)) as z:
+        (options,) = (each.options for each in allowed(z, Settings(endpoints=(endpoint,))).endpoints)
+    assert options == Options(hz=2.0, read_only=role == "viewer")
 
 
 @pytest.mark.parametrize(
