@@ -134,6 +134,9 @@ class Uplink:
         """For messages at a rate."""
         try:
             place = self._routes.way_to(system) if system else None
+            if place is not None and not client.options.sees(place[1]):
+                self._refuse(client, "target")
+                return
             result = DENIED if client.read_only else self._streams.ask(client, frame, place)
         except (Clash, NoSuchVehicle) as e:
             self._not_routed(client, system, e)
