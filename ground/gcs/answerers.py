@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.desk import Desks
+from ground.gcs.files import Files
 from ground.gcs.missions import Missions
 from ground.gcs.params import Params
 
@@ -11,4 +12,5 @@ from ground.gcs.params import Params
 def make_answerers(ground: Ground) -> list[Answerer]:
     """One of each kind, ready to be asked. On the event loop."""
     desks = Desks(ground)
-    return [Params(ground, desks), Missions(ground, desks)]
+    params = Params(ground, desks)
+    return [params, Missions(ground, desks), Files(ground, desks, params)]

@@ -120,7 +120,7 @@ class Params:
         for system in self._systems.values():
             system.forget(desk)
 
-    def _meant(self, desk: Desk, frame: Frame) -> Iterator[System]:
+    def meant(self, desk: Desk, frame: Frame) -> Iterator[System]:
         """The autopilots that a frame is for."""
         for sysid, vehicle in vehicles(self._ground, desk.client, frame):
             place = vehicle.fleet, vehicle.name
@@ -134,7 +134,8 @@ class Params:
     def _component(self, system: System) -> int:
         return self._ground.component(system.sysid)
 
-    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+    def in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do it on the event loop, until the bridge ends at most."""
         task = self._ground.loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -142,13 +143,13 @@ class Params:
     # Reading.
 
     def _list(self, desk: Desk, frame: Frame) -> None:
-        for system in self._meant(desk, frame):
+        for system in self.meant(desk, frame):
             system.listeners.add(desk)
             if targets(frame, self._dialect)[1] == 0:
                 self._pass_to_others(desk, frame, system)
             if desk not in system.listing and not desk.owes(system):  # else it is impatient
                 system.listing[desk] = {}
-                self._in_background(self._send_list(desk, system))
+                self.in_background(self._send_list(desk, system))
 
     async def _send_list(self, desk: Desk, system: System) -> None:
         try:
@@ -171,7 +172,7 @@ class Params:
         fields = decode(frame, self._dialect)
         by_name = fields["param_index"] < 0
         question = Question(frame, fields["param_id"] if by_name else "", fields["param_index"])
-        for system in self._meant(desk, frame):
+        for system in self.meant(desk, frame):
             if question.name == HASH_CHECK:
                 system.hash_asked[desk] = time.monotonic()
                 self._ground.put(desk.client, self._aimed(frame, system.sysid, self._component(system)))
@@ -183,7 +184,7 @@ class Params:
             if len(waiting) < MOST_QUESTIONS:
                 waiting.append(question)
             if len(waiting) == 1:
-                self._in_background(self._answer_all(desk, system))
+                self.in_background(self._answer_all(desk, system))
 
     async def _answer_all(self, desk: Desk, system: System) -> None:
         """What waits for the set to be looked at again."""
@@ -248,7 +249,7 @@ class Params:
     def _set(self, desk: Desk, frame: Frame) -> None:
         fields = decode(frame, self._dialect)
         name, raw = fields["param_id"], frame.payload[:4].ljust(4, b"\0")
-        for system in self._meant(desk, frame):
+        for system in self.meant(desk, frame):
             if name == HASH_CHECK:
                 desk.forget(system)  # QGroundControl has that very set already
                 continue
@@ -256,7 +257,7 @@ class Params:
             if system.setting.get((desk, name)) == raw or len(system.setting) >= MOST_SETS:
                 continue
             system.setting[desk, name] = raw
-            self._in_background(self._set_one(desk, frame, system, name, raw, fields["param_type"]))
+            self.in_background(self._set_one(desk, frame, system, name, raw, fields["param_type"]))
 
     async def _set_one(self, desk: Desk, frame: Frame, system: System, name: str, raw: bytes, kind: int) -> None:
         vehicle = system.copy.vehicle

@@ -15,6 +15,8 @@ from ground.gcs.param_copy import read_value
 from tests.ground.gcs.fleet import Caller, Fleet
 from zmav import keys
 from zmav.mavlink import Frame
+from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
+from zmav.mavlink.packed_params import PATH, unpack_params
 from zmav.mavlink.paramvalue import type_name
 from zmav.sim import VehicleSpec
 
@@ -236,6 +238,42 @@ def test_a_list_over_a_narrow_link_lets_answers_through(fleet: Fleet) -> None:
         assert len(frames(radio, ARDUPILOT)) < 300
     finally:
         radio.close()
+
+
+def test_the_parameter_file_is_made_of_the_copy(fleet: Fleet, gcs: Caller) -> None:
+    """As QGroundControl fetches it: opened, read in a burst to its end, closed; the autopilot hears nothing of it."""
+    sent, offset = fleet.bridge.uplink.sent, 0
+    size = ftp(gcs, Packet(10, 3, Op.OPEN_FILE_RO, len(PATH), data=PATH.encode())).data
+    data = bytearray(struct.unpack("<I", size)[0])
+    gcs.to("FILE_TRANSFER_PROTOCOL", ARDUPILOT, payload=pack(Packet(20, 3, Op.BURST_READ_FILE, 239)))
+    gcs.wait(lambda: packets(gcs)[-1].burst_complete, "the end of the burst")
+    for number, packet in enumerate(packets(gcs)[1:], start=21):
+        assert (packet.seq, packet.session, packet.offset) == (number, 3, offset)
+        data[offset : offset + len(packet.data)] = packet.data
+        offset += len(packet.data)
+    assert offset == len(data)
+    assert ftp(gcs, Packet(90, 3, Op.BURST_READ_FILE, 239, offset=offset)).nak is Nak.EOF
+    assert {p.name: p.value for p in unpack_params(bytes(data))} == pytest.approx(fleet.params(ARDUPILOT), rel=1e-6)
+    assert ftp(gcs, Packet(91, 3, Op.READ_FILE, 80, offset=0)).size == 80
+    assert ftp(gcs, Packet(92, 3, Op.TERMINATE_SESSION)).opcode == Op.ACK
+    assert fleet.bridge.uplink.sent == sent
+
+
+def test_other_files_are_between_the_client_and_the_autopilot(fleet: Fleet, gcs: Caller) -> None:
+    sent = fleet.bridge.uplink.sent
+    assert ftp(gcs, Packet(5, 0, Op.LIST_DIRECTORY, 1, data=b"/")).opcode == Op.ACK
+    assert ftp(gcs, Packet(6, 0, Op.OPEN_FILE_RO, 12, data=b"/no/such/one")).nak is not None
+    assert fleet.bridge.uplink.sent == sent + 2
+
+
+def packets(caller: Caller) -> list[Packet]:
+    return [unpack(fields["payload"]) for fields in caller.fields("FILE_TRANSFER_PROTOCOL")]
+
+
+def ftp(caller: Caller, packet: Packet) -> Packet:
+    answer = caller.answer("FILE_TRANSFER_PROTOCOL", "FILE_TRANSFER_PROTOCOL", ARDUPILOT, payload=pack(packet))
+    assert (answer["target_system"], unpack(answer["payload"]).seq) == (255, packet.seq + 1)
+    return unpack(answer["payload"])
 
 
 def test_hostile_names_and_indices_harm_nothing(gcs: Caller) -> None:
