@@ -32,12 +32,13 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     face, sockets = Mavlink2Rest(gateway), RestSockets(gateway, SOURCE)
     found: list[BaseRoute] = []
     for prefix in PREFIXES:
+        listed = prefix == PREFIXES[0]  # the others are the same
         found += [
-            Route(f"{prefix}/mavlink", face.get, methods=["GET"]),
-            Route(f"{prefix}/mavlink", face.post, methods=["POST"]),
-            Route(f"{prefix}/mavlink/{{path:path}}", face.get),
-            Route(f"{prefix}/helper/mavlink", face.helper),
-            Route(f"{prefix}/info", face.info),
+            Route(f"{prefix}/mavlink", face.get, methods=["GET"], include_in_schema=listed),
+            Route(f"{prefix}/mavlink", face.post, methods=["POST"], include_in_schema=listed),
+            Route(f"{prefix}/mavlink/{{path:path}}", face.get, include_in_schema=listed),
+            Route(f"{prefix}/helper/mavlink", face.helper, include_in_schema=listed),
+            Route(f"{prefix}/info", face.info, include_in_schema=listed),
             WebSocketRoute(f"{prefix}/ws/mavlink", sockets),
         ]
     return found

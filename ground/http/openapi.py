@@ -76,6 +76,8 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
 def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
     paths: dict[str, dict[str, Any]] = {}
     for route in routes:
+        if not getattr(route, "include_in_schema", True):
+            continue  # another name of one that is listed
         if isinstance(route, Route):
             for method in sorted((route.methods or set()) - {"HEAD", "OPTIONS"}):
                 operation = _operation(route.path_format, route.endpoint, method.lower(), list(route.param_convertors))

@@ -58,7 +58,10 @@ class Reader:
 
 
 class RestSockets:
-    """The clients there are. A message is turned into JSON once for all of them, and not at all for none."""
+    """Messages as they come, those whose name fits ``?filter=``, as JSON; what is sent to it goes to the vehicles.
+
+    A message is turned into JSON once for all clients, and not at all for none.
+    """
 
     def __init__(self, gateway: Gateway, source: tuple[int, int]) -> None:
         self._gateway, self._source = gateway, source
