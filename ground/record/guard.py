@@ -17,10 +17,13 @@ from zmav.errors import Clash
 
 
 class Guard:
-    """Watches who is in a fleet. ``names`` are those of the recorded vehicles there; ``tell``: a line for a person."""
+    """Watches who is in a fleet. ``names`` are those of the recorded vehicles there.
 
-    def __init__(self, z: Client, names: Collection[str], force: bool, tell: Callable[[str], None]) -> None:
-        self._z, self._names, self._force, self._tell = z, set(names), force, tell
+    ``come(name)`` is called, on a thread of Zenoh's, when a vehicle turns up that is being played.
+    """
+
+    def __init__(self, z: Client, names: Collection[str], force: bool, come: Callable[[str], None]) -> None:
+        self._z, self._names, self._force, self._come = z, set(names), force, come
         self._ours: set[str] = set()
         self._tokens: dict[str, set[str]] = {}
         self._lock = threading.Lock()
@@ -67,7 +70,7 @@ class Guard:
             live = self._first | {n for n, held in self._tokens.items() if held}
             come, self._live = live - self._live, frozenset(live)
         if name in come and name in self._names and not self._force:
-            self._tell(f"{name} has come: what was recorded of it is no longer played")
+            self._come(name)
 
     def may(self, channel: keys.Channel, key: str, vehicle: str | None) -> bool:
         """Whether a sample may be put on ``key``; ``vehicle`` None: it is nobody's own."""

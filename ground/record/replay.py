@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -76,40 +75,88 @@ async def _replay(
     base: OnboardSettings, settings: SessionSettings,
 ) -> None:  # fmt: skip
     names = await asyncio.to_thread(_names, sources, name)
-    async with (
-        zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z,
-        contextlib.AsyncExitStack() as s,
-    ):
+    async with zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z:
         await z.settle(timeout=SETTLE_S)
-        guard = Guard(z, set(names.values()), force, say)
+        cast = Cast(asyncio.get_running_loop())
+        guard = Guard(z, set(names.values()), force, cast.withdraw_from_thread)
         guard.check()
-        onboards: list[Onboard] = []
         parts: list[tuple[Source, Deliver]] = []
-        links, putters = list[FedLink](), list[Putter]()
+        putters: list[Putter] = []
         for source in sources:
+            called = [names[vehicle] for vehicle in source.vehicles()]
+            say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{each}' for each in called)}")
             if isinstance(source, Tlogs):
                 link = FedLink(source.label)
-                onboards.append(Onboard(z.session, msgspec.structs.replace(base, name=names[source.vehicle]), link))
-                links.append(link)
-                parts.append((source, lambda record, link=link: link.feed(record.data)))  # type: ignore[misc]
+                cast.add(called[0], Onboard(z.session, msgspec.structs.replace(base, name=called[0]), link), link)
+                parts.append((source, _feed(link)))
             else:
                 putters.append(Putter(z, names, guard))
                 parts.append((source, putters[-1]))
-            say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{names[v]}' for v in source.vehicles())}")
-        for onboard in onboards:
-            await s.enter_async_context(onboard)
-        guard.watch({str(z.session.info.zid())})
-        player = Player(parts, speed, loop, span)
-        begun = time.monotonic()
-        player.start()
+        player, begun = Player(parts, speed, loop, span), time.monotonic()
         try:
-            await _until_over(player, links)
+            await cast.enter()
+            guard.watch({str(z.session.info.zid())})
+            player.start()
+            await _until_over(player, cast.links)
         finally:
-            for link in links:
-                link.close()
+            cast.close_links()
             await asyncio.to_thread(player.close)
             guard.close()
-        _say_end(player, onboards, sum(put.held_back for put in putters), time.monotonic() - begun)
+            await cast.leave()
+        _say_end(player, cast.onboards, sum(put.held_back for put in putters), time.monotonic() - begun)
+
+
+def _feed(link: FedLink) -> Deliver:
+    return lambda record: link.feed(record.data)
+
+
+class Cast:
+    """The agents of vehicles that are played from .tlog files. On the event loop."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self.onboards: list[Onboard] = []
+        self.links: list[FedLink] = []
+        self._on_stage: dict[str, tuple[Onboard, FedLink]] = {}
+        self._waiting: dict[str, tuple[Onboard, FedLink]] = {}
+        self._leaving: set[asyncio.Task[None]] = set()
+
+    def add(self, name: str, onboard: Onboard, link: FedLink) -> None:
+        self.onboards.append(onboard)
+        self.links.append(link)
+        self._waiting[name] = (onboard, link)
+
+    async def enter(self) -> None:
+        for name, (onboard, link) in self._waiting.items():
+            await onboard.__aenter__()
+            self._on_stage[name] = (onboard, link)
+
+    async def leave(self) -> None:
+        for name in list(self._on_stage):
+            await self._withdraw(name)
+        await asyncio.gather(*self._leaving, return_exceptions=True)
+
+    def close_links(self) -> None:
+        """What is still fed to them is nobody's: whoever feeds waits no more."""
+        for link in self.links:
+            link.close()
+
+    def withdraw_from_thread(self, name: str) -> None:
+        """The vehicle itself has come: its double goes, before somebody takes the two for one. From any thread."""
+        say(f"{name} has come: what was recorded of it is no longer played")
+
+        def start() -> None:
+            task = self._loop.create_task(self._withdraw(name))
+            self._leaving.add(task)
+
+        self._loop.call_soon_threadsafe(start)
+
+    async def _withdraw(self, name: str) -> None:
+        found = self._on_stage.pop(name, None)
+        if found is not None:
+            onboard, link = found
+            await asyncio.to_thread(link.close)
+            await onboard.__aexit__(None, None, None)
 
 
 def _say_end(player: Player, onboards: list[Onboard], held_back: int, seconds: float) -> None:
@@ -140,8 +187,6 @@ async def _until_over(player: Player, links: Sequence[FedLink]) -> None:
     ways_to_end = {asyncio.create_task(until_stopped()), asyncio.create_task(played())}
     _, unfinished = await asyncio.wait(ways_to_end, return_when=asyncio.FIRST_COMPLETED)
     player.stop()
-    for link in links:
-        link.close()
     for task in unfinished:
         task.cancel()
 

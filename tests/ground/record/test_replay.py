@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -206,11 +206,11 @@ class Stage:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
 
-    async def replay(self, recorded: Recorded, *arguments: str, fails: bool = False) -> Any:
+    async def replay(self, recorded: Recorded, *arguments: str, fails: bool = False, files: Sequence[Path] = ()) -> Any:
         verb = Here("-e", self.endpoint)
         told = verb.fails if fails else verb
-        path = str(recorded.session)
-        return await asyncio.to_thread(told, "replay", path, "--speed", "max", *arguments)
+        paths = map(str, files or [recorded.session])
+        return await asyncio.to_thread(told, "replay", *paths, "--speed", "max", *arguments)
 
     async def until(self, count: int) -> list[tuple[str, bytes]]:
         for _ in range(1500):
@@ -271,8 +271,10 @@ async def test_forced_beside_the_vehicle_itself_no_setpoint_is_played(stage: Sta
     token.undeclare()
 
 
-async def test_a_vehicle_that_comes_ends_its_part(stage: Stage, recorded: Recorded) -> None:
+@pytest.mark.parametrize("ending", ["mcap", "tlog"])
+async def test_a_vehicle_that_comes_ends_its_part(stage: Stage, recorded: Recorded, ending: str) -> None:
     """Played for ever, until one of the vehicles turns up; the other one goes on."""
+    files = sorted(recorded.session.glob(f"*.{ending}"))
     running = asyncio.Event()
 
     async def stopped() -> None:
@@ -280,7 +282,7 @@ async def test_a_vehicle_that_comes_ends_its_part(stage: Stage, recorded: Record
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ground.record.replay.until_stopped", stopped)
-        replay = asyncio.create_task(stage.replay(recorded, "--loop"))
+        replay = asyncio.create_task(stage.replay(recorded, "--loop", "--speed", "1", files=files))
         await stage.until(100)
         token = stage.vehicle("quad1")
         for _ in range(1500):
@@ -290,6 +292,9 @@ async def test_a_vehicle_that_comes_ends_its_part(stage: Stage, recorded: Record
                 break
         else:
             pytest.fail("quad1 is played on")
+        own = "zmav/demo/*/alive/vehicle/**"
+        names = {str(reply.ok.key_expr).split("/")[2] for reply in stage.router.liveliness().get(own) if reply.ok}
+        assert names == ({"quad1"} if ending == "mcap" else {"quad1", "quad2"}), "the real one, and the other's double"
         running.set()
         told = await replay
     assert "quad1 has come: what was recorded of it is no longer played" in told.err
