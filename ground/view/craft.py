@@ -91,6 +91,7 @@ class Craft:
         if now - self._aged >= 1.0 and self.heard > -math.inf:
             self._aged = now
             self.plot(canvas, "age", now - self.heard)
+            self._plot_slow(canvas)
 
     def _paint_model(self, canvas: Canvas, crowded: bool) -> None:
         kind = self.state.kind if self.state else None
@@ -177,6 +178,12 @@ class Craft:
             self.plot(canvas, "height", -self.position[2])
         if state.velocity is not None and usable(state.velocity):
             self.plot(canvas, "speed", math.hypot(*state.velocity))
+
+    def _plot_slow(self, canvas: Canvas) -> None:
+        """What a point a second tells well enough."""
+        state = self.state
+        if state is None or self.silent:
+            return
         if state.battery is not None and state.battery.remaining is not None:
             self.plot(canvas, "battery", 100.0 * state.battery.remaining)
         if abs(self.delay) < 1000.0:

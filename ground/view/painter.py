@@ -27,8 +27,8 @@ from ground.view.settings import LENGTH, READY, PainterSettings, Sink
 from ground.view.table import Batch
 from ground.view.viewer import start_viewer
 
-PERIOD = 0.1
-"""s between two steps at least"""
+PERIOD, CROWDED = 0.1, 0.2
+"""s between two steps at least, and where there are many vehicles"""
 FLUSH_VIEWER, FLUSH_FILE = 0.2, 2.0
 """s that logged rows may wait for others: a killed painter leaves a file without the last of them"""
 SETTLE = 3.0
@@ -54,7 +54,7 @@ def main() -> None:
         if batch is None:
             break
         painting.step(batch, time.monotonic(), time.time())
-        time.sleep(max(0.0, PERIOD - (time.monotonic() - began)))
+        time.sleep(max(0.0, (CROWDED if painting.scene.crowded else PERIOD) - (time.monotonic() - began)))
     with contextlib.suppress(Exception):  # the sink may be gone
         recording.flush(timeout_sec=2.0)
         recording.disconnect()

@@ -53,6 +53,11 @@ class Scene:
             "agent_status": self._on_agent, "camera_frame": self._on_frame, "camera_detection": self._on_detection,
         }  # fmt: skip
 
+    @property
+    def crowded(self) -> bool:
+        """There are so many vehicles that less is told of each, and less often."""
+        return len(self.crafts) > CROWD
+
     def apply(self, batch: Batch) -> None:
         """Take what came. What is not what it should be is counted and left out."""
         for item in batch.items:
@@ -68,9 +73,8 @@ class Scene:
 
     def paint(self, now: float, t: float) -> None:
         """Put on the canvas what has changed; ``now`` is monotonic, ``t`` UTC seconds."""
-        crowded = len(self.crafts) > CROWD
         for craft in self.crafts.values():
-            craft.paint(self._canvas, self.datum, now, t, crowded)
+            craft.paint(self._canvas, self.datum, now, t, self.crowded)
         if self._graph is not None and now - self._mesh_at >= MESH_EVERY:
             self._mesh_at = now
             places = {craft.label: craft.position for craft in self.crafts.values() if craft.position is not None}

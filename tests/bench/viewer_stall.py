@@ -155,11 +155,11 @@ async def run(rounds: int, seconds: float, vehicles: int, endpoint: str) -> dict
         measure = Measure(z, vehicles)
         await measure.start()
         await asyncio.sleep(2.0)
-        for _ in range(rounds):
+        for number in range(rounds):
             turns[SIDES[0]].append(await measure.turn(seconds))
             view = await asyncio.to_thread(View, endpoint)
             await asyncio.sleep(2.0)
-            for side in SIDES[1:]:
+            for side in (SIDES[1:], SIDES[:0:-1])[number % 2]:  # what comes last must not always be the same
                 with view.stopped(side):
                     turn = await measure.turn(seconds)
                     turn.view_mb, turn.painter_mb = _mb(view.process.pid), _mb(view.painter)
@@ -169,17 +169,26 @@ async def run(rounds: int, seconds: float, vehicles: int, endpoint: str) -> dict
 
 
 def table(turns: dict[str, list[Turn]]) -> None:
-    head = ("", "ATTITUDE Hz", "longest gap ms", "state ms", "p99 ms", "ping ms", "vehicle Hz", "view MB", "painter MB")
-    print("".join(f"{name:>16}" for name in head))
+    head = (
+        "ATTITUDE Hz",
+        "longest gap ms",
+        "state ms",
+        "state p99 ms",
+        "ping ms",
+        "vehicle Hz",
+        "view MB",
+        "painter MB",
+    )
+    print(f"{'':>22}" + "".join(f"{name:>15}" for name in head))
     rows = {side: [statistics.median(values) for values in zip(*map(msgspec.structs.astuple, found), strict=True)]
             for side, found in turns.items()}  # fmt: skip
     for side, row in rows.items():
         scale = (1.0, 1e3, 1e3, 1e3, 1e3, 1.0, 1.0, 1.0)
-        print(f"{side:>16}" + "".join(f"{x * k:16.2f}" for x, k in zip(row, scale, strict=True)))
-    base = rows[SIDES[0]]
+        print(f"{side:>22}" + "".join(f"{x * k:15.2f}" for x, k in zip(row, scale, strict=True)))
+    base = rows[SIDES[0]][:6]
     for side in SIDES[1:]:
-        ratios = [b / a if a else 0.0 for a, b in zip(base[:6], rows[side][:6], strict=True)]
-        print(f"{'ratio: ' + side:>23}"[-23:] + " ".join(f"{x:6.2f}" for x in ratios))
+        ratios = [b / a if a else 0.0 for a, b in zip(base, rows[side][:6], strict=True)]
+        print(f"{'ratio ' + side:>22}" + "".join(f"{x:15.2f}" for x in ratios))
 
 
 def main() -> None:
