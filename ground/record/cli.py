@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import importlib
 import re
+import shutil
+import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +25,7 @@ from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
-    from ground.record.recorder import Wanted
+    from ground.record.recorder import Recorder, Wanted
     from ground.record.storage import Settings
 
 UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
@@ -144,12 +148,16 @@ async def _record(
 
     start = time.monotonic()
     unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.kinds.mcap else None
+    line = Line()
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
-        Recorder(z, folder, how, whom, say) as recorder,
+        Recorder(z, folder, how, whom, line.say) as recorder,
     ):
-        say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
+        line.say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
+        telling = asyncio.create_task(_tell(recorder, line))
         await until_stopped()
+        telling.cancel()
+        line.end()
     if unfinished is not None:
         await unfinished
     counts = recorder.storage.counts
@@ -157,6 +165,44 @@ async def _record(
     lost = "".join(f", {number} {what}" for what, number in rest.items() if number)
     minutes = (time.monotonic() - start) / 60
     say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
+
+
+class Line:
+    """The terminal: lines that stay, and below them one that changes. From any thread; no terminal, no such line."""
+
+    def __init__(self) -> None:
+        self._changes = sys.stderr.isatty()
+        self._lock = threading.Lock()
+
+    def say(self, line: str) -> None:
+        with self._lock:
+            say(self._clear + line)
+
+    def show(self, line: str) -> None:
+        if self._changes:
+            with self._lock, contextlib.suppress(OSError, ValueError):
+                width = shutil.get_terminal_size().columns - 1
+                sys.stderr.write(self._clear + line[:width])
+                sys.stderr.flush()
+
+    def end(self) -> None:
+        self.show("")
+
+    @property
+    def _clear(self) -> str:
+        return "\r\x1b[K" if self._changes else ""
+
+
+async def _tell(recorder: Recorder, line: Line) -> None:
+    """Once a second, for a person."""
+    start, before = time.monotonic(), 0
+    while True:
+        counts = recorder.storage.counts
+        passed = time.strftime("%H:%M:%S", time.gmtime(time.monotonic() - start))
+        vehicles = len(recorder.storage.history.vehicles())
+        line.show(f"{passed}  {vehicles} vehicles  {counts.taken - before}/s  {recorder.status().text}")
+        before = counts.taken
+        await asyncio.sleep(1.0)
 
 
 def _complete(folder: Folder) -> None:

@@ -11,7 +11,7 @@ import msgspec
 
 from ground.record.decoder import Decoder
 from ground.record.route import Asked, Route
-from zmav import wire
+from zmav import keys, wire
 
 RING = 200
 """entries that are kept of one key"""
@@ -81,6 +81,11 @@ class History:
         """All that can be asked for."""
         with self._lock:
             return list(self._known)
+
+    def vehicles(self) -> set[tuple[str, str]]:
+        """Fleet and name of those that a frame came of."""
+        with self._lock:
+            return {(r.route.fleet, r.route.vehicle) for r in self._rings.values() if r.route.channel is keys.RX}
 
     def keys_of(self, asked: Asked) -> list[str]:
         with self._lock:

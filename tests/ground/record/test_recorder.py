@@ -118,6 +118,29 @@ async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> N
     assert {data for _, data in read(path, mcapfile.ALL_FRAMES)} == set(make.made)
 
 
+async def test_patterns_that_overlap_bring_nothing_twice(recording: Recording, tmp_path: Path) -> None:
+    with Folder(tmp_path / "second") as folder:
+        wanted = Wanted(vehicles=("quad*", "*1"), name="other")
+        async with Recorder(recording.z, folder, Settings(keep_free=0), wanted, lambda line: None) as both:
+            history, found = both.storage.history, set[str]()
+            while not {"quad1", "plane1"} <= found:  # it hears
+                for name in ("quad1", "plane1", "plane2"):
+                    recording.put(f"{name}/link/first", b"{}")
+                await asyncio.sleep(0.02)
+                found = {asked.of for asked in history.known()}
+            for name in ("quad1", "plane1", "plane2"):
+                recording.put(f"{name}/link/x", b"{}")
+                recording.put(f"{name}/link/last", b"{}")
+            last = Asked("demo", "plane1", "link")
+            await until(
+                lambda: any(key.endswith("last") for key in history.keys_of(last)), lambda: str(history.known())
+            )
+    kept = [key for path in both.storage.session.glob("*.mcap") for key, _ in read(path, mcapfile.AS_IT_CAME)]
+    assert kept.count("zmav/demo/quad1/link/x") == 1
+    assert kept.count("zmav/demo/plane1/link/x") == 1
+    assert not any("plane2" in key for key in kept)
+
+
 async def test_what_was_is_told_when_the_vehicle_is_gone(recording: Recording) -> None:
     """From memory; and, where that does not reach, from the file that is being written."""
     make = Frames()
