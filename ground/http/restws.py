@@ -25,6 +25,8 @@ MOST = 100
 """clients at once"""
 QUEUE = 2000
 """messages that wait for a client; who leaves more unread is dropped"""
+TRIALS = 4
+"""filters tried at once: one that is hard takes a process"""
 FEW = 8
 """messages that a filter may match to count as asking for them"""
 ASK_EVERY = 10.0
@@ -69,6 +71,7 @@ class RestSockets:
         self.dropped = 0
         """clients cut off because they did not read"""
         self._batches: Batches | None = None
+        self._trials = asyncio.Semaphore(TRIALS)
         self._encoder = msgspec.json.Encoder()
 
     def __len__(self) -> int:
@@ -80,7 +83,8 @@ class RestSockets:
         try:
             if len(self._readers) >= MOST:
                 raise Failure(503, "too_many", f"there are {MOST} clients already")
-            names = await matching(socket.query_params.get("filter", ".*"), self._gateway.dialect.by_name)
+            async with self._trials:
+                names = await matching(socket.query_params.get("filter", ".*"), self._gateway.dialect.by_name)
         except (BadInput, Failure) as e:
             failure = failure_of(e) if isinstance(e, BadInput) else e
             await deny(refusal(scope["path"], failure), scope, receive, send)
