@@ -121,8 +121,8 @@ def test_lost_and_repeated_frames_of_the_client_cost_time_only(fleet: Fleet, gcs
     gcs.wait(lambda: requests(gcs, PX4)[-1] == 3, "the last")
     gcs.to("MISSION_ITEM_INT", PX4, seq=3, **items[3])
     gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
-    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
     assert core(download(gcs, PX4)) == core(items)
+    assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
 
 
 def test_an_upload_that_is_begun_anew_is_the_one_that_counts(gcs: Caller) -> None:
