@@ -63,9 +63,12 @@ function armTwice(button, act) {
   });
 }
 
-// Ask, and give the number that was entered (or true), or null for no.
+// Ask, and give the number that was entered (or true), or null for no. One question at a time. The answer is the button's
+// own, taken as it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
 function confirmed(title, text, yes, field = null) {
   const dialog = document.getElementById("confirm");
+  if (dialog.open) return Promise.resolve(null);
+  const form = dialog.querySelector("form");
   const input = dialog.querySelector("input");
   document.getElementById("confirm-title").textContent = title;
   document.getElementById("confirm-text").textContent = text;
@@ -77,14 +80,13 @@ function confirmed(title, text, yes, field = null) {
     label.querySelector("span").textContent = field.label;
     input.value = field.value;
   }
-  dialog.returnValue = "no";
   dialog.showModal();
   return new Promise((resolve) => {
-    dialog.addEventListener(
-      "close",
-      () => resolve(dialog.returnValue === "yes" ? (field ? Number(input.value) : true) : null),
-      { once: true },
-    );
+    form.onsubmit = (event) => {
+      const agreed = event.submitter !== null && event.submitter.value === "yes";
+      resolve(agreed ? (field ? Number(input.value) : true) : null);
+    };
+    dialog.oncancel = () => resolve(null);
   });
 }
 
