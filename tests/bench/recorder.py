@@ -1,6 +1,6 @@
 """Recording 50 vehicles at 100 messages a second each, beside pymavlink's own recording of the same frames.
 
-    python tests/bench/recorder.py [--vehicles 50] [--rate 100] [--seconds 5]
+    python tests/bench/recorder.py [--vehicles 50] [--rate 100] [--seconds 4]
 
 Ours: frames put on their keys in a router, recorded by 'zmav record' (a .tlog of each vehicle and an .mcap of
 everything, decoded). Theirs: the same frames as UDP datagrams, received by pymavlink and written as MAVProxy
@@ -195,7 +195,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicles", type=int, default=50)
     parser.add_argument("--rate", type=float, default=100.0)
-    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--seconds", type=float, default=4.0)
     asked = parser.parse_args()
     made = frames(asked.vehicles)
     rate, flood = asked.vehicles * asked.rate, 30_000.0
