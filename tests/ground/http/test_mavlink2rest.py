@@ -338,7 +338,7 @@ def test_who_does_not_read_is_cut_off_and_nobody_waits(flood: Served, monkeypatc
     url = f"ws://127.0.0.1:{flood.port}/v1/ws/mavlink?filter=STATUSTEXT"
     with (
         small_socket(flood.port) as silent,
-        connect(url, sock=silent, max_queue=1, close_timeout=0.1),
+        connect(url, sock=silent, max_queue=1, close_timeout=0.1, ping_interval=None),
         websocket(flood, "?filter=HEARTBEAT") as other,
     ):
         flood.until(lambda: len(sockets) == 2, "two clients")
