@@ -53,6 +53,9 @@ def test_a_vehicle_stands_where_it_is_and_the_view_turns_north_east_down_into_it
         ((0.0, math.pi / 2, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),  # nose up
         ((math.pi / 2, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),  # the right wing down
         ((math.pi / 2, 0.0, math.pi / 2), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),  # rolled right and heading east
+        # All three: the columns of Rz(0.9) Ry(0.5) Rx(0.3), as textbooks of flight dynamics have the matrix.
+        ((0.3, 0.5, 0.9), (1.0, 0.0, 0.0), (0.545514, 0.687434, -0.479426)),
+        ((0.3, 0.5, 0.9), (0.0, 1.0, 0.0), (-0.660271, 0.704828, 0.259343)),
     ],
 )
 def test_the_attitude_turns_the_body_into_ned(
@@ -102,8 +105,8 @@ def test_of_two_senders_the_lease_holders_setpoint_counts(paint: Make, state: Ma
     painted.step(
         ("state", Q1, state(lease=held)),
         ("setpoint", (*Q1, "planner"), wire.Setpoint(lease="l", seq=1, deadline=0, pos=(10.0, 20.0, -6.0))),
-        ("setpoint", (*Q1, "other"), wire.Setpoint(lease="m", seq=1, deadline=0, pos=(0.0, 0.0, -50.0))),
     )
+    painted.step(("setpoint", (*Q1, "other"), wire.Setpoint(lease="m", seq=1, deadline=0, pos=(0.0, 0.0, -50.0))))
     assert painted.rows()["/plots/error/quad1"][-1].values["Scalars:scalars"] == [1.0]
 
 
