@@ -1,6 +1,6 @@
 """Adapters -> Zenoh -> 'zmav gcs' -> UDP, for 1, 10 and 50 vehicles, beside a pymavlink forwarder in the same run.
 
-    python tests/bench/gcs_bridge.py [--rounds 3] [--seconds 2] [--rate 100] [--vehicles 1,10,50] [--json]
+    python tests/bench/gcs_bridge.py [--rounds 3] [--seconds 1] [--rate 100] [--vehicles 1,10,50] [--json]
 
 Every vehicle sends its own frames to an adapter of its own (all of them in one process); the forwarder gets the same
 frames on one socket, receives each with pymavlink and sends its bytes on. Medians over the rounds, in which the sides
@@ -107,7 +107,7 @@ def sides(sink: Sink, count: int) -> Iterator[list[Side]]:
                 process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
                 stack.callback(end, process)
                 processes.append(process)
-                time.sleep(3.0)
+                time.sleep(2.0)
             found.append(Side(name, port, step, processes))
         for side in found:
             if not any(side.measure(sink, count, 20.0, 0.3).received for _ in range(20)):
@@ -148,7 +148,7 @@ def shown(line: dict[str, Any]) -> str:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--rounds", type=int, default=3)
-    options.add_argument("--seconds", type=float, default=2.0)
+    options.add_argument("--seconds", type=float, default=1.0)
     options.add_argument("--rate", type=float, default=100.0, help="messages a second of each vehicle")
     options.add_argument("--vehicles", default="1,10,50")
     options.add_argument("--json", action="store_true")
