@@ -99,9 +99,12 @@ class Terminal:
         loop.remove_writer(self._fd)
         self._pending = b""
         with contextlib.suppress(OSError, termios.error):  # it may be gone: nobody is left to give it to
-            termios.tcflow(self._fd, termios.TCOON)  # after a Ctrl-S, too
-            os.write(self._fd, LEAVE.encode())
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)  # type: ignore[arg-type]
+            flowing = termios.tcgetattr(self._fd)
+            flowing[0] &= ~termios.IXON  # output that a Ctrl-S has stopped goes on
+            termios.tcsetattr(self._fd, termios.TCSANOW, flowing)
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._fd, LEAVE.encode())
+            termios.tcsetattr(self._fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
 
     def _suspend(self) -> None:
         """Ctrl-Z: stop as any program does, and go on here when the shell says so."""

@@ -207,20 +207,23 @@ class Leader:
             self._z.put(keys.STATE, keys.STATE.key("demo", "rover1"), state)
             await asyncio.sleep(0.1)
 
-    def lose(self) -> None:
+    def __enter__(self) -> Leader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         self._task.cancel()
 
 
 async def test_a_follower_keeps_its_offset_and_holds_when_the_leader_is_lost(fleet: Fleet) -> None:
     north, east, down = fleet.at("quad2")
-    leader = Leader(fleet.z, (north + 10.0, east, down))
-    script = await fleet.run("follow", "rover1", "quad2")
-    await script.said("quad2 follows rover1")
-    for step in (0.0, 6.0):
-        leader.local = (north + 10.0 + step, east + step, down)
-        goal = (north + 4.0 + step, east + step, down - 6.0)
-        await fleet.until(lambda goal=goal: math.dist(fleet.at("quad2"), goal) < 1.0, f"at {goal}")  # type: ignore[misc]
-    leader.lose()
+    goal = (north + 10.0, east + 6.0, down - 6.0)
+    with Leader(fleet.z, (north + 10.0, east, down)) as leader:
+        script = await fleet.run("follow", "rover1", "quad2")
+        await script.said("quad2 follows rover1")
+        near = (north + 4.0, east, down - 6.0)
+        await fleet.until(lambda: math.dist(fleet.at("quad2"), near) < 1.0, f"at {near}")
+        leader.local = (north + 16.0, east + 6.0, down)
+        await fleet.until(lambda: math.dist(fleet.at("quad2"), goal) < 1.0, f"at {goal}")
     assert "rover1 was last heard" in await script.said("quad2 holds")
     assert await script.end() == 0
     state = await fleet.z.vehicle("quad2").wait_until(lambda s: s.lease is None, PATIENCE_S)
