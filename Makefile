@@ -22,6 +22,10 @@ ifneq ($(MADE),$(CURDIR) $(WANT))
   STALE := yes
 endif
 
+# Without compiled modules every process that a test starts takes a second of a core longer, and so does each worker's
+# look for tests by twenty.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .PHONY: help demo test lint conformance bench lock clean FORCE
