@@ -81,7 +81,7 @@ def eye(places: Sequence[Vector]) -> rrb.EyeControls3D | None:
     up = -down
     distances = sorted(math.dist(place, (north, east, down)) for place in places)
     around = distances[round(0.8 * (len(distances) - 1))]  # one that is far away must not make all others small
-    away = 1.2 * min(max(around, NARROW), WIDE)
+    away = 1.6 * min(max(around, NARROW), WIDE)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=(east - 0.65 * away, north - away, up + 0.7 * away),

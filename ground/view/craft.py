@@ -109,7 +109,7 @@ class Craft:
                 canvas.put((*self.path, "pose", "model"), rr.Mesh3D.from_fields(albedo_factor=shade))
                 self._redraw_trail(canvas, shade)
             self._drawn = (text, self.silent)
-            name = rr.Points3D([(0.0, 0.0, -0.6 * self._size)], radii=style.points(1.5), colors=shade, labels=text,
+            name = rr.Points3D([(0.0, 0.0, -1.5 * self._size)], radii=style.points(1.5), colors=shade, labels=text,
                                show_labels=True)  # fmt: skip
             canvas.put((*self.path, "pose", "name"), name)
 
