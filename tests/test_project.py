@@ -6,6 +6,7 @@ import ast
 import importlib.metadata
 import importlib.util
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -242,6 +243,21 @@ def entry_points(project: dict[str, Any]) -> set[tuple[str, str, str]]:
 def test_entry_points_resolve(project: dict[str, Any]) -> None:
     for group, name, value in sorted(entry_points(project)):
         assert callable(importlib.metadata.EntryPoint(name, value, group).load()), f"{group}: {name} = {value}"
+
+
+EXTRAS = ("cv2", "mcap", "numba", "ompl", "rerun", "scipy", "shapely", "starlette", "uvicorn", "websockets")
+
+
+def test_the_verbs_load_without_any_extra(project: dict[str, Any]) -> None:
+    """``zmav --help`` names them all, and must do so (and quickly) in the core installation."""
+    verbs = project["entry-points"]["zmav.verbs"].values()
+    code = (
+        "import sys, importlib.metadata as m\n"
+        f"sys.modules.update(dict.fromkeys({EXTRAS!r}))\n"  # None: importing it fails
+        f"for value in {sorted(verbs)!r}: m.EntryPoint('verb', value, 'zmav.verbs').load()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_what_is_installed_is_this_tree(project: dict[str, Any]) -> None:

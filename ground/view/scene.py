@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import rerun as rr
 
-from ground.view import meshlinks, pictures, plans, topics
+from ground.view import meshgraph, meshlinks, pictures, plans, topics
 from ground.view.canvas import Canvas
 from ground.view.craft import Craft
 from ground.view.frames import Datum
@@ -41,7 +41,7 @@ class Scene:
         self.crafts: dict[tuple[str, ...], Craft] = {}
         self.bad = 0
         """values left out because they were not what they should be"""
-        self._graph: meshlinks.GraphShown | None = None
+        self._graph: meshgraph.GraphShown | None = None
         self._mesh_at = self._table_at = -math.inf
         self._plans: dict[tuple[str, ...], Item] = {}
         self._topics: dict[str, Item] = {}
@@ -137,7 +137,7 @@ class Scene:
                 craft.plot(self._canvas, "rtt", 1e3 * quality.rtt, "autopilot", dim=True)
 
     def _on_graph(self, item: Item) -> None:
-        self._graph = meshlinks.decode(item.payload)
+        self._graph = meshgraph.decode(item.payload)
         self._mesh_at = -math.inf
         by_label = {craft.label: craft for craft in self.crafts.values()}
         for name, way in self._graph.ways.items():

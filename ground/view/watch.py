@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import zenoh
 
-from ground.view import meshlinks
+from ground.view import meshgraph
 from ground.view.table import Table
 from mesh import graph
 from zmav import keys
@@ -95,7 +95,7 @@ class Watch:
         while True:
             with contextlib.suppress(ZmavError):
                 found = await graph.gather(self._z, tries=2)
-                self._table.put("graph", (), meshlinks.encode(meshlinks.shown(found)))
+                self._table.put("graph", (), meshgraph.encode(meshgraph.shown(found)))
             await asyncio.sleep(GRAPH_EVERY)
 
     async def _plans(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ground.view import meshlinks, style
+from ground.view import meshgraph, style
 from ground.view.frames import NED_IN_VIEW
 from zmav import geo, wire
 
@@ -141,12 +141,12 @@ def test_the_trail_is_bounded_and_stays_when_the_vehicle_falls_silent(paint: Mak
 
 def test_links_are_coloured_by_grade_and_end_at_their_hosts(paint: Make, state: Make) -> None:
     painted = paint()
-    links = [meshlinks.LinkShown("ground", "quad1", "good", 0.004, 0.0),
-             meshlinks.LinkShown("quad1", "quad2", "poor", 0.2, 0.3),
-             meshlinks.LinkShown("quad2", "quad3", "good")]  # fmt: skip
+    links = [meshgraph.LinkShown("ground", "quad1", "good", 0.004, 0.0),
+             meshgraph.LinkShown("quad1", "quad2", "poor", 0.2, 0.3),
+             meshgraph.LinkShown("quad2", "quad3", "good")]  # fmt: skip
     roles: dict[str, str | None] = {"ground": "router", "quad1": "vehicle", "quad2": "vehicle", "quad3": "vehicle"}
-    ways = {"quad1": meshlinks.WayShown(0.004, 0.0, 1), "quad2": meshlinks.WayShown(0.204, 0.3, 2)}
-    graph = meshlinks.encode(meshlinks.GraphShown(links, ways, roles))
+    ways = {"quad1": meshgraph.WayShown(0.004, 0.0, 1), "quad2": meshgraph.WayShown(0.204, 0.3, 2)}
+    graph = meshgraph.encode(meshgraph.GraphShown(links, ways, roles))
     painted.step(
         ("state", Q1, state()),
         ("state", ("demo", "quad2"), state("quad2", local=(0.0, 50.0, -9.0))),
