@@ -13,13 +13,16 @@ import pytest
 
 MOST = 5
 """failures that may be the machine's fault; more are the code's"""
+ALONE = "--alone"
+"""before the arguments of the second run"""
 
 
-class Failures:
-    """A plugin of pytest: which tests failed, whether all ran that should, and where pytest was told to look."""
+class Heard:
+    """A plugin of pytest: which tests failed, or were skipped, whether all ran that should, and where to look."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
+        self.skipped = False
         self.places: list[str] = []
         self.whole = True
 
@@ -30,33 +33,46 @@ class Failures:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed and report.nodeid not in self.names:
             self.names.append(report.nodeid)
+        if report.when not in ("setup", "call", "teardown"):  # its process crashed, which no busy machine excuses
+            self.whole = False
+        self.skipped |= report.skipped and not hasattr(report, "wasxfail")
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        self.places = session.config.args
+        self.places = session.config.option.file_or_dir
         if session.shouldfail or session.shouldstop:  # -x, or interrupted
             self.whole = False
 
 
 def main(args: list[str]) -> int:
     """The exit status: of the first run, or of the second where there is one."""
-    failures = Failures()
-    status = int(pytest.main(args, plugins=[failures]))
-    names = failures.names
-    if status != pytest.ExitCode.TESTS_FAILED or not failures.whole or not 0 < len(names) <= MOST:
+    heard = Heard()
+    if args[:1] == [ALONE]:
+        status = int(pytest.main(args[1:], plugins=[heard]))
+        return status or int(pytest.ExitCode.TESTS_FAILED if heard.skipped else 0)  # a skipped test did not pass
+    status, names = int(pytest.main(args, plugins=[heard])), heard.names
+    if status != pytest.ExitCode.TESTS_FAILED or not heard.whole or not 0 < len(names) <= MOST:
         return status
-    options = [arg for arg in args if arg not in failures.places]
     print(f"\n==> once more, alone and one after another: the {len(names)} that failed", flush=True)
+    command = [sys.executable, __file__, ALONE, *_options(args, heard.places), "-n", "0", *names]
     try:
-        again = subprocess.run([sys.executable, "-m", "pytest", *options, "-n", "0", *names], check=False).returncode
+        again = subprocess.run(command, check=False).returncode
     except KeyboardInterrupt:
         return int(pytest.ExitCode.INTERRUPTED)
     if again:
-        print(f"==> FAILED, alone too (pytest ended with {again})", flush=True)
+        print(f"==> FAILED, or skipped, alone too (pytest ended with {again})", flush=True)
         return again
     print(f"==> FLAKY, {len(names)}: failed beside others, passed alone. They do not fail this run; mend them:")
     for name in names:
         print(f"      {name}")
     return 0
+
+
+def _options(args: list[str], places: list[str]) -> list[str]:
+    """The arguments without the places, which mostly come last: ``-k tests tests`` is ``-k tests``."""
+    options = args[::-1]
+    for place in places:
+        options.remove(place)
+    return options[::-1]
 
 
 if __name__ == "__main__":

@@ -18,23 +18,26 @@ def test_flaky():
     assert there
 """
 BAD = "def test_bad(): assert 0"
+SKIPPED = "import pytest\n" + FLAKY.replace("assert there", "assert there and pytest.skip()")
+CRASHES = "import os\n" + FLAKY.replace("assert there", "assert there or os._exit(3)")
 SIX_BAD = "\n".join(f"def test_{n}(): assert 0" for n in range(6))
 BROKEN = "import nothing_of_that_name"
-ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, alone too"
+ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, or skipped, alone too"
 
 
 @pytest.mark.parametrize(
     ("files", "args", "status", "said", "unsaid"),
     [
-        ([FLAKY], "", 0, [ONCE_MORE, FLAKES, "      test_0.py::test_flaky"], [AGAIN]),
+        ([FLAKY], "-k .", 0, [ONCE_MORE, FLAKES, "      test_0.py::test_flaky"], [AGAIN]),
         ([FLAKY, BAD], "", 1, [ONCE_MORE, AGAIN], [FLAKES]),
+        ([SKIPPED], "", 1, [ONCE_MORE, AGAIN, "1 skipped"], [FLAKES]),
+        ([CRASHES], "-n 1", 1, ["crashed while running", "1 failed"], [ONCE_MORE]),
         ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
         ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
         ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
         ([BAD], "-k nothing", 5, ["1 deselected"], [ONCE_MORE]),
-        ([BAD], "--nonsense", 4, ["--nonsense"], [ONCE_MORE]),
     ],
-    ids=["flaky", "bad", "many", "cut-short", "broken-file", "none", "no-such-option"],
+    ids=["flaky", "bad", "skipped", "crash", "many", "cut-short", "broken-file", "none"],
 )
 def test_the_second_run(
     tmp_path: Path, root: Path, files: list[str], args: str, status: int, said: list[str], unsaid: list[str]
