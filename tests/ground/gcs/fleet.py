@@ -71,6 +71,7 @@ class Fleet:
                 self.world, self.z = world, z
                 for vehicle in await z.wait_for(*self.names, timeout=PATIENCE_S):
                     await vehicle.wait_until(lambda s: s.connected, PATIENCE_S)
+                    await vehicle.params.list()  # answered once its agent has read them all
                 asked: tuple[tuple[Kind, str], ...] = (("tcp", "tcp"), ("udpin", "udpin"), ("tcp", "slow"))
                 ends = [
                     parse_endpoint(kind, f"0?{self._options.get(name, '')}", Options(), load_dialect())

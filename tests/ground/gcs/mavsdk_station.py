@@ -14,6 +14,7 @@ from typing import Any
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.mission import MissionAsync
 from mavsdk.asyncio.plugins.param import ParamAsync
+from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.mission import MissionItem, MissionPlan
 
 PATIENCE_S = 60.0
@@ -55,10 +56,15 @@ async def main(address: str, vehicles: list[int], target: int, change: str) -> d
 
 
 async def found(mavsdk: Any, vehicles: list[int]) -> dict[int, Any]:
-    """The systems, once all of them have been discovered with their autopilots."""
+    """The systems, once all of them have said by a heartbeat which autopilot they are: MAVSDK 4.1 knows of them by any
+    frame, and reads the parameters of one it does not know as PX4's.
+    """
     while True:
-        systems = [system for system in await mavsdk.get_systems() if await system.has_autopilot()]
-        there = {await system.get_system_id(): system for system in systems}
+        there = {
+            await system.get_system_id(): system
+            for system in await mavsdk.get_systems()
+            if await system.has_autopilot() and await system.autopilot_type() != Autopilot.UNKNOWN
+        }
         if set(vehicles) <= there.keys():
             return there
         await asyncio.sleep(0.1)

@@ -187,17 +187,21 @@ def test_read_only_answers_questions_and_sets_nothing(fleet: Fleet) -> None:
         viewer.close()
 
 
-def test_the_checksum_of_a_px4_is_the_autopilot_s_own(fleet: Fleet, gcs: Caller) -> None:
+def test_the_checksum_of_a_px4_is_the_autopilot_s_own(fleet: Fleet) -> None:
     """QGroundControl asks for it, and where it has that very set it says so, to be sent no list."""
-    said = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="_HASH_CHECK", param_index=-1)
-    assert (said["param_id"], said["param_index"]) == ("_HASH_CHECK", 65535)
-    gcs.to("PARAM_REQUEST_LIST", PX4)
-    gcs.wait(lambda: len(frames(gcs, PX4)) > 20, "the list")
-    gcs.to("PARAM_SET", PX4, param_id="_HASH_CHECK", param_value=said["param_value"], param_type=5)
-    gcs.silent_about("_NOTHING")
-    count = len(frames(gcs, PX4))
-    assert count < len(fleet.params(PX4))
-    gcs.silent_about("PARAM_VALUE", PX4)
+    gcs = fleet.caller(249, slow=True)
+    try:
+        gcs.beat()
+        said = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="_HASH_CHECK", param_index=-1)
+        assert (said["param_id"], said["param_index"]) == ("_HASH_CHECK", 65535)
+        gcs.to("PARAM_REQUEST_LIST", PX4)
+        gcs.wait(lambda: len(frames(gcs, PX4)) > 20, "the list")
+        gcs.to("PARAM_SET", PX4, param_id="_HASH_CHECK", param_value=said["param_value"], param_type=5)
+        gcs.silent_about("_NOTHING")
+        assert len(frames(gcs, PX4)) < len(fleet.params(PX4))
+        gcs.silent_about("PARAM_VALUE", PX4)
+    finally:
+        gcs.close()
 
 
 def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> None:
@@ -242,6 +246,7 @@ def test_a_list_over_a_narrow_link_lets_answers_through(fleet: Fleet) -> None:
 
 def test_the_parameter_file_is_made_of_the_copy(fleet: Fleet, gcs: Caller) -> None:
     """As QGroundControl fetches it: opened, read in a burst to its end, closed; the autopilot hears nothing of it."""
+    gcs.silent_about("_NOTHING")  # the heartbeat before it has gone to the vehicles
     sent, offset = fleet.bridge.uplink.sent, 0
     size = ftp(gcs, Packet(10, 3, Op.OPEN_FILE_RO, len(PATH), data=PATH.encode())).data
     data = bytearray(struct.unpack("<I", size)[0])
