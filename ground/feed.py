@@ -61,7 +61,7 @@ class Feed:
         once: bool = True,
     ) -> None:
         self._on_frame, self._once = on_frame, once
-        self._origins: dict[str, Origin | None] = {}
+        self._origins: dict[str, Origin] = {}
         self._lock = threading.Lock()
         """each subscriber has a thread of its own"""
         self._owners: dict[tuple[int, int], str] = {}
@@ -127,10 +127,10 @@ class Feed:
         before = self._seen.get(frame)
         if before is not None and before[0] != owner and now - before[1] < WINDOW:
             return True
-        if len(self._seen) >= MOST:
-            self._seen = {kept: seen for kept, seen in self._seen.items() if now - seen[1] < WINDOW}
-        if len(self._seen) < MOST:
-            self._seen[frame] = (owner, now)
+        self._seen.pop(frame, None)  # the oldest are to stand first
+        self._seen[frame] = (owner, now)
+        if len(self._seen) > MOST:
+            del self._seen[next(iter(self._seen))]
         return False
 
 

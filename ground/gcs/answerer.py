@@ -62,7 +62,9 @@ class Ground(Protocol):
         """A frame in a vehicle's name, fields left out are zero: for :meth:`GcsClient.send`. Any thread."""
 
     def put(self, client: GcsClient, frame: Frame) -> None:
-        """Hand a frame that was taken on to the vehicles after all, as if nobody had taken it. Any thread."""
+        """Hand a frame that was taken on to the vehicles after all, as if nobody had taken it; a read-only client's
+        goes nowhere. Any thread.
+        """
 
 
 class Answerer(Protocol):

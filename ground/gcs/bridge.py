@@ -167,7 +167,7 @@ class Bridge:
         return packer.pack(name, **fields)
 
     def put(self, client: GcsClient, frame: Frame) -> None:
-        if isinstance(client, Client):
+        if isinstance(client, Client) and not client.read_only:
             self.uplink.route(client, frame)
 
     def _ack(self, client: Client, frame: Frame, result: int) -> None:
@@ -240,6 +240,8 @@ class Bridge:
         fell_silent = {client for client in self._present - there if client.stays and not client.gone}
         for client in fell_silent:
             self.news(f"{client.name} is silent")
+            client.forget()
+            self.downlink.changed()
         self._silent = {client for client in self._silent | fell_silent if not (client.gone or client in there)}
         self._present = there
         self.streams.refresh(there)

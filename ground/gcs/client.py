@@ -128,6 +128,11 @@ class Client:
         self._systems = frozenset(system for system, _ in self._ids)
         return True
 
+    def forget(self) -> None:
+        """Whoever was there is not any more; who comes next may be somebody else."""
+        self._ids, self._systems, self.kind_of_station = frozenset(), frozenset(), ""
+        self.told.clear()
+
     def feed(self, data: bytes) -> list[Frame]:
         """The frames in what came from it. On its endpoint's thread."""
         frames = self.splitter.feed(data)

@@ -53,15 +53,12 @@ class Desk:
         self._lists: dict[Hashable, Owed] = {}
         self._sending: asyncio.Task[None] | None = None
         self._next_asked = on_loop(ground.loop, self._handle)
-        self.left_out = 0
-        """questions and answers that there was no room for"""
 
     # What it asks.
 
     def ask(self, handler: Handler, frame: Frame) -> None:
         """Have ``handler`` look at a frame of the client's, on the event loop and in turn. Any thread."""
         if len(self._asked) >= MOST_ASKED:
-            self.left_out += 1
             return
         self._asked.append((handler, frame))
         self._next_asked()
@@ -80,7 +77,6 @@ class Desk:
     def answer(self, *frames: bytes) -> bool:
         """Frames that go before every list; False: there is no room for them."""
         if len(self._answers) + len(frames) > MOST_ANSWERS:
-            self.left_out += 1
             return False
         self._answers.extend(frames)
         self._send()

@@ -118,8 +118,8 @@ class Downlink:
 
     def _deliver_to(self, target: int, kind: Kind, data: bytes) -> None:
         """What is said to somebody: to the clients that are meant, and among several of one id to who has just spoken
-        to that vehicle."""
-        meant = [client for client in kind.getters if target in client.systems]
+        to that vehicle. A read-only one has said nothing to it: what comes here is for its namesake elsewhere."""
+        meant = [client for client in kind.getters if target in client.systems and not client.read_only]
         if len(meant) > 1:
             since, place = time.monotonic() - LATELY, kind.track.place
             lately = [client for client in meant if client.addressed.get(place, 0.0) > since]

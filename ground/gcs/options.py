@@ -14,7 +14,6 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import math
-import re
 from typing import Literal
 
 import msgspec
@@ -26,7 +25,6 @@ from zmav.mavlink import Dialect
 
 Kind = Literal["udp", "udpin", "tcp", "serial"]
 NAMES = ("rate", "hz", "only", "drop", "vehicles", "read_only")
-_PATTERN = re.compile(r"[a-z0-9_*-]+\Z")
 LEAST_RATE, LEAST_HZ, MOST_HZ = 100.0, 0.1, 500.0
 
 

@@ -30,7 +30,6 @@ class Outbox:
         self._fresh: dict[object, Item] = {}
         self.replaced = 0
         """frames that a newer one took the place of"""
-        self.overflowed = 0
 
     def __len__(self) -> int:
         return len(self._urgent) + len(self._beats) + len(self._fresh)
@@ -42,7 +41,6 @@ class Outbox:
 
     def put_urgent(self, item: Item) -> bool:
         if len(self._urgent) >= MOST_URGENT:
-            self.overflowed += 1
             return False
         self._urgent.append(item)
         return True
@@ -53,7 +51,6 @@ class Outbox:
         if name in waiting:
             self.replaced += 1
         elif len(waiting) >= MOST_FRESH:
-            self.overflowed += 1
             return
         waiting[name] = item
 

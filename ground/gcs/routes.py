@@ -106,10 +106,9 @@ class Routes:
         if len(found) == 1:
             return found[0].place
         if found:
-            leader = self._leaders.get(sysid)
-            if leader is None or not _is_one(found):
+            if not _is_one(found):
                 raise clash(found)
-            return leader
+            return self._leaders.get(sysid, found[0].place)  # any of them, until one is chosen
         now, vehicles = time.monotonic(), self.vehicles
         heard = [track for (place, system), track in list(self._tracks.items())
                  if system == sysid and place in vehicles and now - track.heard < RECENT]  # fmt: skip

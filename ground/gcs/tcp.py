@@ -12,6 +12,9 @@ from ground.gcs.places import MOST_CLIENTS, Hub
 from zmav.links.sockets import DONTWAIT, MAX_READ, READ_WAKE_S, Address, bind_error, resolve, show
 from zmav.links.tcp import set_stream_options, shut
 
+WEB = (b"GET ", b"POST ", b"PUT ", b"HEAD ", b"OPTIONS ", b"DELETE ", b"PATCH ")
+"""how a browser begins: any web page may have it send something to this computer, and frames within that would fly"""
+
 
 class Connection:
     """One station's socket; written by whoever has something for it, read by the endpoint's thread."""
@@ -126,6 +129,8 @@ class TcpIn:
             return
         except OSError as error:
             data, why = b"", error.strerror or str(error)
+        if not client.heard and data.startswith(WEB):
+            data, why = b"", "it is a browser"
         if not data:
             del self._clients[fd]
             self._poll.unregister(fd)

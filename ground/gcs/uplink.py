@@ -26,6 +26,7 @@ BEAT = 0.4
 """s within which a second HEARTBEAT of one component is the same beat, come by another way"""
 AUTOPILOTS = (0, 1)
 """target components by which an autopilot is meant"""
+COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 MOST_SAID = 1000
 
 Tell = Callable[[Client, int, wire.Severity, str], None]
@@ -53,7 +54,8 @@ class Uplink:
         self.refused: Counter[str] = Counter()
         """frames of clients that went nowhere, by reason"""
         self.sent = 0
-        self._beats: dict[tuple[int, int], float] = {}
+        self._beats: dict[tuple[int, int, tuple[str, ...]], float] = {}
+        """monotonic s, by system, component and the vehicles that are seen"""
         self._once: set[tuple[object, ...]] = set()
         self._lock = threading.Lock()
 
@@ -109,6 +111,8 @@ class Uplink:
             return
         if client.read_only:
             self._refuse(client, "read-only")
+            if name in COMMANDS and component in AUTOPILOTS:
+                self.ack(client, frame, DENIED)
             if name != HEARTBEAT:
                 self._complain(client, ("read-only",), system, "notice", "read-only: what you send reaches no vehicle")
             return
@@ -118,7 +122,7 @@ class Uplink:
                 named = self._dialect.enum_name("MAV_TYPE", kind) or f"type {kind}"
                 client.kind_of_station = named.removeprefix("MAV_TYPE_")
                 self.on_new_id(client)
-            if not self._is_new_beat(frame):
+            if not self._is_new_beat(client, frame):
                 return
         self.route(client, frame)
 
@@ -144,14 +148,15 @@ class Uplink:
         if self._streams.interval_of(frame) is not None:
             self.ack(client, frame, result)
 
-    def _is_new_beat(self, frame: Frame) -> bool:
-        place, now = (frame.sysid, frame.compid), time.monotonic()
+    def _is_new_beat(self, client: Client, frame: Frame) -> bool:
+        # Of two stations with one id that see other vehicles each beats for its own.
+        source, now = (frame.sysid, frame.compid, client.options.vehicles), time.monotonic()
         with self._lock:
-            if now - self._beats.get(place, -BEAT) < BEAT:
+            if now - self._beats.get(source, -BEAT) < BEAT:
                 return False
             if len(self._beats) >= MOST_SAID:
                 self._beats.clear()
-            self._beats[place] = now
+            self._beats[source] = now
         return True
 
     # To whom.

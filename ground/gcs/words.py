@@ -56,7 +56,6 @@ class Limiter:
         self._said: dict[tuple[object, str], float] = {}
         self._room: dict[object, tuple[float, float]] = {}
         self._lock = threading.Lock()
-        self.left_out = 0
 
     def admits(self, about: object, text: str) -> bool:
         now = time.monotonic()
@@ -69,7 +68,6 @@ class Limiter:
             room, since = self._room.get(about, (BURST, now))
             room = min(BURST, room + REFILL * (now - since))
             if now - self._said.get((about, text), -AGAIN) < AGAIN or room < 1.0:
-                self.left_out += 1
                 self._room[about] = room, now
                 return False
             self._said[about, text] = now

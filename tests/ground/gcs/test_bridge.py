@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from ground.gcs import client
 from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.options import Options, parse_endpoint
 from tests.ground.gcs.conftest import Scene, Station, command, eventually, unknown_frame
 from zmav import keys
 from zmav.errors import PortInUse
-from zmav.mavlink import decode, load_dialect
+from zmav.mavlink import Packer, decode, load_dialect
 from zmav.mavlink.signing import SETUP_SIGNING
 
 if TYPE_CHECKING:
@@ -134,12 +135,71 @@ async def test_read_only_lets_nothing_through_and_says_so_once(scene: Scene) -> 
     for _ in range(3):
         station.send("COMMAND_LONG", **command(one, ARM))
     station.send("COMMAND_LONG", **command(one, SET_INTERVAL, param1=30, param2=1e5))
-    await station.until(lambda: bool(acks(station)), "an answer")
-    assert acks(station) == [(1, SET_INTERVAL, 2)]
+    await station.until(lambda: len(acks(station)) == 4, "answers")
+    assert acks(station) == [(1, ARM, 2)] * 3 + [(1, SET_INTERVAL, 2)]
     assert station.texts().count("read-only") == 1
-    free.send("COMMAND_LONG", **command(one, ARM))
-    await one.hears(lambda key, data: "COMMAND_LONG" in key, "the other's command")
+    # Nor by the way of what is answered here: a gimbal would have to be asked for its parameters.
+    gimbal = Packer(one.dialect, 1, 154).pack("HEARTBEAT")
+    one.puts(gimbal, compid=154)
+    await station.gets(gimbal)
+    station.send("PARAM_REQUEST_LIST", target_system=1)
+    station.send("COMMAND_LONG", **command(one, ARM))
+    await station.until(lambda: len(acks(station)) == 5, "what comes after the list")
+    free.send("PARAM_REQUEST_LIST", target_system=1)
+    await one.hears(lambda key, data: key.endswith("/1/154/PARAM_REQUEST_LIST"), "the other's question")
+    # An answer to its id is for a namesake at another bridge.
+    one.says("COMMAND_ACK", command=ARM, target_system=255)
+    one.says("ATTITUDE")
+    await station.until(lambda: bool(station.named("ATTITUDE")), "what comes after the answer")
+    assert len(acks(station)) == 5 and station.lost() == 0
     assert all(data[5] == 254 for _, data in one.told)
+
+
+async def test_namesakes_that_see_different_vehicles_each_beat_for_their_own(scene: Scene) -> None:
+    quad, rover = scene.craft("quad1", 1), scene.craft("rover1", 2)
+    bridge = await scene.bridge(tcp="vehicles=quad*", udpin="vehicles=rover*")
+    one, other = await scene.tcp(bridge), await scene.udp(bridge)
+    for _ in range(3):  # at the same moment
+        one.beat()
+        other.beat()
+    for craft in (quad, rover):
+        await craft.hears(lambda key, data: key.endswith("/HEARTBEAT"), "its station's heartbeat")
+
+
+async def test_a_web_page_cannot_speak_through_a_browser(scene: Scene) -> None:
+    one = scene.craft("quad1", 1)
+    bridge = await scene.bridge()
+    (end,) = (each for each in bridge.endpoints if each.endpoint.kind == "tcp")
+    station = await scene.udp(bridge)
+    order = station.packer.pack("COMMAND_LONG", **command(one, ARM, param1=1.0))
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as browser:
+        await asyncio.to_thread(browser.connect, end.address)  # type: ignore[attr-defined]
+        browser.sendall(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" + order)
+        await scene.heard("is gone: it is a browser")
+    sent = station.send("COMMAND_LONG", **command(one, ARM))
+    await one.hears(lambda key, data: data == sent, "the station's command")
+    assert not any(data == order for _, data in one.told)
+
+
+async def test_who_comes_after_a_silent_station_is_somebody_else(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "SILENCE", 0.5)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as waiting:
+        waiting.bind(("127.0.0.1", 0))
+        waiting.settimeout(30.0)
+        one = scene.craft("quad1", 1)
+        bridge = await scene.bridge(udp=waiting.getsockname()[1])
+        (there,) = bridge.clients
+        one.says("HEARTBEAT")
+        _, address = await asyncio.to_thread(waiting.recvfrom, 2048)
+        for sysid in (9, 255):
+            waiting.sendto(Packer(one.dialect, sysid, 190).pack("HEARTBEAT", type=6), address)
+            await eventually(lambda sysid=sysid: there.systems == {sysid}, "it is known")  # type: ignore[misc]
+            await eventually(lambda: not there.systems, "it is forgotten")
+        nine = scene.craft("nine", 9)  # had it been remembered, no frame of a vehicle with that id would go there
+        await scene.known(bridge.z)
+        beat = nine.says("HEARTBEAT")
+        while (await asyncio.to_thread(waiting.recvfrom, 2048))[0] != beat:
+            pass
 
 
 async def test_who_may_not_speak_is_told(scene: Scene) -> None:

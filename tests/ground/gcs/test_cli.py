@@ -65,13 +65,13 @@ async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
             await program.wait()
 
 
-@pytest.mark.parametrize("role", ["viewer", "operator"])
-async def test_a_viewers_credentials_make_it_read_only(scene: Scene, authority: Authority, role: str) -> None:  # noqa: F811
+@pytest.mark.parametrize("role", ["viewer", "planner", "operator"])
+async def test_credentials_that_may_not_send_make_it_read_only(scene: Scene, authority: Authority, role: str) -> None:  # noqa: F811
     folder = authority.issue("alice", role)
     endpoint = parse_endpoint("tcp", "0", Options(hz=2.0), load_dialect())
     async with zmav.open(connect=[scene.router_endpoint], credentials=str(folder)) as z:
         (options,) = (each.options for each in allowed(z, Settings(endpoints=(endpoint,))).endpoints)
-    assert options == Options(hz=2.0, read_only=role == "viewer")
+    assert options == Options(hz=2.0, read_only=role != "operator")
 
 
 @pytest.mark.parametrize(
