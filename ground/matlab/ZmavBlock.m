@@ -17,7 +17,7 @@ classdef ZmavBlock < matlab.System
     methods (Access = protected)
         function settings = settingsOf(obj)
             % What ZMAV_BLOCK needs to know; each block adds its kind.
-            settings = struct('Kind', '', 'Url', obj.Url, 'Vehicle', obj.Vehicle);
+            settings = struct('Kind', '', 'Url', char(obj.Url), 'Vehicle', char(obj.Vehicle));
         end
 
         function values = run(obj, input)

@@ -34,8 +34,8 @@ classdef ZmavTelemetry < ZmavBlock
         function settings = settingsOf(obj)
             settings = settingsOf@ZmavBlock(obj);
             settings.Kind = 'telemetry';
-            settings.Message = obj.Message;
-            settings.Fields = regexp(strtrim(obj.Fields), '\s*,\s*', 'split');
+            settings.Message = char(obj.Message);
+            settings.Fields = regexp(strtrim(char(obj.Fields)), '\s*,\s*', 'split');
             settings.Rate = obj.Rate;
         end
 

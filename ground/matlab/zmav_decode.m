@@ -22,21 +22,16 @@ function [frames, rest, skipped] = zmav_decode(bytes)
     at = 1;
     last = numel(bytes);
     rest = zeros(1, 0, 'uint8');
-    while at <= last
-        magic = bytes(at);
-        if magic ~= 253 && magic ~= 254
-            next = find(bytes(at:end) == 253 | bytes(at:end) == 254, 1);
-            if isempty(next)
-                next = last - at + 2;
-            end
-            skipped = skipped + next - 1;
-            at = at + next - 1;
+    for start = find(bytes == 253 | bytes == 254)
+        if start < at  % within the frame before
             continue
         end
+        skipped = skipped + start - at;
+        at = start;
         [frame, size] = one(bytes, at, last);
         if size == 0  % the rest of it is still to come
             rest = bytes(at:last);
-            break
+            at = last + 1;
         elseif isempty(frame)
             skipped = skipped + 1;
             at = at + 1;
@@ -45,6 +40,7 @@ function [frames, rest, skipped] = zmav_decode(bytes)
             at = at + size;
         end
     end
+    skipped = skipped + last + 1 - at;
     frames = struct('version', {}, 'sys', {}, 'comp', {}, 'seq', {}, 'msgid', {}, 'name', {}, 'payload', {}, ...
         'signed', {}, 'checked', {});
     frames = reshape([frames, found{:}], 1, []);

@@ -13,6 +13,7 @@ function result = zmav_do(z, vehicle, verb, varargin)
 %
 %   See also ZMAV_ARM, ZMAV_GOTO, ZMAV_MODE.
 
+    verb = zmav_char(verb);
     if ~ischar(verb) || isempty(regexp(verb, '^[a-z_]+$', 'once'))
         error('zmav:bad_input', 'verb: expected a word like takeoff; ''zmav do --help'' lists them');
     end

@@ -24,6 +24,7 @@ function [value, t] = zmav_get(z, key, timeout)
     if isstruct(key)
         key = zmav_vehicle_name(key);
     end
+    key = zmav_char(key);
     parts = regexp(key, '/', 'split');
     for k = 1:numel(parts)
         parts{k} = zmav_encode(parts{k});

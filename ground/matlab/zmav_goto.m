@@ -11,6 +11,7 @@ function zmav_goto(z, vehicle, varargin)
 %
 %   See also ZMAV_SETPOINT, ZMAV_TAKEOFF.
 
+    varargin = cellfun(@zmav_char, varargin, 'UniformOutput', false);
     if ~isempty(varargin) && isnumeric(varargin{1})
         if numel(varargin{1}) ~= 3
             error('zmav:bad_input', 'position: expected [N E D] in metres');

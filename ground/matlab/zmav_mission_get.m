@@ -12,7 +12,7 @@ function items = zmav_mission_get(z, vehicle, kind)
     if nargin < 3
         kind = 'mission';
     end
-    plan = zmav_get(z, [zmav_vehicle_name(vehicle) '/mission/' kind], 10);
+    plan = zmav_get(z, [zmav_vehicle_name(vehicle) '/mission/' zmav_char(kind)], 10);
     items = zmav_mission_item('NAV_WAYPOINT', 0, 0, 0);
     items = items([]);
     for k = 1:numel(plan.items)

@@ -12,6 +12,7 @@ function item = zmav_mission_item(command, x, y, height, varargin)
 
     given = zmav_options(varargin, struct( ...
         'frame', 'MAV_FRAME_GLOBAL_RELATIVE_ALT', 'params', [], 'autocontinue', true));
+    command = zmav_char(command);
     if isempty(regexp(command, '^MAV_CMD_', 'once'))
         command = ['MAV_CMD_' command];
     end

@@ -20,7 +20,7 @@ function zmav_mission_upload(z, vehicle, items, kind)
         parts{k} = one(items(k));
     end
     list = ['[' strjoin(parts, ',') ']'];
-    params = {'kind', zmav_json(kind), 'items', list};
+    params = {'kind', zmav_json(zmav_char(kind)), 'items', list};
     zmav_http(z, 'post', ['/do/' zmav_vehicle_name(vehicle) '/mission_upload'], params);
 end
 

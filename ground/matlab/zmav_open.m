@@ -22,6 +22,7 @@ function z = zmav_open(url, varargin)
     if nargin < 1 || isempty(url)
         url = 'http://127.0.0.1:8088';
     end
+    url = zmav_char(url);
     given = zmav_options(varargin, struct('Token', getenv('ZMAV_HTTP_TOKEN'), 'As', '', 'Timeout', 330));
     if ~ischar(url) || isempty(regexp(url, '^https?://[^/]', 'once'))
         error('zmav:bad_input', 'url: expected something like http://127.0.0.1:8088');

@@ -10,17 +10,13 @@ function value = zmav_param_get(z, vehicle, name)
 
     vehicle = zmav_vehicle_name(vehicle);
     if nargin > 2
-        param = zmav_get(z, [vehicle '/param/' name]);
+        param = zmav_get(z, [vehicle '/param/' zmav_char(name)]);
         value = param.value;
         return
     end
     table = zmav_get(z, [vehicle '/param'], 10);
     value = struct();
     for param = table.params(:)'
-        value.(matlab_name(param.name)) = param.value;
+        value.(matlab.lang.makeValidName(param.name)) = param.value;
     end
-end
-
-function name = matlab_name(name)
-    name = regexprep(name, '[^A-Za-z0-9_]', '_');
 end

@@ -23,11 +23,11 @@ function path = zmav_square(url, vehicle, side, height)
     z = zmav_open(url);
     closing = onCleanup(@() zmav_close(z));
 
+    zmav_arm(z, vehicle);  % ready: it knows where it is
     start = zmav_get(z, vehicle);
     corners = [0 0; side 0; side side; 0 side; 0 0];
     corners = repmat(start.local(1:2)', size(corners, 1), 1) + corners;
 
-    zmav_arm(z, vehicle);
     zmav_takeoff(z, vehicle, height);
     path = zeros(0, 3);
     for corner = corners'

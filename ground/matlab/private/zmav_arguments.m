@@ -1,6 +1,7 @@
 function params = zmav_arguments(given, write)
 %ZMAV_ARGUMENTS  {'name', value, ...}, or one structure, as {'name', TEXT, ...} for a form or a query.
 %   WRITE makes the text of a value; without one it is JSON.
+    given = cellfun(@zmav_char, given, 'UniformOutput', false);
     if numel(given) == 1 && isstruct(given{1})
         names = fieldnames(given{1})';
         values = struct2cell(given{1})';

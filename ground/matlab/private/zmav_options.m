@@ -3,6 +3,7 @@ function values = zmav_options(given, values)
     if mod(numel(given), 2) ~= 0
         error('zmav:bad_input', 'expected pairs of a name and a value');
     end
+    given = cellfun(@zmav_char, given, 'UniformOutput', false);
     names = fieldnames(values);
     for k = 1:2:numel(given)
         at = ischar(given{k}) && any(strcmpi(given{k}, names));

@@ -18,6 +18,15 @@ answers = zmav_get(z, 'quad*/state');
 assert(answers.key, 'zmav/demo/quad1/state');
 assert(isempty(zmav_get(z, 'boat*/state', 0.2)));
 
+
+% Text is 'characters' or, in MATLAB, a "string".
+s = zmav_open(string(getenv('URL')), string('As'), string('a-script'));
+assert(s.as, 'a-script');
+assert(zmav_get(s, string('quad1/state')).name, 'quad1');
+assert(zmav_last(s, string('quad1'), string('HEARTBEAT')).autopilot, 'MAV_AUTOPILOT_ARDUPILOTMEGA');
+assert(zmav_mission_item(string('NAV_LAND'), 0, 0, 0).command, 'MAV_CMD_NAV_LAND');
+refused('zmav:bad_input', 'GUIDED', @() zmav_do(s, string('quad1'), string('set_mode'), string('mode'), string('NONE')));
+
 [fields, age] = zmav_last(z, 'quad1', 'ATTITUDE');
 assert(isnumeric(fields.roll) && abs(fields.roll) < 0.2);
 assert(age >= 0 && age < 30);

@@ -9,8 +9,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from tests.ground.matlab.conftest import TOKEN, TOOLBOX, Fleet, Octave
 from zmav.mavlink import decode, encode, load_dialect, parse_frame
 from zmav.wire import VehicleState
@@ -118,8 +116,3 @@ def test_the_table_of_messages_is_the_dialects() -> None:
     spec.loader.exec_module(module)
     text = (TOOLBOX / "private" / "messages.txt").read_text()
     assert text == module.table(), "make it anew: python ground/matlab/messages.py"
-
-
-@pytest.mark.parametrize("name", ["zmav_square.m", "private/messages.txt", "ZmavState.m"])
-def test_the_toolbox_is_in_the_package(name: str) -> None:
-    assert (TOOLBOX / name).is_file()
