@@ -56,14 +56,14 @@ async def main(address: str, vehicles: list[int], target: int, change: str) -> d
 
 
 async def found(mavsdk: Any, vehicles: list[int]) -> dict[int, Any]:
-    """The systems, once all of them have said by a heartbeat which autopilot they are: MAVSDK 4.1 knows of them by any
-    frame, and reads the parameters of one it does not know as PX4's.
+    """The systems, once all of them have said by a heartbeat which autopilot they are: MAVSDK 4.1 makes them of any frame,
+    as GENERIC until then, and reads the parameters of those as PX4's.
     """
     while True:
         there = {
             await system.get_system_id(): system
             for system in await mavsdk.get_systems()
-            if await system.has_autopilot() and await system.autopilot_type() != Autopilot.UNKNOWN
+            if await system.autopilot_type() in (Autopilot.PX4, Autopilot.ARDUPILOT)
         }
         if set(vehicles) <= there.keys():
             return there
