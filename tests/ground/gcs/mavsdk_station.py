@@ -56,8 +56,8 @@ async def main(address: str, vehicles: list[int], target: int, change: str) -> d
 
 
 async def found(mavsdk: Any, vehicles: list[int]) -> dict[int, Any]:
-    """The systems, once all of them have said by a heartbeat which autopilot they are: MAVSDK 4.1 makes them of any frame,
-    as GENERIC until then, and reads the parameters of those as PX4's.
+    """The systems, once all of them have said by a heartbeat which autopilot they are: MAVSDK 4.1 makes them of any
+    frame, as GENERIC until then, and reads the parameters of those as PX4's.
     """
     while True:
         there = {
