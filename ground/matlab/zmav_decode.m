@@ -3,7 +3,8 @@ function [frames, rest, skipped] = zmav_decode(bytes)
 %   FRAMES = ZMAV_DECODE(BYTES) is a row of structures with the fields version (1 or 2), sys, comp, seq, msgid, name
 %   ('' for a message the toolbox does not know), payload (uint8 row; zeros that MAVLink 2 left out at its end are put
 %   back where the message is known), signed, and checked: the checksum was right, which can only be told for a known
-%   message. A frame of a known message whose checksum is wrong is skipped. Signatures are not verified here.
+%   message. A frame of a known message whose checksum is wrong is skipped, and so is one of an unknown message that no
+%   other frame follows, unless BYTES end with it. Signatures are not verified here.
 %   [FRAMES, REST, SKIPPED] also returns the beginning of a frame at the end of BYTES, to be put before the next ones,
 %   and how many bytes were no frame.
 %
@@ -87,7 +88,16 @@ function [frame, size] = one(bytes, at, last)
         if version == 2
             payload(end + 1:layout.size) = 0;
         end
+    elseif ~followed(bytes, at + size, last)
+        return
     end
     frame = struct('version', version, 'sys', part(2), 'comp', part(3), 'seq', part(1), 'msgid', msgid, ...
         'name', name, 'payload', payload, 'signed', signed, 'checked', checked);
+end
+
+function yes = followed(bytes, at, last)
+    % No checksum vouches for an unknown message: what comes next must do, at once or behind the time stamp of a .tlog.
+    next = [at, at + 8];
+    next = next(next <= last);
+    yes = at > last || any(bytes(next) == 253 | bytes(next) == 254);
 end
