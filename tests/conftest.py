@@ -120,6 +120,14 @@ class Ground:
         return wire.decode(reply.ok.payload.to_bytes(), wire.Outcome, verb)
 
 
+def endpoint_of(router: zenoh.Session) -> str:
+    """Where a router in this process listens, whichever port it was given."""
+    (reply,) = router.get(f"@/{router.info.zid()}/router")
+    assert reply.ok is not None
+    locators: list[str] = json.loads(reply.ok.payload.to_bytes())["locators"]
+    return locators[0]
+
+
 class Net:
     """Routers and clients on loopback, each router on a port of its own choice; all are closed at the test's end."""
 
@@ -131,10 +139,7 @@ class Net:
         # Without multicast nobody is found by scouting, so nobody need wait half a second for it.
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], connect=connect)
         session = self._open(msgspec.structs.replace(how, cfg=("scouting/delay:0", *cfg)))
-        (reply,) = session.get(f"@/{session.info.zid()}/router")
-        assert reply.ok is not None
-        endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]
-        return session, endpoint
+        return session, endpoint_of(session)
 
     def ground(self, endpoint: str, name: str = "quad1") -> Ground:
         return Ground(self._open(SessionSettings(connect=[endpoint])), name=name)

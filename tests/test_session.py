@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from tests.conftest import endpoint_of
 from zmav.errors import BadConfig, SessionError
 from zmav.session import DEFAULT_ROUTER, SessionSettings, config, open_session
 
@@ -106,9 +107,7 @@ def test_a_client_takes_whichever_of_its_routers_answers() -> None:
     with socket.create_server(("127.0.0.1", 0)) as closed:
         nobody = f"tcp/127.0.0.1:{closed.getsockname()[1]}"
     with open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])) as router:
-        (reply,) = router.get(f"@/{router.info.zid()}/router")
-        assert reply.ok is not None
-        (endpoint,) = json.loads(reply.ok.payload.to_bytes())["locators"]
+        endpoint = endpoint_of(router)
         for connect in ([nobody, endpoint], [endpoint, nobody]):
             with open_session(SessionSettings(connect=connect)) as session:
                 assert session.info.routers_zid() == [router.info.zid()]

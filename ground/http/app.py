@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
@@ -12,22 +9,19 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute
 
+from ground.http import keyspace, mavlink2rest, mavnode, metrics, openapi, orders, page, setpoints, ws
 from ground.http.envelope import Envelope
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
 from ground.http.reply import Failure, failure_of, refusal
 from zmav.errors import ZmavError
 
-FACES = ("page", "openapi", "metrics", "mavnode", "mavlink2rest", "orders", "setpoints", "ws", "keyspace")
+FACES = (page, openapi, metrics, mavnode, mavlink2rest, orders, setpoints, ws, keyspace)
 
 
 def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
     """The faces' routes in order, the first that fits answers; each face is a module with ``routes(gateway)``."""
-    routes: list[BaseRoute] = []
-    for face in FACES:
-        name = f"ground.http.{face}"
-        if importlib.util.find_spec(name) is not None:
-            routes += importlib.import_module(name).routes(gateway)
+    routes: list[BaseRoute] = [route for face in FACES for route in face.routes(gateway)]
     handlers = {Failure: _on_failure, ZmavError: _on_error, HTTPException: _on_http}
     guard = Middleware(Guard, rules=rules or Rules(read_only=gateway.read_only))
     middleware = [Middleware(Envelope), guard]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import ipaddress
 import socket
 import threading
 import time
@@ -14,6 +12,7 @@ from dataclasses import dataclass
 from ground.feed import Origin
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
+from zmav.links.sockets import is_loopback
 from zmav.services.port import on_loop
 
 MOST = 64
@@ -188,7 +187,7 @@ class Streams:
     def _open(self, wish: Wish, host: str, port: int | None) -> Stream:
         taken = {stream.port for stream in self.of(host)}
         if port is None:
-            port = _free_port(host) if is_loopback(host) else next((p for p in PORTS if p not in taken), None)
+            port = _free_port(host) if is_loopback((host, 0)) else next((p for p in PORTS if p not in taken), None)
         if port is None:
             raise Failure(429, "too_many", f"all ports from {PORTS[0]} to {PORTS[-1]} are taken: name one with ?port=")
         try:
@@ -211,12 +210,6 @@ class Streams:
             elif now - stream.renewed > ASK_EVERY:
                 self._ask(stream)
         self._sweeper = asyncio.get_running_loop().call_later(1.0, self._sweep) if self._streams else None
-
-
-def is_loopback(host: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return False
 
 
 def _free_port(host: str) -> int | None:

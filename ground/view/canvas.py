@@ -9,7 +9,6 @@ import rerun as rr
 
 logger = logging.getLogger(__name__)
 Path = tuple[str, ...]
-WORLD: Path = ("world",)
 NED: Path = ("world", "ned")
 VEHICLES: Path = (*NED, "vehicles")
 

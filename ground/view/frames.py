@@ -49,11 +49,10 @@ def origin_behind(position: wire.GlobalPosition, local: Vector) -> wire.Origin:
 class Datum:
     """The origin that everything is drawn about: declared, told by a vehicle's two positions, or for the time being."""
 
-    RANKS = ("none", "provisional", "inferred", "declared")
-
     def __init__(self) -> None:
         self.origin: wire.Origin | None = None
         self.rank = "none"
+        """or provisional, inferred, declared"""
 
     def declare(self, origin: wire.Origin) -> bool:
         """True where it changes what is drawn."""

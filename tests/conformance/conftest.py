@@ -28,6 +28,7 @@ import zenoh
 import zmav
 from agents.demo.processes import free_port
 from tests.conformance.kinds import SIMULATED, Kind, kind_of, named
+from tests.conftest import endpoint_of
 from zmav import keys, wire
 from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Packer
@@ -228,10 +229,7 @@ async def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
             control = tmp_path_factory.mktemp("sim") / "control"
             url, simulator = stack.enter_context(simulated(named(request.param), control))
         router = stack.enter_context(open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])))
-        (reply,) = router.get(f"@/{router.info.zid()}/router")
-        assert reply.ok is not None
-        endpoint = json.loads(reply.ok.payload.to_bytes())["locators"][0]
-        async with zmav.open(connect=[endpoint]) as client:
+        async with zmav.open(connect=[endpoint_of(router)]) as client:
             origin = await find_origin(router, client, url)
             async with Onboard(router, OnboardSettings(link=url, name=NAME, origin=origin)) as onboard:
                 yield Flight(client, onboard, simulator)

@@ -18,6 +18,7 @@ import pytest_asyncio
 import zenoh
 
 import zmav
+from tests.conftest import endpoint_of
 from zmav import keys, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
@@ -94,8 +95,15 @@ class Fleet(NamedTuple):
         await asyncio.gather(*(one(name) for name in NAMES))
 
 
+@pytest_asyncio.fixture(loop_scope="module")
+async def fleet(copters: Fleet) -> AsyncIterator[Fleet]:
+    """On the ground before and after each test, so that one that fails does not fail the others."""
+    yield copters
+    await copters.down()
+
+
 @pytest_asyncio.fixture(loop_scope="module", scope="module")
-async def fleet(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fleet]:
+async def copters(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fleet]:
     """Three copters six metres apart, each agent a client of one router."""
     cache = str(tmp_path_factory.mktemp("cache"))
     quick = {"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0}  # cm/s
@@ -116,14 +124,7 @@ async def fleet(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fleet
 def _router(stack: contextlib.AsyncExitStack) -> tuple[zenoh.Session, str]:
     how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
     session = stack.enter_context(open_session(how))
-    (reply,) = session.get(f"@/{session.info.zid()}/router")
-    assert reply.ok is not None
-    locators = wire.decode(reply.ok.payload.to_bytes(), _Router, "router").locators
-    return session, locators[0]
-
-
-class _Router(wire.Wire, kw_only=True, forbid_unknown_fields=False):
-    locators: list[str]
+    return session, endpoint_of(session)
 
 
 def _client(endpoint: str) -> zenoh.Session:
@@ -158,7 +159,6 @@ async def test_ctrl_c_in_a_square_holds(fleet: Fleet) -> None:
     await fleet.z.vehicle("quad1").wait_until(lambda s: bool(s.velocity and math.hypot(*s.velocity) < 0.2), PATIENCE_S)
     assert fleet.sims["quad1"].status().armed
     assert fleet.at("quad1")[0] < start[0] + 11.5  # short of the corner
-    await fleet.down()
 
 
 async def test_all_take_off_but_one_that_another_commands(fleet: Fleet) -> None:
@@ -169,7 +169,6 @@ async def test_all_take_off_but_one_that_another_commands(fleet: Fleet) -> None:
         assert await script.end() == 1
     assert [round(-fleet.at(name)[2]) for name in NAMES] == [10, 10, 0]
     assert [fleet.sims[name].status().armed for name in NAMES] == [True, True, False]
-    await fleet.down()
 
 
 async def test_a_formation_keeps_its_shape_while_it_moves_and_holds_on_ctrl_c(fleet: Fleet) -> None:
@@ -188,7 +187,6 @@ async def test_a_formation_keeps_its_shape_while_it_moves_and_holds_on_ctrl_c(fl
         await vehicle.wait_until(lambda s: bool(s.velocity and math.hypot(*s.velocity) < 0.2), PATIENCE_S)
         assert (vehicle.state.lease, vehicle.state.armed) == (None, True)
     assert fleet.at(point)[0] < begun[0] + 30.0  # well before the end of the way
-    await fleet.down()
 
 
 class Leader:
@@ -229,7 +227,6 @@ async def test_a_follower_keeps_its_offset_and_holds_when_the_leader_is_lost(fle
     state = await fleet.z.vehicle("quad2").wait_until(lambda s: s.lease is None, PATIENCE_S)
     assert state.armed
     assert math.dist(fleet.at("quad2"), goal) < 1.5
-    await fleet.down()
 
 
 async def test_an_agent_circles_says_so_and_ends_well(fleet: Fleet) -> None:
@@ -250,7 +247,6 @@ async def test_an_agent_circles_says_so_and_ends_well(fleet: Fleet) -> None:
     assert list(dict.fromkeys(status.state for status in said)) == ["takeoff", "circling", "ended"]
     state = await fleet.z.vehicle("quad1").wait_until(lambda s: s.lease is None, PATIENCE_S)
     assert state.lease_end is not None and state.lease_end.reason == "released"
-    await fleet.down()
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

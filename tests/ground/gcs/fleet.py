@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import socket
 import threading
 from collections.abc import Callable, Coroutine, Sequence
@@ -16,6 +15,7 @@ from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.options import Kind, Options, parse_endpoint
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
+from tests.conftest import endpoint_of
 from tests.ground.gcs.conftest import PATIENCE_S, Station
 from zmav.mavlink import decode, load_dialect
 from zmav.onboard import Onboard, OnboardSettings
@@ -59,9 +59,7 @@ class Fleet:
         world = World(self._specs, endpoint="tcp:0", speed=self._speed, ready_s=0.5)
         router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         with world, open_session(router) as session:
-            (reply,) = session.get(f"@/{session.info.zid()}/router")
-            assert reply.ok is not None
-            self.endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]
+            self.endpoint = endpoint_of(session)
             self.names = [f"v{i}" for i in range(1, len(world.vehicles) + 1)]
             self.crews = crews = [
                 await Onboard(session, OnboardSettings(link=url, name=name)).__aenter__()

@@ -21,6 +21,7 @@ from ground.http.app import make_app
 from ground.http.gateway import Gateway
 from ground.http.guard import Rules
 from ground.http.server import bound, serving
+from tests.conftest import endpoint_of
 from zmav import keys, wire
 from zmav.mavlink import encode, load_dialect
 from zmav.session import SessionSettings, open_session
@@ -199,10 +200,7 @@ class Serve:
     def __call__(self, rules: Rules | None = None, **how: Any) -> Served:
         settings = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         session = open_session(settings)
-        (reply,) = session.get(f"@/{session.info.zid()}/router")
-        assert reply.ok is not None
-        endpoint: str = json.loads(reply.ok.payload.to_bytes())["locators"][0]
-        self.running.append(Served(session, endpoint, rules, **how))
+        self.running.append(Served(session, endpoint_of(session), rules, **how))
         return self.running[-1]
 
     def close(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import shutil
 import subprocess
@@ -20,6 +19,7 @@ from ground.http.app import make_app
 from ground.http.gateway import Gateway
 from ground.http.guard import Rules
 from ground.http.server import bound, serving
+from tests.conftest import endpoint_of
 from zmav import wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
@@ -70,9 +70,7 @@ class Fleet:
         world = stack.enter_context(World([spec], endpoint="tcp:0", speed=SPEED, ready_s=0.5))
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         router = stack.enter_context(open_session(how))
-        (reply,) = router.get(f"@/{router.info.zid()}/router")
-        assert reply.ok is not None
-        endpoint = json.loads(reply.ok.payload.to_bytes())["locators"][0]
+        endpoint = endpoint_of(router)
         settings = OnboardSettings(link=world.urls[0], name="quad1", origin=PLACE, cache=self._cache)
         await stack.enter_async_context(Onboard(router, settings))
         z = await stack.enter_async_context(zmav.open(settings=SessionSettings(connect=[endpoint])))
