@@ -127,7 +127,7 @@ class RestSockets:
         try:
             frame = frame_of(loads(text.encode("utf-8", "replace")), gateway.dialect, self._source, gateway)
         except BadInput as e:
-            return f"Could not convert input message. {e}"
+            return f"Could not convert input message. {e}".encode("utf-8", "replace").decode()
         try:
             gateway.send(frame)
         except ZmavError as e:

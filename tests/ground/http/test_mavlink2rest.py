@@ -278,6 +278,8 @@ def test_a_websocket_sends_too(served: Served) -> None:
         ws.send(json.dumps({**ARM, "message": {**ARM["message"], "target_system": 9}}))
         assert str(ws.recv(30.0)).startswith("Err(no vehicle has system id 9")
         ws.send(b"\x00\xff")  # no text: nobody's message
+        ws.send(r'{"header": {"\ud800": 1}, "message": {"type": "HEARTBEAT"}}')
+        assert "the header has no ?" in str(ws.recv(30.0))
         ws.send("[" * 5000)
         assert "nested too deeply" in str(ws.recv(30.0))
 
@@ -305,7 +307,9 @@ def test_a_filter_that_names_a_message_asks_for_it(served: Served) -> None:
     heard.undeclare()
 
 
-@pytest.mark.parametrize("bad", ["(", "*", "a" * 501, "(([A-Z_])%2B)%2Bx$", "a{99999999999}"])
+@pytest.mark.parametrize(
+    "bad", ["(", "*", "a" * 501, "(([A-Z_])%2B)%2Bx$", "a{99999999999}", "A|" * 200 + "(", "^.*|" * 99 + "*"]
+)
 def test_a_bad_filter_is_refused(served: Served, bad: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ground.http.filters.PATIENCE", 0.5)
     with pytest.raises(InvalidStatus) as refused:
