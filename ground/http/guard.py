@@ -12,7 +12,7 @@ import hmac
 import logging
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from urllib.parse import parse_qsl, urlencode
 
 from starlette.datastructures import Headers
 from starlette.responses import Response
@@ -129,13 +129,28 @@ class Guard:
         origin, site = headers.get("origin", ""), headers.get("sec-fetch-site", "")
         if origin in self._rules.origins:
             return
-        ours = urlsplit(origin).netloc.lower() == headers.get("host", "").lower()
+        ours = origin.partition("://")[2].lower() == headers.get("host", "").lower()
         if (ours or not origin) and site in ("", "same-origin", "none"):
+            self._check_silence(headers, method, path)
             return
         followed = method == "GET" and headers.get("sec-fetch-mode") == "navigate" and not _acts(path)
         if not followed or "upgrade" in headers:
             who = origin or "another site"
             raise Failure(403, "cross_site", f"a page of {who} may not ask here: --allow-origin lets it")
+
+    def _check_silence(self, headers: Headers, method: str, path: str) -> None:
+        """Raise :class:`Failure` for a GET that acts under a name of ours where a browser would not say whose it is.
+
+        It says so of this computer's own addresses (and over TLS); under any other name an image on a stranger's page
+        looks like ``urlread``.
+        """
+        told = "origin" in headers or "sec-fetch-site" in headers
+        if self._rules.token or told or method not in READING or not _acts(path):
+            return
+        name = host_of(headers.get("host", ""))
+        if name not in LOOPBACK:
+            text = f"under the name {name} a GET only reads: ask at 127.0.0.1, by POST, or have it start with a token"
+            raise Failure(403, "cross_site", text)
 
 
 def writes(method: str, path: str) -> bool:
@@ -228,7 +243,7 @@ async def _read(receive: Receive) -> bytes:
     while True:
         message = await receive()
         if message["type"] == "http.disconnect":
-            return b""
+            raise Failure(400, "cut_off", "the connection ended before the body did")
         parts.append(message.get("body", b""))
         size += len(parts[-1])
         if size > LARGEST_BODY:

@@ -22,7 +22,7 @@ CONNECTIONS = 256
 MESSAGE_SIZE = 1_000_000
 """bytes in one WebSocket message from a client"""
 HEAD_PATIENCE = 15.0
-"""s for a connection's first request to come"""
+"""s for a connection's next request to come whole, but for its body"""
 SEND_BUFFER = 262_144
 """bytes that the kernel keeps for a client that does not read"""
 LONGEST_HEAD = 65_536
@@ -30,14 +30,25 @@ LONGEST_HEAD = 65_536
 
 
 class _Protocol(H11Protocol):
-    """Closes a connection whose first request does not come: there are only so many at once."""
+    """Closes a connection whose next request does not come: there are only so many at once."""
+
+    _patience: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self.loop.call_later(HEAD_PATIENCE, self._hurry)
+        self._wait_for_next()
 
-    def _hurry(self) -> None:
-        if self.cycle is None and self.transport.get_protocol() is self:  # a WebSocket's has taken its place
+    def on_response_complete(self) -> None:
+        self._wait_for_next()
+        super().on_response_complete()
+
+    def _wait_for_next(self) -> None:
+        if self._patience is not None:
+            self._patience.cancel()
+        self._patience = self.loop.call_later(HEAD_PATIENCE, self._hurry, self.cycle)
+
+    def _hurry(self, before: object) -> None:
+        if self.cycle is before and self.transport.get_protocol() is self:  # a WebSocket's has taken its place
             self.transport.close()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import socket
@@ -17,6 +18,8 @@ from ground.http.server import bound
 from zmav.errors import BadConfig, PortInUse
 
 if TYPE_CHECKING:
+    from starlette.types import Message
+
     from tests.ground.http.conftest import Serve, Served
 
 SITE = "http://blueos.local"
@@ -109,6 +112,8 @@ def test_reading_only_still_streams(locked: Served) -> None:
         ({"Origin": "http://evil.example"}, 403),
         ({"Origin": "null"}, 403),
         ({"Origin": "http://localhost:1"}, 403),
+        ({"Origin": "http://["}, 403),
+        ({"Origin": "http://evil.example", "Host": "evil.example"}, 421),
         ({"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}, 403),
         ({"Host": "evil.example"}, 421),
         ({"Host": "evil.example:8088"}, 421),
@@ -123,6 +128,26 @@ def test_another_site_s_page_sends_nothing(served: Served, headers: dict[str, st
     assert "access-control-allow-origin" not in reply.headers
     served.sent(status == 200)
     assert not served.tx
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/vehicles", {}, 200),
+        ("/stop/1/99", {}, 403),
+        ("/do/quad1/nosuch", {}, 403),
+        ("/do/quad1/nosuch", {"Origin": "http://localhost"}, 400),
+        ("/do/quad1/nosuch", {"Sec-Fetch-Site": "same-origin"}, 400),
+        ("/do/quad1/nosuch", {"Host": "127.0.0.1"}, 400),
+    ],
+)
+def test_under_a_name_that_was_added_a_stranger_s_image_flies_nothing(
+    served: Served, path: str, headers: dict[str, str], status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Browsers say whose page asks of this computer's addresses and over TLS, and not under a name of our network."""
+    monkeypatch.setattr(guard, "LOOPBACK", ("127.0.0.1",))
+    reply = served.request("GET", path, **{"Host": "localhost", **headers})
+    assert reply.status == status, reply.text
 
 
 def test_a_link_may_be_followed_to_what_only_reads(served: Served) -> None:
@@ -199,12 +224,40 @@ def test_a_body_that_does_not_come_is_not_waited_for(served: Served, monkeypatch
     assert raw(served, begin).startswith(b"HTTP/1.1 408")
 
 
+def test_a_body_that_breaks_off_is_no_request() -> None:
+    """An order whose arguments were lost on the way is none without arguments."""
+    said: list[Any] = []
+
+    async def app(*_: object) -> None:
+        said.append("was let in")
+
+    async def receive() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def send(message: Message) -> None:
+        said.append(message.get("status"))
+
+    headers = [(b"host", b"localhost"), (b"content-length", b"20")]
+    scope = {"type": "http", "method": "POST", "path": "/do/quad1/arm", "headers": headers}
+    asyncio.run(guard.Guard(app, Rules())(scope, receive, send))
+    assert said[0] == 400
+
+
 @pytest.mark.parametrize("begin", [b"", b"GET /vehi"])
 def test_a_request_that_does_not_come_is_not_waited_for(
     served: Served, begin: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "HEAD_PATIENCE", 0.1)
     assert raw(served, begin) == b""
+
+
+def test_nor_is_a_second_one(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "HEAD_PATIENCE", 0.5)
+    with socket.create_connection(("127.0.0.1", served.port), 30.0) as sock:
+        sock.sendall(b"GET /nosuch HTTP/1.1\r\nHost: localhost\r\n\r\nGET /vehi")
+        answer = b"".join(iter(lambda: sock.recv(65536), b""))
+    assert answer.startswith(b"HTTP/1.1 404")
+    assert answer.count(b"HTTP/1.1") == 1
 
 
 def test_the_form_of_an_error_is_its_face_s(served: Served) -> None:
