@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -11,24 +11,25 @@ from starlette.requests import Request
 
 from zmav.errors import BadInput
 
-RESERVED = frozenset({"as", "timeout"})
-"""query parameters that are the gateway's own, and no argument of an order"""
+CALLER = "as"
+"""the query parameter that names the caller: no argument of an order"""
 FORM = "application/x-www-form-urlencoded"
 MOST_FIELDS = 100
 
 
-async def arguments_of(request: Request) -> dict[str, Any]:
+async def arguments_of(request: Request, kind: type[msgspec.Struct]) -> dict[str, Any]:
     """The request's named values: query parameters, and over these a body of JSON or of a form.
 
-    A parameter's value is JSON where it can be, else text. Raises :class:`BadInput` for a name given twice and for a
-    body that holds no names.
+    A parameter's value is JSON where it can be, else text; what is text in ``kind`` stays text (``id=7``). Raises
+    :class:`BadInput` for a name given twice and for a body that holds no names.
     """
-    pairs = [(name, text) for name, text in request.query_params.multi_items() if name not in RESERVED]
-    values, body = _once(pairs), await request.body()
+    pairs = [(name, text) for name, text in request.query_params.multi_items() if name != CALLER]
+    texts = frozenset(field.encode_name for field in msgspec.structs.fields(kind) if field.type is str)
+    values, body = _once(pairs, texts), await request.body()
     if not body.strip():
         return values
     if request.headers.get("content-type", "").startswith(FORM):
-        return {**values, **_form(body)}
+        return {**values, **_form(body, texts)}
     return {**values, **object_of(body)}
 
 
@@ -56,21 +57,21 @@ def seconds_of(values: Mapping[str, str], name: str, default: float, most: float
     return value
 
 
-def _form(body: bytes) -> dict[str, Any]:
+def _form(body: bytes, texts: Collection[str]) -> dict[str, Any]:
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, strict_parsing=True, max_num_fields=MOST_FIELDS)
     except ValueError as e:
         text = f"the body is not a form: {e}"
         raise BadInput(text, field="body", value=_clip(body), expected="name=value&name=value") from e
-    return _once(pairs)
+    return _once(pairs, texts)
 
 
-def _once(pairs: Iterable[tuple[str, str]]) -> dict[str, Any]:
+def _once(pairs: Iterable[tuple[str, str]], texts: Collection[str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, text in pairs:
         if name in values:
             raise BadInput(f"{name} is given twice", field=name, value=text[:80], expected="one value")
-        values[name] = _guessed(text)
+        values[name] = text if name in texts else _guessed(text)
     return values
 
 

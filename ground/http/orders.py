@@ -8,7 +8,6 @@ same request asks again.
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import msgspec
 from starlette.requests import Request
@@ -31,12 +30,12 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     async def do(request: Request) -> Response:
         """Give a vehicle an order; arguments by name, as JSON, as a form or in the address."""
         vehicle = gateway.client.vehicle(request.path_params["vehicle"])
-        return answer(await give(gateway, vehicle, request.path_params["verb"], await arguments_of(request)))
+        return answer(await give(gateway, vehicle, request.path_params["verb"], request))
 
     async def do_key(request: Request) -> Response:
         """Give an order by its key: /keys/quad1/do/hold, /keys/zmav/demo/quad1/do/hold."""
         vehicle, verb = _order_of(gateway, request.path_params["key"])
-        return answer(await give(gateway, vehicle, verb, await arguments_of(request)))
+        return answer(await give(gateway, vehicle, verb, request))
 
     return [
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
@@ -44,14 +43,15 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     ]
 
 
-async def give(gateway: Gateway, vehicle: Vehicle, verb: str, arguments: dict[str, Any]) -> wire.Outcome:
+async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) -> wire.Outcome:
     """See an order through, or ask once how one with an ``id`` goes; raises what the vehicle says, and
     :class:`~zmav.errors.BadInput` for arguments that do not fit, before anything is sent.
     """
     if verb not in VERBS:
         known = ", ".join(VERBS)
         raise BadKey(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
-    args = wire.decode(msgspec.json.encode(arguments), VERBS[verb].args, f"do/{verb}")
+    kind = VERBS[verb].args
+    args = wire.decode(msgspec.json.encode(await arguments_of(request, kind)), kind, f"do/{verb}")
     if args.id:
         return await _once(gateway, vehicle, verb, args)
     start = time.monotonic()

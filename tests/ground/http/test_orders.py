@@ -84,8 +84,8 @@ def test_orders_by_get_by_form_and_by_json(airborne: Scene) -> None:
 
 
 def test_an_order_with_an_id_is_asked_after(airborne: Scene) -> None:
-    order = {"id": "walk", "wait": 0.2, "pos": [12.0, 0.0, -6.0]}
-    first = airborne.served.post("/do/quad1/goto", order)
+    order = {"id": "7", "wait": 0.2, "pos": [12.0, 0.0, -6.0]}
+    first = airborne.served.get("/do/quad1/goto", **order)  # urlread knows no quotes: an id of digits is text, too
     assert (first.status, first.json["status"]) == (200, "running"), first.text
     while (said := airborne.served.post("/do/quad1/goto", order).json)["status"] == "running":
         pass
@@ -100,6 +100,7 @@ def test_an_order_with_an_id_is_asked_after(airborne: Scene) -> None:
         ("/do/quad1/takeoff", {}, 400, "alt_rel"),
         ("/do/quad1/takeoff", {"alt_rel": "high"}, 400, "alt_rel"),
         ("/do/quad1/takeoff", {"alt_rel": 10, "speed": 3}, 400, "speed"),
+        ("/do/quad1/hold?timeout=5", {}, 400, "timeout"),
         ("/do/quad1/takeoff", "[1]", 400, "JSON object"),
         ("/do/quad1/takeoff", "{", 400, "JSON object"),
         ("/do/quad1/takeoff?alt_rel=5&alt_rel=6", {}, 400, "twice"),
