@@ -43,32 +43,42 @@ PATH = {
     "sys": "MAVLink system id",
     "comp": "MAVLink component id; 0: all of the system's",
     "message": "name of a MAVLink message",
-    "name": "name of a MAVLink message",
+    "path": "vehicles/1/components/1/messages/ATTITUDE, and on to message/roll or status/time",
 }
 """parts of paths by their names"""
 
 _HOLDER = Parameter("as", "a name for this caller, under which it holds the lease")
+_PORT = Parameter("port", "UDP port to send to", {"type": "integer", "minimum": 1, "maximum": 65535})
 _STREAM = (
-    Parameter("port", "UDP port to send to"),
+    _PORT,
     Parameter("msg", "messages, with commas between them; all without"),
     Parameter("hz", "how often, at most", NUMBER),
 )
+_PLACE = ("lat_deg", "lon_deg", "alt_amsl", "alt_rel")
 _POINT = (
     Parameter("n", "m north of the fleet's origin", {"type": "number"}),
     Parameter("e", "m east", {"type": "number"}),
     Parameter("d", "m down", {"type": "number"}),
+    *(Parameter(name, "instead of n, e and d", {"type": "number"}) for name in _PLACE),
+    *(Parameter(name, "three numbers in brackets: [0,0,-6], m, north, east, down") for name in ("pos", "vel", "acc")),
     Parameter("yaw", "radians from north, clockwise", {"type": "number"}),
+    Parameter("yaw_rate", "radians a second", {"type": "number"}),
+    Parameter("valid", "s for which it may be flown, at most 1.5", NUMBER),
+    Parameter("priority", "of the lease, 0 to 100", {"type": "integer", "minimum": 0, "maximum": 100}),
     _HOLDER,
 )
 QUERY: dict[str, tuple[Parameter, ...]] = {
     "/keys/{key}": (Parameter("timeout", "s to wait for answers", NUMBER),),
     "/stream/{sys}/{comp}": _STREAM,
+    "/stop/{sys}/{comp}": (_PORT,),
     "/setpoint/{vehicle}": _POINT,
     "/release/{vehicle}": (_HOLDER,),
     "/ws": (
         Parameter("key", "key expression to subscribe to from the start; may be repeated"),
         Parameter("hz", "samples of a key a second, at most", NUMBER),
     ),
+    "/v1/helper/mavlink": (Parameter("name", "name of a MAVLink message"),),
+    "/v1/ws/mavlink": (Parameter("filter", "regular expression that is found in the names of messages; all without"),),
 }
 """query parameters by path"""
 
@@ -80,6 +90,10 @@ _JSON_OR_BYTES = {
 }
 BODIES: dict[tuple[str, str], dict[str, Any]] = {
     ("put", "/keys/{key}"): _JSON_OR_BYTES,
+    ("post", "/v1/mavlink"): {
+        "description": "a message as the helper gives it; JSON5 is taken",
+        "content": {"application/json": {"schema": {"type": "object", "required": ["message"]}}},
+    },
     ("post", "/keys/{key}"): {"content": {"application/json": {"schema": {"type": "object"}}}},
     ("post", "/do/{vehicle}/{verb}"): {
         "description": "the arguments of the order: see the orders one by one",

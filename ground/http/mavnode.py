@@ -33,7 +33,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         Route("/stream/{sys}/{comp}", face.stream),
         Route("/stop/{sys}/{comp}", face.stop),
         Route("/last/{sys}/{comp}/{message}", face.last),
-        Route("/send/{sys}/{comp}/{message}", face.send, methods=["GET", "POST"]),
+        Route("/send/{sys}/{comp}/{message}", face.send),
     ]
 
 

@@ -57,7 +57,9 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
         "info": {
             "title": "zmav: one key space for a whole swarm, over HTTP",
             "version": importlib.metadata.version("zmav"),
-            "description": "Errors are JSON with a kind and a text; under /stream, /send, /last and /vehicles, text.",
+            "description": "Errors are JSON with a kind and a text; under /stream, /stop, /send, /last and /vehicles "
+            "text, and under mavlink2rest's paths a JSON string. envelope=1, with any request, puts its answer and its "
+            "status into JSON that is answered with 200.",
             "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
         },
         "tags": [{"name": name, "description": text} for name, text in TAGS.items()],

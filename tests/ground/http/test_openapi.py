@@ -14,6 +14,7 @@ from starlette.routing import Match, Route, WebSocketRoute
 
 from ground.http.app import make_app
 from ground.http.described import BODIES, QUERY
+from ground.http.setpoints import Point
 from zmav.verbs import VERBS
 
 if TYPE_CHECKING:
@@ -71,6 +72,11 @@ def test_everything_described_is_there(document: dict[str, Any], routes: list[An
 def test_what_is_added_is_of_routes_that_are_there(document: dict[str, Any]) -> None:
     assert not [path for path in QUERY if path not in document["paths"]]
     assert not [where for where in BODIES if where[0] not in document["paths"].get(where[1], {})]
+
+
+def test_the_parameters_of_a_point_are_a_point_s(document: dict[str, Any]) -> None:
+    given = {each["name"] for each in document["paths"]["/setpoint/{vehicle}"]["get"]["parameters"]}
+    assert given == {"vehicle", "as", *Point.__struct_fields__}
 
 
 def test_every_order_has_its_arguments(document: dict[str, Any]) -> None:
