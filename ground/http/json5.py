@@ -1,7 +1,7 @@
 """JSON as people write it (JSON5): comments, commas at the end, names without quotes, single quotes, hexadecimal.
 
-What is read becomes plain JSON, token by token, in one pass; the standard library's parser does the rest. The packages
-that read JSON5 in Python are some hundred times slower than that. https://spec.json5.org
+What is read becomes plain JSON, token by token, in one pass; the standard library's parser does the rest.
+https://spec.json5.org
 """
 
 from __future__ import annotations

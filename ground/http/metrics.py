@@ -28,6 +28,7 @@ PATIENCE = 1.0
 """s for vehicles to say how their links are: a scrape waits no longer for one that is gone"""
 FRESH = 1.0
 MOST_LINKS = 2000
+MOST_VEHICLES = 1000
 Read = Callable[[wire.VehicleState], float | None]
 
 STATE: tuple[tuple[str, str, Read], ...] = (
@@ -105,7 +106,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     async def metrics(request: Request) -> Response:
         """The fleet and the gateway in Prometheus' text format."""
         page = Exposition()
-        for vehicle in gateway.client.fleet():
+        for vehicle in gateway.client.fleet()[:MOST_VEHICLES]:
             _of_vehicle(page, vehicle)
         for fleet, name, quality in await links.now():
             _of_link(page, fleet, name, quality)

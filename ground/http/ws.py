@@ -115,12 +115,11 @@ class Socket:
     async def _first(self) -> None:
         """What the address itself asks for: ``/ws?key=quad1&key=quad2&hz=5``."""
         given = self._ws.query_params
-        try:
-            hz = _hz_of(given.get("hz"))
-            for key in given.getlist("key"):
-                await self._obey(Ask(subscribe=key, hz=hz))
-        except ZmavError as e:
-            self._say(body_of(failure_of(e)))
+        for key in given.getlist("key"):
+            try:
+                await self._obey(Ask(subscribe=key, hz=_hz_of(given.get("hz"))))
+            except ZmavError as e:
+                self._say(body_of(failure_of(e)))
 
     async def _obey(self, ask: Ask) -> None:
         client = self._gateway.client
