@@ -27,8 +27,9 @@ class Orbit:
             async with self.vehicle.lease(NAME) as lease:  # given back at the end: the vehicle holds
                 self.say("takeoff")
                 await self.vehicle.arm()
+                start = self.vehicle.local  # on the ground: m north, east, down of the fleet's origin
                 await self.vehicle.takeoff(HEIGHT)
-                await self.circle(lease)
+                await self.circle(lease, *start)
         except zmav.ZmavError as e:  # refused; or another agent, an operator or the pilot took the vehicle
             self.say("failed", str(e))
             raise
@@ -36,13 +37,12 @@ class Orbit:
             self.say("ended")
             raise
 
-    async def circle(self, lease: zmav.Lease) -> None:
-        north, east, down = self.vehicle.local
+    async def circle(self, lease: zmav.Lease, north: float, east: float, down: float) -> None:
         step = 0
         while True:
             angle = SPEED / RADIUS * step / RATE
             n, e = math.cos(angle), math.sin(angle)
-            pos, vel = (north + RADIUS * (n - 1.0), east + RADIUS * e, down), (-SPEED * e, SPEED * n, 0.0)
+            pos, vel = (north + RADIUS * (n - 1.0), east + RADIUS * e, down - HEIGHT), (-SPEED * e, SPEED * n, 0.0)
             lease.setpoint(pos=pos, vel=vel, yaw=math.remainder(angle + math.pi, math.tau))  # facing the centre
             if step % RATE == 0:
                 self.say("circling", f"lap {angle / math.tau:.1f}")

@@ -23,9 +23,8 @@ async def rise(vehicle: zmav.Vehicle) -> None:
     await vehicle.takeoff(HEIGHT)
 
 
-async def keep(leases: list[zmav.Lease]) -> None:
+async def keep(leases: list[zmav.Lease], north: float, east: float, down: float) -> None:
     """Setpoints to all by one clock: a half second without, and they would hold. It moves when all are in place."""
-    north, east, down = leases[1].vehicle.local
     begun: float | None = None
     ahead = 0.0
     while ahead < DISTANCE:
@@ -44,8 +43,9 @@ async def main(*endpoints: str) -> None:
         fleet = sorted(await z.wait_for("quad1", "quad2", "quad3"), key=lambda v: v.local[1])  # no paths cross
         async with contextlib.AsyncExitStack() as held:  # given back at the end, come what may: they hold
             leases = [await held.enter_async_context(v.lease("formation")) for v in fleet]
+            north, east, down = fleet[1].local  # on the ground: the point of the V begins above it
             await asyncio.gather(*(rise(v) for v in fleet))
-            await keep(leases)
+            await keep(leases, north, east, down - HEIGHT)
         await asyncio.gather(*(v.land() for v in fleet))
 
 

@@ -1,4 +1,4 @@
-"""One vehicle flies a square over where it stands, and lands. Ctrl-C: it holds.
+"""One vehicle flies a square over where it stands, and lands. Ctrl-C: it holds ('zmav do quad1 land' ends that).
 
 zmav demo --stay                              # in another terminal: three simulated copters, quad1 to quad3
 python ground/examples/square.py              # or with the endpoint of a router: tcp/10.0.0.7:7447
@@ -16,10 +16,10 @@ SIDE, HEIGHT = 12.0, 8.0  # m
 
 async def fly(quad: zmav.Vehicle) -> None:
     await quad.arm()  # waits until the autopilot is ready
+    north, east, down = quad.local  # metres from the fleet's origin, where it stands
     await quad.takeoff(HEIGHT)
-    north, east, down = quad.local  # metres from the fleet's origin
     for n, e in ((SIDE, 0.0), (SIDE, SIDE), (0.0, SIDE), (0.0, 0.0)):
-        await quad.goto(pos=(north + n, east + e, down))  # returns on arrival
+        await quad.goto(pos=(north + n, east + e, down - HEIGHT))  # returns on arrival
         print(f"{quad.name}: corner {n:.0f} m north, {e:.0f} m east", flush=True)
     await quad.land()
 
