@@ -15,8 +15,8 @@ assert(values(1) > 0 && abs(values(2)) < 4 && values(3) < 60);
 zmav_block('close', block);
 attitude.Fields = {'rol'};
 refused('zmav:bad_input', 'it has time_boot_ms, roll', @() zmav_block('open', attitude));
-attitude.Message = 'NOTHING';
-refused('zmav:bad_input', 'NOTHING', @() zmav_block('open', attitude));
+attitude.Message = '.*';
+refused('zmav:bad_input', 'no message', @() zmav_block('open', attitude));
 
 % A setpoint block takes the vehicle, lets it go, and does not fight who else has it.
 [names, block] = zmav_block('open', struct('Kind', 'setpoint', 'Url', url, 'Vehicle', 'quad1'));
