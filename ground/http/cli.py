@@ -23,7 +23,13 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.command("http")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; beyond loopback: a token.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8088, show_default=True, help="TCP port; 0: a free one.")
-@click.option("--token", envvar=VARIABLE, show_envvar=True, default="", help="What every request has to bring along.")
+@click.option(
+    "--token",
+    envvar=VARIABLE,
+    show_envvar=True,
+    default="",
+    help="What every request has to bring along; others see it in the list of processes.",
+)
 @click.option("--token-file", type=click.Path(dir_okay=False), help="The file whose first line is the token.")
 @click.option("--read-only", is_flag=True, help="Refuse whatever writes to vehicles.")
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
