@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import math
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
@@ -13,6 +15,7 @@ import zenoh
 
 from ground.record.files import Files
 from ground.record.folder import Folder
+from ground.record.history import RING
 from ground.record.route import Asked
 from ground.record.storage import Storage
 from zmav import keys, wire
@@ -24,6 +27,10 @@ WAITING = 8
 """questions that may wait for the files"""
 MOST_LATE = 50
 """things that are looked for in the files for one question"""
+MOST_ENTRIES = 10_000
+"""entries that may be told for one question: each is decoded on the thread on which samples come"""
+SEARCH_S = 10.0
+"""for one question to the files; then what was found is told, and that there may be more"""
 ROOM = 48 << 10
 """bytes of one answer: of what takes more than one of Zenoh's batches (64 kB), a part and so the whole can be lost"""
 END = (1 << 63) - 1
@@ -37,11 +44,13 @@ class Answers:
         self._files = Files(storage, folder)
         self._searcher = ThreadPoolExecutor(1, "record-search")
         self._waiting = threading.BoundedSemaphore(WAITING)
-        self._searcher.submit(self._files.look)
+        self._closing = threading.Event()
+        self._searcher.submit(self._files.look, self._closing.is_set)
         self._queryable = session.declare_queryable(keys.HISTORY.key(fleet, name, of="*", what="*"), self._on_query)
 
     def close(self) -> None:
         self._queryable.undeclare()
+        self._closing.set()
         self._searcher.shutdown(cancel_futures=True)
 
     def _on_query(self, query: zenoh.Query) -> None:
@@ -51,7 +60,12 @@ class Answers:
         except ZmavError as e:
             _refuse(query, e)
             return
-        late = [asked for asked in self._asked(query) if not self._from_memory(query, asked, wanted)]
+        found = self._asked(query)
+        if len(found) * min(wanted.most, RING) > MOST_ENTRIES:
+            text = f"{len(found)} things with up to {wanted.most} entries each are too much at a time: ask for fewer"
+            _refuse(query, Refused(text, reason="wide"))
+            return
+        late = [asked for asked in found if not self._from_memory(query, asked, wanted)]
         if not late:
             query.drop()
             return
@@ -82,12 +96,17 @@ class Answers:
 
     def _from_files(self, query: zenoh.Query, late: list[Asked], wanted: _Wanted) -> None:
         """On the thread of searches."""
+        deadline = time.monotonic() + SEARCH_S
+
+        def over() -> bool:
+            return self._closing.is_set() or time.monotonic() > deadline
+
         try:
             for asked in late:
                 entries, whole_from = self._storage.history.newest(asked, wanted.since, wanted.until, wanted.most + 1)
                 until, missing = min(wanted.until, whole_from - 1), wanted.most + 1 - len(entries)
-                older = list(itertools.islice(self._files.search(asked, wanted.since, until), missing))
-                self._reply(query, asked, [*reversed(older), *entries], wanted.most)
+                older = list(itertools.islice(self._files.search(asked, wanted.since, until, over), missing))
+                self._reply(query, asked, [*reversed(older), *entries], wanted.most, more=over())
         except Exception as e:  # a file that somebody else damaged: the next question is answered nevertheless
             logger.warning("a question of what was could not be answered from the files: %r", e)
             _refuse(query, Refused(f"the recordings could not be read: {e}", reason="files"))
@@ -140,16 +159,16 @@ def _number(name: str, text: str) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise BadInput(
-            f"history: {name} is {text!r}; expected a number", field=name, value=text, expected="a number"
-        ) from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadInput(f"history: {name} is {text!r}; expected a number", field=name, value=text, expected="a number")
     return int(number) if number.is_integer() else number
 
 
 def _ns(seconds: float | None, default: int) -> int:
     if seconds is None:
         return default
-    return min(max(int(seconds * 1e9), 0), END)
+    return int(min(max(seconds * 1e9, 0), END))
 
 
 def _refuse(query: zenoh.Query, error: ZmavError) -> None:

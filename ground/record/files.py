@@ -44,8 +44,8 @@ class Files:
         with self._lock:
             return list(self._topics)
 
-    def look(self) -> None:
-        """Look at files that are new, and forget those that somebody took away."""
+    def look(self, over: Callable[[], bool]) -> None:
+        """Look at files that are new, until it is ``over``, and forget those that somebody took away."""
         if not self._storage.kinds.mcap:
             return
         from ground.record import mcapfile
@@ -54,6 +54,8 @@ class Files:
         for gone in self._spans.keys() - set(there):
             del self._spans[gone]
         for path in there:
+            if over():
+                return
             if path not in self._spans and (found := mcapfile.contents(path)) is not None:
                 self._spans[path] = _Span(found.first, found.last)
                 self._learn(found.topics)
@@ -66,11 +68,15 @@ class Files:
                     if asked in self._topics or len(self._topics) < MOST_ASKED:
                         self._topics.setdefault(asked, set()).add(topic)
 
-    def search(self, asked: Asked, since: int, until: int) -> Iterator[wire.HistoryEntry]:
-        """What was recorded between two times (ns UTC), the newest first. Raises what reading damaged files does."""
-        self.look()
+    def search(self, asked: Asked, since: int, until: int, over: Callable[[], bool]) -> Iterator[wire.HistoryEntry]:
+        """What was recorded between two times (ns UTC), the newest first, until it is ``over``. Raises what reading
+        damaged files does.
+        """
+        self.look(over)
         topics = {*self._topics.get(asked, ()), *self._storage.history.keys_of(asked)}
         for source in self._sources(since, until):
+            if over():
+                return
             with contextlib.suppress(OSError):  # a file that was just taken away
                 for found in source(topics, since, until):
                     yield wire.HistoryEntry(key=found.topic, t=found.at / 1e9, value=readable(found.data))

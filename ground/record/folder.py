@@ -40,7 +40,7 @@ class Folder:
         with contextlib.suppress(OSError):  # a full disk: who holds it is then not said
             os.ftruncate(self._lock, 0)
             os.pwrite(self._lock, str(os.getpid()).encode(), 0)
-        self.unfinished = [file for file in self.recordings() if not _ends_whole(file)]
+        self.unfinished = [file for file in self.recordings() if not _is_whole_or_nobodys(file)]
         """what a recorder that was killed left behind"""
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class Folder:
         raise BadConfig(f"{self.path} has a thousand sessions of this second", field="out", value=str(self.path))
 
     def free(self) -> int:
-        """Bytes that this user may still write to its file system."""
+        """Bytes that this user may still write to its file system. OSError where the folder is gone."""
         return shutil.disk_usage(self.path).free
 
     def recordings(self) -> list[Path]:
@@ -79,12 +79,19 @@ class Folder:
         return sorted(self.path.glob("*/record.*.mcap"))
 
 
-def _ends_whole(path: Path) -> bool:
-    """Whether an .mcap ends as a finished one does; also of one that cannot be read, which is nobody's to mend."""
+def is_whole(path: Path) -> bool:
+    """Whether an .mcap ends as a finished one does. OSError where it cannot be read."""
+    with path.open("rb") as file:
+        if file.seek(0, os.SEEK_END) < 2 * len(MAGIC):
+            return False
+        file.seek(-len(MAGIC), os.SEEK_END)
+        return file.read() == MAGIC
+
+
+def _is_whole_or_nobodys(path: Path) -> bool:
+    """What is empty, or cannot be read, nobody can mend."""
     try:
-        with path.open("rb") as file:
-            file.seek(-len(MAGIC), os.SEEK_END)
-            return path.stat().st_size > len(MAGIC) and file.read() == MAGIC
+        return not path.stat().st_size or is_whole(path)
     except OSError:
         return True
 

@@ -85,6 +85,10 @@ class McapFile:
     def fd(self) -> int:
         return self._tail.fd
 
+    @property
+    def gone(self) -> bool:
+        return self._tail.gone
+
     def topic(self, name: str, encoding: str, holds: str, schema: Schema | None = None, key: str = "") -> int | None:
         """The topic's id, made where it is new; None where a file can hold no more. ``key``: if not ``name``."""
         found = self._topics.get(name)
@@ -103,16 +107,15 @@ class McapFile:
     def add(self, topic: int, at: int, data: bytes, published: int) -> None:
         """``at`` and ``published`` are ns UTC: when it was recorded, and when its source says that it was sent."""
         self._writer.add_message(topic, at, data, published)
-        if not self._first:
-            self._first = at
-        self._last = at
+        self._first = min(self._first or at, at)  # the clock may be set back
+        self._last = max(self._last, at)
 
     def flush(self) -> None:
         begin = self._tail.size
         self._writer.flush()  # type: ignore[no-untyped-call]
         if self._first:
             self._spans.append(_Span(self._first, self._last, begin, self._tail.size))
-            self._first = 0
+            self._first = self._last = 0
 
     def finish(self) -> None:
         """Write the summary and close it; after an OSError the file is as if it had been cut short before."""
@@ -195,14 +198,15 @@ class Found(NamedTuple):
 
 
 def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
-    """All that was recorded between two times (ns UTC), in order; of a file that was cut short as much as there is.
+    """All that was recorded between two times (ns UTC), in the order in which it came, whatever the clock did; of a
+    file that was cut short as much as there is.
 
     Raises ValueError for what is no .mcap, OSError where it cannot be read.
     """
     with path.open("rb") as file:
         try:
             if contents(path) is not None:
-                found = make_reader(file).iter_messages(starting_at=since, ending_at=until)
+                found = make_reader(file).iter_messages(starting_at=since, ending_at=until, log_time_order=False)
             else:
                 found = NonSeekingReader(file).iter_messages(log_time_order=False)
             for _, channel, message in found:

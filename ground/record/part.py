@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 MOST_TLOGS = 300
 """vehicles that get a .tlog: invented names must not use up the files that a process may open"""
+LONGEST_NAME = 200
+"""letters of a vehicle and its fleet: a longer name cannot be a file's, and must not stop the recording"""
 FAR = 4_102_444_800.0
 """the year 2100: a source's time behind it is none"""
 
@@ -56,8 +59,13 @@ class Part:
         return [*([self.mcap.path] if self.mcap else []), *(tail.path for tail in self.tlogs.values())]
 
     @property
-    def fds(self) -> list[int]:
-        return [*([self.mcap.fd] if self.mcap else []), *(tail.fd for tail in self.tlogs.values())]
+    def gone(self) -> bool:
+        """Whether somebody took one of the files away."""
+        return bool(self.mcap and self.mcap.gone) or any(tail.gone for tail in self.tlogs.values())
+
+    def dup_fds(self) -> list[int]:
+        """Descriptors of all files, that whoever takes them closes: they outlive the files' own."""
+        return [os.dup(fd) for fd in (*([self.mcap.fd] if self.mcap else []), *(t.fd for t in self.tlogs.values()))]
 
     def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:
         """``at``: ns UTC."""
@@ -76,7 +84,7 @@ class Part:
             self.mcap.add(plain, at, decoded, at)
 
     def _new_tlog(self, route: Route) -> Tail | None:
-        if len(self.tlogs) >= MOST_TLOGS:
+        if len(self.tlogs) >= MOST_TLOGS or len(route.fleet) + len(route.vehicle) > LONGEST_NAME:
             return None
         same = any(name == route.vehicle for _, name in self.tlogs)
         name = f"{route.fleet}.{route.vehicle}" if same else route.vehicle

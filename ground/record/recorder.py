@@ -148,7 +148,9 @@ class Recorder:
         text = paused or f"{counts.written} samples in {size_words(counts.bytes)}"
         if counts.dropped:
             text += f"; {counts.dropped} dropped: this machine is too slow"
-        detail = {**msgspec.structs.asdict(counts), "session": str(storage.session), "free": self._folder.free()}
+        detail = {**msgspec.structs.asdict(counts), "session": str(storage.session)}
+        with contextlib.suppress(OSError):  # the folder was taken away
+            detail["free"] = self._folder.free()
         state = "paused" if paused else "recording"
         return wire.AgentStatus(t=time.time(), agent=self._agent, state=state, text=text, detail=detail)
 

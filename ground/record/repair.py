@@ -6,6 +6,7 @@ would have written: the same records by the same library. https://mcap.dev/spec#
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
 import struct
@@ -34,6 +35,8 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
+from ground.record.folder import is_whole
+
 _HEAD = struct.Struct("<BQ")
 """of a record: what it is, and how long"""
 _MESSAGE = struct.Struct("<HIQ")
@@ -50,23 +53,17 @@ class Repaired(NamedTuple):
     """it had its summary: nothing was done"""
 
 
-def is_whole(path: Path) -> bool:
-    """Whether the file ends as a finished one does. OSError where it cannot be read."""
-    with path.open("rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        if size < 2 * len(MCAP0_MAGIC):
-            return False
-        file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
-        return file.read() == MCAP0_MAGIC
-
-
 def repair(path: Path) -> Repaired:
-    """Complete ``path``. ValueError for what is no .mcap; OSError where it cannot be read, or the disk is full: then it
-    is as it was, but for its torn end.
+    """Complete ``path``. ValueError for what is no .mcap; OSError where it cannot be read, a recorder still writes it,
+    or the disk is full: then it is as it was, but for its torn end.
     """
     if is_whole(path):
         return Repaired(0, 0, whole=True)
     with path.open("r+b") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as e:
+            raise OSError(e.errno, "a recorder still writes it") from e
         found = _Found(file)
         file.seek(found.end)
         file.truncate()

@@ -28,8 +28,8 @@ from zmav.errors import BadKey
 from zmav.mavlink import Dialect
 
 logger = logging.getLogger(__name__)
-QUEUE = 100_000
-"""samples that may wait to be written"""
+QUEUE, QUEUE_BYTES = 100_000, 256 << 20
+"""samples, and bytes of them, that may wait to be written"""
 AT_ONCE = 2000
 POLL_S = 0.05
 FLUSH_S = 1.0
@@ -84,6 +84,10 @@ class Storage:
         self._decoder = Decoder(dialect)
         self._routes: dict[str, Route | None] = {}
         self._queue: collections.deque[tuple[int, str, bytes]] = collections.deque()
+        self._came = self._went = 0
+        """bytes of samples that were put into the queue, and taken out of it"""
+        self._lock = threading.Lock()
+        """of what several threads put"""
         self._pending = 0
         """samples that are in the part and not in its files yet"""
         self._opened = self._flushed = self._synced = 0.0
@@ -93,7 +97,8 @@ class Storage:
         self._torn: list[Path] = []
         """files that a full disk cut short: they get their summary when there is room"""
         self._syncing: Future[None] | None = None
-        self._helper = ThreadPoolExecutor(1, "record-sync")
+        self._helper = ThreadPoolExecutor(2, "record-disk")
+        """syncs, and mends: what may take long, while writing goes on"""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
 
@@ -106,10 +111,12 @@ class Storage:
 
     def put(self, key: str, data: bytes, at: int | None = None) -> None:
         """Record a sample that came now, or at ``at`` (ns UTC). From any thread; never waits, never raises."""
-        if len(self._queue) >= QUEUE:
-            self.counts.dropped += 1
-            return
-        self._queue.append((at or time.time_ns(), key, data))
+        with self._lock:
+            if len(self._queue) >= QUEUE or self._came - self._went > QUEUE_BYTES:
+                self.counts.dropped += 1
+                return
+            self._came += len(data)
+            self._queue.append((at or time.time_ns(), key, data))
 
     def close(self) -> None:
         """Write what has come, and complete the files."""
@@ -136,7 +143,7 @@ class Storage:
                 self._fail(e)
             except Exception:
                 logger.exception("recording goes on after an error that nobody foresaw")
-        self._mend_torn()
+        self._mend_torn()  # close() waits for it
 
     def _write_some(self) -> None:
         """So many that, however fast they come, the files are flushed in time."""
@@ -144,6 +151,7 @@ class Storage:
         for _ in range(min(len(queue), AT_ONCE)):
             at, key, data = queue.popleft()
             self.counts.taken += 1
+            self._went += len(data)
             route = self._route(key)
             if route is None or (route.frames and not route.takes(data)):
                 self.counts.refused += 1
@@ -168,31 +176,31 @@ class Storage:
 
     def _write(self, batch: list[tuple[Route, int, bytes]]) -> None:
         self.history.add_all([each for each in batch if not each[0].picture])
-        if self.part is None and not self._begin():
-            self.counts.unwritten += len(batch)
-            return
-        part, json = self.part, self._decoder.json
-        assert part is not None
-        decode = self._settings.kinds.mcap
-        for number, (route, at, data) in enumerate(batch):
-            try:
+        rest = len(batch)
+        try:
+            part, json = self.part or self._begin(), self._decoder.json
+            if part is None:
+                return
+            decode = self._settings.kinds.mcap
+            for route, at, data in batch:
                 if route.frames:
                     part.frame(route, at, data, json(data) if decode else None)
                 else:
                     part.document(route, at, data)
-            except OSError:
-                self.counts.unwritten += len(batch) - number
-                raise
-            self._pending += 1
+                self._pending += 1
+                rest -= 1
+        finally:
+            self.counts.unwritten += rest
 
-    def _begin(self) -> bool:
-        """Open the next part; False while there is no room for one."""
+    def _begin(self) -> Part | None:
+        """Open the next part; None while there is no room for one."""
         now = time.monotonic()
         if self.paused and now < self._retry:
-            return False
+            return None
         self._retry = now + FLUSH_S
+        self.session.mkdir(parents=True, exist_ok=True)  # somebody may have taken it away
         if self._short_of_room(self._room_to_begin()):
-            return False
+            return None
         about = {"session": self.session.name, "part": str(self.counts.parts + 1), "dialect": self._dialect.name}
         self.part = Part(self.session, self.counts.parts + 1, self._settings.kinds, self._dialect, about)
         self.counts.parts += 1
@@ -201,7 +209,7 @@ class Storage:
             self.paused, self._was_full = None, False
             self._tell("there is room again: recording goes on")
             self._mend_torn()
-        return True
+        return self.part
 
     def _room_to_begin(self) -> float:
         floor = self._settings.keep_free * (ROOM_AGAIN if self.paused else 1.0)
@@ -226,6 +234,11 @@ class Storage:
         if part is None:
             return
         part.flush()
+        if part.gone:
+            self._tell(f"somebody took files of {self.session} away: new ones are begun")
+            self._lose_pending()
+            self._close_part()
+            return
         self._note_written(part)
         how = self._settings
         large, old = part.size >= how.split_size, now - self._opened >= how.split_time
@@ -233,63 +246,72 @@ class Storage:
             self._close_part()
         elif now - self._synced >= SYNC_S and (self._syncing is None or self._syncing.done()):
             self._synced = now
-            self._syncing = self._helper.submit(_sync, part.fds)
+            self._syncing = self._helper.submit(_sync, part.dup_fds())
 
     def _note_written(self, part: Part) -> None:
         self.counts.written += self._pending
         self._pending = 0
         self.counts.bytes = self._finished_bytes + part.total
 
+    def _lose_pending(self) -> None:
+        self.counts.unwritten += self._pending
+        self._pending = 0
+
     def _close_part(self) -> None:
         part, self.part = self.part, None
         if part is None:
             return
-        self._await_sync()
+        fds = part.dup_fds()
         try:
             part.finish()
         except OSError:
             self._torn += part.files
             raise
+        finally:
+            self._helper.submit(_sync, fds)
         self._note_written(part)
         self._finished_bytes += part.total
-
-    def _await_sync(self) -> None:
-        if self._syncing is not None:
-            self._syncing.result()  # of files that are about to be closed
 
     def _fail(self, error: OSError) -> None:
         """A disk that takes nothing more: what it has stays readable, and later it is tried again."""
         part, self.part = self.part, None
         if part is not None:
-            self._await_sync()
             part.abandon()
-            self._torn += part.files
-            self._finished_bytes += sum(path.stat().st_size for path in part.files)
-        self.counts.unwritten += self._pending
-        self._pending = 0
+            left = [path for path in part.files if path.exists()]
+            self._torn += left
+            self._finished_bytes += sum(path.stat().st_size for path in left)
+        self._lose_pending()
         self._retry = time.monotonic() + RETRY_S
         self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         words = "the disk is full" if self._was_full else f"cannot write to {self.session}: {error.strerror}"
         self._pause(f"{words}: nothing is recorded until there is room")
 
     def _mend_torn(self) -> None:
-        for path in self._torn:
-            if path.suffix == ".mcap":
-                from ground.record.repair import repair
+        torn, self._torn = [path for path in self._torn if path.suffix == ".mcap"], []
+        if torn:
+            self._helper.submit(_mend, torn)
 
-                try:
-                    repair(path)
-                except (OSError, ValueError) as e:
-                    logger.warning("%s has no summary ('zmav record --repair' gives it one): %s", path, e)
-        self._torn.clear()
+
+def _mend(paths: list[Path]) -> None:
+    """A minute for one of 512 MB, about."""
+    from ground.record.repair import repair
+
+    for path in paths:
+        try:
+            repair(path)
+        except (OSError, ValueError) as e:
+            logger.warning("%s has no summary ('zmav record --repair' gives it one): %s", path, e)
 
 
 def _sync(fds: list[int]) -> None:
+    """Bring files to the disk, and close these descriptors of them."""
     for fd in fds:
         try:
             os.fdatasync(fd)
         except OSError as e:
             logger.warning("the disk did not take what was written: %s", e.strerror)
+        finally:
+            os.close(fd)
 
 
 def size_words(size: float) -> str:

@@ -8,16 +8,19 @@ reader never finds half a record of its making.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 from pathlib import Path
 
 
 class Tail:
-    """Open for one writer. Raises OSError where it cannot be made, or exists already."""
+    """Open for one writer, and locked: nobody may mend it meanwhile. OSError where it cannot be made, or is there."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self.size = 0
         """bytes in the file"""
         self._waiting: list[bytes] = []
@@ -46,6 +49,11 @@ class Tail:
                 os.ftruncate(self.fd, self.size)
             raise
         self.size += done
+
+    @property
+    def gone(self) -> bool:
+        """Whether somebody took the file away: what is written then is lost."""
+        return os.fstat(self.fd).st_nlink == 0
 
     def close(self) -> None:
         os.close(self.fd)

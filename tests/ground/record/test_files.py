@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,8 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 
 from ground.record import mcapfile
-from ground.record.repair import is_whole, repair
+from ground.record.folder import is_whole
+from ground.record.repair import repair
 from tests.ground.record.conftest import read, read_cut, records
 from zmav import wire
 from zmav.errors import BadConfig
@@ -257,6 +259,56 @@ def test_where_nobody_can_write_is_told(tmp_path: Path) -> None:
         Folder(tmp_path / "file" / "x")
 
 
+@pytest.mark.parametrize("whole", [True, False], ids=["the folder of all", "the session's"])
+def test_files_that_are_taken_away_are_begun_anew(desk: Any, folder: Room, frames: type[Frames], whole: bool) -> None:
+    here, make = desk(), frames()
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("written", 1)
+    shutil.rmtree(folder.path if whole else here.storage.session)
+    here.told("new ones are begun")
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("written", 2)
+    here.storage.close()
+    assert tlog(here.files("tlog")[0]) == make.made[1:]
+    assert [path.name for path in here.files("mcap")] == ["record.002.mcap"]
+
+
+def test_a_name_too_long_for_a_file_stops_nobody_elses(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(), frames()
+    for name in ("quad1", "q" * 300, "quad1"):
+        here.storage.put(f"zmav/demo/{name}/{make.key}", make())
+    here.storage.close()
+    assert here.storage.counts.written == 3
+    assert [path.name for path in here.files("tlog")] == ["quad1.001.tlog"]
+    assert len(read(here.files("mcap")[0], mcapfile.ALL_FRAMES)) == 3
+
+
+def test_a_file_that_is_being_written_is_not_mended(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(), frames()
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("written", 1)
+    (path,) = here.files("mcap")
+    with pytest.raises(OSError, match="a recorder still writes it"):
+        repair(path)
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.storage.close()
+    assert [frame for _, frame in read(path, mcapfile.ALL_FRAMES)] == make.made
+
+
+def test_a_clock_that_is_set_back_changes_no_order(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(), frames()
+    times = [1_700_000_000_000_000_000 + second * 10**9 for second in (100, 101, 50, 51)]
+    for at in times:
+        here.storage.put(f"{QUAD1}/{make.key}", make(), at=at)
+    here.until("written", 4)
+    key = f"{QUAD1}/mav/rx"
+    assert len(list(here.storage.part.mcap.read([key], times[2], times[3]))) == 2
+    here.storage.close()
+    (path,) = here.files("mcap")
+    played = [found.data for found in mcapfile.read_forth(path, 0, 1 << 62) if found.holds == mcapfile.ALL_FRAMES]
+    assert played == make.made
+
+
 def test_names_without_end_fill_no_memory(desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ground.record.storage.MOST_ROUTES", 20)
     monkeypatch.setattr("ground.record.part.MOST_TLOGS", 10)
@@ -279,3 +331,13 @@ def test_a_full_queue_counts_what_it_leaves_out(
         here.storage.put(f"{QUAD1}/{make.key}", make())
     here.storage.close()
     assert (here.storage.counts.dropped, here.storage.counts.written) == (4, 5)
+
+
+def test_what_waits_is_bounded_in_bytes_too(desk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ground.record.storage.QUEUE_BYTES", 1000)
+    monkeypatch.setattr("ground.record.storage.POLL_S", 60.0)
+    here = desk()
+    for _ in range(5):
+        here.storage.put(f"{QUAD1}/link/x", json.dumps({"x": "y" * 600}).encode())
+    here.storage.close()
+    assert (here.storage.counts.dropped, here.storage.counts.written) == (3, 2)

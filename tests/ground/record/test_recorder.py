@@ -18,9 +18,8 @@ from pymavlink import mavutil
 import zmav
 from ground.record import mcapfile
 from ground.record.answers import END
-from ground.record.folder import Folder
+from ground.record.folder import Folder, is_whole
 from ground.record.recorder import Recorder, Wanted
-from ground.record.repair import is_whole
 from ground.record.route import Asked
 from ground.record.storage import Settings
 from tests.cli.conftest import Here, Process
@@ -202,9 +201,13 @@ async def test_parameters_behind_the_key_are_taken_too(recording: Recording) -> 
     assert reply.ok is not None
     found = wire.decode(reply.ok.payload.to_bytes(), wire.History, "history")
     assert [entry.value["n"] for entry in found.entries] == [1, 2]
-    (reply,) = await asyncio.to_thread(get, "?last=two")
-    assert reply.err is not None
-    assert "'two'; expected a number" in str(wire.error_from(reply.err.payload.to_bytes()))
+    for bad in ("two", "inf"):
+        (reply,) = await asyncio.to_thread(get, f"?last={bad}")
+        assert reply.err is not None
+        assert f"'{bad}'; expected a number" in str(wire.error_from(reply.err.payload.to_bytes()))
+    (reply,) = await asyncio.to_thread(get, "?since=1e308")  # later than any time there is
+    assert reply.ok is not None
+    assert wire.decode(reply.ok.payload.to_bytes(), wire.History, "history").entries == []
 
 
 async def test_an_answer_is_bounded(recording: Recording) -> None:
@@ -226,6 +229,10 @@ async def test_a_question_for_too_much_of_the_files_is_refused(
     await recording.taken(4)
     with pytest.raises(Refused, match="ask for 2 at most"):
         await recording.ask_all("*/*", since=0.0)
+    monkeypatch.setattr("ground.record.answers.MOST_ENTRIES", 20)
+    with pytest.raises(Refused, match="too much at a time"):
+        await recording.ask_all("*/*", last=50)
+    assert len(await recording.ask_all("*/*")) >= 4
 
 
 async def test_a_recorder_tells_of_earlier_sessions_and_how_it_does(
