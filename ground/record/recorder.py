@@ -55,6 +55,14 @@ class Recorder:
         self._agent = AGENT
 
     async def __aenter__(self) -> Recorder:
+        try:
+            await self._begin()
+        except BaseException:
+            await self.close()
+            raise
+        return self
+
+    async def _begin(self) -> None:
         session, instance = self._z.session, str(self._z.session.info.zid())
         self.storage.start()
         for number, pattern in enumerate(patterns(self._wanted.vehicles)):
@@ -69,7 +77,6 @@ class Recorder:
             self._tell(f"another recorder of {self.name} answers questions of what was; --name tells two apart")
         self._held.append(session.liveliness().declare_token(self._token(instance)))
         self._tasks.append(asyncio.create_task(self._say_status()))
-        return self
 
     async def __aexit__(self, *exception: object) -> None:
         await self.close()

@@ -226,7 +226,15 @@ class Putter:
 
 def _names(sources: Sequence[Source], name: str | None) -> dict[str, str]:
     """How each recorded vehicle is called now. Raises :class:`BadInput` where that cannot be."""
-    recorded = sorted({vehicle for source in sources for vehicle in source.vehicles()})
+    in_mcap, in_tlog = (
+        {vehicle for source in sources if isinstance(source, Tlogs) == tlog for vehicle in source.vehicles()}
+        for tlog in (False, True)
+    )
+    recorded = sorted(in_mcap | in_tlog)
+    if in_mcap & in_tlog:
+        some = ", ".join(sorted(in_mcap & in_tlog)[:5])
+        text = f"{some} would be played twice, from a .tlog and from an .mcap: give one of the two, or the folder"
+        raise BadConfig(text, field="file", expected="each vehicle in one kind of file")
     if not recorded:
         raise BadInput("the recording holds nothing that can be played", field="file", expected="a recording of zmav's")
     if name is None:

@@ -8,6 +8,7 @@ kernel is asked to bring the files to the disk itself, so that a power cut loses
 from __future__ import annotations
 
 import collections
+import contextlib
 import errno
 import logging
 import os
@@ -124,6 +125,8 @@ class Storage:
         if self._thread.ident is not None:
             self._thread.join()
         self._helper.shutdown()
+        with contextlib.suppress(OSError):
+            self.session.rmdir()  # where nothing came
 
     # The writer's thread.
 

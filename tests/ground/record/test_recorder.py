@@ -323,6 +323,7 @@ def test_what_cannot_be_is_said(net: Net, tmp_path: Path, arguments: list[str], 
     _, endpoint = net.router()
     told = Here("-e", endpoint).fails("record", "--out", str(tmp_path / "out"), *arguments)
     assert words in str(told.error)
+    assert list(tmp_path.glob("out/*/")) == [], "no session is left behind"
 
 
 @pytest.mark.parametrize("arguments", [["--split-size", "10"], ["--split-size", "x"], ["--split-time", "5 years"]])

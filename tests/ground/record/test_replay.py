@@ -318,6 +318,12 @@ async def test_what_cannot_be_is_said(stage: Stage, recorded: Recorded, argument
     assert stage.heard == []
 
 
+async def test_no_vehicle_is_played_from_both_kinds_of_file(stage: Stage, recorded: Recorded) -> None:
+    told = await stage.replay(recorded, fails=True, files=sorted(recorded.session.iterdir()))
+    assert "quad1, quad2 would be played twice" in str(told.error)
+    assert stage.heard == []
+
+
 async def test_several_tlogs_are_several_vehicles(stage: Stage, recorded: Recorded) -> None:
     files = [str(path) for path in sorted(recorded.session.glob("*.tlog"))]
     told = await asyncio.to_thread(Here("-e", stage.endpoint), "replay", *files, "--speed", "max", "--as", "old-*")
