@@ -26,6 +26,8 @@ ACCEPTED, DENIED = 0, 2
 MOST = 4096
 """messages of vehicles that may be asked for: each costs every router a little memory"""
 LEAST_HZ = 0.01
+EVERY = ("*",)
+"""vehicles, where nobody chose"""
 
 Want = tuple[str, str, str]
 """fleet, vehicle (a pattern perhaps) and message"""
@@ -113,7 +115,8 @@ class Streams:
         return STREAMS.get(fields["req_stream_id"], ()), hz
 
     def _change(self, client: Client, place: Place | None, rates: Mapping[str, float]) -> bool:
-        places = [place] if place is not None else [(self._fleet, vehicle) for vehicle in self._vehicles]
+        seen = client.options.vehicles if client.options.vehicles != EVERY else self._vehicles
+        places = [place] if place is not None else [(self._fleet, vehicle) for vehicle in seen]
         with self._lock:
             for fleet, vehicle in places:
                 for name, hz in rates.items():

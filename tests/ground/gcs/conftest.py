@@ -116,6 +116,7 @@ class Station:
         self.packer = Packer(self.dialect, sysid, compid)
         self.splitter = Splitter(self.dialect)
         self.frames: list[Frame] = []
+        self._named: dict[str, list[Frame]] = {}
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -124,7 +125,9 @@ class Station:
         with contextlib.suppress(OSError):
             while data := self.sock.recv(65535):
                 with self._changed:
-                    self.frames += self.splitter.feed(data)
+                    for frame in self.splitter.feed(data):
+                        self.frames.append(frame)
+                        self._named.setdefault(self.dialect.name_of(frame.msgid), []).append(frame)
                     self._changed.notify_all()
 
     def send(self, message: str, /, **fields: Any) -> bytes:
@@ -136,7 +139,7 @@ class Station:
         return self.send("HEARTBEAT", type=6, autopilot=8, system_status=4)
 
     def named(self, name: str) -> list[Frame]:
-        return [frame for frame in list(self.frames) if self.dialect.name_of(frame.msgid) == name]
+        return list(self._named.get(name, ()))
 
     def texts(self) -> str:
         """Every STATUSTEXT so far, put together."""

@@ -217,25 +217,27 @@ async def test_who_may_not_speak_is_told(scene: Scene) -> None:
     assert bridge.uplink.refused["id"] == 2 and bridge.uplink.refused["signing"] == 1
 
 
+async def wanted(scene: Scene, message: str, vehicle: str = "quad1") -> list[str]:
+    """The rates at which a message is wanted of a vehicle."""
+    key = keys.WANT.key("demo", vehicle, msg=message, hz="*", instance="*")
+    replies = await asyncio.to_thread(lambda: list(scene.router.liveliness().get(key)))
+    return sorted(str(reply.ok.key_expr).split("/")[5] for reply in replies if reply.ok)
+
+
 async def test_messages_are_wanted_while_a_station_is_there(scene: Scene) -> None:
     """... at the rate of the one that wants them fastest."""
     one = scene.craft("quad1", 1)
     scene.craft("quad2", 2)
     bridge = await scene.bridge(streams="gcs")
 
-    def wanted(message: str, vehicle: str = "quad1") -> list[str]:
-        key = keys.WANT.key("demo", vehicle, msg=message, hz="*", instance="*")
-        found = [str(reply.ok.key_expr) for reply in scene.router.liveliness().get(key) if reply.ok]
-        return sorted(each.split("/")[5] for each in found)
-
     async def until(message: str, rates: list[str], vehicle: str = "quad1") -> None:
         for _ in range(1000):
-            if (found := await asyncio.to_thread(wanted, message, vehicle)) == rates:
+            if (found := await wanted(scene, message, vehicle)) == rates:
                 return
             await asyncio.sleep(0.02)
         raise AssertionError(f"{message} of {vehicle} is wanted at {found}")
 
-    assert not wanted("VFR_HUD")
+    assert not await wanted(scene, "VFR_HUD")
     slow, fast = await scene.tcp(bridge), await scene.tcp(bridge, 254)
     await until("VFR_HUD", ["4"])
     slow.send("COMMAND_LONG", **command(one, SET_INTERVAL, param1=ATTITUDE, param2=1e5))
@@ -249,7 +251,7 @@ async def test_messages_are_wanted_while_a_station_is_there(scene: Scene) -> Non
     for station in (slow, fast):
         await station.until(lambda station=station: bool(acks(station)), "an acknowledgement")  # type: ignore[misc]
         assert set(acks(station)) == {(1, SET_INTERVAL, 0)}
-    assert wanted("ATTITUDE", "quad2") == ["4"]
+    assert await wanted(scene, "ATTITUDE", "quad2") == ["4"]
     fast.send("COMMAND_LONG", **command(one, SET_INTERVAL, param1=ATTITUDE, param2=1.0))  # a million a second
     await fast.until(lambda: acks(fast)[-1] == (1, SET_INTERVAL, 2), "a refusal")
     fast.send("REQUEST_DATA_STREAM", target_system=0, req_stream_id=11, req_message_rate=9, start_stop=1)
@@ -382,7 +384,7 @@ async def test_a_loss_on_the_vehicles_link_shows_through_thinning(scene: Scene) 
 
 async def test_vehicles_are_chosen_by_name_for_all_and_for_one_endpoint(scene: Scene) -> None:
     quad, rover, plane = scene.craft("quad1", 1), scene.craft("rover1", 2), scene.craft("plane1", 3)
-    bridge = await scene.bridge(vehicles="quad*,rover*", udpin="vehicles=quad*")
+    bridge = await scene.bridge(vehicles="quad*,rover*", udpin="vehicles=quad*", streams="gcs")
     every, quads = await scene.tcp(bridge), await scene.udp(bridge, 254)
     for craft in (plane, rover, quad):
         craft.says("ATTITUDE")
@@ -393,6 +395,15 @@ async def test_vehicles_are_chosen_by_name_for_all_and_for_one_endpoint(scene: S
     sent = quads.send("COMMAND_LONG", **command(quad, ARM))
     assert await quad.hears(lambda key, data: "COMMAND_LONG" in key, "the command") == sent
     assert not plane.told and not any(data[5] == 254 for _, data in rover.told)
+    # What it asks of all is asked of those that it sees.
+    quads.send("REQUEST_DATA_STREAM", target_system=0, req_stream_id=11, req_message_rate=9, start_stop=1)
+    quads.send("COMMAND_LONG", **command(quad, SET_INTERVAL, param1=ATTITUDE, param2=1e5))
+    for _ in range(1000):
+        if await wanted(scene, "ATTITUDE") == ["10", "4"]:  # what came after it
+            break
+        await asyncio.sleep(0.02)
+    assert await wanted(scene, "VFR_HUD") == ["4", "9"]
+    assert await wanted(scene, "VFR_HUD", "rover1") == ["4"]
 
 
 async def test_a_station_is_sent_to_where_it_waits_and_answers_from(scene: Scene) -> None:
