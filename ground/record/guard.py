@@ -13,7 +13,7 @@ import zenoh
 
 from zmav import keys
 from zmav.client import Client
-from zmav.errors import Clash
+from zmav.errors import BadKey, Clash
 
 
 class Guard:
@@ -57,7 +57,10 @@ class Guard:
             self._subscriber = None
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        _, parts = keys.match(str(sample.key_expr))
+        try:
+            _, parts = keys.match(str(sample.key_expr))
+        except BadKey:  # nobody's that could be played
+            return
         if parts["instance"] in self._ours:
             return
         name = parts["vehicle"]
