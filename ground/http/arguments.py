@@ -20,8 +20,8 @@ MOST_FIELDS = 100
 async def arguments_of(request: Request, kind: type[msgspec.Struct]) -> dict[str, Any]:
     """The request's named values: query parameters, and over these a body of JSON or of a form.
 
-    A parameter's value is JSON where it can be, else text; what is text in ``kind`` stays text (``id=7``). Raises
-    :class:`BadInput` for a name given twice and for a body that holds no names.
+    A parameter's value is JSON where it can be, else text; what is text in ``kind`` stays text, in quotes or without
+    (``id="7"``, ``id=7``). Raises :class:`BadInput` for a name given twice and for a body that holds no names.
     """
     pairs = [(name, text) for name, text in request.query_params.multi_items() if name != CALLER]
     texts = frozenset(field.encode_name for field in msgspec.structs.fields(kind) if field.type is str)
@@ -71,7 +71,8 @@ def _once(pairs: Iterable[tuple[str, str]], texts: Collection[str]) -> dict[str,
     for name, text in pairs:
         if name in values:
             raise BadInput(f"{name} is given twice", field=name, value=text[:80], expected="one value")
-        values[name] = text if name in texts else _guessed(text)
+        value = _guessed(text)
+        values[name] = text if name in texts and not isinstance(value, str) else value
     return values
 
 
