@@ -91,6 +91,10 @@ def test_the_address_itself_can_subscribe(served: Served) -> None:
     wrong = Client(served, "?key=quad1&hz=fast")
     assert wrong.get()["error"]["field"] == "hz"
     wrong.close()
+    mixed = Client(served, "?key=quad1/%23&key=quad2/ATTITUDE")
+    assert mixed.get()["error"]["field"] == "key"
+    assert "quad2" in mixed.get()["subscribed"]
+    mixed.close()
 
 
 def test_a_rate_is_wanted_as_long_as_it_is_read(served: Served, client: Client) -> None:
