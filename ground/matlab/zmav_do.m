@@ -23,11 +23,10 @@ function result = zmav_do(z, vehicle, verb, varargin)
     if any(strcmp(verb, moving)) && isKey(z.held, ['lease ' vehicle]) && ~any(strcmp(params(1:2:end), 'lease'))
         zmav_release(z, vehicle);  % it would be refused while our own stream has the vehicle
     end
-    method = 'post';
     if isempty(params)
-        method = 'get';  % some releases of urlread post nothing where there is nothing to post
+        params = {'lease', '""'};  % none: some releases of urlread post nothing where there is nothing to post
     end
-    outcome = zmav_http(z, method, ['/do/' vehicle '/' verb], params);
+    outcome = zmav_http(z, 'post', ['/do/' vehicle '/' verb], params);
     result = outcome.result;
     if isempty(result)
         result = struct();
