@@ -22,6 +22,7 @@ from ground.http.arguments import object_of, seconds_of
 from ground.http.documents import answer, document_of, names_a_message
 from ground.http.gateway import WANTED_HZ, Gateway
 from ground.http.reply import Failure, body_of, failure_of
+from mesh import linkstate
 from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, BadKey, Forbidden, ZmavError
@@ -32,6 +33,8 @@ from zmav.zenoh_codec import GROUND_STATION
 
 MOST_ANSWERED = 32_000_000
 """bytes of answers after which no more are waited for"""
+ADMIN = zenoh.KeyExpr("@/**")
+"""routers' own keys; no wildcard but one that begins with the @ takes them in"""
 FRAMES = zenoh.KeyExpr(keys.RX.key("*", "*", sys="*", comp="*", msg="*"))
 TOPIC_PAYLOADS: dict[str, type[wire.Wire]] = {"origin": wire.Origin}
 """the fleet's topics of which the payload is laid down"""
@@ -186,8 +189,11 @@ async def _ask(gateway: Gateway, key: str, timeout: float) -> list[Answer | Zmav
 
 def _check_readable(expression: zenoh.KeyExpr) -> None:
     """Raise :class:`Forbidden` where asking is acting: orders, uploads, measurements. Wildcards beyond them are none:
-    vehicles leave those unanswered.
+    vehicles leave those unanswered. Nor is a router asked for more than its links: see :mod:`mesh.linkstate`.
     """
+    if ADMIN.includes(expression) and not zenoh.KeyExpr(linkstate.ASKED).includes(expression):
+        text = f"{expression} is not asked: a question to routers can stop them for good; {linkstate.ASKED} is safe"
+        raise Forbidden(text, key=str(expression))
     for channel in (keys.DO, keys.UPLOAD, keys.BENCH):
         every = channel.key("*", "*", verb="*", file="*", offset="*", order="*")
         if zenoh.KeyExpr(every).includes(expression):

@@ -102,6 +102,13 @@ def test_a_message_that_nobody_read_is_asked_for_and_waited_for(served: Served) 
     watch.undeclare()
 
 
+@pytest.mark.parametrize("key", ["@/**", "@/*/*", "@/*/router/linkstate/north", "@/abc/router/**"])
+def test_routers_are_asked_for_their_links_and_for_nothing_else(answering: Served, key: str) -> None:
+    """Zenoh pull request 2619: another question can stop a router for good."""
+    assert answering.get(f"/keys/{key}").status == 403
+    assert answering.get("/keys/@/*/router").json[0]["value"]["zid"]
+
+
 @pytest.mark.parametrize("key", ["quad1/do/land", "zmav/demo/quad1/do/hold", "quad1/do/*", "*/do/arm"])
 def test_asking_for_an_order_is_refused(answering: Served, key: str) -> None:
     reply = answering.get(f"/keys/{key}")
