@@ -4,75 +4,29 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import os
 import re
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.mavproxy import MavProxy
 from zmav.sim import SimVehicle, World
 
 SPEED = 10.0  # times real time
-PATIENCE_S = 40.0
 SIM_S = 200.0
 # Without consoles and maps, which need a screen, and without what asks the network for terrain.
 MODULES = "wp,rally,fence,param,arm,mode,cmdlong,misc,ftp,link,log"
 HOME = (-35.363261, 149.165230, 584.09)
 
 
-class Session:
-    """One MAVProxy: what is typed, and what it says."""
+class Session(MavProxy):
+    """One MAVProxy at the one vehicle of a world."""
 
     def __init__(self, world: World, folder: Path) -> None:
+        super().__init__(folder, world.urls[0], MODULES)
         self.world = world
         self.vehicle: SimVehicle = world.vehicles[0]
-        self.said = ""
-        self._changed = threading.Condition()
-        # Nothing of the user's own: neither start scripts nor logs of other days.
-        env = {**os.environ, "HOME": str(folder), "PYTHONUNBUFFERED": "1", "TERM": "dumb"}
-        command = [sys.executable, str(Path(sys.executable).with_name("mavproxy.py"))]
-        command += [f"--master={world.urls[0]}", f"--default-modules={MODULES}", f"--state-basedir={folder}"]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=folder, env=env,
-            text=True, bufsize=1,
-        )  # fmt: skip
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            with self._changed:
-                self.said += line
-                self._changed.notify_all()
-
-    def type(self, text: str, answer: str = "") -> str:
-        """Type one line; gives the first match of ``answer`` (a pattern) in what comes after."""
-        assert self.process.stdin is not None
-        before = len(self.said)
-        self.process.stdin.write(text + "\n")
-        return self.hears(answer, before) if answer else ""
-
-    def hears(self, answer: str, before: int = 0) -> str:
-        pattern = re.compile(answer)
-        with self._changed:
-            self._changed.wait_for(lambda: pattern.search(self.said, before), PATIENCE_S)
-            found = pattern.search(self.said, before)
-        assert found is not None, f"no {answer!r} in: {self.said[before:][-1500:]}"
-        return found.group(0)
-
-    def set_param(self, name: str, value: int) -> None:
-        """Set it, and look until MAVProxy has heard of it itself."""
-        self.type(f"param set {name} {value}")
-        for _ in range(20):
-            shown = self.type(f"param show {name}", rf"{name} +\d+")
-            if shown.split()[-1] == str(value):
-                return
-        raise AssertionError(f"MAVProxy shows {shown}")
 
     def until(self, true: Callable[[], bool]) -> None:
         self.world.wait_for(true, SIM_S)
@@ -80,17 +34,6 @@ class Session:
     @property
     def height(self) -> float:
         return -self.vehicle.copter.local[2]
-
-    def close(self) -> None:
-        """The end of its input ends it."""
-        assert self.process.stdin is not None
-        try:
-            self.process.stdin.close()
-            self.process.wait(PATIENCE_S)
-        finally:
-            self.process.kill()
-            self.process.wait()
-            self._reader.join(PATIENCE_S)
 
 
 @pytest.fixture

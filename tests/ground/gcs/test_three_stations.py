@@ -6,11 +6,8 @@ from __future__ import annotations
 
 import collections
 import json
-import os
-import re
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +16,7 @@ from typing import Any
 import pytest
 
 from tests.ground.gcs.fleet import Fleet
+from tests.mavproxy import PATIENCE_S, MavProxy
 from zmav.mavlink import Splitter, decode, load_dialect, targets
 from zmav.mavlink.paramvalue import ParamEncoding, value_of
 from zmav.sim import VehicleSpec
@@ -26,7 +24,6 @@ from zmav.sim import VehicleSpec
 pytest.importorskip("mavsdk", reason="MAVSDK has no wheel for this machine")
 pytest.importorskip("MAVProxy", reason="MAVProxy is not installed (it is in the dev extra)")
 
-PATIENCE_S = 50.0
 HERE = Path(__file__).parent
 COPTER, ROVER, PX4, OTHER_COPTER, OTHER_PX4 = 1, 2, 3, 4, 5
 EVERY = (COPTER, ROVER, PX4, OTHER_COPTER, OTHER_PX4)
@@ -45,60 +42,10 @@ def fleet() -> Iterator[Fleet]:
         yield fleet
 
 
-class MavProxy:
-    """One session: what is typed, and what it says."""
-
-    def __init__(self, address: tuple[str, int], folder: Path) -> None:
-        self.folder, self.said = folder, ""
-        self._changed = threading.Condition()
-        env = {**os.environ, "HOME": str(folder), "PYTHONUNBUFFERED": "1", "TERM": "dumb"}
-        command = [sys.executable, str(Path(sys.executable).with_name("mavproxy.py"))]
-        command += [f"--master=tcp:{address[0]}:{address[1]}", f"--source-system={MAVPROXY_ID}"]
-        command += [f"--target-system={COPTER}"]
-        command += [f"--default-modules={MODULES}", f"--state-basedir={folder}"]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=folder, env=env,
-            text=True, bufsize=1,
-        )  # fmt: skip
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            with self._changed:
-                self.said += line
-                self._changed.notify_all()
-
-    def type(self, text: str, answer: str) -> str:
-        """Type one line; the first match of ``answer`` in what comes after."""
-        assert self.process.stdin is not None
-        before = len(self.said)
-        self.process.stdin.write(text + "\n")
-        return self.hears(answer, before)
-
-    def hears(self, answer: str, before: int = 0) -> str:
-        pattern = re.compile(answer)
-        with self._changed:
-            self._changed.wait_for(lambda: pattern.search(self.said, before), PATIENCE_S)
-            found = pattern.search(self.said, before)
-        assert found is not None, f"MAVProxy never said {answer!r}; it said:\n{self.said}"
-        return found.group(0)
-
-    def close(self) -> None:
-        assert self.process.stdin is not None
-        try:
-            self.process.stdin.close()
-            self.process.wait(PATIENCE_S)
-        finally:
-            self.process.kill()
-            self.process.wait()
-            self._reader.join(PATIENCE_S)
-
-
 def mavproxy(fleet: Fleet, folder: Path) -> dict[str, Any]:
     """Two vehicles' parameters, a mission up and down, a parameter set, as a person types it."""
-    session = MavProxy(fleet.tcp, folder)
+    master = f"tcp:{fleet.tcp[0]}:{fleet.tcp[1]}"
+    session = MavProxy(folder, master, MODULES, f"--source-system={MAVPROXY_ID}", f"--target-system={COPTER}")
     try:
         session.hears(rf"Detected vehicle {COPTER}:1")
         session.hears(rf"Received {len(fleet.params(COPTER))} parameters")
@@ -108,10 +55,7 @@ def mavproxy(fleet: Fleet, folder: Path) -> dict[str, Any]:
         session.type("wp load mission.txt", r"MISSION_ACK: TYPE_MISSION: ACCEPTED")
         session.type("wp save back.txt", r"Saved 9 waypoints")
         name, value = CHANGED[COPTER]
-        session.type(f"param set {name} {value}", "")
-        for _ in range(50):
-            if float(session.type(f"param show {name}", rf"{name} +[\d.]+").split()[-1]) == value:
-                break
+        session.set_param(name, value)
         session.type(f"param save {folder / 'one.parm'}", r"Saved \d+ parameters to \S+one.parm")
         session.type(f"vehicle {ROVER}", rf"Set vehicle {ROVER}")
         session.hears(rf"Received {len(fleet.params(ROVER))} parameters")
