@@ -11,7 +11,7 @@ import click
 import zmav
 from ground.view import viewer
 from ground.view.screen import Screen
-from ground.view.settings import PainterSettings, Sink
+from ground.view.settings import LOST, PainterSettings, Sink
 from ground.view.table import Table
 from ground.view.watch import Watch
 from zmav.cli.common import fleet_option, run, zenoh_options
@@ -69,6 +69,7 @@ def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Si
         if not url.startswith(("rerun+http://", "rerun+https://", "rerun://")):
             text = f"{url!r} is no address of a viewer: it is like rerun+http://127.0.0.1:9876/proxy"
             raise BadConfig(text, field="viewer", value=url, expected="rerun+http://HOST:PORT/proxy")
+        viewer.check_running(url)
         found.append(Sink("connect", url=url))
     if web:
         found.append(viewer.web_sink(port))
@@ -100,6 +101,8 @@ async def _view(
             watching.result()
         for task, sink in zip(serving, sinks, strict=True):
             if task in done and (code := task.result()) != 0:
+                if code == LOST:
+                    raise ZmavError(sink.lost)
                 raise ZmavError(f"{sink.words} could not be kept up: its painter ended with {code}")
 
 

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from datetime import timedelta
+from pathlib import Path
 from typing import BinaryIO
 
 import msgspec
@@ -23,7 +24,7 @@ import rerun as rr
 from ground.view import blueprint
 from ground.view.canvas import Canvas
 from ground.view.scene import Scene
-from ground.view.settings import LENGTH, READY, PainterSettings, Sink
+from ground.view.settings import LENGTH, LOST, READY, PainterSettings, Sink
 from ground.view.table import Batch
 from ground.view.viewer import start_viewer
 
@@ -31,6 +32,8 @@ PERIOD, CROWDED = 0.1, 0.2
 """s between two steps at least, and where there are many vehicles"""
 FLUSH_VIEWER, FLUSH_FILE = 0.2, 2.0
 """s that logged rows may wait for others: a killed painter leaves a file without the last of them"""
+CHECK = 5.0
+"""s between two looks whether the sink still takes what is logged"""
 SETTLE = 3.0
 """s from the first vehicle's appearance until the view is fitted to the fleet, once"""
 
@@ -48,12 +51,15 @@ def main() -> None:
     _connect(recording, settings.sink)
     canvas = Canvas(recording)
     painting = Painting(recording, canvas, Scene(canvas, settings.several, settings.size))
+    proof = Proof(recording, settings.sink)
     while viewer is None or viewer.poll() is None:
         began = time.monotonic()
         batch = _fetch(requests, sys.stdin.buffer)
         if batch is None:
             break
-        painting.step(batch, time.monotonic(), time.time())
+        logged = painting.step(batch, time.monotonic(), time.time())
+        if not proof.holds(logged, time.monotonic()):
+            os._exit(LOST)
         time.sleep(max(0.0, (CROWDED if painting.scene.crowded else PERIOD) - (time.monotonic() - began)))
     with contextlib.suppress(Exception):  # the sink may be gone
         recording.flush(timeout_sec=2.0)
@@ -89,6 +95,40 @@ class Painting:
         if now >= self._fit_at:
             self._fitted = True
             self._recording.send_blueprint(blueprint.blueprint(places))
+
+
+class Proof:
+    """Looks now and then whether a file grows, or the connection to somebody's viewer stands: Rerun goes on logging
+    into nothing when the disk is full or the viewer has ended. One that is only slow is no reason to end.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, sink: Sink) -> None:
+        self._recording, self._sink = recording, sink
+        self._at, self._logged, self._size, self._still = time.monotonic(), 0, -1, 0
+
+    def holds(self, logged: int, now: float) -> bool:
+        """``logged``: how much was logged since the last call. False: nothing arrives, and nothing will."""
+        self._logged += logged
+        if self._sink.kind not in ("save", "connect") or now - self._at < CHECK:
+            return True
+        self._at, logged, self._logged = now, self._logged, 0
+        refused = ""
+        try:
+            self._recording.flush(timeout_sec=3.0)
+        except RuntimeError as e:
+            refused = str(e)  # a viewer that is only slow times out
+        if self._sink.kind == "connect":
+            return "unable to connect" not in refused and "severed" not in refused
+        self._still = self._still + 1 if logged and not self._grown() else 0
+        return self._still < 2
+
+    def _grown(self) -> bool:
+        before = self._size
+        try:
+            self._size = Path(self._sink.path).stat().st_size
+        except OSError:
+            return False
+        return self._size > before
 
 
 def _batcher(sink: Sink) -> rr.ChunkBatcherConfig:

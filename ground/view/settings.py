@@ -11,6 +11,8 @@ LENGTH = struct.Struct("<I")
 """before every batch"""
 READY = b"?"
 """a painter's request for the next one"""
+LOST = 3
+"""a painter's exit code: its sink takes nothing any more, and never will"""
 
 
 class Sink(msgspec.Struct, frozen=True):
@@ -31,6 +33,13 @@ class Sink(msgspec.Struct, frozen=True):
         return {"native": "the viewer", "web": "the web viewer's server", "save": self.path, "connect": self.url}[
             self.kind
         ]
+
+    @property
+    def lost(self) -> str:
+        """Why a painter ended with :data:`LOST`."""
+        if self.kind == "save":
+            return f"{self.path} does not grow any more: is its disk full, or has it been deleted?"
+        return f"no viewer answers at {self.url}: 'rerun' starts one"
 
 
 class PainterSettings(msgspec.Struct, frozen=True):

@@ -19,7 +19,7 @@ import pytest
 from ground.view import viewer
 from ground.view.cli import sinks_of
 from ground.view.screen import Screen
-from ground.view.settings import PainterSettings, Sink
+from ground.view.settings import LOST, PainterSettings, Sink
 from ground.view.table import Table
 from zmav import keys, wire
 from zmav.errors import BadConfig
@@ -85,7 +85,10 @@ async def test_a_stopped_painter_holds_up_nobody_and_goes_on_with_the_newest(
     assert len(drawn) <= 3, "what was overwritten was drawn, too"
 
 
-async def test_a_painter_that_can_open_nothing_is_ended_all_the_same(tmp_path: Path) -> None:
+async def test_a_painter_that_can_open_nothing_is_ended_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ground.view.screen.END", 0.5)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)  # nobody reads it: who opens it to write waits for ever
     kept = Table()
@@ -95,6 +98,25 @@ async def test_a_painter_that_can_open_nothing_is_ended_all_the_same(tmp_path: P
         assert len(screen._reader) == 1
         pid = screen.pid
     assert not alive(pid)
+
+
+async def test_a_file_that_grows_no_more_ends_its_painter(
+    tmp_path: Path, state: Callable[..., wire.VehicleState]
+) -> None:
+    """It was deleted; a full disk looks alike."""
+    kept, path = Table(), tmp_path / "a.rrd"
+    async with Screen(kept, PainterSettings(Sink("save", path=str(path))), print) as screen:
+        serving = asyncio.create_task(screen.serve())
+        await within(PATIENCE_S, screen.started.wait())
+        path.unlink()
+        assert await within(PATIENCE_S, _fed(kept, state(), serving)) == LOST
+
+
+async def _fed(kept: Table, state: wire.VehicleState, serving: asyncio.Task[int]) -> int:
+    while not serving.done():
+        kept.put("state", Q1, wire.encode(state))
+        await asyncio.wait([serving], timeout=0.5)
+    return serving.result()
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
@@ -171,6 +193,7 @@ def _beyond_loopback(pid: int) -> list[str]:
         ({"save": "/nowhere/at/all.rrd"}, "save"),
         ({"save": "/dev/full"}, "save"),
         ({"url": "http://127.0.0.1:1"}, "viewer"),
+        ({"url": "rerun+http://127.0.0.1:1/proxy"}, "viewer"),
         ({"web": True, "url": "rerun+http://127.0.0.1:9876/proxy"}, "web"),
         ({}, "DISPLAY"),
     ],
