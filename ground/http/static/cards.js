@@ -125,7 +125,7 @@ class Card {
     const v = s.velocity;
     this.say("alt", shown(s.position && s.position.alt_rel, 1, " m"));
     this.say("speed", shown(v && Math.hypot(v[0], v[1]), 1, " m/s"));
-    this.say("heading", shown(s.attitude && ((((s.attitude.yaw * 180) / Math.PI) % 360) + 360) % 360, 0, "°"));
+    this.say("heading", shown(s.attitude && ((Math.round((s.attitude.yaw * 180) / Math.PI) % 360) + 360) % 360, 0, "°"));
     this.say("gps", s.gps ? `${s.gps.fix.replace(/_/g, " ")} · ${s.gps.satellites ?? "–"}` : "–");
     this.say("loss", shown(s.link_loss * 100, 0, " %"));
     this.say("place", s.position ? `${s.position.lat_deg.toFixed(6)}, ${s.position.lon_deg.toFixed(6)}` : "–");
