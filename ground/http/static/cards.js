@@ -4,8 +4,10 @@
 const STALE_S = 2;
 const SURFACE = new Set(["rover", "boat"]);
 
+// A height of -0.04 m is 0.0, not -0.0.
+const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0(\.0*)?$)/, "");
 // A dash for what is not known.
-const shown = (value, digits, unit = "") => (value === null || value === undefined ? "–" : `${value.toFixed(digits)}${unit}`);
+const shown = (value, digits, unit = "") => (value === null || value === undefined ? "–" : `${fixed(value, digits)}${unit}`);
 
 function span(seconds) {
   if (seconds < 10) return `${seconds.toFixed(1)} s`;

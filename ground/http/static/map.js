@@ -148,8 +148,9 @@ class FleetMap {
     ink.lineWidth = 3;
     ink.strokeStyle = colour("--panel");
     ink.fillStyle = card.stale ? colour("--bad") : colour("--text");
-    const text = `${card.name} ${s.position.alt_rel.toFixed(0)} m`;
-    ink.strokeText(text, x + (right ? -12 : 12), y + 4);
-    ink.fillText(text, x + (right ? -12 : 12), y + 4);
+    const text = `${card.name} ${fixed(s.position.alt_rel, 0)} m`;
+    const [side, below] = right ? [-12, 20] : [12, 4]; // beside the next one's, they would cross
+    ink.strokeText(text, x + side, y + below);
+    ink.fillText(text, x + side, y + below);
   }
 }

@@ -269,11 +269,16 @@ def press(name: str, label: str) -> str:
     return f"[...{card(name)}.querySelectorAll('button')].find((each) => each.textContent === '{label}').click()"
 
 
+async def show(tab: Tab, served: Served) -> None:
+    """The page anew, once it hears the fleet: a test may be the first of them, or the only one."""
+    await tab.open(f"http://127.0.0.1:{served.port}/")
+    await tab.until(f"{card('quad1')} !== null && {card('quad2')} !== null")
+    await tab.until("document.getElementById('link').textContent.startsWith('live')")
+
+
 @pytest.mark.asyncio(loop_scope="module")
 async def test_the_page_shows_the_fleet_move(tab: Tab, served: Served, fleet: Fleet) -> None:
-    await tab.open(f"http://127.0.0.1:{served.port}/")
-    await tab.until("document.querySelectorAll('article.card').length === 2")
-    await tab.until("document.getElementById('link').textContent.startsWith('live')")
+    await show(tab, served)
     fleet.height = 12.3
     await tab.until(f"{card('quad1')}.innerText.includes('12.3 m')")
     shown = await tab.text("[data-vehicle=quad1]")
@@ -291,6 +296,7 @@ async def test_the_page_shows_the_fleet_move(tab: Tab, served: Served, fleet: Fl
 
 @pytest.mark.asyncio(loop_scope="module")
 async def test_a_broken_vehicle_spoils_its_own_card_only(tab: Tab, served: Served, fleet: Fleet) -> None:
+    await show(tab, served)
     for number, state in enumerate(
         (b'{"mode": 5}', b'{"position": {"lat_deg": "x"}, "not_ready": 7}', b"[]", b"7", b"{"), 1
     ):
@@ -304,6 +310,7 @@ async def test_a_broken_vehicle_spoils_its_own_card_only(tab: Tab, served: Serve
 
 @pytest.mark.asyncio(loop_scope="module")
 async def test_any_key_expression_is_read_live(tab: Tab, served: Served, fleet: Fleet) -> None:
+    await show(tab, served)
     await tab.run("document.getElementById('key').value = 'quad*/ATTITUDE'")
     await tab.run("document.getElementById('subscribe').requestSubmit()")
     await tab.until("document.querySelectorAll('#subscriptions li').length === 1")
@@ -324,7 +331,8 @@ async def test_any_key_expression_is_read_live(tab: Tab, served: Served, fleet: 
 
 
 @pytest.mark.asyncio(loop_scope="module")
-async def test_orders_are_confirmed_and_their_end_is_said(tab: Tab, fleet: Fleet) -> None:
+async def test_orders_are_confirmed_and_their_end_is_said(tab: Tab, served: Served, fleet: Fleet) -> None:
+    await show(tab, served)
     fleet.orders.clear()
     await tab.run(f"{press('quad1', 'Land')}; {press('quad1', 'Land?')}")  # at once: the second must come in time
     await tab.until("document.getElementById('toasts').innerText.includes('quad1: land done')")
