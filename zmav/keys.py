@@ -19,6 +19,8 @@ from zmav.errors import BadKey
 
 ROOT = "zmav"
 NAME = re.compile(r"[a-z0-9_-]+\Z")
+NAMES = re.compile(r"[a-z0-9_*-]+\Z")
+"""a pattern of names: ``*`` for any part"""
 MESSAGE = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
 

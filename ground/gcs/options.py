@@ -19,6 +19,7 @@ from typing import Literal
 import msgspec
 
 from mesh.bench.units import bits_per_second
+from zmav import keys
 from zmav.errors import BadConfig, BadInput
 from zmav.links.url import LOOPBACK
 from zmav.mavlink import Dialect
@@ -148,9 +149,7 @@ def read_messages(text: str, dialect: Dialect, where: str) -> tuple[str, ...]:
 
 def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:
     names = tuple(filter(None, (name.strip() for name in text.split(","))))
-    wrong = [
-        name for name in names if not all(c.isascii() and (c.islower() or c.isdigit() or c in "_-*") for c in name)
-    ]
+    wrong = [name for name in names if not keys.NAMES.match(name)]
     if wrong or not names:
         expected = "names of a-z, 0-9, _ and -, * for any part, joined by commas"
         value = wrong[0] if wrong else text

@@ -165,7 +165,7 @@ class Recorder:
 def patterns(vehicles: Sequence[str]) -> list[str]:
     """Patterns of vehicles' names; BadConfig for what can be none."""
     for pattern in vehicles:
-        if not re.fullmatch(r"[a-z0-9_*-]+", pattern):
+        if not keys.NAMES.match(pattern):
             text = f"no vehicle can be called {pattern!r}: use lower-case letters, digits, '_', '-' and '*'"
             raise BadConfig(text, field="vehicles", value=pattern, expected="[a-z0-9_*-]+")
     return list(vehicles)
