@@ -122,6 +122,10 @@ CHANNELS: dict[str, Channel] = {
             rate_hz=10.0, stale_after=0.5, recorded=True,
         ),
         Channel(
+            "body", "{fleet}/{vehicle}/body", "query", wire.swarm.BodyReport, Qos.MUST_ARRIVE,
+            "how much room the vehicle needs and what it can do, for planners", (ANYONE,),
+        ),
+        Channel(
             "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,
             "the whole parameter set, from the vehicle's cache; unchanged sets cost a line", (ANYONE,),
         ),
@@ -202,6 +206,16 @@ CHANNELS: dict[str, Channel] = {
             "fleet-wide topics: origin, goal, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
         ),
         Channel(
+            "swarm", "{fleet}/{vehicle}/swarm/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
+            "an order for several vehicles at once, to the planner in charge (the vehicle here is its host)",
+            (OPERATOR, PLANNER), recorded=True, proven=True,
+        ),
+        Channel(
+            "obstacle", "{fleet}/@obstacle/{name}", "pub", wire.swarm.Obstacle, Qos.LATEST_WINS,
+            "something to keep clear of, by whoever knows of it; said again before its ttl is over",
+            (OPERATOR, PLANNER), recorded=True,
+        ),
+        Channel(
             "group", "{fleet}/@group/{group}/states", "pub", wire.GroupStates, Qos.LATEST_WINS,
             "a group's vehicles in short, by its gateway: what crosses between groups instead of every state",
             (OPERATOR,), rate_hz=1.0, stale_after=5.0, recorded=True,
@@ -225,6 +239,7 @@ BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
 HISTORY = CHANNELS["history"]
+SWARM, OBSTACLE, BODY = CHANNELS["swarm"], CHANNELS["obstacle"], CHANNELS["body"]
 CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"
 """the fleet's topic on which the authority's roster travels"""

@@ -8,6 +8,7 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 
 from __future__ import annotations
 
+from zmav.wire import swarm
 from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 from zmav.wire.files import (
@@ -172,4 +173,5 @@ __all__ = [
     "encode",
     "error_body",
     "error_from",
+    "swarm",
 ]

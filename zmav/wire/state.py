@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from zmav.wire.base import Vector, Wire
+from zmav.wire.swarm import SegmentInfo
 
 
 class GlobalPosition(Wire, kw_only=True):
@@ -123,6 +124,8 @@ class VehicleState(Wire, kw_only=True):
     lease: LeaseInfo | None = None
     lease_end: LeaseEnd | None = None
     """of the last lease that ended"""
+    segment: SegmentInfo | None = None
+    """the committed trajectory in force; None: none under the present lease"""
     pilot: str | None = None
     """why no agent may have the vehicle: the pilot's switch"""
     setpoints: dict[str, int] = {}

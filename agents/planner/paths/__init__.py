@@ -1,0 +1,1 @@
+"""Single vehicles' ways through the static world."""
