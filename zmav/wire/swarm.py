@@ -1,4 +1,4 @@
-"""The swarm: what the planning agent is asked (``{host}/swarm/{verb}``), and what it says of goals, plans and obstacles.
+"""The swarm: what the planning agent is asked (``{host}/swarm/{verb}``), and what it says of goals and plans.
 
 Places are metres NED about the fleet's origin. A goal says what is to become true of some vehicles, not how.
 """
