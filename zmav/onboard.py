@@ -22,6 +22,7 @@ from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
 from zmav.services.authority import Authority, Rules
+from zmav.services.body import BodyService
 from zmav.services.command import Commander
 from zmav.services.events import Events
 from zmav.services.files import Files
@@ -67,6 +68,7 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     failsafe: config.Failsafe = config.Failsafe()
     geofence: config.Geofence = config.Geofence()
     limits: config.Limits = config.Limits()
+    body: config.BodyConfig | None = None
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
     credentials: str | None = None
@@ -105,6 +107,7 @@ class Onboard:
         self.state = StateService(session, port, instance, self.identity, settings.origin, signer)
         self.timesync = TimeSync(port, self.identity, self.events)
         self.messages = Messages(session, port, self.identity, self.timesync)
+        self.body = BodyService(session, port, self.identity, settings.body)
         self.quality = Quality(session, port, self.identity, self.timesync)
         self.rates = Rates(session, port, self.identity, self.events)
         self.commander = Commander(port, self.identity, self.events)
@@ -216,6 +219,7 @@ class Onboard:
         changed = on_loop(loop, self._changed)
         self.identity.on_change = self.presence.on_change = changed
         self.state.extras.append(self._add_to_state)
+        self.setpoints.on_segment = self.state.publish
         adapter.guard, adapter.admit = self.presence.check, self.authority.stations.admit
         adapter.on_sent = lambda frame: self.authority.stations.sent(frame)
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
@@ -227,6 +231,7 @@ class Onboard:
         self.presence.start()
         self.state.start()
         self.messages.start()
+        self.body.start()
         self.timesync.start()
         self.rates.start()
         self.params.start()
@@ -253,7 +258,7 @@ class Onboard:
         await self.missions.close()
         await asyncio.to_thread(self.adapter.close)
         for service in (
-            self.identity, self.presence, self.state, self.messages, self.timesync, self.quality, self.files,
+            self.identity, self.presence, self.state, self.messages, self.body, self.timesync, self.quality, self.files,
             self.events,
         ):  # fmt: skip
             service.close()

@@ -66,6 +66,7 @@ def up(
         failsafe=(table.failsafe if table else None) or file.failsafe,
         geofence=(table.geofence if table else None) or file.geofence,
         limits=(table.limits if table else None) or file.limits,
+        body=(table.body if table else None) or file.body,
         pilot_switch=table.pilot_switch if table else None,
         cache=cache,
         credentials=settings.credentials,

@@ -96,6 +96,7 @@ class Copter:
         fleet, name = self._fleet, self._name
         silent = (
             keys.MSG.key(fleet, name, msg="*"),
+            keys.BODY.key(fleet, name),
             keys.PARAMS.key(fleet, name),
             keys.PARAM.key(fleet, name, param="*"),
             keys.MISSION.key(fleet, name, kind="*"),

@@ -326,7 +326,9 @@ async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench
     t = time.time()
     points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 1.2, pos=(3.0, 0.0, -5.0))]
     alice.put(vel=None, segment=points)
-    await b.state(lambda s: s["setpoints"] == {"flown": 1, "held": 1}, "hold at its end")
+    state = await b.state(lambda s: s["segment"] is not None, "the commitment")
+    assert state["segment"] == {"lease": 1, "seq": alice.seq, "start": t, "end": t + 1.2}
+    await b.state(lambda s: s["setpoints"] == {"flown": 1, "held": 1} and s["segment"], "hold at its end")
     told = b.peer.heard(GLOBAL)
     norths = [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in told]
     assert len(norths) >= 8  # 10 Hz, on a busy machine
@@ -335,6 +337,8 @@ async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench
     assert norths[-1] > 2.5
     assert told[-1].at - told[0].at > 0.8
     await b.event("the segment has ended: holding position", kind="setpoint")
+    alice.put()
+    await b.state(lambda s: s["segment"] is None, "something else to fly")
 
 
 @pytest.mark.parametrize(("ends", "flown_on"), [("gone", True), ("revoked", False)])

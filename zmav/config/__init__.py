@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from zmav.config.body import BodyConfig, body_of, check_body
 from zmav.config.fleet import (
     Action,
     Failsafe,
@@ -24,6 +25,7 @@ __all__ = [
     "COST",
     "Action",
     "Address",
+    "BodyConfig",
     "Failsafe",
     "FleetConfig",
     "Geofence",
@@ -38,6 +40,8 @@ __all__ = [
     "StationConfig",
     "Table",
     "VehicleConfig",
+    "body_of",
+    "check_body",
     "check_failsafe",
     "check_fence",
     "load_fleet",

@@ -23,6 +23,10 @@ speed = 12.0
 climb = 3.0
 descend = 2.0
 
+[body]                          # how much room a vehicle needs and what it can do, for planners
+radius = 0.8
+speed = 5.0
+
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
@@ -35,7 +39,7 @@ high = 2200
 
 ``[mesh]``, ``[vehicles.quad1.mesh]`` and ``[stations.ground]`` are for the network: :mod:`zmav.config.mesh`.
 ``[sim]`` and ``[vehicles.quad1.sim]`` are for the simulator: :mod:`zmav.sim.fleetfile` says what they hold.
-A vehicle's own ``failsafe``, ``geofence`` or ``limits`` table takes the whole place of the fleet's.
+A vehicle's own ``failsafe``, ``geofence``, ``limits`` or ``body`` table takes the whole place of the fleet's.
 """
 
 from __future__ import annotations
@@ -47,6 +51,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from zmav import keys, wire
+from zmav.config.body import BodyConfig, check_body
 from zmav.config.mesh import Host, Mesh, Profile, check_hosts
 from zmav.config.table import Positive, Table, reading
 from zmav.errors import BadConfig
@@ -125,6 +130,7 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     failsafe: Failsafe | None = None
     geofence: Geofence | None = None
     limits: Limits | None = None
+    body: BodyConfig | None = None
     pilot_switch: PilotSwitch | None = None
     signing: Signing | None = None
     mesh: Host = Host()
@@ -148,6 +154,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     failsafe: Failsafe = Failsafe()
     geofence: Geofence = Geofence()
     limits: Limits = Limits()
+    body: BodyConfig | None = None
     mesh: Mesh = Mesh()
     vehicles: dict[str, VehicleConfig] = {}
     stations: dict[str, StationConfig] = {}
@@ -186,6 +193,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             failsafe=table.failsafe or self.failsafe,
             geofence=table.geofence or self.geofence,
             limits=table.limits or self.limits,
+            body=table.body or self.body,
         )
 
 
@@ -211,6 +219,8 @@ def load_fleet(path: str | Path) -> FleetConfig:
 def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
     """What types cannot say: numbers that there are, and that go together."""
     failsafe, limits = tables.failsafe, tables.limits
+    if tables.body:
+        check_body(tables.body, f"{place}body")
     if failsafe:
         check_failsafe(failsafe, f"{place}failsafe")
     if limits:

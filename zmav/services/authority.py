@@ -167,7 +167,7 @@ class Authority:
 
     def add_to_state(self, state: wire.VehicleState) -> None:
         state.lease, state.lease_end = self.leases.info(), self.leases.last_end
-        state.pilot = self.pilot.has_it
+        state.pilot, state.segment = self.pilot.has_it, self.setpoints.segment
         state.setpoints = dict(self.setpoints.counts)
 
     def _on_lease_end(self, end: wire.LeaseEnd) -> None:

@@ -164,6 +164,12 @@ class Ladder:
         flown = self._flown
         return self._step is Step.FRESH and flown is not None and isinstance(flown.what, Segment)
 
+    @property
+    def on_segment(self) -> bool:
+        """A segment is what is flown or, at its end, held."""
+        flown = self._flown
+        return self._step is not Step.IDLE and flown is not None and isinstance(flown.what, Segment)
+
     def hold_now(self, why: str, *, goes_on: bool = True) -> None:
         """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows."""
         with self._changed:

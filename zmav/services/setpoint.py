@@ -61,6 +61,9 @@ class Setpoints:
         """raises where the autopilot's parameters do not let it follow such a target"""
         self.proven = False
         """only what is sealed with the lease's secret is read"""
+        self.on_segment: Callable[[], None] = lambda: None
+        """the vehicle is committed to another segment: whoever sent it waits to hear so"""
+        self._segment: wire.swarm.SegmentInfo | None = None
         self._seq = -1
         self._lease = ""
         self._subscriber: Any = None
@@ -116,7 +119,17 @@ class Setpoints:
         flown = Flown(autopilot, source, self._leases.number, what, needed, until)
         engaged = self._ladder.fly(flown, mode)
         self._leases.commit(until if isinstance(what, Segment) else 0.0)
+        if isinstance(what, Segment):
+            self._segment = wire.swarm.SegmentInfo(
+                lease=flown.lease, seq=point.seq, start=what.start, end=what.end
+            )  # fmt: skip
+            self.on_segment()
         return engaged
+
+    @property
+    def segment(self) -> wire.swarm.SegmentInfo | None:
+        """What the vehicle is committed to, or stands at the end of; None where anything else moves it."""
+        return self._segment if self._ladder.on_segment else None
 
     def _check_order(self, point: wire.Setpoint, in_force: bool) -> None:
         try:
