@@ -1,0 +1,189 @@
+"""What a goal comes down to: steps that the agent takes one after another, and what it must know of the fleet for them.
+
+Steps are in the solver's frame (ENU metres about the fleet's origin, seconds); what came from vehicles is NED, as on
+the wire, and named so. Nothing here moves anything: the agent plans, verifies and executes each step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from agents.planner.problem import Floats, Motion, Path
+from zmav import wire
+from zmav.errors import BadInput
+from zmav.wire.base import Vector
+
+
+@dataclass(frozen=True)
+class VehicleView:
+    """One vehicle as the planner knows it now."""
+
+    name: str
+    kind: str
+    """copter, rover, plane...: as :class:`zmav.wire.swarm.BodyReport` says it"""
+    body: wire.swarm.Body
+    pos_ned: Vector
+    """m NED about the fleet's origin"""
+    vel_ned: Vector = (0.0, 0.0, 0.0)
+    airborne: bool = False
+    """False for rovers and boats, which are where they go"""
+    home_ned: Vector | None = None
+    """where it took off"""
+
+    @property
+    def flies(self) -> bool:
+        return self.kind not in GROUND
+
+    @property
+    def hovers(self) -> bool:
+        return self.kind not in WINGED
+
+
+GROUND = ("rover", "boat")
+WINGED = ("plane", "vtol")
+
+
+@dataclass(frozen=True)
+class FleetView:
+    """The vehicles that a goal may name."""
+
+    vehicles: Mapping[str, VehicleView]
+
+    def pick(self, names: Sequence[str]) -> list[VehicleView]:
+        """Those, in that order. Raises :class:`BadInput` for none, for one twice, and for one that nobody heard of."""
+        if not names:
+            raise BadInput("the goal names no vehicle", field="vehicles", value=[], expected="one name or more")
+        twice = sorted({name for name in names if list(names).count(name) > 1})
+        if twice:
+            text = f"the goal names {', '.join(twice)} more than once"
+            raise BadInput(text, field="vehicles", value=twice, expected="each vehicle once")
+        unknown = [name for name in names if name not in self.vehicles]
+        if unknown:
+            known = ", ".join(sorted(self.vehicles)) or "none"
+            text = f"no vehicle {', '.join(unknown)} is known; known are: {known}"
+            raise BadInput(text, field="vehicles", value=unknown, expected=known)
+        return [self.vehicles[name] for name in names]
+
+
+@dataclass(frozen=True)
+class PlanTo:
+    """To places by a plan of the solver's, from wherever the vehicles are then, all at rest at the end."""
+
+    vehicles: tuple[str, ...]
+    places: Floats
+    """(N, 3) ENU"""
+    labelled: bool = True
+    """the first to the first; else each place to whichever vehicle the solver gives it"""
+    text: str = ""
+    """what is going on, in words; so in every step"""
+
+
+@dataclass(frozen=True)
+class Fly:
+    """Prepared motions, to be verified and executed as they are on one clock.
+
+    All start at t = 0 at rest where the step before ended, and end at rest. Where the verifier objects, or an
+    obstacle has come since, ``instead`` is done in their place, one after another.
+    """
+
+    motions: Mapping[str, Motion]
+    """by vehicle: (T, 4) t, x, y, z ENU"""
+    instead: tuple[PlanTo, ...] = ()
+    loop: tuple[float, float] | None = None
+    """s from the start: the part between may be flown any number of times, for all vehicles are at its end where and
+    as fast as at its beginning; see :func:`unroll`"""
+    laps: int = 1
+    """how often ``loop`` is to be flown; 0: until the goal is cancelled"""
+    text: str = ""
+
+    @property
+    def makespan(self) -> float:
+        """s, with the loop flown once."""
+        return max((float(motion[-1, 0]) for motion in self.motions.values()), default=0.0)
+
+
+@dataclass(frozen=True)
+class VehicleOrder:
+    """One order to one vehicle: ``do/{verb}`` with these arguments (as on the wire: NED, degrees where so named)."""
+
+    vehicle: str
+    verb: str
+    args: Mapping[str, Any] = field(default_factory=dict)
+    after: tuple[int, ...] = ()
+    """the places in :attr:`Orders.orders` of those that must be done before this one is sent"""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Orders that the vehicles carry out by themselves (takeoff, landing); the step is done when all are."""
+
+    orders: tuple[VehicleOrder, ...]
+    text: str = ""
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(order.vehicle for order in self.orders))
+
+
+@dataclass(frozen=True)
+class Loiter:
+    """Planes on their way to circles that they fly from then on: they never hover and need no time tags.
+
+    Each flies over its points in turn, then circles. The heights are such that no two meet, whenever each is where.
+    """
+
+    vehicles: tuple[str, ...]
+    centres: Floats
+    """(N, 3) ENU"""
+    radii: Floats
+    """(N,) m; negative: counter-clockwise seen from above"""
+    via: Mapping[str, Path] = field(default_factory=dict)
+    """by vehicle: (K, 3) ENU points to fly over before"""
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Stay beside something that moves, until the goal is cancelled: :mod:`agents.planner.goals.follow` says how."""
+
+    goal: wire.swarm.Follow
+    text: str = ""
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        return tuple(self.goal.vehicles)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Come to rest along the way that is being flown and stay there."""
+
+    vehicles: tuple[str, ...]
+    text: str = ""
+
+
+Step = PlanTo | Fly | Orders | Loiter | Track | Stop
+
+
+def unroll(fly: Fly, laps: int) -> dict[str, Motion]:
+    """The motions with the loop flown ``laps`` times (1 or more); those of a step without a loop as they are."""
+    if fly.loop is None or laps <= 1:
+        return dict(fly.motions)
+    begin, end = fly.loop
+    unrolled = {}
+    for name, motion in fly.motions.items():
+        t = motion[:, 0]
+        before, after = motion[t <= begin], motion[t > end]
+        inside = motion[(t > begin) & (t <= end)]
+        again = (end - begin) * np.arange(laps)
+        parts = [before, *(_later(inside, by) for by in again), _later(after, again[-1])]
+        unrolled[name] = np.concatenate(parts)
+    return unrolled
+
+
+def _later(motion: Motion, seconds: float) -> Motion:
+    return np.column_stack((motion[:, 0] + seconds, motion[:, 1:]))
