@@ -1,4 +1,4 @@
-"""Between the wire's frame (NED about the fleet's origin) and the solver's (ENU about the same): x east, y north, z up."""
+"""Between the frame of the wire (NED about the fleet's origin) and that of the solver (ENU): x east, y north, z up."""
 
 from __future__ import annotations
 
