@@ -1,6 +1,7 @@
 """The verbs of ``do/{verb}``, listed once: what each takes, who may give it and what it does to a stream of setpoints.
 
 The services register what does the work; the command line and the key reference are derived from :data:`VERBS`.
+:data:`SWARM_VERBS` are those of ``swarm/{verb}``, which the planning agent answers.
 """
 
 from __future__ import annotations
@@ -85,5 +86,21 @@ VERBS: dict[str, Verb] = {
             "revoke", wire.RevokeLease, Access.OPEN, "an operator ends whoever's lease; the vehicle holds", CONFIGURING
         ),
         Verb("ping", wire.Order, Access.READ, "answer at once", LOOKING),
+    )
+}
+
+PLANNING = (keys.OPERATOR, keys.PLANNER)
+SWARM_VERBS: dict[str, Verb] = {
+    verb.name: verb
+    for verb in (
+        Verb("submit", wire.swarm.Submit, Access.MOVE, "take a goal into the book", PLANNING),
+        Verb("preview", wire.swarm.Preview, Access.READ, "what would be flown for a goal", (keys.ANYONE,)),
+        Verb("pause", wire.swarm.GoalId, Access.OPEN, "come to rest along what is flown; the goals stay", PLANNING),
+        Verb("resume", wire.swarm.GoalId, Access.MOVE, "go on with what was paused", PLANNING),
+        Verb("abort", wire.swarm.GoalId, Access.OPEN, "come to rest and drop every goal", PLANNING),
+        Verb("cancel", wire.swarm.GoalId, Access.OPEN, "drop one goal; its vehicles come to rest", PLANNING),
+        Verb("obstacle", wire.swarm.GiveObstacle, Access.CHANGE, "something to keep clear of, or no more", PLANNING),
+        Verb("clear", wire.swarm.GoalId, Access.CHANGE, "forget all obstacles and goals that have ended", PLANNING),
+        Verb("status", wire.Order, Access.READ, "who is in charge, its book, its fleet", (keys.ANYONE,)),
     )
 }

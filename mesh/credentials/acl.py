@@ -20,7 +20,7 @@ from zmav.keys import CHANNELS, ROOT, Channel
 from zmav.trust.certificate import Role
 from zmav.trust.rights import may
 from zmav.trust.roster import Roster
-from zmav.verbs import VERBS
+from zmav.verbs import SWARM_VERBS, VERBS
 
 Rule = dict[str, Any]
 READING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
@@ -112,8 +112,8 @@ def granted(role: Role, name: str, fleet: str, vehicle: str = STRANGER) -> dict[
 def _cases(channel: Channel) -> Iterator[dict[str, str]]:
     """The parts of a channel's keys: each of those on which rights depend, and ``*`` for the others."""
     parts = dict.fromkeys(_names(channel.template), "*")
-    if channel is keys.DO:
-        for verb in VERBS:
+    if channel in (keys.DO, keys.SWARM):
+        for verb in VERBS if channel is keys.DO else SWARM_VERBS:
             yield {**parts, "verb": verb}
     elif channel is keys.FLEET:
         for topic in (*keys.TOPICS, "*"):

@@ -1,4 +1,4 @@
-"""``do/{verb}``: queries that make the vehicle do something, once each however often they are sent.
+"""``do/{verb}`` and ``swarm/{verb}``: queries that make something happen, once each however often they are sent.
 
 An order with an id is answered within its ``wait`` with status "running" while it lasts; the caller asks again with the
 same id, so that a lost answer costs one retry and no second takeoff.
@@ -10,7 +10,7 @@ import asyncio
 import collections
 import hashlib
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,7 @@ from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.port import on_loop
 from zmav.services.proven import attached, refuse
 from zmav.trust.gate import Origin, Prove, anybody
-from zmav.verbs import VERBS
+from zmav.verbs import VERBS, Verb
 
 MEMORY = 60.0
 """seconds a finished order's outcome is kept for a caller who asks again"""
@@ -54,10 +54,18 @@ class Operation:
 
 
 class Orders:
-    """The table of verbs and the orders under way. Lives on the event loop."""
+    """The table of verbs and the orders under way. Lives on the event loop.
 
-    def __init__(self, session: zenoh.Session, fleet: str, name: str) -> None:
+    ``channel`` and ``verbs``: which orders these are; those of a vehicle unless said otherwise. An order of more than
+    ``most`` bytes is not read.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, fleet: str, name: str, channel: keys.Channel = keys.DO,
+        verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
+    ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
+        self._channel, self._known, self._most = channel, verbs, most
         self.prove: Prove = anybody
         """who an order is from; raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at"""
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
@@ -69,11 +77,11 @@ class Orders:
         self._closed = False
 
     def add(self, verb: str, handler: Guarded) -> None:
-        """Who does the work of a verb of :data:`zmav.verbs.VERBS`."""
-        self._verbs[verb] = (VERBS[verb].args, handler)
+        """Who does the work of a verb of the table."""
+        self._verbs[verb] = (self._known[verb].args, handler)
 
     def start(self) -> None:
-        key = keys.DO.key(self._fleet, self._name, verb="*")
+        key = self._channel.key(self._fleet, self._name, verb="*")
         accept = on_loop(asyncio.get_running_loop(), self._accept)
         self._queryable = self._session.declare_queryable(key, accept)
 
@@ -108,7 +116,7 @@ class Orders:
 
     async def _answer(self, query: zenoh.Query, verb: str, payload: bytes, origin: Origin | None) -> None:
         with query:
-            key = keys.DO.key(self._fleet, self._name, verb=verb)
+            key = self._channel.key(self._fleet, self._name, verb=verb)
             try:
                 outcome = await self._outcome(verb, payload, origin)
             except ZmavError as e:
@@ -121,7 +129,10 @@ class Orders:
             known = ", ".join(sorted(self._verbs))
             raise BadInput(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
         arguments, handler = self._verbs[verb]
-        args = wire.decode(payload, arguments, f"do/{verb}")
+        if self._most is not None and len(payload) > self._most:
+            text = f"{verb}: {len(payload)} bytes are too much for an order; at most {self._most} are read"
+            raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
+        args = wire.decode(payload, arguments, f"{self._channel.name}/{verb}")
         operation = self._operation(verb, args, payload, handler, origin)
         wait = min(max(args.wait, 0.0), 5.0) if args.id else None
         await asyncio.wait({operation.task}, timeout=wait)
@@ -183,4 +194,4 @@ def _result(operation: Operation) -> dict[str, Any]:
         return operation.task.result()
     if isinstance(error, ZmavError):
         raise error
-    raise ZmavError(f"{operation.verb} failed inside the vehicle agent: {error!r}") from error
+    raise ZmavError(f"{operation.verb} failed inside the agent: {error!r}") from error

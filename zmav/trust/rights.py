@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from zmav import keys
 from zmav.errors import Forbidden
 from zmav.trust.certificate import Role
-from zmav.verbs import VERBS
+from zmav.verbs import SWARM_VERBS, VERBS
 
 
 def writers(channel: keys.Channel, parts: Mapping[str, str]) -> tuple[str, ...]:
@@ -19,8 +19,8 @@ def writers(channel: keys.Channel, parts: Mapping[str, str]) -> tuple[str, ...]:
 
     An order that does not exist is everybody's: whoever gives it is told which ones there are.
     """
-    if channel is keys.DO:
-        verb = VERBS.get(parts["verb"])
+    if channel in (keys.DO, keys.SWARM):
+        verb = (VERBS if channel is keys.DO else SWARM_VERBS).get(parts["verb"])
         return verb.writers if verb else (keys.ANYONE,)
     if channel is keys.FLEET:
         return keys.TOPICS.get(parts["topic"], channel.writers)
@@ -47,7 +47,7 @@ def may(role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str]) 
 def _forbidden(
     role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str], allowed: tuple[str, ...]
 ) -> Forbidden:
-    what = {keys.DO.name: parts.get("verb", ""), keys.FLEET.name: parts.get("topic", "")}.get(channel.name)
+    what = parts.get("topic" if channel is keys.FLEET else "verb")
     named = f"{channel.name} {what}" if what else channel.name
     vehicle = parts.get("vehicle")
     of = f" of {vehicle}" if vehicle else ""
