@@ -8,7 +8,7 @@ from zmav import keys
 from zmav.errors import Forbidden
 from zmav.trust.certificate import Role
 from zmav.trust.rights import may, writers
-from zmav.verbs import VERBS, Access
+from zmav.verbs import SWARM_VERBS, VERBS, Access
 
 CONFIGURES = {
     "command", "reboot", "param_set", "param_load", "file_put", "file_remove", "file_mkdir", "file_rmdir",
@@ -38,6 +38,16 @@ def test_orders(verb: str) -> None:
         assert VERBS[verb].access is Access.READ
 
 
+@pytest.mark.parametrize("verb", sorted(SWARM_VERBS))
+def test_orders_to_the_planner(verb: str) -> None:
+    looks = verb in {"preview", "status"}
+    for role, who in ((Role.OPERATOR, "op"), (Role.PLANNER, "swap")):
+        assert allowed(role, who, keys.SWARM, verb=verb, vehicle="ground")
+    for role, who in ((Role.VEHICLE, "quad1"), (Role.VIEWER, "eye")):
+        assert allowed(role, who, keys.SWARM, verb=verb, vehicle="ground") == looks
+    assert (SWARM_VERBS[verb].access is Access.READ) == looks
+
+
 def test_an_order_that_does_not_exist_is_answered_by_which_there_are() -> None:
     assert allowed(Role.VIEWER, "eye", keys.DO, verb="somersault")
 
@@ -45,7 +55,8 @@ def test_an_order_that_does_not_exist_is_answered_by_which_there_are() -> None:
 @pytest.mark.parametrize("name", sorted(keys.CHANNELS))
 def test_a_viewer_changes_nothing(name: str) -> None:
     channel = keys.CHANNELS[name]
-    parts = {"verb": "land", "topic": "goal", "role": "viewer", "vehicle": "eye"}
+    verb = "submit" if channel is keys.SWARM else "land"
+    parts = {"verb": verb, "topic": "goal", "role": "viewer", "vehicle": "eye"}
     assert allowed(Role.VIEWER, "eye", channel, **parts) == (channel.writers == (keys.ANYONE,))
     moves = channel in (keys.SETPOINT, keys.TX, keys.UPLOAD, keys.HOLDER, keys.DO, keys.FLEET, keys.AGENT_STATUS)
     assert not (moves and allowed(Role.VIEWER, "quad1", channel, **parts))

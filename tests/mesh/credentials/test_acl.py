@@ -16,7 +16,7 @@ from zmav.errors import Forbidden
 from zmav.keys import CHANNELS
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
-from zmav.verbs import VERBS
+from zmav.verbs import SWARM_VERBS, VERBS
 
 if TYPE_CHECKING:
     from tests.mesh.credentials.conftest import Door, Fleet, Home
@@ -32,8 +32,8 @@ def every_key(vehicle: str) -> Iterator[tuple[str, str, tuple[str, ...]]]:
     for channel in CHANNELS.values():
         names = [chunk.strip("{}") for chunk in channel.template.split("/")[1:] if chunk.startswith("{")]
         parts = {**dict.fromkeys(names, "x1"), "vehicle": vehicle}
-        if channel is keys.DO:
-            for verb in VERBS.values():
+        if channel in (keys.DO, keys.SWARM):
+            for verb in (VERBS if channel is keys.DO else SWARM_VERBS).values():
                 yield channel.kind, channel.key("alpha", **{**parts, "verb": verb.name}), verb.writers
         elif channel is keys.FLEET:
             for topic, writers in keys.TOPICS.items():
