@@ -1,0 +1,87 @@
+"""Which planner is in charge: a term that only grows, a heartbeat (the book) and a token. No clock and no network here.
+
+The planner in charge says its book once a second and holds a liveliness token; one of the two may be lost without
+harm. Each that takes charge counts the term up by one, and among those who believe to be in charge the highest (term,
+instance) is; the others stand by as soon as they hear of it. Nobody relies on that alone: a vehicle is commanded by
+who holds its lease, and it gives one at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from zmav.wire import swarm
+
+HEARTBEAT = 1.0
+"""s between two books"""
+PATIENCE = 3.0
+"""s without token and book after which a standby takes over"""
+SILENCE = 5.0
+"""s without a book after which a planner is gone, whatever its token says: a link that is half dead keeps tokens"""
+
+
+@dataclass
+class Charge:
+    """One planner's view. ``now`` is in monotonic seconds; ``instance`` tells its process from every other."""
+
+    name: str
+    instance: str
+    patience: float = PATIENCE
+    term: int = 0
+    """0: stands by"""
+    book: swarm.Book | None = None
+    """the last of the planner in charge, while we stand by"""
+    highest: int = 0
+    _heard: float = -1e9
+    _since: float | None = None
+    _tokens: set[str] = field(default_factory=set)
+    """the instances of those whose token says that they are in charge"""
+
+    @property
+    def in_charge(self) -> bool:
+        return self.term > 0
+
+    def token(self, instance: str, present: bool, now: float) -> None:
+        """Another's token of being in charge came or went."""
+        if instance == self.instance:
+            return
+        if present:
+            self._tokens.add(instance)
+        elif instance in self._tokens:
+            self._tokens.discard(instance)
+
+    def hear(self, book: swarm.Book, now: float) -> bool:
+        """Another's book came. True: it is in charge and we are not any more."""
+        if book.instance == self.instance:
+            return False
+        self.highest = max(self.highest, book.term)
+        if self.in_charge:
+            if (book.term, book.instance) <= (self.term, self.instance):
+                return False  # it hears ours within a second, and stands by
+            self.term = 0
+            self.book, self._heard = book, now
+            return True
+        if self.book is None or (book.term, book.instance) >= (self.book.term, self.book.instance) or self.lost(now):
+            self.book, self._heard = book, now
+        return False
+
+    def lost(self, now: float) -> bool:
+        """Nobody is in charge as far as we hear: no book for a while, and no token either, or not for long."""
+        self._since = now if self._since is None else self._since
+        silent = now - max(self._heard, self._since)
+        held = self.book is not None and self.book.instance in self._tokens
+        somebody = held if self.book is not None else bool(self._tokens)
+        return silent > (self.patience + SILENCE if somebody else self.patience)
+
+    def take(self, now: float) -> swarm.Book | None:
+        """Take charge: the book to go on from, where there is one."""
+        self.term = self.highest = self.highest + 1
+        book, self.book = self.book, None
+        return book
+
+    @property
+    def of(self) -> str:
+        """Who is in charge, by name; empty: nobody that we know of."""
+        if self.in_charge:
+            return self.name
+        return self.book.planner if self.book else ""

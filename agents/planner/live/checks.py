@@ -1,0 +1,137 @@
+"""What is taken from the network: numbers that are numbers, names that can be names, and not too much of anything."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgspec
+
+from zmav import keys, wire
+from zmav.errors import BadInput
+from zmav.wire import swarm
+
+MOST_BYTES = 512 * 1024
+"""of an order; an obstacle alone has at most an eighth of that"""
+MOST_VEHICLES, MOST_POINTS, MOST_CORNERS = 500, 2000, 500
+FARTHEST = 100_000.0
+"""m from the fleet's origin, and the largest number of any kind: fields of 32 bits and less lie behind"""
+MOST_OBSTACLES = 2000
+OBSTACLE_BYTES = MOST_BYTES // 8
+
+
+def check_numbers(value: Any, field: str) -> None:
+    """Raise :class:`BadInput` naming the field that holds no finite number of a sensible size."""
+    if isinstance(value, msgspec.Struct):
+        for name in value.__struct_fields__:
+            check_numbers(getattr(value, name), f"{field}.{name}")
+    elif isinstance(value, list | tuple):
+        for i, each in enumerate(value):
+            check_numbers(each, f"{field}[{i}]")
+    elif isinstance(value, float) and not abs(value) <= FARTHEST:
+        text = f"{field} is {value}; expected a number between -{FARTHEST:.0f} and {FARTHEST:.0f}"
+        raise BadInput(text, field=field, value=value, expected=f"at most {FARTHEST:.0f}")
+
+
+def check_goal(goal: swarm.Goal) -> None:
+    """What can be told without knowing the fleet. Raises :class:`BadInput`."""
+    _at_most(goal.vehicles, MOST_VEHICLES, "goal.vehicles")
+    if not goal.vehicles:
+        raise BadInput("the goal names no vehicle", field="goal.vehicles", value=[], expected="one name or more")
+    for name in goal.vehicles:
+        keys.check_name(name, "goal.vehicles")
+    for field in ("to", "points", "via", "offsets", "route", "polygon", "at"):
+        listed = getattr(goal, field, None)
+        if isinstance(listed, list):
+            _at_most(listed, MOST_POINTS, f"goal.{field}")
+    check_numbers(goal, "goal")
+    _check_sizes(goal)
+
+
+def _check_sizes(goal: swarm.Goal) -> None:
+    if isinstance(goal, swarm.Formation):
+        _positive(goal.spacing, "goal.spacing")
+    elif isinstance(goal, swarm.TakeOff):
+        _positive(goal.height, "goal.height")
+    elif isinstance(goal, swarm.Search) and len(goal.polygon) < 3:
+        text = f"a search needs a polygon of three corners or more; there are {len(goal.polygon)}"
+        raise BadInput(text, field="goal.polygon", value=len(goal.polygon), expected="three corners or more")
+    elif isinstance(goal, swarm.Patrol) and len(goal.route) < 2:
+        text = f"a patrol needs a route of two points or more; there are {len(goal.route)}"
+        raise BadInput(text, field="goal.route", value=len(goal.route), expected="two points or more")
+    elif isinstance(goal, swarm.GoTo) and len(goal.to) != len(goal.vehicles):
+        text = f"{len(goal.vehicles)} vehicles have {len(goal.to)} places to go to"
+        raise BadInput(text, field="goal.to", value=len(goal.to), expected=f"{len(goal.vehicles)} places")
+
+
+def check_obstacle(obstacle: swarm.Obstacle) -> None:
+    """Raises :class:`BadInput` for one that has no name or no size."""
+    keys.check_name(obstacle.name, "obstacle.name")
+    if obstacle.t != obstacle.t or abs(obstacle.t) > 1e11:
+        text = f"obstacle.t is {obstacle.t}; expected UTC seconds"
+        raise BadInput(text, field="obstacle.t", value=obstacle.t, expected="UTC seconds")
+    if obstacle.ttl is not None and not 0.0 < obstacle.ttl < 1e9:
+        text = f"obstacle.ttl is {obstacle.ttl}; expected seconds, more than nought"
+        raise BadInput(text, field="obstacle.ttl", value=obstacle.ttl, expected="more than 0")
+    what = obstacle.what
+    check_numbers(what, "obstacle.what")
+    if isinstance(what, swarm.Box):
+        if any(low == high for low, high in zip(what.low, what.high, strict=True)):
+            text = f"box {obstacle.name} has no extent along one of its sides"
+            raise BadInput(text, field="obstacle.what", value=[what.low, what.high], expected="two opposite corners")
+    elif isinstance(what, swarm.Ball | swarm.Cylinder):
+        _positive(what.radius, "obstacle.what.radius")
+    if isinstance(what, swarm.Cylinder | swarm.NoFly | swarm.Geofence) and not what.floor < what.ceiling:
+        text = f"{obstacle.name}: the floor ({what.floor} m) is not below the ceiling ({what.ceiling} m)"
+        raise BadInput(text, field="obstacle.what.floor", value=what.floor, expected=f"less than {what.ceiling}")
+    if isinstance(what, swarm.NoFly | swarm.Geofence):
+        _at_most(what.polygon, MOST_CORNERS, "obstacle.what.polygon")
+        _check_polygon(what.polygon)
+
+
+def read_obstacle(data: bytes) -> swarm.Obstacle:
+    """An obstacle as it came. Raises :class:`BadInput`."""
+    if len(data) > OBSTACLE_BYTES:
+        text = f"an obstacle of {len(data)} bytes is not read; at most {OBSTACLE_BYTES}"
+        raise BadInput(text, field="obstacle", value=len(data), expected=f"at most {OBSTACLE_BYTES} bytes")
+    obstacle = wire.decode(data, swarm.Obstacle, "obstacle")
+    check_obstacle(obstacle)
+    return obstacle
+
+
+def _check_polygon(polygon: list[swarm.Corner]) -> None:
+    """Three corners, and no two sides that cross: what is inside would be anybody's guess."""
+    n = len(polygon)
+    if n < 3:
+        text = f"a polygon needs three corners or more; there are {n}"
+        raise BadInput(text, field="obstacle.what.polygon", value=n, expected="three corners or more")
+    if abs(sum(_cross(polygon[i - 1], polygon[i]) for i in range(n))) < 1e-6:
+        raise BadInput("the polygon has no area", field="obstacle.what.polygon", value=n, expected="an area")
+    for i in range(n):
+        for j in range(i + 1, n):
+            apart = j != i and (j + 1) % n != i and (i + 1) % n != j
+            if apart and _meet(polygon[i], polygon[(i + 1) % n], polygon[j], polygon[(j + 1) % n]):
+                text = f"sides {i} and {j} of the polygon cross"
+                raise BadInput(text, field="obstacle.what.polygon", value=[i, j], expected="sides that do not cross")
+
+
+def _cross(a: swarm.Corner, b: swarm.Corner) -> float:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def _meet(a: swarm.Corner, b: swarm.Corner, c: swarm.Corner, d: swarm.Corner) -> bool:
+    def side(p: swarm.Corner, q: swarm.Corner, r: swarm.Corner) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    return side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
+
+
+def _positive(value: float, field: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise BadInput(f"{field} is {value}; expected more than nought", field=field, value=value, expected="> 0")
+
+
+def _at_most(listed: list[Any], most: int, field: str) -> None:
+    if len(listed) > most:
+        text = f"{field} has {len(listed)} entries; at most {most} are read"
+        raise BadInput(text, field=field, value=len(listed), expected=f"at most {most}")

@@ -1,0 +1,100 @@
+"""The planner's book: every goal it was given, in order, and what becomes of each. No clock and no network in here."""
+
+from __future__ import annotations
+
+import msgspec
+
+from zmav.errors import BadInput
+from zmav.wire import swarm
+
+ENDED = ("done", "failed", "cancelled")
+MOST_ENDED, MOST_OPEN = 50, 200
+"""goals that have ended and are still told of; goals that wait"""
+
+
+class Ledger:
+    """A goal has its vehicles for itself: of two that share one the later waits (``queue``) or takes its place."""
+
+    def __init__(self) -> None:
+        self.goals: list[swarm.GoalEntry] = []
+        self.paused = False
+        self._count = 0
+
+    # What is asked.
+
+    def add(self, goal: swarm.Goal, when: str, t: float, term: int, by: str = "") -> swarm.GoalEntry:
+        """Enter a goal; ``now`` cancels those that share a vehicle with it. Raises :class:`BadInput` when full."""
+        if sum(entry.state not in ENDED for entry in self.goals) >= MOST_OPEN:
+            text = f"the book is full: {MOST_OPEN} goals have not ended yet; cancel some"
+            raise BadInput(text, field="goal", value=MOST_OPEN, expected=f"fewer than {MOST_OPEN}")
+        self._count += 1
+        known = {entry.id for entry in self.goals}
+        while (name := f"g{term}-{self._count}") in known:
+            self._count += 1
+        if when == "now":
+            for other in self.sharing(goal.vehicles):
+                self.end(other, "cancelled", f"{name} took its place")
+        entry = swarm.GoalEntry(id=name, goal=goal, state="queued", t=t, by=by, text="waits for its turn")
+        self.goals.append(entry)
+        return entry
+
+    def sharing(self, vehicles: list[str]) -> list[swarm.GoalEntry]:
+        """The goals that have not ended and have one of these vehicles."""
+        wanted = set(vehicles)
+        return [entry for entry in self.goals if entry.state not in ENDED and wanted & set(entry.goal.vehicles)]
+
+    def find(self, name: str) -> list[swarm.GoalEntry]:
+        """The goal of that id, or all that have not ended where it is empty. Raises :class:`BadInput` for no such."""
+        if not name:
+            return [entry for entry in self.goals if entry.state not in ENDED]
+        found = [entry for entry in self.goals if entry.id == name]
+        if not found:
+            known = ", ".join(entry.id for entry in self.goals) or "none"
+            raise BadInput(f"no goal {name}; in the book are: {known}", field="goal", value=name, expected=known)
+        return found
+
+    # What happens.
+
+    def ready(self) -> list[swarm.GoalEntry]:
+        """The goals that wait and share no vehicle with an earlier one that has not ended."""
+        found, taken = [], set[str]()
+        for entry in self.goals:
+            if entry.state in ENDED:
+                continue
+            if entry.state == "queued" and not taken & set(entry.goal.vehicles):
+                found.append(entry)
+            taken |= set(entry.goal.vehicles)
+        return found
+
+    @property
+    def open(self) -> list[swarm.GoalEntry]:
+        """The goals that have not ended."""
+        return [entry for entry in self.goals if entry.state not in ENDED]
+
+    def end(self, entry: swarm.GoalEntry, state: swarm.GoalState, text: str) -> None:
+        """It is over; one that has ended before stays as it ended."""
+        if entry.state in ENDED:
+            return
+        entry.state, entry.text = state, text
+        if state == "done":
+            entry.progress = 1.0
+        self._forget(MOST_ENDED)
+
+    def clear(self) -> None:
+        """Forget the goals that have ended."""
+        self._forget(0)
+
+    def _forget(self, most: int) -> None:
+        ended = [entry for entry in self.goals if entry.state in ENDED]
+        for entry in ended[: max(0, len(ended) - most)]:
+            self.goals.remove(entry)
+
+    def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
+        """Go on from another planner's book; the goals that are to be begun anew, from wherever their vehicles are."""
+        self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
+        self.paused = book.paused
+        again = [entry for entry in self.goals if entry.state not in ENDED]
+        for entry in again:
+            entry.state, entry.text = "queued", f"taken over from {book.planner}"
+            entry.makespan = entry.clearance = None
+        return again

@@ -1,0 +1,199 @@
+"""The world as it is told at run time: obstacles, no-fly polygons, the geofence, terrain; and what a scene needs of it.
+
+On the wire everything is NED about the fleet's origin, heights are metres above it; a scene is ENU.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agents.planner import scene
+from agents.planner.live.checks import MOST_OBSTACLES
+from agents.planner.live.frames import enu
+from agents.planner.problem import Mover
+from zmav.errors import BadInput
+from zmav.wire import Vector, swarm
+
+AROUND = 60.0
+"""m that bounds reach beyond all that is to be planned for, where no geofence says otherwise"""
+ABOVE = 60.0
+SKIRT = 0.5
+"""m by which vehicles may be below the lowest place they are asked to be at: they drift"""
+AHEAD = 120.0
+"""s for which what moves is taken to go on as it does"""
+
+
+@dataclass
+class Told:
+    obstacle: swarm.Obstacle
+    until: float | None
+    """monotonic seconds at which it is forgotten"""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """What a scene is put together from; ENU metres."""
+
+    obstacles: tuple[scene.Obstacle, ...] = ()
+    geofence: scene.Fence | None = None
+    terrain: tuple[float, float, float, float] | None = None
+    """height at the origin, rise per metre east and north, clearance"""
+    movers: tuple[Mover, ...] = field(default_factory=tuple)
+    """on the clock of the plan: from now"""
+
+    def bounds(self, points: Sequence[Vector]) -> scene.Bounds:
+        """Room around these places (ENU): as far as the fence, or a good way beyond all of them and the obstacles."""
+        corners = np.array([*points, *self._corners(points)], dtype=np.float64).reshape(-1, 3)
+        low, high = corners.min(axis=0) - AROUND, corners.max(axis=0) + AROUND
+        floor = min(p[2] for p in points) - SKIRT if points else 0.0
+        top = float(corners[:, 2].max()) + ABOVE
+        if self.geofence is not None:
+            ring = np.array(self.geofence.polygon, dtype=np.float64)
+            low[:2], high[:2] = ring.min(axis=0), ring.max(axis=0)
+            top = min(top, self.geofence.ceiling)
+        return scene.Bounds(
+            min=(float(low[0]), float(low[1]), float(floor)),
+            max=(float(high[0]), float(high[1]), max(top, floor + 1.0)),
+        )
+
+    def _corners(self, points: Sequence[Vector]) -> list[Vector]:
+        """Of the obstacles that stand between the places or near them: a way around has to fit in, too."""
+        if not points:
+            return []
+        near = np.array(points, dtype=np.float64)
+        low, high = near.min(axis=0)[:2] - 2 * AROUND, near.max(axis=0)[:2] + 2 * AROUND
+        found: list[Vector] = []
+        for obstacle in self.obstacles:
+            first, last = extent(obstacle)
+            if first[0] < high[0] and last[0] > low[0] and first[1] < high[1] and last[1] > low[1]:
+                found += [
+                    (max(first[0], low[0]), max(first[1], low[1]), near[0, 2]),
+                    (min(last[0], high[0]), min(last[1], high[1]), min(last[2], float(near[:, 2].max()) + ABOVE)),
+                ]
+        return found
+
+
+class World:
+    """What the planner was told, by name. ``now`` is in monotonic seconds, ``t`` in UTC seconds."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, Told] = {}
+        self.revision = 0
+        """counts the changes"""
+
+    @property
+    def obstacles(self) -> list[swarm.Obstacle]:
+        return [told.obstacle for _, told in sorted(self._told.items())]
+
+    def give(self, obstacle: swarm.Obstacle, now: float) -> bool:
+        """Something is there, has moved or is gone; True where that is news.
+
+        Of a fence and of terrain there is one: the last one given. Raises :class:`BadInput` where there are too many.
+        """
+        name, what = obstacle.name, obstacle.what
+        before = self._told.get(name)
+        if before is not None and obstacle.t < before.obstacle.t:
+            return False  # overtaken on the way
+        if what is None:
+            return self._gone(name)
+        if before is None and len(self._told) >= MOST_OBSTACLES:
+            text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; clear some"
+            raise BadInput(text, field="obstacle", value=name, expected=f"at most {MOST_OBSTACLES}")
+        if isinstance(what, swarm.Geofence | swarm.Terrain):
+            for other in [n for n, told in self._told.items() if n != name and type(told.obstacle.what) is type(what)]:
+                del self._told[other]
+        self._told[name] = Told(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
+        if before is not None and before.obstacle.what == what:
+            return False
+        self.revision += 1
+        return True
+
+    def expire(self, now: float) -> list[str]:
+        """Forget what was not said again in time; who that was."""
+        old = [name for name, told in self._told.items() if told.until is not None and told.until <= now]
+        for name in old:
+            self._gone(name)
+        return old
+
+    def clear(self) -> int:
+        count = len(self._told)
+        self._told.clear()
+        self.revision += bool(count)
+        return count
+
+    def _gone(self, name: str) -> bool:
+        if self._told.pop(name, None) is None:
+            return False
+        self.revision += 1
+        return True
+
+    def find(self, name: str) -> swarm.Obstacle | None:
+        told = self._told.get(name)
+        return told.obstacle if told else None
+
+    def pieces(self, t: float) -> Pieces:
+        """The world at UTC ``t``, for a scene."""
+        still: list[scene.Obstacle] = []
+        movers: list[Mover] = []
+        fence: scene.Fence | None = None
+        terrain: tuple[float, float, float, float] | None = None
+        for obstacle in self.obstacles:
+            what = obstacle.what
+            if isinstance(what, swarm.Geofence):
+                fence = scene.Fence(polygon=[_corner(c) for c in what.polygon], floor=what.floor, ceiling=what.ceiling)
+            elif isinstance(what, swarm.Terrain):
+                terrain = (what.height, what.rise[1], what.rise[0], what.clearance)
+            elif isinstance(what, swarm.Ball) and any(what.velocity):
+                movers.append(_mover(obstacle.name, what, t - obstacle.t))
+            elif what is not None:
+                still.append(_still(what))
+        return Pieces(tuple(still), fence, terrain, tuple(movers))
+
+    def ball(self, name: str, t: float) -> tuple[Vector, Vector] | None:
+        """Place (NED, at UTC ``t``) and velocity of what moves or stands under that name; None: no such."""
+        obstacle = self.find(name)
+        if obstacle is None or not isinstance(obstacle.what, swarm.Ball):
+            return None
+        what, dt = obstacle.what, t - obstacle.t
+        place = tuple(p + v * dt for p, v in zip(what.center, what.velocity, strict=True))
+        return (place[0], place[1], place[2]), what.velocity
+
+
+def _corner(corner: swarm.Corner) -> scene.Corner:
+    north, east = corner
+    return (east, north)
+
+
+def _still(what: swarm.Box | swarm.Cylinder | swarm.NoFly | swarm.Ball | object) -> scene.Obstacle:
+    if isinstance(what, swarm.Box):
+        one, other = enu(what.low), enu(what.high)
+        low = (min(one[0], other[0]), min(one[1], other[1]), min(one[2], other[2]))
+        return scene.Box(min=low, max=(max(one[0], other[0]), max(one[1], other[1]), max(one[2], other[2])))
+    if isinstance(what, swarm.Cylinder):
+        return scene.Cylinder(center=_corner(what.center), radius=what.radius, floor=what.floor, ceiling=what.ceiling)
+    if isinstance(what, swarm.NoFly):
+        return scene.NoFly(polygon=[_corner(c) for c in what.polygon], floor=what.floor, ceiling=what.ceiling)
+    assert isinstance(what, swarm.Ball)
+    x, y, z = enu(what.center)
+    return scene.Cylinder(center=(x, y), radius=what.radius, floor=z - what.radius, ceiling=z + what.radius)
+
+
+def _mover(name: str, what: swarm.Ball, age: float) -> Mover:
+    x, y, z = enu(what.center)
+    u, v, w = enu(what.velocity)
+    rows = [(s, x + u * (age + s), y + v * (age + s), z + w * (age + s)) for s in (0.0, AHEAD)]
+    return Mover(f"@{name}", np.array(rows, dtype=np.float64), what.radius)
+
+
+def extent(obstacle: scene.Obstacle) -> tuple[Vector, Vector]:
+    """The corners of the box around it."""
+    if isinstance(obstacle, scene.Box):
+        return obstacle.min, obstacle.max
+    if isinstance(obstacle, scene.Cylinder):
+        (x, y), r = obstacle.center, obstacle.radius
+        return (x - r, y - r, obstacle.floor), (x + r, y + r, obstacle.ceiling)
+    xs, ys = [c[0] for c in obstacle.polygon], [c[1] for c in obstacle.polygon]
+    return (min(xs), min(ys), obstacle.floor), (max(xs), max(ys), obstacle.ceiling)
