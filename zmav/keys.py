@@ -126,6 +126,11 @@ CHANNELS: dict[str, Channel] = {
             "how much room the vehicle needs and what it can do, for planners", (ANYONE,),
         ),
         Channel(
+            "beacon", "{fleet}/{vehicle}/beacon", "pub", wire.swarm.Beacon, Qos.LATEST_WINS,
+            "in flight: where the vehicle is about to be, for its neighbours' last resort against a collision",
+            rate_hz=5.0, stale_after=3.0,
+        ),
+        Channel(
             "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,
             "the whole parameter set, from the vehicle's cache; unchanged sets cost a line", (ANYONE,),
         ),
@@ -239,7 +244,8 @@ BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
 HISTORY = CHANNELS["history"]
-SWARM, OBSTACLE, BODY = CHANNELS["swarm"], CHANNELS["obstacle"], CHANNELS["body"]
+SWARM, OBSTACLE = CHANNELS["swarm"], CHANNELS["obstacle"]
+BODY, BEACON = CHANNELS["body"], CHANNELS["beacon"]
 CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"
 """the fleet's topic on which the authority's roster travels"""

@@ -41,6 +41,7 @@ from zmav.services.port import on_loop
 from zmav.services.presence import Presence
 from zmav.services.quality import Quality
 from zmav.services.rate import Rates
+from zmav.services.separation import Separation
 from zmav.services.state import StateService
 from zmav.services.store import Store, default_directory
 from zmav.services.timesync import TimeSync
@@ -69,6 +70,7 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     geofence: config.Geofence = config.Geofence()
     limits: config.Limits = config.Limits()
     body: config.BodyConfig | None = None
+    separation: config.Separation = config.Separation()
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
     credentials: str | None = None
@@ -126,6 +128,11 @@ class Onboard:
         self.rates.needs.update(self.authority.pilot.needs)
         self.flight.check, carrot = self.authority.bounds.check, self.authority.carrot
         self.flight.lead, self.flight.leads = carrot.lead, lambda: carrot.leading
+        self.separation = Separation(
+            session, port, self.identity, self.authority.bounds, self.events, settings.origin,
+            lambda: self.body.body, settings.separation,
+        )  # fmt: skip
+        self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
         self.params = Params(session, port, self.identity, self.events)
         count = self.setpoints.counts
         self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
@@ -239,6 +246,7 @@ class Onboard:
         self.files.start()
         self.orders.start()
         self.authority.start()
+        self.separation.start()
         self.needs.start()
         adapter.start()
         self._tasks.append(loop.create_task(self._keep_house()))
@@ -251,6 +259,7 @@ class Onboard:
         for task in self._tasks:
             task.cancel()
         self.authority.close()  # first of all: a vehicle that follows a stream holds
+        self.separation.close()
         self.rates.close()
         self.needs.close()
         await self.orders.close()
@@ -309,6 +318,7 @@ class Onboard:
                 self.events.tick()
                 self.presence.tick()
                 self.leases.tick()
+                self.separation.tick()
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()

@@ -67,6 +67,7 @@ def up(
         geofence=(table.geofence if table else None) or file.geofence,
         limits=(table.limits if table else None) or file.limits,
         body=(table.body if table else None) or file.body,
+        separation=file.separation,
         pilot_switch=table.pilot_switch if table else None,
         cache=cache,
         credentials=settings.credentials,

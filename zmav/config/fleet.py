@@ -27,6 +27,9 @@ descend = 2.0
 radius = 0.8
 speed = 5.0
 
+[separation]                    # vehicles move aside for each other by themselves, as a last resort
+on = true
+
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
@@ -99,6 +102,20 @@ class Limits(Table, frozen=True):
     """rad/s"""
 
 
+class Separation(Table, frozen=True):
+    """The vehicles' last resort against each other: see :mod:`zmav.services.separation`. All of a fleet, or none."""
+
+    on: bool = False
+    share: Annotated[float, msgspec.Meta(ge=0.2, le=2.0)] = 0.75
+    """of the sum of two vehicles' radii, below which they move aside: less than a planner keeps"""
+    downwash: Annotated[float, msgspec.Meta(ge=0.2, le=10.0)] = 1.5
+    """so many metres of height count as one over the ground"""
+    floor: float = 3.0
+    """m above home: nobody is sent lower"""
+    far: Positive = 3.0
+    """m from what it was told to be at, from which on a vehicle is taken to be on its way there"""
+
+
 class PilotSwitch(Table, frozen=True):
     """A switch of the pilot's radio: while ``channel`` is from ``low`` to ``high`` µs, no agent has the vehicle."""
 
@@ -155,6 +172,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     geofence: Geofence = Geofence()
     limits: Limits = Limits()
     body: BodyConfig | None = None
+    separation: Separation = Separation()
     mesh: Mesh = Mesh()
     vehicles: dict[str, VehicleConfig] = {}
     stations: dict[str, StationConfig] = {}

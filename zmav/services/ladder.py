@@ -80,6 +80,10 @@ class Ladder:
         self.allowed: Callable[[str | None], bool] = lambda mode: True
         """the autopilot's mode is one that was ordered here"""
         self.near: Callable[[Autopilot, Target, tuple[int, int]], Target] = lambda autopilot, target, source: target
+        self.aside: Callable[[Callable[[float], Target]], tuple[Target, str] | None] = lambda future: None
+        """what to fly instead for a moment, and because of whom (:mod:`zmav.services.separation`)"""
+        self._dodging: Flown | None = None
+        """what is flown, while the vehicle is moved aside from it"""
         self._changed = threading.Condition(threading.RLock())
         self._pace = Pace()
         self._step = Step.IDLE
@@ -163,6 +167,11 @@ class Ladder:
         """A segment is being flown: it ends at rest by itself."""
         flown = self._flown
         return self._step is Step.FRESH and flown is not None and isinstance(flown.what, Segment)
+
+    def future(self) -> Callable[[float], Target] | None:
+        """What it flies so many seconds from now; None where nothing is flown."""
+        flown = self._flown
+        return None if flown is None or self._step is not Step.FRESH else _future(flown)
 
     @property
     def on_segment(self) -> bool:
@@ -378,6 +387,7 @@ class Ladder:
         if self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due = Step.IDLE, None, math.inf
+        self._dodging = None
         self._changed.notify_all()
 
     def _mode(self) -> tuple[str | None, bool]:
@@ -407,20 +417,35 @@ class Ladder:
 
     def _period(self, flown: Flown) -> float:
         hz = flown.autopilot.keepalive_hz
-        return 1.0 / (max(hz, SEGMENT_HZ) if isinstance(flown.what, Segment) else hz)
+        fast = isinstance(flown.what, Segment) or self._dodging is not None
+        return 1.0 / (max(hz, SEGMENT_HZ) if fast else hz)
 
     def _send(self) -> bool:
         """The setpoint as it is now; False where the link does not take it."""
         flown = self._flown
         assert flown is not None
-        target = flown.what
-        if isinstance(target, Segment):  # by the clock it was accepted by: UTC may be set meanwhile
-            target = target.at(target.end - (flown.until - time.monotonic()))
+        instead = self.aside(_future(flown))
+        if instead is not None:
+            return self._dodge(flown, *instead)
+        if self._dodging is flown and isinstance(flown.what, Segment):
+            self._flown = flown._replace(what=Target(vel=(0.0, 0.0, 0.0)))  # its place on the segment may be taken
+            self._hold("moved aside from the segment")
+            return True
+        self._dodging = None
+        target = _future(flown)(0.0)
         sent = True
         for action in flown.autopilot.setpoint(self.near(flown.autopilot, target, flown.source)):
             if self._pace.due(action, time.monotonic()):
                 sent = self._give(action) and sent
         return sent
+
+    def _dodge(self, flown: Flown, target: Target, whom: str) -> bool:
+        if self._dodging is None:
+            self.count("aside")
+            self._events.emit("separation", "warning", f"moving aside for {whom}", limit="aside", whom=whom)
+        self._dodging = flown
+        sent = [self._give(action) for action in flown.autopilot.setpoint(target)]
+        return all(sent)
 
     def _let_go(self, before: Flown | None, after: Flown | None) -> None:
         """Give back what an override took, where what comes next does not override it as well."""
@@ -444,3 +469,11 @@ class Ladder:
             return self._port.send("COMMAND_LONG", **fields, param5=p[4], param6=p[5], param7=p[6])
         frame = dialect.value("MAV_FRAME", action.frame)
         return self._port.send("COMMAND_INT", **fields, x=int(p[4]), y=int(p[5]), z=p[6], frame=frame)
+
+
+def _future(flown: Flown) -> Callable[[float], Target]:
+    """What is to be flown so many seconds from now. Of a segment, by the clock it was accepted by: UTC may be set."""
+    what, now = flown.what, time.monotonic()
+    if isinstance(what, Segment):
+        return lambda ahead: what.at(what.end - (flown.until - now) + ahead)
+    return lambda ahead: what

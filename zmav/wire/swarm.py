@@ -60,6 +60,17 @@ class SegmentInfo(Wire, kw_only=True):
     end: float
 
 
+class Beacon(Wire, kw_only=True):
+    """What a vehicle in flight tells its neighbours, so that they move aside by themselves: metres and m/s NED."""
+
+    t: float
+    pos: Vector
+    vel: Vector
+    radius: float
+    ahead: list[Vector] = []
+    """where what it flies has it in 1, 2, 3 and 4 s; empty: it goes on as it does"""
+
+
 # Goals.
 
 

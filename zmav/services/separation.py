@@ -1,0 +1,219 @@
+"""The last resort against a collision: vehicles tell each other where they are about to be, and move aside by
+themselves. It needs no planner and no ground.
+
+Each vehicle in flight says five times a second where it is and where its stream or segment leads it (``beacon``). Who
+flies a stream of ours and sees that it will meet somebody is moved aside until they are clear. A segment ends with
+that: the vehicle holds where it is then, for the place the segment would have it in may be taken.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import zenoh
+
+from zmav import geo, keys, wire
+from zmav.autopilots import Target
+from zmav.config import Separation as Settings
+from zmav.errors import BadInput
+from zmav.mavlink import decode
+from zmav.services import avoid
+from zmav.services.avoid import STEP, STEPS, Motion, Other, Track
+from zmav.services.bounds import Bounds
+from zmav.services.events import Events
+from zmav.services.identity import Identity
+from zmav.services.port import Port
+
+AHEAD = (1.0, 2.0, 3.0, 4.0)
+"""s from now of the places in a beacon"""
+FORGET = 3.0
+"""s without a beacon after which a neighbour is not reckoned with: a burst of loss is shorter"""
+FRESH = 1.0
+"""age in s up to which our own position is where we are"""
+SKEW = 1.0
+"""s by which two clocks may differ before the time of arrival counts instead"""
+AROUND = 25.0
+"""m within which a neighbour counts for the way out"""
+MOST = 500
+"""neighbours that are kept"""
+
+Future = Callable[[float], Target]
+"""what is to be flown so many seconds from now"""
+
+
+class Separation:
+    """One vehicle's. :meth:`aside` from any thread, the rest on the event loop or Zenoh's threads."""
+
+    def __init__(
+        self, session: zenoh.Session, port: Port, identity: Identity, bounds: Bounds, events: Events,
+        origin: wire.Origin | None, body: Callable[[], wire.swarm.Body], settings: Settings,
+    ) -> None:  # fmt: skip
+        self._session, self._port, self._identity, self._bounds = session, port, identity, bounds
+        self._events, self._origin, self._body, self._settings = events, origin, body, settings
+        self.future: Callable[[], Future | None] = lambda: None
+        """what is flown at present: the ladder's"""
+        self._lock = threading.Lock()
+        self._heard: dict[str, tuple[float, wire.swarm.Beacon]] = {}
+        """by name: monotonic seconds of "now" in the beacon, and the beacon"""
+        self._moving = False
+        """it moves aside at present"""
+        self._held: list[Any] = []
+        self._key = keys.BEACON.key(port.fleet, port.name)
+
+    @property
+    def on(self) -> bool:
+        """It is asked for, and there is an origin to count from."""
+        return self._settings.on and self._origin is not None
+
+    def start(self) -> None:
+        if self.on:
+            all_of_them = keys.BEACON.key(self._port.fleet, "*")
+            self._held.append(self._session.declare_subscriber(all_of_them, self._on_beacon))
+
+    def close(self) -> None:
+        for each in self._held:
+            each.undeclare()
+
+    # Telling the others.
+
+    def tick(self) -> None:
+        """Five times a second: in flight, say where we are and will be."""
+        here = self._here() if self.on and self._identity.armed else None
+        if here is None:
+            return
+        pos, vel, _ = here
+        future = self.future()
+        ahead = [] if future is None else [self._place(future(t), pos, t) for t in AHEAD]
+        beacon = wire.swarm.Beacon(
+            t=time.time(), pos=_rounded(pos), vel=_rounded(vel), radius=self._body().radius,
+            ahead=[_rounded(p) for p in ahead],
+        )  # fmt: skip
+        self._session.put(self._key, wire.encode(beacon), encoding=keys.JSON, **keys.BEACON.qos.options())
+
+    def _on_beacon(self, sample: zenoh.Sample) -> None:
+        name = str(sample.key_expr).split("/")[2]
+        if name == self._port.name:
+            return
+        try:
+            beacon = wire.decode(sample.payload.to_bytes(), wire.swarm.Beacon, f"beacon of {name}")
+        except BadInput:
+            return
+        numbers = (beacon.t, beacon.radius, *beacon.pos, *beacon.vel, *(x for place in beacon.ahead for x in place))
+        if not all(map(math.isfinite, numbers)) or len(beacon.ahead) > len(AHEAD):
+            return
+        now = time.monotonic()
+        late = time.time() - beacon.t
+        with self._lock:
+            if len(self._heard) < MOST or name in self._heard:
+                self._heard[name] = (now - late if 0.0 <= late < SKEW else now, beacon)
+
+    # Moving aside.
+
+    def aside(self, future: Future) -> tuple[Target, str] | None:
+        """What to fly instead, and because of whom; None: go on as you were."""
+        autopilot = self._identity.autopilot
+        if not self.on or autopilot is None or self._identity.kind not in ("copter", "heli", "rover", "boat"):
+            return None  # a plane cannot stop, and is kept apart by heights
+        neighbours = self._neighbours()
+        here = self._here() if neighbours else None
+        if here is None:
+            return None
+        pos, vel, height = here
+        own = self._track(future, pos)
+        times = avoid.CLEARER if self._moving else 1.0
+        near = [other for other in neighbours if avoid.meets(own, other, self._settings.downwash, times)]
+        self._moving = bool(near)
+        if not near:
+            return None
+        body = self._body()
+        flat = autopilot.on_surface
+        low = height is not None and height < self._settings.floor
+        motion = Motion(body.speed, body.accel, body.climb, 0.0 if low else body.descend, flat)
+        north, east, down = ((q - p) / STEP for p, q in zip(own[0], own[1], strict=True))
+        downwash, wanted = self._settings.downwash, _within((north, east, down), body.speed)
+        around = [o for o in neighbours if avoid.least(own, o.track, downwash)[0] < AROUND]
+        out = avoid.escape(self._port.name, pos, vel, wanted, around, motion, downwash, self._allowed)
+        return Target(vel=out), ", ".join(sorted(other.name for other in near))
+
+    def _neighbours(self) -> list[Other]:
+        now, radius = time.monotonic(), self._body().radius
+        with self._lock:
+            for name in [name for name, (at, _) in self._heard.items() if now - at > FORGET]:
+                del self._heard[name]
+            heard = list(self._heard.items())
+        return [
+            Other(name, _ahead(beacon, now - at), self._settings.share * (radius + beacon.radius))
+            for name, (at, beacon) in heard
+        ]
+
+    def _track(self, future: Future, pos: wire.Vector) -> Track:
+        """Where the vehicle will be: as it was told to, from where it really is."""
+        told = [self._place(future(k * STEP), pos, k * STEP) for k in range(STEPS + 1)]
+        off = tuple(a - b for a, b in zip(pos, told[0], strict=True))
+        if math.hypot(*off) > self._settings.far:  # on its way to what it was told
+            return [self._toward(pos, place, k * STEP) for k, place in enumerate(told)]
+        return [(n + off[0], e + off[1], d + off[2]) for n, e, d in told]
+
+    def _place(self, target: Target, pos: wire.Vector, t: float) -> wire.Vector:
+        """Where a target has it in ``t`` seconds: metres NED."""
+        assert self._origin is not None
+        if target.lat_deg is None or target.lon_deg is None:
+            north, east, down = target.vel or (0.0, 0.0, 0.0)
+            return pos[0] + north * t, pos[1] + east * t, pos[2] + down * t
+        north, east, down = geo.to_ned(self._origin, target.lat_deg, target.lon_deg, target.alt_amsl or 0.0)
+        return north, east, pos[2] if target.alt_amsl is None else down
+
+    def _toward(self, pos: wire.Vector, place: wire.Vector, t: float) -> wire.Vector:
+        reach, away = self._body().speed * t, math.dist(pos, place)
+        share = 1.0 if away <= reach else reach / away
+        n, e, d = (a + (b - a) * share for a, b in zip(pos, place, strict=True))
+        return n, e, d
+
+    def _allowed(self, vel: wire.Vector) -> bool:
+        try:
+            self._bounds.check(Target(vel=vel))
+        except BadInput:
+            return False
+        return True
+
+    def _here(self) -> tuple[wire.Vector, wire.Vector, float | None] | None:
+        """Place and velocity NED, and metres above home; None where they are not known now."""
+        source = self._identity.source
+        heard = self._port.latest("GLOBAL_POSITION_INT", source) if source else None
+        if heard is None or heard.age > FRESH or self._origin is None:
+            return None
+        p: Mapping[str, Any] = decode(heard.frame, self._port.dialect)
+        pos = geo.to_ned(self._origin, p["lat"] / 1e7, p["lon"] / 1e7, p["alt"] / 1e3)
+        vel = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0)
+        return pos, vel, p["relative_alt"] / 1e3
+
+
+def _ahead(beacon: wire.swarm.Beacon, age: float) -> Track:
+    """Where its sender will be from now on, by a beacon ``age`` seconds old: straight from place to place."""
+    n, e, d = beacon.vel
+    p = beacon.pos
+    places = [p, *(beacon.ahead or [(p[0] + n * t, p[1] + e * t, p[2] + d * t) for t in AHEAD])]
+    times = (0.0, *AHEAD)[: len(places)]
+    track = []
+    for k in range(STEPS + 1):
+        t = age + k * STEP
+        i = max(0, min(len(times) - 2, sum(x <= t for x in times) - 1))
+        a, b = places[i], places[min(i + 1, len(places) - 1)]
+        share = (t - times[i]) / (AHEAD[0])
+        track.append((a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share))
+    return track
+
+
+def _within(v: wire.Vector, speed: float) -> wire.Vector:
+    """``v``, or as much of it as the vehicle can fly."""
+    size = math.hypot(*v)
+    n, e, d = v if size <= speed else tuple(x * speed / size for x in v)
+    return n, e, d
+
+
+def _rounded(v: wire.Vector) -> wire.Vector:
+    return round(v[0], 2), round(v[1], 2), round(v[2], 2)
