@@ -1,0 +1,114 @@
+"""The space-time optimiser: knots of all vehicles moved together until nobody breaks anything.
+
+Gauss-Newton on the violated constraints alone, measured by the change of acceleration, so that each step is a smooth
+bend of whole trajectories (after CHOMP: Zucker et al. 2013, Covariant Hamiltonian Optimization for Motion Planning).
+Two vehicles share what separates them half and half.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agents.planner.geometry import World
+from agents.planner.problem import ROVER, Floats, Ints, Problem
+from agents.planner.refine import kernels
+
+SKIN = 1.0  # m that two may move before the list of those near each other is made anew
+BLOCK = 4
+
+
+@dataclass
+class Worst:
+    """What the knots break most."""
+
+    overlap: float = 0.0
+    """m by which two are too near"""
+    depth: float = 0.0
+    """m in an obstacle or out of bounds"""
+    speed: float = 0.0
+    """greatest, over its limit"""
+    accel: float = 0.0
+    by: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """vehicles that are too near to another or to an obstacle"""
+
+    @property
+    def pace(self) -> float:
+        """By how much the clock would have to be slowed for everybody to keep to their limits."""
+        return float(max(self.speed, np.sqrt(self.accel)))
+
+
+class Swarm:
+    """N vehicles' knots ``place`` (N, K + 1, 3) over ``seconds``, among obstacles and movers.
+
+    ``extra``: m more than the radii that is aimed at, so that it is reached in few steps.
+    """
+
+    def __init__(self, problem: Problem, world: World, place: Floats, seconds: float, extra: float = 0.03) -> None:
+        self.problem, self.world, self.extra = problem, world, extra
+        self.free = len(problem)
+        self.limits = np.column_stack([problem.radius, problem.vmax, problem.amax, problem.climb, problem.descend])
+        self.size = np.concatenate([problem.radius, [m.radius for m in problem.movers]])
+        self.flat = (problem.kind == ROVER).astype(np.float64)
+        self.pairs = np.empty((1024, 3), dtype=np.int64)
+        self.set(place, seconds)
+
+    def set(self, place: Floats, seconds: float) -> None:
+        """Take other knots (N, K + 1, 3), over another time."""
+        self.seconds = seconds
+        knots = place.shape[1] - 1
+        self.h = seconds / knots
+        movers = self.problem.movers
+        self.all = np.concatenate([place, np.zeros((len(movers), knots + 1, 3))])
+        self.last = np.full(self.free + len(movers), knots + 1, dtype=np.int64)
+        times = np.linspace(0.0, seconds, knots + 1)
+        for m, mover in enumerate(movers, self.free):
+            for axis in range(3):
+                self.all[m, :, axis] = np.interp(times, mover.motion[:, 0], mover.motion[:, 1 + axis])
+            if mover.leaves:
+                self.last[m] = int(np.ceil(mover.motion[-1, 0] / self.h))
+        self.band = np.zeros((self.free, 3 * (knots + 1), kernels.BAND))
+        self.right = np.zeros((self.free, 3 * (knots + 1)))
+        self.moved = np.ones(self.free)
+        self.own = np.zeros((self.free, 3))
+        self.skin = -1.0
+
+    @property
+    def place(self) -> Floats:
+        """(N, K + 1, 3)"""
+        return self.all[: self.free]
+
+    def look(self, slide: float = 1.0) -> Worst:
+        """What is broken now; what is to be done about it is kept for :meth:`bend`."""
+        if self.skin < 0.0:
+            self.find_pairs()
+        hurt = np.zeros(len(self.all))
+        kernels.keep_apart(
+            self.all, self.pairs, self.count, BLOCK, self.last, self.size, 1.0 / self.problem.downwash, self.extra,
+            slide, self.h, self.band, self.right, hurt,
+        )
+        kernels.look(
+            self.world, self.all, self.moved, self.limits, self.h, self.extra, self.band, self.right, self.own
+        )
+        hurt = hurt[: self.free]
+        deepest, speed, accel = self.own.max(axis=0) if self.free else (0.0, 0.0, 0.0)
+        by = np.flatnonzero((hurt > 0.0) | (self.own[:, 0] > 0.0))
+        return Worst(float(hurt.max(initial=0.0)), float(deepest), float(speed), float(accel), by)
+
+    def find_pairs(self) -> None:
+        reach = self.size + self.extra + SKIN / 2
+        while True:
+            self.count = kernels.near_pairs(
+                self.all, self.last, reach, self.free, 1.0 / self.problem.downwash, BLOCK, self.pairs
+            )
+            if self.count <= len(self.pairs):
+                break
+            self.pairs = np.empty((2 * self.count, 3), dtype=np.int64)
+        self.skin = SKIN
+
+    def bend(self, cap: float, stiff: float) -> float:
+        """Move everybody who is to move, nobody by more than ``cap`` m; by how much the furthest went."""
+        far = kernels.bend(self.all, self.flat, stiff, cap, self.h, self.band, self.right, self.moved)
+        self.skin -= 2.0 * float(far)
+        return float(far)
