@@ -1,0 +1,91 @@
+"""Ways with rounded corners, as points a small step apart. ENU metres."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agents.planner.problem import Floats, Path
+
+STRAIGHT = 1e-3
+"""rad: less is no corner"""
+
+
+def without_repeats(path: Path, closed: bool = False) -> Path:
+    """The path without points that are those before them (closed: without a last one that is the first)."""
+    keep = np.ones(len(path), dtype=bool)
+    keep[1:] = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-6
+    kept = path[keep]
+    if closed and len(kept) > 1 and np.linalg.norm(kept[0] - kept[-1]) <= 1e-6:
+        kept = kept[:-1]
+    return kept
+
+
+def rounded(path: Path, radius: float, step: float, closed: bool = False, share: float = 0.48) -> Path:
+    """(M, 3): each corner an arc of ``radius`` metres, or of what ``share`` of its shorter leg allows.
+
+    Points are at most ``step`` metres apart. A closed path needs no repeated first point and its result has none, but
+    begins in the middle of its first leg.
+    """
+    corners = without_repeats(path, closed)
+    count = len(corners)
+    if count < 2:
+        return corners
+    pieces = []
+    inner = range(count) if closed else range(1, count - 1)
+    for k in inner:
+        before, at, after = corners[k - 1], corners[k], corners[(k + 1) % count]
+        pieces.append(_arc(before, at, after, radius, share, step))
+    if closed:
+        pieces = pieces[1:] + pieces[:1]
+        middle = (corners[0] + corners[1]) / 2.0
+        through = np.concatenate([middle[None], *pieces, middle[None]])
+        return dense(through, step)[:-1]
+    return dense(np.concatenate([corners[:1], *pieces, corners[-1:]]), step)
+
+
+def _arc(before: Floats, at: Floats, after: Floats, radius: float, share: float, step: float) -> Path:
+    """(K, 3) points of the arc that takes the corner's place, from tangent to tangent; the corner where it is none."""
+    inward, outward = before - at, after - at
+    lengths = np.linalg.norm(inward), np.linalg.norm(outward)
+    u, v = inward / lengths[0], outward / lengths[1]
+    angle = math.acos(float(np.clip(u @ v, -1.0, 1.0)))
+    turn = math.pi - angle
+    if turn < STRAIGHT or angle < STRAIGHT:
+        return at[None]
+    reach = min(radius * math.tan(turn / 2.0), share * float(min(lengths)))
+    size = reach / math.tan(turn / 2.0)
+    if size < 1e-6:
+        return at[None]
+    bisector = (u + v) / np.linalg.norm(u + v)
+    middle = at + bisector * math.hypot(size, reach)
+    first, last = at + u * reach - middle, at + v * reach - middle
+    parts = max(2, math.ceil(size * turn / step), math.ceil(turn / 0.1))
+    angles = np.linspace(0.0, turn, parts + 1)[:, None]
+    points: Path = middle + (np.sin(turn - angles) * first + np.sin(angles) * last) / math.sin(turn)
+    return points
+
+
+def lengths_of(path: Path) -> Floats:
+    """(M,) metres from the path's beginning to each of its points."""
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+
+
+def at_length(path: Path, where: Floats) -> Path:
+    """(K, 3): the points so many metres from the beginning; beyond the ends, on along the first or last piece."""
+    gone = lengths_of(path)
+    points = np.column_stack([np.interp(where, gone, path[:, axis]) for axis in range(3)])
+    if len(path) > 1 and gone[-1] > 0.0:
+        first, last = path[1] - path[0], path[-1] - path[-2]
+        points += np.minimum(where, 0.0)[:, None] * (first / max(float(np.linalg.norm(first)), 1e-9))
+        points += np.maximum(where - gone[-1], 0.0)[:, None] * (last / max(float(np.linalg.norm(last)), 1e-9))
+    return points
+
+
+def dense(path: Path, step: float) -> Path:
+    """The same way with points evenly spread, at most ``step`` metres apart."""
+    whole = float(lengths_of(path)[-1])
+    if whole <= 0.0:
+        return path[:1]
+    return at_length(path, np.linspace(0.0, whole, max(2, math.ceil(whole / step) + 1)))

@@ -1,0 +1,228 @@
+"""Formations as geometry: the places of each shape, held to the spacing, and who takes which.
+
+Offsets are metres forward, right, down of the shape's centre, as on the wire; places are ENU, as in the solver. All
+distances are the downwash metric's, sqrt(dx² + dy² + (dz/c)²).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from agents.planner.live import frames
+from agents.planner.problem import Floats
+from zmav import wire
+from zmav.errors import BadInput
+
+RELAXATIONS = 60
+"""rounds in which a sphere's points push each other apart"""
+
+
+def places(goal: wire.swarm.Formation, bodies: Sequence[wire.swarm.Body], downwash: float) -> Floats:
+    """(N, 3) ENU: the shape's places about ``goal.at``, the first one its leader's.
+
+    Raises :class:`BadInput` for numbers that are none, points that do not match the vehicles, and places nearer to
+    each other than the vehicles may be.
+    """
+    offsets = offsets_of(goal, len(bodies), downwash)
+    check_apart(goal.vehicles, offsets, [body.radius for body in bodies], downwash, labelled=goal.labelled)
+    return placed(offsets, np.array(frames.enu(goal.at)), frames.course_of(goal.heading))
+
+
+def placed(offsets: Floats, centre: Floats, course: float) -> Floats:
+    """(N, 3) ENU of forward, right, down offsets about an ENU centre; ``course`` rad counter-clockwise from east."""
+    ahead, right, down = offsets[:, 0], offsets[:, 1], offsets[:, 2]
+    east = ahead * math.cos(course) + right * math.sin(course)
+    north = ahead * math.sin(course) - right * math.cos(course)
+    return np.column_stack((east, north, -down)) + centre
+
+
+def offsets_of(goal: wire.swarm.Formation, count: int, downwash: float) -> Floats:
+    """(N, 3) forward, right, down of the centre; neighbours ``goal.spacing`` apart (custom: as given)."""
+    numbers = {"at": goal.at, "heading": (goal.heading,), "spacing": (goal.spacing,)}
+    numbers |= {f"points.{i}": point for i, point in enumerate(goal.points)}
+    numbers |= {f"via.{i}": point for i, point in enumerate(goal.via)}
+    for field, values in numbers.items():
+        if not all(map(math.isfinite, values)):
+            raise BadInput(f"formation: {field} is {values}", field=field, value=str(values), expected="finite numbers")
+    if goal.spacing <= 0.0:
+        text = f"formation: spacing is {goal.spacing} m"
+        raise BadInput(text, field="spacing", value=goal.spacing, expected="more than 0 m")
+    if goal.shape == "custom":
+        if len(goal.points) != count:
+            text = f"formation: {len(goal.points)} points for {count} vehicles"
+            raise BadInput(text, field="points", value=len(goal.points), expected=f"{count} points")
+        return np.array(goal.points, dtype=np.float64).reshape(-1, 3)
+    if goal.points:
+        text = f"formation: points are given for the shape {goal.shape}, which has its own"
+        raise BadInput(text, field="points", value=len(goal.points), expected="none, or the shape custom")
+    if goal.shape == "sphere":
+        return _sphere(count, downwash) * goal.spacing
+    flat = SHAPES[goal.shape](count) * goal.spacing
+    return np.column_stack((flat, np.zeros(count)))
+
+
+def _wings(count: int) -> tuple[Floats, Floats]:
+    """For each place its rank from the leader and its side: 0, then 1 right, 1 left, 2 right..."""
+    index = np.arange(count)
+    rank = (index + 1) // 2
+    side = np.where(index == 0, 0.0, np.where(index % 2 == 1, 1.0, -1.0))
+    return rank.astype(np.float64), side
+
+
+def _line(count: int) -> Floats:
+    rank, side = _wings(count)
+    return np.column_stack((np.zeros(count), rank * side))
+
+
+def _vee(count: int) -> Floats:
+    """Wings swept back by 45 degrees."""
+    rank, side = _wings(count)
+    return np.column_stack((-rank, rank * side)) * math.sqrt(0.5)
+
+
+def _column(count: int) -> Floats:
+    return np.column_stack((-np.arange(count, dtype=np.float64), np.zeros(count)))
+
+
+def _circle(count: int) -> Floats:
+    """The first ahead, the others clockwise; the chord between neighbours is the spacing."""
+    if count == 1:
+        return np.zeros((1, 2))
+    angle = np.arange(count) * math.tau / count
+    return np.column_stack((np.cos(angle), np.sin(angle))) * (0.5 / math.sin(math.pi / count))
+
+
+def _grid(count: int) -> Floats:
+    """Rows from the front, as near to a square as it gets, about its middle; the last row is centred, too."""
+    wide = math.ceil(math.sqrt(count))
+    rows = math.ceil(count / wide)
+    cells = []
+    for row in range(rows):
+        inside = min(wide, count - row * wide)
+        cells += [((rows - 1) / 2.0 - row, column - (inside - 1) / 2.0) for column in range(inside)]
+    return np.array(cells, dtype=np.float64)
+
+
+SHAPES: dict[str, Callable[[int], Floats]] = {
+    "line": _line,
+    "vee": _vee,
+    "column": _column,
+    "circle": _circle,
+    "grid": _grid,
+}
+
+
+def _sphere(count: int, downwash: float) -> Floats:
+    """Points on a sphere whose nearest pair is 1 apart in the downwash metric.
+
+    A Fibonacci lattice, whose points then push their neighbours apart along the sphere: the smaller sphere is kept.
+    """
+    if count == 1:
+        return np.zeros((1, 3))
+    index = np.arange(count)
+    height = 1.0 - 2.0 * (index + 0.5) / count
+    angle = index * math.pi * (3.0 - math.sqrt(5.0))
+    ring = np.sqrt(1.0 - height**2)
+    points = np.column_stack((ring * np.cos(angle), ring * np.sin(angle), -height))
+    best, widest = points, nearest(points, downwash)[0]
+    scale = np.array([1.0, 1.0, 1.0 / downwash])
+    for _ in range(RELAXATIONS):
+        apart = (points[:, None] - points[None]) * scale
+        square = np.sum(apart**2, axis=2) + np.eye(count)
+        force = apart / (square**4)[:, :, None]
+        push = force.sum(axis=1)
+        push -= np.sum(push * points, axis=1)[:, None] * points
+        longest = np.linalg.norm(push, axis=1).max()
+        if longest < 1e-12:
+            break
+        points = points + push * (0.1 * widest / longest)
+        points /= np.linalg.norm(points, axis=1)[:, None]
+        now = nearest(points, downwash)[0]
+        if now > widest:
+            best, widest = points, now
+    return best / widest
+
+
+def nearest(points: Floats, downwash: float) -> tuple[float, int, int]:
+    """The least distance of two of (N, 3) points, and which two; inf, 0, 0 for a single one."""
+    if len(points) < 2:
+        return math.inf, 0, 0
+    apart = scaled_distances(points, points, downwash)
+    np.fill_diagonal(apart, np.inf)
+    one, other = divmod(int(np.argmin(apart)), len(points))
+    return float(apart[one, other]), min(one, other), max(one, other)
+
+
+def scaled_distances(some: Floats, others: Floats, downwash: float) -> Floats:
+    """(N, M): the downwash metric's distances of (N, 3) from (M, 3) points; z counts 1 / ``downwash``."""
+    scale = np.array([1.0, 1.0, 1.0 / downwash])
+    distances: Floats = np.linalg.norm((some[:, None] - others[None]) * scale, axis=2)
+    return distances
+
+
+def check_apart(
+    names: Sequence[str], points: Floats, radii: Sequence[float], downwash: float, *, labelled: bool
+) -> None:
+    """Raise :class:`BadInput` for places nearer than the vehicles may be, naming the worst pair.
+
+    Labelled, the first vehicle has the first place; else any two may be neighbours, so the widest two must fit.
+    """
+    if len(points) < 2:
+        return
+    reach = np.array(radii, dtype=np.float64)
+    if labelled:
+        need = reach[:, None] + reach[None]
+    else:
+        need = np.full((len(points), len(points)), float(np.sort(reach)[-2:].sum()))
+    apart = scaled_distances(points, points, downwash)
+    lack = need - apart
+    np.fill_diagonal(lack, -np.inf)
+    one, other = divmod(int(np.argmax(lack)), len(points))
+    if lack[one, other] <= 1e-6:
+        return
+    one, other = min(one, other), max(one, other)
+    whose = f"those of {names[one]} and {names[other]}" if labelled else f"number {one + 1} and number {other + 1}"
+    text = (
+        f"two places of the formation, {whose}, are {apart[one, other]:.2f} m apart "
+        f"(with the downwash factor {downwash:g}); these vehicles need {need[one, other]:.2f} m"
+    )
+    raise BadInput(
+        text, field="points", value=round(float(apart[one, other]), 3), expected=f"{need[one, other]:.2f} m or more"
+    )
+
+
+def in_shape(offsets: Floats, present: Floats, tolerance: float) -> tuple[Floats, float] | None:
+    """The ENU centre and course of a shape that vehicles stand in now, slot by slot; None where they do not.
+
+    The level rotation and the shift that fit best (Kabsch 1976, about the vertical only).
+    """
+    if len(offsets) < 2:
+        return None
+    shape = placed(offsets, np.zeros(3), 0.0)
+    middle, centre = shape.mean(axis=0), present.mean(axis=0)
+    a, b = shape - middle, present - centre
+    cross = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+    dot = float(np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]))
+    course = math.atan2(cross, dot)
+    turned = placed(offsets, np.zeros(3), course)
+    shift = centre - turned.mean(axis=0)
+    off = np.linalg.norm(turned + shift - present, axis=1).max()
+    return (shift, course) if off <= tolerance else None
+
+
+def shape_error(offsets: Floats, tracks: Floats) -> Floats:
+    """(T,) RMS metres from the ideal shape, moved and turned to fit best, of (T, N, 3) positions at common times."""
+    shape = placed(offsets, np.zeros(3), 0.0)
+    a = shape - shape.mean(axis=0)
+    b = tracks - tracks.mean(axis=1, keepdims=True)
+    cross = np.sum(a[None, :, 0] * b[:, :, 1] - a[None, :, 1] * b[:, :, 0], axis=1)
+    dot = np.sum(a[None, :, 0] * b[:, :, 0] + a[None, :, 1] * b[:, :, 1], axis=1)
+    course = np.arctan2(cross, dot)[:, None]
+    east = a[:, 0] * np.cos(course) - a[:, 1] * np.sin(course)
+    north = a[:, 0] * np.sin(course) + a[:, 1] * np.cos(course)
+    ideal = np.stack((east, north, np.broadcast_to(a[:, 2], east.shape)), axis=2)
+    errors: Floats = np.sqrt(np.mean(np.sum((ideal - b) ** 2, axis=2), axis=1))
+    return errors
