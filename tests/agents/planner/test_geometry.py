@@ -56,7 +56,7 @@ def distance_to(obstacle: Obstacle, points: Floats) -> Floats:
     return distance
 
 
-def line(start: Floats, end: Floats, count: int = 600) -> Floats:
+def line(start: Floats, end: Floats, count: int = 300) -> Floats:
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
@@ -72,16 +72,16 @@ def test_a_points_distance_is_the_least_over_all_obstacles(count: int) -> None:
     assert ((found <= 0.0) == (expected == 0.0)).all()
 
 
-@pytest.mark.parametrize(("count", "radius"), [(1, 0.3), (6, 1.0), (60, 1.0), (60, 3.0)])
+@pytest.mark.parametrize(("count", "radius"), [(1, 0.3), (6, 1.0), (25, 1.0), (25, 3.0)])
 def test_a_segment_is_clear_where_each_of_its_points_is(count: int, radius: float) -> None:
     rng = np.random.default_rng(count)
     verdicts = []
-    for _ in range(12):
+    for _ in range(8):
         obstacles = anything(rng, count)
         world = world_of(scene(*obstacles))
         for _ in range(25):
-            e = world.extents[rng.integers(count)]
-            near, way = rng.uniform(e[:3] - 3.0, e[3:] + 3.0), rng.normal(0.0, rng.choice([1.0, 10.0]), 3)
+            e = world.solids[rng.integers(count)]
+            near, way = rng.uniform(e[:3] - 3.0, e[3:6] + 3.0), rng.normal(0.0, rng.choice([1.0, 10.0]), 3)
             start, end = np.clip([near - way, near + rng.uniform(0, 1) * way], (-60, -60, 0), (60, 60, 40))
             points = line(start, end)
             least = min(distance_to(o, points).min() for o in obstacles)
@@ -172,7 +172,7 @@ def test_a_step_the_way_out_ends_what_is_violated() -> None:  # of shapes withou
     for trial in range(150):
         obstacles = anything(rng, 1, polygon=STAR[::2])
         world = world_of(scene(*obstacles))
-        low, high = world.extents[0, :3] - 1.5, world.extents[0, 3:] + 1.5
+        low, high = world.solids[0, :3] - 1.5, world.solids[0, 3:6] + 1.5
         point = rng.uniform(np.maximum(low, (-58, -58, 2)), np.maximum(np.minimum(high, (58, 58, 38)), (-57, -57, 3)))
         depth, way = escape(world, point, 1.0)
         if depth == 0.0:
