@@ -1,1 +1,7 @@
-"""From rough ways and times to trajectories that can be flown: smooth, within every limit, clear of each other."""
+"""Refinement: from ways and first guesses to samples that every vehicle can fly and that keep all apart."""
+
+from __future__ import annotations
+
+from agents.planner.refine.flyable import Refined, refine, refine_paths
+
+__all__ = ["Refined", "refine", "refine_paths"]

@@ -15,10 +15,8 @@ from agents.planner.jit import jit
 from agents.planner.problem import Floats, Ints
 
 BAND = 9
-SPEED_WEIGHT = 0.25
-ACCEL_WEIGHT = 0.06
 HELD = 1e9
-LOOK = 4.0
+LOOK = 4.0  # radii
 
 
 @jit
@@ -164,11 +162,21 @@ def keep_apart(
 
 @jit
 def keep_limits(
-    world: World, place: Floats, i: int, limit: Floats, h: float, extra: float, band: Floats, right: Floats, worst: Floats
+    world: World,
+    place: Floats,
+    i: int,
+    limit: Floats,
+    weights: Floats,
+    h: float,
+    extra: float,
+    band: Floats,
+    right: Floats,
+    worst: Floats,
 ) -> None:
     """Add rows where vehicle i breaks obstacles, bounds, speed or acceleration.
 
-    ``limit``: radius, vmax, amax, climb, descend. ``worst``: depth in obstacles or out of bounds (m), greatest speed and
+    ``limit``: radius, vmax, amax, climb, descend. ``weights``: of a m/s and of a m/s² too much, over that of a metre.
+    ``worst``: depth in obstacles or out of bounds (m), greatest speed and
     greatest acceleration over their limits.
     """
     last = place.shape[1] - 1
@@ -187,13 +195,13 @@ def keep_limits(
         worst[1] = max(worst[1], speed / vmax)
         coef[0], coef[1] = -1.0 / h, 1.0 / h
         if speed > vmax:
-            add_row(band[i], right[i], k, coef, 2, v / speed, SPEED_WEIGHT, vmax - speed)
+            add_row(band[i], right[i], k, coef, 2, v / speed, weights[0], vmax - speed)
         bound = limit[3] if v[2] > 0 else limit[4]
         if abs(v[2]) > bound:
             worst[1] = max(worst[1], abs(v[2]) / bound)
             sign = 1.0 if v[2] > 0 else -1.0
             up = np.array([0.0, 0.0, 1.0])
-            add_row(band[i], right[i], k, coef, 2, up, SPEED_WEIGHT, sign * bound - v[2])
+            add_row(band[i], right[i], k, coef, 2, up, weights[0], sign * bound - v[2])
         # Obstacles, at places along the piece at most a quarter of the radius apart where something is near.
         pieces = max(1, int(np.ceil(speed * h / (0.25 * radius))))
         for m in range(pieces):
@@ -208,7 +216,7 @@ def keep_limits(
                 worst[0] = max(worst[0], depth)
                 depth += extra
             elif spare <= 0.0:
-                depth = away(world, x, y, z, radius + extra + LOOK, normal) - LOOK
+                depth = away(world, x, y, z, radius * (1.0 + LOOK) + extra, normal) - radius * LOOK
                 spare = -depth
                 worst[0] = max(worst[0], depth - extra)
             if depth > 0.0:
@@ -229,10 +237,10 @@ def keep_limits(
         if size > amax:
             if k == 0 or k == last:
                 coef[0] = 2.0 / (h * h)
-                add_row(band[i], right[i], before, coef, 1, v / size, ACCEL_WEIGHT, amax - size)
+                add_row(band[i], right[i], before, coef, 1, v / size, weights[1], amax - size)
             else:
                 coef[0], coef[1], coef[2] = 1.0 / (h * h), -2.0 / (h * h), 1.0 / (h * h)
-                add_row(band[i], right[i], k - 1, coef, 3, v / size, ACCEL_WEIGHT, amax - size)
+                add_row(band[i], right[i], k - 1, coef, 3, v / size, weights[1], amax - size)
 
 
 @jit
@@ -293,12 +301,21 @@ def move(place: Floats, i: int, flat: bool, stiff: float, cap: float, h: float, 
 
 @jit
 def look(
-    world: World, place: Floats, moved: Floats, limits: Floats, h: float, extra: float, band: Floats, right: Floats, own: Floats
+    world: World,
+    place: Floats,
+    moved: Floats,
+    limits: Floats,
+    weights: Floats,
+    h: float,
+    extra: float,
+    band: Floats,
+    right: Floats,
+    own: Floats,
 ) -> None:
     """:func:`keep_limits` for each vehicle that ``moved`` since; the others' ``own`` (N, 3) are as they were."""
     for i in range(band.shape[0]):
         if moved[i] != 0.0:
-            keep_limits(world, place, i, limits[i], h, extra, band, right, own[i])
+            keep_limits(world, place, i, limits[i], weights, h, extra, band, right, own[i])
             moved[i] = 0.0
 
 

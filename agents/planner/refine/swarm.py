@@ -15,7 +15,13 @@ from agents.planner.geometry import World
 from agents.planner.problem import ROVER, Floats, Ints, Problem
 from agents.planner.refine import kernels
 
-SKIN = 1.0  # m that two may move before the list of those near each other is made anew
+# Lengths in radii, and times in what a vehicle takes for some of its radii from rest, so that all sizes of vehicles
+# behave alike.
+SKIN = 1.0  # that two may move before the list of those near each other is made anew
+EXTRA = 0.03  # more than the radii, aimed at so that these are reached in few steps
+STIFF = 0.02
+SPEED_WEIGHT = 0.25
+ACCEL_WEIGHT = 0.06
 BLOCK = 4
 
 
@@ -40,13 +46,13 @@ class Worst:
 
 
 class Swarm:
-    """N vehicles' knots ``place`` (N, K + 1, 3) over ``seconds``, among obstacles and movers.
+    """N vehicles' knots ``place`` (N, K + 1, 3) over ``seconds``, among obstacles and movers."""
 
-    ``extra``: m more than the radii that is aimed at, so that it is reached in few steps.
-    """
-
-    def __init__(self, problem: Problem, world: World, place: Floats, seconds: float, extra: float = 0.03) -> None:
-        self.problem, self.world, self.extra = problem, world, extra
+    def __init__(self, problem: Problem, world: World, place: Floats, seconds: float) -> None:
+        self.problem, self.world = problem, world
+        self.length, self.time = units(problem)
+        self.extra = EXTRA * self.length
+        self.weights = np.array([SPEED_WEIGHT * self.time**2, ACCEL_WEIGHT * self.time**4])
         self.free = len(problem)
         self.limits = np.column_stack([problem.radius, problem.vmax, problem.amax, problem.climb, problem.descend])
         self.size = np.concatenate([problem.radius, [m.radius for m in problem.movers]])
@@ -89,7 +95,8 @@ class Swarm:
             slide, self.h, self.band, self.right, hurt,
         )
         kernels.look(
-            self.world, self.all, self.moved, self.limits, self.h, self.extra, self.band, self.right, self.own
+            self.world, self.all, self.moved, self.limits, self.weights, self.h, self.extra, self.band, self.right,
+            self.own,
         )
         hurt = hurt[: self.free]
         deepest, speed, accel = self.own.max(axis=0) if self.free else (0.0, 0.0, 0.0)
@@ -97,7 +104,7 @@ class Swarm:
         return Worst(float(hurt.max(initial=0.0)), float(deepest), float(speed), float(accel), by)
 
     def find_pairs(self) -> None:
-        reach = self.size + self.extra + SKIN / 2
+        reach = self.size + self.extra + SKIN * self.length / 2
         while True:
             self.count = kernels.near_pairs(
                 self.all, self.last, reach, self.free, 1.0 / self.problem.downwash, BLOCK, self.pairs
@@ -105,10 +112,28 @@ class Swarm:
             if self.count <= len(self.pairs):
                 break
             self.pairs = np.empty((2 * self.count, 3), dtype=np.int64)
-        self.skin = SKIN
+        self.skin = SKIN * self.length
 
-    def bend(self, cap: float, stiff: float) -> float:
-        """Move everybody who is to move, nobody by more than ``cap`` m; by how much the furthest went."""
+    def slow(self, by: float) -> None:
+        """The same ways with the clock slowed: no two come nearer to each other, movers may."""
+        if self.problem.movers:
+            self.set(self.place.copy(), self.seconds * by)
+            return
+        self.seconds *= by
+        self.h *= by
+        self.band[:] = 0.0
+        self.right[:] = 0.0
+        self.moved[:] = 1.0
+
+    def bend(self, cap: float) -> None:
+        """Move everybody who is to move, nobody by more than ``cap`` m."""
+        stiff = STIFF * self.time**4
         far = kernels.bend(self.all, self.flat, stiff, cap, self.h, self.band, self.right, self.moved)
         self.skin -= 2.0 * float(far)
-        return float(far)
+
+
+def units(problem: Problem) -> tuple[float, float]:
+    """Metres and seconds by which a problem is measured: a radius, and the time in which 1.25 of it are left behind."""
+    length = float(np.median(problem.radius)) if len(problem) else 1.0
+    accel = float(np.median(problem.amax)) if len(problem) else 1.0
+    return length, float(np.sqrt(2.5 * length / accel))

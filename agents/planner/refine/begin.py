@@ -1,0 +1,63 @@
+"""First guesses: everybody on their way at once, bent aside and spread in height so that few meet head-on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.planner.geometry import World, segment_clear
+from agents.planner.problem import ROVER, Floats, Path, Problem
+from agents.planner.refine.knots import knots_of_paths
+from agents.planner.refine.swarm import units
+
+
+@dataclass(frozen=True)
+class Guess:
+    """How ways are bent before anything else, in radii at most (short ways less)."""
+
+    side: float = 0.5
+    """to the right"""
+    up: float = 0.0
+    """between the highest and the lowest, sorted by course"""
+    noise: float = 0.05
+    """at random, so that nothing is exactly symmetric"""
+
+
+def bent(problem: Problem, world: World, paths: list[Path], seconds: float, knots: int, guess: Guess, seed: int) -> Floats:
+    """(N, knots + 1, 3): ways flown in ``seconds``, bent where the bent way is clear."""
+    place = knots_of_paths(problem, paths, seconds, knots)
+    rng = np.random.default_rng(seed)
+    across = problem.goal - problem.start
+    length = np.linalg.norm(across, axis=1)
+    level = np.hypot(across[:, 0], across[:, 1])
+    right = np.column_stack([across[:, 1], -across[:, 0], np.zeros(len(problem))]) / np.maximum(level, 1e-6)[:, None]
+    unit = units(problem)[0]
+    reach = unit * np.minimum(1.0, 0.15 * length / (unit * max(guess.side, guess.up, 1e-6)))
+    course = np.arctan2(across[:, 1], across[:, 0])
+    rank = np.argsort(np.argsort(course, kind="stable"), kind="stable") / max(1, len(problem) - 1) - 0.5
+    # What there is of height may not reach for the whole spread: it is moved up or down to fit.
+    middle = 0.5 * (problem.start[:, 2] + problem.goal[:, 2])
+    low, high = world.bounds[2] + 0.1, world.bounds[5] - 0.1
+    if len(world.fence):
+        low, high = max(low, world.fence_z[0] + 0.1), min(high, world.fence_z[1] - 0.1)
+    lift = np.clip(middle + guess.up * rank * reach, low, high) - middle
+    lift = np.where(problem.kind == ROVER, 0.0, lift)
+    bend = guess.side * reach[:, None] * right
+    bend[:, 2] += lift
+    jitter = guess.noise * rng.standard_normal((len(problem), 3)) * reach[:, None]
+    jitter[problem.kind == ROVER, 2] = 0.0
+    hump = np.sin(np.pi * np.linspace(0.0, 1.0, knots + 1))
+    for i in range(len(problem)):
+        for share in (1.0, 0.4, 0.0):
+            tried = place[i] + (share * bend[i] + jitter[i]) * hump[:, None]
+            if share == 0.0 or is_clear(world, tried, float(problem.radius[i])):
+                place[i, 1:-1] = tried[1:-1] if share else place[i, 1:-1]
+                break
+    return place
+
+
+def is_clear(world: World, way: Floats, radius: float) -> bool:
+    """Every piece is clear; looked at in strides of four knots, the optimiser sees to the rest."""
+    corners = np.concatenate([way[:-1:4], way[-1:]])
+    return all(segment_clear(world, corners[k], corners[k + 1], radius) for k in range(len(corners) - 1))
