@@ -219,7 +219,7 @@ def all_pairs(
     own: int | None = None,
     tolerance: float = 0.0,
 ) -> tuple[Floats, tuple[int, int, float, float]]:
-    """Every pair of motions that has one of the first ``own`` (None: all) in it.
+    """Every pair of motions that has one of the first ``own`` (None: all) in it, from when the first of these begins.
 
     Gives those that come nearer than the sum of their radii less ``tolerance`` as rows i, j, distance, time, and the
     pair with the least clearance as i, j, clearance (distance less radii), time; -1, -1, inf, 0 where there is no pair.
@@ -228,12 +228,12 @@ def all_pairs(
         return np.empty((0, 4)), (-1, -1, np.inf, 0.0)
     offsets = np.cumsum([0, *(len(motion) for motion in motions)], dtype=np.int64)
     samples = np.ascontiguousarray(np.concatenate(motions), dtype=np.float64)
-    start = float(min(motion[0, 0] for motion in motions))
+    own = len(motions) if own is None else own
+    start = float(min(motion[0, 0] for motion in motions[: max(1, own)]))
     span = max(float(motion[-1, 0]) for motion in motions) - start
     gone = np.array(leaves, dtype=np.int64)
-    boxes = _boxes(samples, offsets, gone, 1.0 / downwash, start, int(span / WINDOW) + 1)
+    boxes = _boxes(samples, offsets, gone, 1.0 / downwash, start, int(max(0.0, span) / WINDOW) + 1)
     found = np.empty((4096, 4))
-    own = len(motions) if own is None else own
     count, i, j, clearance, when = _pairs(
         samples, offsets, radius, gone, own, 1.0 / downwash, start, boxes, tolerance, found
     )
