@@ -11,6 +11,9 @@ from agents.planner.problem import Floats, Path
 STRAIGHT = 1e-3
 """rad: less is no corner"""
 
+LEG_SHARE = 0.48
+"""of a leg that the arc at one of its ends may take"""
+
 
 def without_repeats(path: Path, closed: bool = False) -> Path:
     """The path without points that are those before them (closed: without a last one that is the first)."""
@@ -22,8 +25,9 @@ def without_repeats(path: Path, closed: bool = False) -> Path:
     return kept
 
 
-def rounded(path: Path, radius: float, step: float, closed: bool = False, share: float = 0.48) -> Path:
-    """(M, 3): each corner an arc of ``radius`` metres, or of what ``share`` of its shorter leg allows.
+def rounded(path: Path, radius: float, step: float, closed: bool = False, cut: float = math.inf) -> Path:
+    """(M, 3): each corner an arc of ``radius`` metres, or of what its legs allow; it passes the corner at ``cut`` metres
+    at most.
 
     Points are at most ``step`` metres apart. A closed path needs no repeated first point and its result has none, but
     begins in the middle of its first leg.
@@ -36,7 +40,7 @@ def rounded(path: Path, radius: float, step: float, closed: bool = False, share:
     inner = range(count) if closed else range(1, count - 1)
     for k in inner:
         before, at, after = corners[k - 1], corners[k], corners[(k + 1) % count]
-        pieces.append(_arc(before, at, after, radius, share, step))
+        pieces.append(_arc(before, at, after, radius, cut, step))
     if closed:
         pieces = pieces[1:] + pieces[:1]
         middle = (corners[0] + corners[1]) / 2.0
@@ -45,7 +49,7 @@ def rounded(path: Path, radius: float, step: float, closed: bool = False, share:
     return dense(np.concatenate([corners[:1], *pieces, corners[-1:]]), step)
 
 
-def _arc(before: Floats, at: Floats, after: Floats, radius: float, share: float, step: float) -> Path:
+def _arc(before: Floats, at: Floats, after: Floats, radius: float, cut: float, step: float) -> Path:
     """(K, 3) points of the arc that takes the corner's place, from tangent to tangent; the corner where it is none."""
     inward, outward = before - at, after - at
     lengths = np.linalg.norm(inward), np.linalg.norm(outward)
@@ -54,7 +58,8 @@ def _arc(before: Floats, at: Floats, after: Floats, radius: float, share: float,
     turn = math.pi - angle
     if turn < STRAIGHT or angle < STRAIGHT:
         return at[None]
-    reach = min(radius * math.tan(turn / 2.0), share * float(min(lengths)))
+    size = min(radius, cut / (1.0 / math.cos(turn / 2.0) - 1.0))
+    reach = min(size * math.tan(turn / 2.0), LEG_SHARE * float(min(lengths)))
     size = reach / math.tan(turn / 2.0)
     if size < 1e-6:
         return at[None]

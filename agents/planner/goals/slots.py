@@ -1,0 +1,122 @@
+"""Who takes which place, and what a crew can do together: between the fleet's views and the solver's arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from agents.planner.assign import assign
+from agents.planner.geometry import World
+from agents.planner.goals.formation import in_shape, placed
+from agents.planner.goals.steps import VehicleView
+from agents.planner.goals.timing import Limits
+from agents.planner.live import frames
+from agents.planner.problem import Floats
+from agents.planner.scene import Bounds, Scene, Vehicle
+from zmav.errors import BadInput, Refused, Unsupported
+
+STANDING = 0.5
+"""m/s: a vehicle that is slower is at rest"""
+TURNS = 48
+"""courses at which a crew is compared with a shape"""
+
+
+def present(views: Sequence[VehicleView]) -> Floats:
+    """(N, 3) ENU."""
+    return frames.enu_array(np.array([view.pos_ned for view in views], dtype=np.float64).reshape(-1, 3))
+
+
+def limits_of(views: Sequence[VehicleView]) -> Limits:
+    def column(name: str) -> Floats:
+        return np.array([getattr(view.body, name) for view in views], dtype=np.float64)
+
+    speed = column("speed")
+    return Limits(speed, column("accel"), np.minimum(column("climb"), speed), np.minimum(column("descend"), speed))
+
+
+def radii_of(views: Sequence[VehicleView]) -> Floats:
+    return np.array([view.body.radius for view in views], dtype=np.float64)
+
+
+def check_flying(views: Sequence[VehicleView], what: str) -> None:
+    """Raise :class:`Refused` naming those that must fly for it and stand on the ground."""
+    grounded = [view.name for view in views if view.flies and not view.airborne]
+    if grounded:
+        are = "is" if len(grounded) == 1 else "are"
+        text = f"{', '.join(grounded)} {are} on the ground: take off before a {what}"
+        raise Refused(text, field="vehicles", vehicles=grounded, reason="not_airborne")
+
+
+def check_hovering(views: Sequence[VehicleView], what: str) -> None:
+    """Raise :class:`Unsupported` naming the planes, which cannot stand anywhere."""
+    winged = [view.name for view in views if not view.hovers]
+    if winged:
+        text = f"{', '.join(winged)} cannot hover, as a {what} needs it; leave planes out of it"
+        raise Unsupported(text, field="vehicles", vehicles=winged)
+
+
+def check_count(views: Sequence[VehicleView], given: Sequence[Any], field: str) -> None:
+    """Raise :class:`BadInput` where there is not one for each vehicle."""
+    if len(given) != len(views):
+        text = f"{field}: {len(given)} for {len(views)} vehicles"
+        raise BadInput(text, field=field, value=len(given), expected=f"{len(views)}, one for each vehicle")
+
+
+def at_own_height(views: Sequence[VehicleView], places: Floats) -> Floats:
+    """(N, 3) the places, but a rover's at the height where it is: it has no other."""
+    own = places.copy()
+    for i, view in enumerate(views):
+        if not view.flies:
+            own[i, 2] = -view.pos_ned[2]
+    return own
+
+
+def choose(views: Sequence[VehicleView], places: Floats, world: World) -> list[int]:
+    """For each vehicle the index of the place that it gets: all are there as early as can be, on short ways."""
+    starts = present(views)
+    for i, view in enumerate(views):
+        if not view.flies:
+            starts[i, 2] = places[:, 2].mean()
+    vehicles = [
+        Vehicle(
+            id=view.name, type="copter", start=_point(start), radius=view.body.radius, vmax=view.body.speed,
+            amax=view.body.accel, vz_up=view.body.climb, vz_down=view.body.descend,
+        )
+        for view, start in zip(views, starts, strict=True)
+    ]  # fmt: skip
+    bounds = Bounds(min=_point(world.bounds[:3]), max=_point(world.bounds[3:]))
+    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[_point(p) for p in places], bounds=bounds)
+    chosen = assign(scene, world)
+    assert chosen is not None
+    return chosen
+
+
+def _point(values: Floats) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return (x, y, z)
+
+
+def standing_in(
+    offsets: Floats, views: Sequence[VehicleView], tolerance: float, labelled: bool
+) -> tuple[list[int], Floats, float] | None:
+    """Whether vehicles at rest stand in a shape already: the slot of each, the shape's ENU centre and course."""
+    if any(math.hypot(*view.vel_ned) > STANDING for view in views):
+        return None
+    now = present(views)
+    if labelled:
+        found = in_shape(offsets, now, tolerance)
+        return None if found is None else (list(range(len(views))), *found)
+    from scipy.optimize import linear_sum_assignment
+
+    middle = now.mean(axis=0)
+    for course in np.linspace(-math.pi, math.pi, TURNS, endpoint=False):
+        slots = placed(offsets, np.zeros(3), float(course))
+        slots += middle - slots.mean(axis=0)
+        _, order = linear_sum_assignment(np.sum((now[:, None] - slots[None]) ** 2, axis=2))
+        found = in_shape(offsets[order], now, tolerance)
+        if found is not None:
+            return [int(slot) for slot in order], *found
+    return None
