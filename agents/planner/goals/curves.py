@@ -26,8 +26,7 @@ def without_repeats(path: Path, closed: bool = False) -> Path:
 
 
 def rounded(path: Path, radius: float, step: float, closed: bool = False, cut: float = math.inf) -> Path:
-    """(M, 3): each corner an arc of ``radius`` metres, or of what its legs allow; it passes the corner at ``cut`` metres
-    at most.
+    """(M, 3): each corner an arc of ``radius`` metres, or of what its legs allow, which passes it at ``cut`` m at most.
 
     Points are at most ``step`` metres apart. A closed path needs no repeated first point and its result has none, but
     begins in the middle of its first leg.

@@ -6,6 +6,7 @@ from each other on every lap as on the first.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -68,7 +69,7 @@ def circuit(route: Path, count: int, limits: Limits, radius: float, world: World
     for cut in CUT:
         curve = rounded(around, math.inf, STEP, closed=True, cut=cut)
         loop = np.vstack((curve, curve[:1]))
-        if all(segment_clear(world, a, b, radius) for a, b in zip(loop[:-1], loop[1:], strict=True)):
+        if all(segment_clear(world, a, b, radius) for a, b in itertools.pairwise(loop)):
             return _paced(loop, count, limits)
     raise BadInput("patrol: the route's corners have no room to turn in", field="route", expected="wider corners")
 
