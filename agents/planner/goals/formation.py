@@ -27,7 +27,9 @@ def places(goal: wire.swarm.Formation, bodies: Sequence[wire.swarm.Body], downwa
     each other than the vehicles may be.
     """
     offsets = offsets_of(goal, len(bodies), downwash)
-    check_apart(goal.vehicles, offsets, [body.radius for body in bodies], downwash, labelled=goal.labelled)
+    field = "points" if goal.shape == "custom" else "spacing"
+    radii = [body.radius for body in bodies]
+    check_apart(goal.vehicles, offsets, radii, downwash, labelled=goal.labelled, field=field)
     return placed(offsets, np.array(frames.enu(goal.at)), frames.course_of(goal.heading))
 
 
@@ -164,7 +166,14 @@ def scaled_distances(some: Floats, others: Floats, downwash: float) -> Floats:
 
 
 def check_apart(
-    names: Sequence[str], points: Floats, radii: Sequence[float], downwash: float, *, labelled: bool
+    names: Sequence[str],
+    points: Floats,
+    radii: Sequence[float],
+    downwash: float,
+    *,
+    labelled: bool,
+    what: str = "formation",
+    field: str = "spacing",
 ) -> None:
     """Raise :class:`BadInput` for places nearer than the vehicles may be, naming the worst pair.
 
@@ -186,11 +195,11 @@ def check_apart(
     one, other = min(one, other), max(one, other)
     whose = f"those of {names[one]} and {names[other]}" if labelled else f"number {one + 1} and number {other + 1}"
     text = (
-        f"two places of the formation, {whose}, are {apart[one, other]:.2f} m apart "
+        f"two places of the {what}, {whose}, are {apart[one, other]:.2f} m apart "
         f"(with the downwash factor {downwash:g}); these vehicles need {need[one, other]:.2f} m"
     )
     raise BadInput(
-        text, field="points", value=round(float(apart[one, other]), 3), expected=f"{need[one, other]:.2f} m or more"
+        text, field=field, value=round(float(apart[one, other]), 3), expected=f"{need[one, other]:.2f} m or more"
     )
 
 
