@@ -1,20 +1,26 @@
 """Scenes (``swarm-scene/1``): vehicles with starts and goals in a world of obstacles, as a JSON file or made live.
 
-Local ENU metres, z up, angles of headings in degrees counter-clockwise from east.
+Local ENU metres, z up, angles of headings in degrees counter-clockwise from east. Fields that this version does not
+know are left alone everywhere: files say more of themselves than a planner needs.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
+
+from agents.planner.errors import PlanError
 
 Point = tuple[float, float, float]
 Corner = tuple[float, float]
 FORMAT = "swarm-scene/1"
 
 
-class Vehicle(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+class Vehicle(msgspec.Struct, kw_only=True):
     """One vehicle; metres, m/s, m/s² (the norm of the vector in three dimensions).
 
     Planes start and end flying, and leave the scene after their last sample; rovers stay at their start's height.
@@ -36,19 +42,19 @@ class Vehicle(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """planes only"""
 
 
-class Box(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, tag="box"):
+class Box(msgspec.Struct, kw_only=True, tag="box"):
     min: Point
     max: Point
 
 
-class Cylinder(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, tag="cylinder"):
+class Cylinder(msgspec.Struct, kw_only=True, tag="cylinder"):
     center: Corner
     radius: float
     floor: float
     ceiling: float
 
 
-class NoFly(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, tag="no_fly"):
+class NoFly(msgspec.Struct, kw_only=True, tag="no_fly"):
     """A prism: any simple polygon, either way round."""
 
     polygon: list[Corner]
@@ -60,14 +66,14 @@ Obstacle = Box | Cylinder | NoFly
 """a centre stays a vehicle's ``radius`` away from each"""
 
 
-class Bounds(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+class Bounds(msgspec.Struct, kw_only=True):
     """The centre stays inside."""
 
     min: Point
     max: Point
 
 
-class Fence(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+class Fence(msgspec.Struct, kw_only=True):
     """The centre stays inside."""
 
     polygon: list[Corner]
@@ -76,7 +82,7 @@ class Fence(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
 
 class Scene(msgspec.Struct, kw_only=True):
-    """What is to be planned. Fields that this version does not know are left alone."""
+    """What is to be planned."""
 
     format: str = FORMAT
     name: str = ""
@@ -93,3 +99,190 @@ class Scene(msgspec.Struct, kw_only=True):
     time_limit: float | None = None
     """s by which the last trajectory ends; None: none"""
     lower_bound: dict[str, Any] | None = None
+
+
+def read_scene(path: str | Path) -> Scene:
+    """The scene of a file. Raises :class:`PlanError` (``invalid_scene``) that names the field and what is wrong."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError as e:
+        raise PlanError("invalid_scene", [], f"cannot read {path}: {e.strerror}") from e
+    return parse_scene(data.removeprefix(b"\xef\xbb\xbf"))
+
+
+def parse_scene(data: bytes) -> Scene:
+    """The scene in a JSON document, its polygons without repeated corners. Raises as :func:`read_scene` does."""
+    try:
+        scene = msgspec.json.decode(data, type=Scene)
+    except msgspec.ValidationError as e:
+        raise PlanError("invalid_scene", _named_in(data, str(e)), _said(str(e))) from e
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+        raise PlanError("invalid_scene", [], f"this is no JSON: {e}") from e
+    scene = _opened(scene)
+    check(scene)
+    return scene
+
+
+def _said(text: str) -> str:
+    """msgspec's words, with the field first."""
+    what, at, where = text.partition(" - at `$")
+    return f"{where.rstrip('`').lstrip('.') or 'the scene'}: {what}" if at else f"the scene: {what}"
+
+
+def _named_in(data: bytes, text: str) -> list[str]:
+    """The id of the vehicle that a message of msgspec's is about, where it is about one that has one."""
+    _, at, rest = text.partition("$.vehicles[")
+    number, _, _ = rest.partition("]")
+    try:
+        name = msgspec.json.decode(data)["vehicles"][int(number)]["id"] if at else None
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError):
+        return []
+    return [name] if isinstance(name, str) else []
+
+
+def _opened(scene: Scene) -> Scene:
+    """Each polygon without corners that repeat the one before, or the first at the end."""
+    for each in (*scene.obstacles, *([scene.geofence] if scene.geofence else [])):
+        if isinstance(each, NoFly | Fence):
+            each.polygon = [c for k, c in enumerate(each.polygon) if c != each.polygon[k - 1] or len(each.polygon) == 1]
+    return scene
+
+
+def check(scene: Scene) -> None:
+    """Whether a scene makes sense by itself. Raises :class:`PlanError` (``invalid_scene``) for the first that does not.
+
+    What is in the way of what is :func:`agents.planner.validate.validate`'s to say.
+    """
+    if scene.format != FORMAT:
+        raise PlanError("invalid_scene", [], f"format: {scene.format!r} is not known, {FORMAT!r} is")
+    for problem in _wrong_with_scene(scene):
+        raise PlanError("invalid_scene", [], problem)
+    seen: set[str] = set()
+    twice = [v.id for v in scene.vehicles if v.id in seen or seen.add(v.id)]  # type: ignore[func-returns-value]
+    if twice:
+        raise PlanError("invalid_scene", dict.fromkeys(twice), f"vehicles: more than one is called {twice[0]!r}")
+    for k, vehicle in enumerate(scene.vehicles):
+        for problem in _wrong_with_vehicle(vehicle):
+            raise PlanError("invalid_scene", [vehicle.id], f"vehicles[{k}] ({vehicle.id}): {problem}")
+    if scene.assignment == "labelled":
+        without = [v.id for v in scene.vehicles if v.goal is None]
+        if without:
+            raise PlanError("invalid_scene", without, f"goal: {', '.join(without)} have none in a labelled scene")
+    for k, obstacle in enumerate(scene.obstacles):
+        for problem in _wrong_with_obstacle(obstacle):
+            raise PlanError("invalid_scene", [], f"obstacles[{k}]: {problem}")
+
+
+def _wrong_with_scene(scene: Scene) -> Iterator[str]:
+    if not scene.vehicles:
+        yield "vehicles: there is none"
+    yield from _span("bounds: min and max", scene.bounds.min, scene.bounds.max)
+    if not (math.isfinite(scene.downwash) and scene.downwash > 0.0):
+        yield f"downwash: {scene.downwash} is not positive"
+    if not (math.isfinite(scene.goal_tolerance) and scene.goal_tolerance >= 0.0):
+        yield f"goal_tolerance: {scene.goal_tolerance} is no distance"
+    if scene.time_limit is not None and not scene.time_limit > 0.0:
+        yield f"time_limit: {scene.time_limit} is not positive"
+    if scene.geofence is not None:
+        yield from (f"geofence: {problem}" for problem in _wrong_with_prism(scene.geofence))
+    if scene.assignment == "unlabelled":
+        goals, count = scene.goals, len(scene.vehicles)
+        if goals is None or len(goals) != count:
+            yield f"goals: {len(goals or [])} for {count} vehicles; an unlabelled scene has one for each"
+        for k, goal in enumerate(goals or []):
+            if not all(map(math.isfinite, goal)):
+                yield f"goals[{k}]: {goal} is no place"
+
+
+def _wrong_with_vehicle(v: Vehicle) -> Iterator[str]:
+    if not v.id:
+        yield "id: it is empty"
+    for name in ("radius", "vmax", "amax", "vz_up", "vz_down", "vmin"):
+        value = getattr(v, name)
+        if value is not None and not (math.isfinite(value) and (value > 0.0 or (name == "vmin" and value == 0.0))):
+            yield f"{name}: {value} is not positive"
+    for name in ("start", "goal"):
+        place = getattr(v, name)
+        if place is not None and not all(map(math.isfinite, place)):
+            yield f"{name}: {place} is no place"
+    if v.type != "plane":
+        return
+    if not v.vmin:
+        yield "vmin: a plane needs its least speed"
+    elif v.vmin > v.vmax:
+        yield f"vmin: {v.vmin:g} m/s is more than vmax, {v.vmax:g}"
+    if v.start_heading_deg is None or not math.isfinite(v.start_heading_deg):
+        yield "start_heading_deg: a plane needs the heading that it starts with"
+
+
+def _wrong_with_obstacle(each: Obstacle) -> Iterator[str]:
+    if isinstance(each, Box):
+        yield from _span("min and max", each.min, each.max)
+    elif isinstance(each, Cylinder):
+        if not all(map(math.isfinite, each.center)):
+            yield f"center: {each.center} is no place"
+        if not (math.isfinite(each.radius) and each.radius > 0.0):
+            yield f"radius: {each.radius} is not positive"
+        yield from _span("floor and ceiling", (each.floor,), (each.ceiling,))
+    else:
+        yield from _wrong_with_prism(each)
+
+
+def _wrong_with_prism(each: NoFly | Fence) -> Iterator[str]:
+    yield from _span("floor and ceiling", (each.floor,), (each.ceiling,))
+    corners = [c for k, c in enumerate(each.polygon) if c != each.polygon[k - 1]]
+    if not all(math.isfinite(value) for corner in corners for value in corner):
+        yield "polygon: a corner is no place"
+    elif len(corners) < 3:
+        yield f"polygon: it has {len(corners)} different corners, three or more are needed"
+    elif crossing := _crossing(corners):
+        one, other = crossing
+        yield f"polygon: the sides after corners {corners[one]} and {corners[other]} cross or touch"
+
+
+def _span(name: str, low: Sequence[float], high: Sequence[float]) -> Iterator[str]:
+    if not all(math.isfinite(value) for value in (*low, *high)):
+        yield f"{name}: not all are numbers"
+    elif not all(a < b for a, b in zip(low, high, strict=True)):
+        yield f"{name}: {list(low)} is not below {list(high)}"
+
+
+def _crossing(corners: Sequence[Corner]) -> tuple[int, int] | None:
+    """Two sides of a polygon that have more in common than a corner between them."""
+    n = len(corners)
+    sides = [(corners[k], corners[(k + 1) % n]) for k in range(n)]
+    for i in range(n):
+        for j in range(i + 1, n):
+            (a, b), (c, d) = sides[i], sides[j]
+            if j == i + 1 or (i == 0 and j == n - 1):
+                # Neighbours share a corner; folded back onto each other they share more.
+                shared, one, other = (b, a, d) if j == i + 1 else (a, b, c)
+                folded = _turn(shared, one, other) == 0.0 and _ahead(shared, one, other) > 0.0
+                if folded:
+                    return i, j
+            elif _meet(a, b, c, d):
+                return i, j
+    return None
+
+
+def _turn(a: Corner, b: Corner, c: Corner) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _ahead(a: Corner, b: Corner, c: Corner) -> float:
+    return (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])
+
+
+def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
+    """Whether two straight lines have a point in common."""
+    one, other, three, four = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
+    if ((one > 0.0) != (other > 0.0)) and ((three > 0.0) != (four > 0.0)) and 0.0 not in (one, other, three, four):
+        return True
+
+    def on(p: Corner, q: Corner, r: Corner) -> bool:
+        return min(p[0], q[0]) <= r[0] <= max(p[0], q[0]) and min(p[1], q[1]) <= r[1] <= max(p[1], q[1])
+
+    return (
+        (one == 0.0 and on(a, b, c)) or (other == 0.0 and on(a, b, d)) or (three == 0.0 and on(c, d, a))
+        or (four == 0.0 and on(c, d, b))
+    )  # fmt: skip
