@@ -24,7 +24,9 @@ class Guess:
     """at random, so that nothing is exactly symmetric"""
 
 
-def bent(problem: Problem, world: World, paths: list[Path], seconds: float, knots: int, guess: Guess, seed: int) -> Floats:
+def bent(
+    problem: Problem, world: World, paths: list[Path], seconds: float, knots: int, guess: Guess, seed: int
+) -> Floats:
     """(N, knots + 1, 3): ways flown in ``seconds``, bent where the bent way is clear."""
     place = knots_of_paths(problem, paths, seconds, knots)
     rng = np.random.default_rng(seed)

@@ -65,7 +65,9 @@ def near_pairs(place: Floats, last: Ints, reach: Floats, free: int, squeeze: flo
 
 
 @jit
-def add_row(band: Floats, right: Floats, knot: int, coef: Floats, n: int, gradient: Floats, weight: float, by: float) -> None:
+def add_row(
+    band: Floats, right: Floats, knot: int, coef: Floats, n: int, gradient: Floats, weight: float, by: float
+) -> None:
     """Add weight * (sum of coef[m] * gradient . move[knot + m] - by)² to a vehicle's least squares."""
     for m in range(n):
         for a in range(3):
@@ -184,7 +186,10 @@ def keep_limits(
     v = np.empty(3)
     coef = np.empty(3)
     normal = np.empty(3)
-    spare = -1.0  # no obstacle is nearer than this beyond what is kept clear of them
+    fenced = len(world.fence) > 0
+    spare = -1.0  # no obstacle is nearer than this on top of what is kept clear of them
+    if len(world.boxes) + len(world.cylinders) + len(world.prisms) == 0:
+        spare = np.inf
     worst[0], worst[1], worst[2] = 0.0, 0.0, 0.0
     for k in range(last):
         speed = 0.0
@@ -203,15 +208,14 @@ def keep_limits(
             up = np.array([0.0, 0.0, 1.0])
             add_row(band[i], right[i], k, coef, 2, up, weights[0], sign * bound - v[2])
         # Obstacles, at places along the piece at most a quarter of the radius apart where something is near.
-        pieces = max(1, int(np.ceil(speed * h / (0.25 * radius))))
+        pieces = 1 if spare > speed * h and not fenced else max(1, int(np.ceil(speed * h / (0.25 * radius))))
         for m in range(pieces):
             share = m / pieces
-            spare -= speed * h / pieces
             x = place[i, k, 0] + share * v[0] * h
             y = place[i, k, 1] + share * v[1] * h
             z = place[i, k, 2] + share * v[2] * h
             depth = 0.0
-            if outside(world, x, y, z) > 0.0:
+            if (m == 0 or fenced) and outside(world, x, y, z) > 0.0:
                 depth = away(world, x, y, z, radius, normal)
                 worst[0] = max(worst[0], depth)
                 depth += extra
@@ -222,6 +226,7 @@ def keep_limits(
             if depth > 0.0:
                 coef[0], coef[1] = 1.0 - share, share
                 add_row(band[i], right[i], k, coef, 2, normal, 1.0, depth)
+            spare -= speed * h / pieces
     for k in range(last + 1):
         before, after = max(k - 1, 0), min(k + 1, last)
         if k == 0:
@@ -245,7 +250,7 @@ def keep_limits(
 
 @jit
 def move(place: Floats, i: int, flat: bool, stiff: float, cap: float, h: float, band: Floats, right: Floats) -> float:
-    """Solve vehicle i's least squares with ``stiff`` * |change of acceleration|² and move its knots; by how far at most.
+    """Solve vehicle i's least squares with ``stiff`` * |change of acceleration|², move its knots; by how far at most.
 
     Uses up ``band[i]`` and ``right[i]``. ``flat`` keeps the height; no knot moves further than ``cap``.
     """

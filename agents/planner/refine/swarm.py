@@ -36,6 +36,8 @@ class Worst:
     speed: float = 0.0
     """greatest, over its limit"""
     accel: float = 0.0
+    total: float = 0.0
+    """m, summed over the vehicles, each with its worst"""
     by: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """vehicles that are too near to another or to an obstacle"""
 
@@ -77,6 +79,7 @@ class Swarm:
         self.band = np.zeros((self.free, 3 * (knots + 1), kernels.BAND))
         self.right = np.zeros((self.free, 3 * (knots + 1)))
         self.moved = np.ones(self.free)
+        self.pending = False
         self.own = np.zeros((self.free, 3))
         self.skin = -1.0
 
@@ -87,21 +90,43 @@ class Swarm:
 
     def look(self, slide: float = 1.0) -> Worst:
         """What is broken now; what is to be done about it is kept for :meth:`bend`."""
+        if self.pending:
+            self.clear()
+        self.pending = True
         if self.skin < 0.0:
             self.find_pairs()
         hurt = np.zeros(len(self.all))
         kernels.keep_apart(
-            self.all, self.pairs, self.count, BLOCK, self.last, self.size, 1.0 / self.problem.downwash, self.extra,
-            slide, self.h, self.band, self.right, hurt,
+            self.all,
+            self.pairs,
+            self.count,
+            BLOCK,
+            self.last,
+            self.size,
+            1.0 / self.problem.downwash,
+            self.extra,
+            slide,
+            self.h,
+            self.band,
+            self.right,
+            hurt,
         )
         kernels.look(
-            self.world, self.all, self.moved, self.limits, self.weights, self.h, self.extra, self.band, self.right,
+            self.world,
+            self.all,
+            self.moved,
+            self.limits,
+            self.weights,
+            self.h,
+            self.extra,
+            self.band,
+            self.right,
             self.own,
         )
         hurt = hurt[: self.free]
         deepest, speed, accel = self.own.max(axis=0) if self.free else (0.0, 0.0, 0.0)
         by = np.flatnonzero((hurt > 0.0) | (self.own[:, 0] > 0.0))
-        return Worst(float(hurt.max(initial=0.0)), float(deepest), float(speed), float(accel), by)
+        return Worst(float(hurt.max(initial=0.0)), float(deepest), float(speed), float(accel), float(hurt.sum() + self.own[:, 0].sum()), by)
 
     def find_pairs(self) -> None:
         reach = self.size + self.extra + SKIN * self.length / 2
@@ -121,15 +146,21 @@ class Swarm:
             return
         self.seconds *= by
         self.h *= by
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what :meth:`look` found."""
         self.band[:] = 0.0
         self.right[:] = 0.0
         self.moved[:] = 1.0
+        self.pending = False
 
     def bend(self, cap: float) -> None:
         """Move everybody who is to move, nobody by more than ``cap`` m."""
         stiff = STIFF * self.time**4
         far = kernels.bend(self.all, self.flat, stiff, cap, self.h, self.band, self.right, self.moved)
         self.skin -= 2.0 * float(far)
+        self.pending = False
 
 
 def units(problem: Problem) -> tuple[float, float]:
