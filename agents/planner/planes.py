@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from agents.planner.errors import PlanError
-from agents.planner.geometry import World
 from agents.planner.paths.flight import SLOW, Wings, apart, fly, motion_clear, way_clear
-from agents.planner.paths.lattice import find, gentle, join
+from agents.planner.paths.poses import find, gentle, join
 from agents.planner.problem import PLANE, Floats, Motion, Mover, Problem
+from agents.planner.world import World
 
 SPEEDS = 4
 """speeds, from the least to the greatest, for whose turns ways are made, and at which they are flown"""
@@ -25,9 +25,11 @@ SLACK = 0.02
 """m that everything is farther away than it must be, for samples are rounded"""
 VIAS = (60, 250)
 """ways by a random pose: how many are tried first, and when all else failed"""
+OFFSETS = (6.0, -6.0, 12.0, -12.0, 18.0, -18.0, 24.0, -24.0, 32.0, -32.0, 40.0, -40.0)
+"""m by which the middle of a way may be higher"""
 ATTEMPTS = 40
 """orders of the planes that are tried"""
-LEVELS = 5
+LEVELS = 4
 
 
 class Plane:
@@ -46,7 +48,7 @@ class Plane:
     def motions(self, level: int) -> list[Motion]:
         """Those of a level from 0 to ``LEVELS`` - 1; each is clear of the world and the posts, and can be flown."""
         makers: tuple[Callable[[], Iterator[Motion]], ...] = (
-            self._direct, self._slower, lambda: self._by_vias(VIAS[0]), self._circling, lambda: self._by_vias(VIAS[1]),
+            self._direct, self._aside, self._circling, lambda: self._by_vias(VIAS[1]),
         )  # fmt: skip
         while len(self._levels) <= level:
             made = makers[len(self._levels)]()
@@ -82,21 +84,20 @@ class Plane:
                     self._ways.append(legs)
         if not self._ways:
             for turn in self._turns():
-                legs = find(
-                    self._world, self._posts, self._squash, self._pose, self._goal, self.wings, turn, self._rng
-                )
+                legs = find(self._world, self._posts, self._squash, self._pose, self._goal, self.wings, turn, self._rng)
                 if legs is not None:
                     self._ways.append(legs)
         for legs in self._ways:
             yield from self._flown(legs, self.wings.vmax)
 
-    def _slower(self) -> Iterator[Motion]:
-        """The same ways more slowly, and higher or lower in their middle."""
+    def _aside(self) -> Iterator[Motion]:
+        """The same ways more slowly, and higher or lower in their middle; and ways around."""
+        yield from self._by_vias(VIAS[0])
         for legs in self._ways:
             for cap in self._caps()[:-1]:
                 yield from self._flown(legs, cap)
             total = legs[:, 1].sum()
-            for offset in (-30.0, -20.0, -10.0, 10.0, 20.0, 30.0):
+            for offset in OFFSETS:
                 for cap in self._caps()[1::2]:
                     bent = halved(legs, total / 2.0)
                     lengths = np.cumsum(bent[:, 1])
@@ -236,9 +237,7 @@ def _free(problem: Problem, index: int, motion: Motion, movers: Sequence[Mover],
     ) and all(apart(motion, m.motion, radius + m.radius, squash, True, m.leaves) for m in movers)
 
 
-def variants(
-    problem: Problem, world: World, index: int, rng: np.random.Generator, count: int = 8
-) -> list[Motion]:
+def variants(problem: Problem, world: World, index: int, rng: np.random.Generator, count: int = 8) -> list[Motion]:
     """Several ways of one plane, each clear of the world and of the others' starts and goals, the quickest first.
 
     For whoever finds that the first one does not go with the rest of the plan. Raises as :func:`plan_planes`.

@@ -99,9 +99,7 @@ def between(
 
 
 @jit
-def to_point(
-    x0: float, y0: float, h0: float, x1: float, y1: float, radius: float, word: int, legs: Floats
-) -> float:
+def to_point(x0: float, y0: float, h0: float, x1: float, y1: float, radius: float, word: int, legs: Floats) -> float:
     """Fill ``legs`` (2, 2) with the way of one of the four words to a place, whatever the heading there."""
     side = 1.0 if word in (0, 2) else -1.0
     # In a frame with the start at the origin, heading along x, the first turn to the left.

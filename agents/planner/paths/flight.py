@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.geometry import World, segment_clear
+from agents.planner.geometry import segment_clear
 from agents.planner.jit import jit
 from agents.planner.paths.dubins import advance
 from agents.planner.problem import Floats, Motion
+from agents.planner.world import World
 
 STEP = 0.125
 """s between samples at most"""
@@ -24,8 +25,8 @@ GRAIN = 0.5
 """m along the way between the points at which the speed is worked out"""
 CHORD = 3.0
 """m: how long a straight piece of a bend is at most where it is checked"""
-SIDEWAYS, ALTOGETHER, UPWARDS = 0.9, 0.93, 0.25
-"""shares of the acceleration: for turning, for turning and changing speed, for changing the slope"""
+SIDEWAYS, UPWARDS, BOTH, ALTOGETHER = 0.9, 0.25, 0.94, 0.97
+"""shares of the acceleration: for turning, for changing the slope, for both, and with a change of speed besides"""
 PART = 0.985
 """of the greatest speeds is used"""
 SLOW = 1.003
@@ -145,9 +146,14 @@ def _speeds(curvature: Floats, height: Floats, grain: float, wings: Wings, cap: 
     count = len(curvature)
     least = SLOW * wings.vmin
     speed = np.full(count + 1, max(least, min(cap, PART * wings.vmax)))
+    bent = np.empty(count)
     for k in range(count):
         slope = (height[k + 1] - height[k]) / grain
-        most = math.sqrt(SIDEWAYS * wings.amax / max(curvature[k], 1e-9))
+        before = (height[k] - height[k - 1]) / grain if k > 0 else slope
+        after = (height[k + 2] - height[k + 1]) / grain if k < count - 1 else slope
+        bent[k] = math.hypot(curvature[k], max(abs(slope - before), abs(after - slope)) / grain)
+        share = BOTH if bent[k] > curvature[k] else SIDEWAYS
+        most = math.sqrt(share * wings.amax / max(bent[k], 1e-9))
         vertical = PART * (wings.climb if slope > 0.0 else wings.descend)
         if slope != 0.0:
             most = min(most, vertical * math.sqrt(1.0 + slope * slope) / abs(slope))
@@ -157,10 +163,10 @@ def _speeds(curvature: Floats, height: Floats, grain: float, wings: Wings, cap: 
     for turn in range(2):
         for n in range(count):
             k = n if turn == 0 else count - n
-            part, after = (k, k + 1) if turn == 0 else (k - 1, k - 1)
-            sideways = curvature[part] * speed[k] * speed[k]
+            part, after_it = (k, k + 1) if turn == 0 else (k - 1, k - 1)
+            sideways = bent[part] * speed[k] * speed[k]
             left = math.sqrt(max((ALTOGETHER * wings.amax) ** 2 - sideways * sideways, 0.0))
-            speed[after] = min(speed[after], math.sqrt(speed[k] * speed[k] + 2.0 * left * grain))
+            speed[after_it] = min(speed[after_it], math.sqrt(speed[k] * speed[k] + 2.0 * left * grain))
     return speed
 
 
@@ -175,15 +181,11 @@ def fly(pose: Floats, legs: Floats, wings: Wings, cap: float) -> Motion:
     grain = total / count
     curvature, height = np.empty(count), np.empty(count + 1)
     _profile(legs, grain, count, curvature, height)
-    bend, steepest = 0.0, 1e-9
-    for k in range(count):
-        slope = (height[k + 1] - height[k]) / grain
-        steepest = max(steepest, abs(slope))
-        if k > 0:
-            bend = max(bend, abs(slope - (height[k] - height[k - 1]) / grain))
+    bend = 0.0
+    for k in range(1, count):
+        bend = max(bend, abs(height[k + 1] - 2.0 * height[k] + height[k - 1]) / grain)
     if bend > 1e-6:
-        fast = min(PART * wings.vmax, max(max(wings.climb, wings.descend) / steepest, SLOW * wings.vmin))
-        half = int(math.ceil(bend * fast * fast / (UPWARDS * wings.amax) / grain / 2.0))
+        half = int(math.ceil(bend * (SLOW * wings.vmin) ** 2 / (UPWARDS * wings.amax) / grain / 2.0))
         if half >= count:
             return np.empty((0, 4))
         height = _smooth(height, half)
