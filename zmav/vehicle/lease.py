@@ -88,18 +88,22 @@ class Lease:
             manual=manual, rc=None if rc is None else list(rc), servo=None if servo is None else list(servo),
         )  # fmt: skip
 
-    def segment(self, points: Sequence[wire.SegmentPoint], *, valid: float = 0.5) -> None:
+    def segment(
+        self, points: Sequence[wire.SegmentPoint], *, valid: float = 0.5, deadline: float | None = None
+    ) -> None:
         """Commit the vehicle to a trajectory that ends at rest; it flies it by itself, however bad the network gets.
 
-        ``valid``: seconds within which it must have arrived there. The next segment or setpoint takes its place.
+        ``valid``: seconds within which it must have arrived there; ``deadline``: the same as UTC seconds by the
+        vehicle's own clock. The next segment or setpoint takes its place.
         """
-        self._put(valid, segment=list(points))
+        self._put(valid, deadline, segment=list(points))
 
-    def _put(self, valid: float, **fields: Any) -> None:
+    def _put(self, valid: float, deadline: float | None = None, **fields: Any) -> None:
         if self.lost is not None:
             raise self.lost
         self._seq += 1
-        point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=time.time() + valid, **fields)
+        until = time.time() + valid if deadline is None else deadline
+        point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=until, **fields)
         data = wire.encode(point)
         self._client.put(keys.SETPOINT, self._key, data, seal(self._secret, self._key, data) if self._secret else None)
 

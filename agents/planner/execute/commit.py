@@ -1,0 +1,252 @@
+"""What each vehicle may be flying, and what none may be told before that is clear of it.
+
+The rule that everything rests on: every trajectory that one vehicle may be flying is separated from every trajectory
+that any other may be flying. A trajectory that was sent may be flown until the vehicle says that it flies a later one,
+or says something after the deadline by which it had to take it and still flies another. So a vehicle has at most two:
+the one known, and one pending, which departs from it only after its deadline. Nothing here waits, sends or reads a
+clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planner.execute.offset import Offset
+from agents.planner.execute.track import Profile, Track, flown, state_at
+from agents.planner.jit import jit
+from agents.planner.problem import Floats, Mover
+from agents.planner.separation import least_between
+
+GRAIN = 0.25
+"""s between the moments of a plan at which the order of vehicles is looked at"""
+ABREAST = 2
+"""grains within which the exact check alone decides who goes first"""
+TOUCH = 0.002
+"""m: rounding on the wire, and what the curve does between its samples"""
+
+Stamp = tuple[int, int]
+"""lease number and sequence number of a setpoint"""
+
+
+@dataclass
+class Entry:
+    """One trajectory that a vehicle may be flying, by our clock."""
+
+    profile: Profile
+    rows: Floats
+    """(K, 7): t, place, velocity: the points it is sent as"""
+    departs: float
+    """when it leaves the one before it; a vehicle must have taken it by then"""
+    tail_at: float
+    """when it begins to slow down to rest before its goal; inf: it ends at the goal"""
+    sent: list[Stamp] = field(default_factory=list)
+    deadline: float = -np.inf
+    """after which no vehicle takes it any more, by the vehicle's clock"""
+    last_sent: float = -np.inf
+    taken: bool = False
+    """the vehicle said that it is on it"""
+
+    def __post_init__(self) -> None:
+        self.samples = flown(self.rows)
+        self.box = np.concatenate((self.samples[:, 1:].min(axis=0), self.samples[:, 1:].max(axis=0)))
+
+    @property
+    def stop(self) -> float:
+        return self.profile.stop
+
+    @property
+    def rest_at(self) -> float:
+        return self.profile.rest_at
+
+
+@dataclass
+class Part:
+    """One vehicle's part in a plan."""
+
+    id: str
+    track: Track
+    radius: float
+    accel: float
+    margin: float
+    """m by which it may be off its trajectory, its clock's error aside"""
+    offset: Offset
+    entries: list[Entry] = field(default_factory=list)
+    """what it may be flying: the one known, and the one pending"""
+    heard: float = -np.inf
+    """when it last spoke"""
+    said: float = -np.inf
+    """the newest time that it stamped, by its clock"""
+    kept_until: float = -np.inf
+    """when the last segment that it acknowledged ends"""
+    lost: bool = False
+    off: str = ""
+    """why it follows us no more; empty: it does"""
+    place: Floats | None = None
+    """where it was last seen, once it follows us no more"""
+    hinder: float = np.inf
+    """the moment of the plan that it may not pass: something stands in its way"""
+    error: float = 0.0
+    """s by which its clock may be other than we think"""
+
+    @property
+    def known(self) -> Entry:
+        return self.entries[0]
+
+    @property
+    def latest(self) -> Entry:
+        return self.entries[-1]
+
+    @property
+    def pending(self) -> bool:
+        return len(self.entries) > 1
+
+    @property
+    def active(self) -> bool:
+        return not self.lost and not self.off
+
+    @property
+    def stop(self) -> float:
+        """The moment of the plan that it comes to for certain."""
+        return min(entry.stop for entry in self.entries)
+
+    @property
+    def need(self) -> float:
+        """m that nothing else's may come nearer than, with its own need, to its trajectory."""
+        return self.radius + self.margin + self.track.speed * self.error
+
+    def resting(self, now: float) -> bool:
+        return not self.pending and self.known.rest_at <= now
+
+    def finished(self, now: float) -> bool:
+        return self.resting(now) and self.known.stop >= self.track.end
+
+    def acknowledge(self, stamp: Stamp | None, said: float) -> bool:
+        """A state that the vehicle stamped ``said`` names the segment it is on. True: it has news of what it flies."""
+        if stamp is not None and stamp in self.known.sent:
+            self.known.taken = True
+        if not self.pending:
+            return False
+        pending = self.entries[-1]
+        if stamp is not None and stamp in pending.sent:
+            self.entries, pending.taken = [pending], True
+            return True
+        if said > pending.deadline:  # refused, or lost on the way, and too late by now
+            self.entries.pop()
+            return True
+        return False
+
+    def place_at(self, t: float) -> tuple[Floats, Floats]:
+        """Where the known trajectory has it, and its velocity."""
+        return state_at(self.known.rows, t)
+
+
+class Reserved:
+    """The ways that are taken. ``parts`` share one plan; ``movers`` are flown by others, on our clock."""
+
+    def __init__(self, parts: Sequence[Part], downwash: float) -> None:
+        self.parts, self.movers, self.ghosts = list(parts), list[Mover](), list[Part]()
+        """ghosts: vehicles of an earlier plan that follow us no more"""
+        self._inverse = 1.0 / downwash
+
+    def blocker(self, part: Part, entry: Entry, since: float) -> str | None:
+        """Who could come too near to ``part`` on ``entry`` from ``since`` on; None: it is clear of everybody."""
+        for other in (*self.parts, *self.ghosts):
+            if other is part:
+                continue
+            need = part.need + other.need - TOUCH
+            inverse = self._inverse if other.active else 0.0  # it may land or climb: the whole column is taken
+            if any(self._meet(entry, each, need, inverse, since) for each in other.entries):
+                return other.id
+            if other.place is not None and _near(entry.samples, other.place, need, since):
+                return other.id
+        return self._mover(part, entry, since)
+
+    def blocked_by_mover(self, part: Part, now: float) -> str | None:
+        """Who, of what moves by itself, comes too near to what ``part`` may be flying."""
+        for entry in part.entries:
+            if who := self._mover(part, entry, now):
+                return who
+        return None
+
+    def _mover(self, part: Part, entry: Entry, since: float) -> str | None:
+        for mover in self.movers:
+            need = part.need + mover.radius
+            distance, _ = least_between(entry.samples, mover.motion, self._inverse, False, mover.leaves, since)
+            if distance < need:
+                return mover.id
+        return None
+
+    def _meet(self, one: Entry, other: Entry, need: float, inverse: float, since: float) -> bool:
+        gap = np.maximum(one.box[:3] - other.box[3:], other.box[:3] - one.box[3:])
+        if max(gap[0], gap[1], gap[2] * inverse) > need:
+            return False
+        distance, _ = least_between(one.samples, other.samples, inverse, False, False, since)
+        return bool(distance < need)
+
+
+def _near(samples: Floats, place: Floats, need: float, since: float) -> bool:
+    """The way comes within ``need`` of the column through ``place``."""
+    still = np.array([[since, *place]])
+    distance, _ = least_between(samples, still, 0.0, False, False, since)
+    return bool(distance < need)
+
+
+class Order:
+    """Who passes a place before whom, by the plan: no vehicle goes where another is to pass first and has not.
+
+    Executions that keep this order come to their end however unevenly they go on, for no two wait for each other
+    (action dependency graphs: Hönig et al. 2019, "Persistent and Robust Execution of MAPF Schedules in Warehouses").
+    """
+
+    def __init__(self, parts: Sequence[Part], downwash: float) -> None:
+        end = max((part.track.end for part in parts), default=0.0)
+        self._count = int(np.ceil(end / GRAIN)) + 1
+        moments = np.arange(self._count, dtype=np.float64) * GRAIN
+        places = np.zeros((len(parts), self._count, 3))
+        for i, part in enumerate(parts):
+            places[i] = part.track.at(moments)[0]
+        places[:, :, 2] /= downwash
+        needs = np.array([part.radius + part.margin for part in parts])
+        steps = np.array([np.linalg.norm(np.diff(each, axis=0), axis=1).max(initial=0.0) for each in places])
+        self._first = _dependencies(places, needs, steps, ABREAST)
+
+    def allows(self, who: int, stop: float, stops: Floats) -> int | None:
+        """The index of one who must pass before ``who`` goes on to ``stop``; None: it may. ``stops``: how far each is
+        sure to come.
+        """
+        grain = min(int(np.ceil(stop / GRAIN - 1e-9)), self._count - 1)
+        row = self._first[who, :, grain]
+        late = np.flatnonzero((row >= 0) & ((row + 1) * GRAIN > stops + 1e-6))
+        return int(late[0]) if len(late) else None
+
+
+@jit
+def _dependencies(places: Floats, needs: Floats, steps: Floats, abreast: int) -> NDArray[np.int16]:
+    """(N, N, M): the last moment at which another is where ``k`` is at some later moment up to this one; -1: never.
+
+    ``steps``: m that each goes from moment to moment at most, so that those far apart need few looks.
+    """
+    n, count = places.shape[0], places.shape[1]
+    found = np.full((n, n, count), -1, dtype=np.int16)
+    for k in range(n):
+        for i in range(n):
+            if i == k:
+                continue
+            need, step = needs[k] + needs[i], max(steps[i], 1e-3)
+            last = -1
+            for b in range(count):
+                x, y, z = places[k, b, 0], places[k, b, 1], places[k, b, 2]
+                a = b - abreast
+                while a > last:
+                    dx, dy, dz = places[i, a, 0] - x, places[i, a, 1] - y, places[i, a, 2] - z
+                    gap = np.sqrt(dx * dx + dy * dy + dz * dz) - need
+                    if gap < 0.0:
+                        last = a
+                    else:
+                        a -= max(1, int(min(gap / step, 1e6)))
+                found[k, i, b] = last
+    return found

@@ -1,0 +1,375 @@
+"""Fly verified plans with real vehicles: leases, clocks and the network around a :class:`~.conductor.Conductor`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import zmav
+from agents.planner.execute.commit import Part
+from agents.planner.execute.conductor import Conductor, Phase
+from agents.planner.execute.helm import Clock, Helm
+from agents.planner.execute.track import Track
+from agents.planner.live.frames import enu
+from agents.planner.problem import Floats, Motion, Mover
+from zmav import wire
+from zmav.errors import Refused, ZmavError
+from zmav.wire.state import Severity
+
+TICK = 0.1
+"""s between two looks at everything"""
+TRACKING = 0.3
+"""m by which a vehicle may be off its trajectory: see docs/planner-execution.md"""
+MAX_CLOCK = 0.15
+"""s by which a vehicle's clock may be other than measured"""
+SLACK = 0.03
+"""m of a plan's margin that goes to the difference of its samples and the curve that is flown"""
+NEAR_START = 1.0
+"""m that a vehicle may be away from where its motion begins"""
+SETTLE = 5.0
+"""s for vehicles to come to their places at the end"""
+PER_TICK = 25
+"""trajectories that are made in one look, so that the loop is not held up"""
+
+Say = Callable[[str, Severity, str, dict[str, Any]], None]
+"""is told what happened: kind, severity, text, detail"""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A verified plan for execution. By vehicle; ENU metres about the fleet's origin; all begin at t = 0, at rest."""
+
+    motions: Mapping[str, Motion]
+    radius: Mapping[str, float]
+    accel: Mapping[str, float]
+    """m/s²: what stop tails are made by"""
+    downwash: float = 1.0
+    margin: float = TRACKING + SLACK
+    """m by which each vehicle's radius was widened when the plan was made and verified"""
+    movers: Sequence[Mover] = ()
+    """on our UTC"""
+    tolerance: float = 0.5
+    """m from its goal at which a vehicle has arrived"""
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Why a plan is not flown to its end, and where everybody is."""
+
+    reason: str
+    places: Mapping[str, Floats]
+    """those who go on: at rest at these places (ENU), from which a new plan starts"""
+    gone: Mapping[str, tuple[Motion, Floats]]
+    """those who do not: the way that stays reserved for each, and its last known place, whose column is, too"""
+
+
+Replan = Callable[[Trouble], Awaitable["Flight | None"]]
+
+
+@dataclass
+class Outcome:
+    """How a flight ended."""
+
+    done: bool
+    reason: str = ""
+    away: dict[str, float] = field(default_factory=dict)
+    """m from its goal, by vehicle"""
+    worst: dict[str, float] = field(default_factory=dict)
+    """m that each was off its trajectory at most"""
+    seconds: float = 0.0
+    replans: int = 0
+
+
+def margin_for(speed: float, clock_error: float, tracking: float = TRACKING) -> float:
+    """The margin (m) that a plan needs for a vehicle of this speed whose clock is known to ``clock_error`` seconds."""
+    return tracking + speed * clock_error + SLACK
+
+
+class Executor:
+    """``async with Executor(z, names) as executor: outcome = await executor.run(flight)``.
+
+    Entering takes every vehicle's lease and measures its clock, leaving gives the leases back once all are at rest.
+    ``say`` is told what happens, ``replan`` asked for a new plan when this one cannot be ended. Raises
+    :class:`~zmav.errors.NotHolder` while another commands a vehicle.
+    """
+
+    def __init__(
+        self, z: zmav.Client, names: Iterable[str], *, holder: str = "planner", priority: int = 0,
+        tracking: float = TRACKING, say: Say = lambda kind, severity, text, detail: None, replan: Replan | None = None,
+    ) -> None:  # fmt: skip
+        self.clock = Clock()
+        self.helms = {name: Helm(z, name, self.clock, holder, priority) for name in names}
+        self._say, self._replan, self._tracking = say, replan, tracking
+        self._stack = contextlib.AsyncExitStack()
+        self._conductor: Conductor | None = None
+        self._ghosts: list[Part] = []
+        self._paused = False
+
+    async def __aenter__(self) -> Executor:
+        async def take(helm: Helm) -> None:
+            await self._stack.enter_async_context(helm)
+
+        results = await asyncio.gather(*(take(helm) for helm in self.helms.values()), return_exceptions=True)
+        for result in results:
+            if isinstance(result, BaseException):
+                await self._stack.aclose()
+                raise result
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self._stack.aclose()
+
+    @property
+    def clock_errors(self) -> dict[str, float]:
+        """s by which each vehicle's clock may be other than measured."""
+        now = self.clock.now()
+        return {name: helm.offset.error(now) for name, helm in self.helms.items()}
+
+    @property
+    def phase(self) -> Phase | None:
+        """None: nothing is flown."""
+        return None if self._conductor is None else self._conductor.phase(self.clock.now())
+
+    @property
+    def progress(self) -> float:
+        """0 to 1."""
+        return self._conductor.progress(self.clock.now()) if self._conductor else 0.0
+
+    @property
+    def committed(self) -> dict[str, Mover]:
+        """What each vehicle of this flight is sure to fly, on our UTC: to others it is a mover."""
+        parts = self._conductor.parts if self._conductor else []
+        return {part.id: Mover(part.id, part.latest.samples, part.need) for part in parts}
+
+    def pause(self) -> None:
+        """Everybody comes to rest along its way, as soon as that is clear."""
+        self._paused = True
+        if self._conductor:
+            self._conductor.pause()
+
+    def resume(self) -> None:
+        self._paused = False
+        if self._conductor:
+            self._conductor.resume()
+
+    def halt(self, why: str) -> None:
+        """As :meth:`pause`, for good: :meth:`run` asks for a new plan, or ends."""
+        if self._conductor:
+            self._conductor.halt(why)
+
+    def avoid(self, movers: Sequence[Mover]) -> None:
+        """What moves by itself (on our UTC), from now on; who cannot stay clear of it stops, and a new plan is made."""
+        conductor, now = self._conductor, self.clock.now()
+        if conductor is None:
+            return
+        conductor.reserved.movers = list(movers)
+        for part in conductor.parts:
+            if part.active and (who := conductor.reserved.blocked_by_mover(part, now)):
+                conductor.halt(f"{who} is about to cross the way of {part.id}", vehicle=part.id, mover=who)
+
+    def obstructed(self, clear: Callable[[Floats, Floats, float], bool], why: str) -> list[str]:
+        """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Who has something in its way
+        stops before it, as far as it can, and a new plan is made. Gives their names.
+        """
+        conductor, now, found = self._conductor, self.clock.now(), []
+        for part in conductor.parts if conductor else []:
+            moment = _first_hit(part, now, clear)
+            if moment is not None and conductor is not None:
+                conductor.hinder(part, moment - 0.5, f"{why} in the way of {part.id}")
+                found.append(part.id)
+        return found
+
+    async def run(self, flight: Flight) -> Outcome:
+        """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
+        where a vehicle is not at its start, its clock is not known well enough, or the plan has too little margin.
+        """
+        begun, replans = self.clock.now(), 0
+        self._ghosts = []
+        try:
+            while True:
+                conductor = self._prepare(flight)
+                reason = await self._fly(conductor)
+                if not reason:
+                    return await self._arrived(flight, conductor, begun, replans)
+                again = await self._ask(conductor, reason)
+                if again is None:
+                    return Outcome(
+                        False, reason, self._away(flight), conductor.worst, self.clock.now() - begun, replans
+                    )
+                flight, replans = again, replans + 1
+        finally:
+            await asyncio.shield(self._settle())
+            self._conductor = None
+
+    # Before.
+
+    def _prepare(self, flight: Flight) -> Conductor:
+        now = self.clock.now()
+        parts = [self._part(name, flight, now) for name in flight.motions]
+        conductor = Conductor(parts, flight.downwash, now)
+        conductor.reserved.movers, conductor.reserved.ghosts = list(flight.movers), list(self._ghosts)
+        if self._paused:
+            conductor.pause()
+        self._conductor = conductor
+        return conductor
+
+    def _part(self, name: str, flight: Flight, now: float) -> Part:
+        helm = self.helms.get(name)
+        if helm is None:
+            raise Refused(f"{name} is not under this executor's lease", vehicle=name)
+        place, error = helm.place, helm.offset.error(now)
+        if place is None:
+            raise Refused(f"{name} does not say where it is", vehicle=name)
+        track = Track(flight.motions[name])
+        away = float(np.linalg.norm(place - track.pos[0]))
+        if away > NEAR_START:
+            raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
+        if not error <= MAX_CLOCK:
+            text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
+            raise Refused(text, vehicle=name, error_s=error)
+        needed = margin_for(track.speed, error, self._tracking)
+        if needed > flight.margin + 1e-6:
+            text = (
+                f"the plan keeps {flight.margin:.2f} m of margin, and {name} needs {needed:.2f} m: "
+                f"{self._tracking:g} m to follow it, {SLACK:g} m for its curve, and {track.speed:.1f} m/s times a clock "
+                f"known to ±{error:.3f} s"
+            )
+            raise Refused(text, vehicle=name, needed=needed)
+        helm.offset.fix()
+        part = Part(name, track, flight.radius[name], flight.accel[name], self._tracking, helm.offset)
+        part.heard, part.error = now, error
+        return part
+
+    # In flight.
+
+    async def _fly(self, conductor: Conductor) -> str:
+        """Until all are at their goals (gives an empty reason), or at rest without a way on."""
+        while True:
+            phase = self._look(conductor)
+            if phase == "done":
+                return ""
+            if phase == "halted":
+                return conductor.halting
+            if phase == "stuck":
+                lost = [part.id for part in conductor.parts if part.lost]
+                waits = ", ".join(f"{one} for {other}" for one, other in conductor.blocked.items())
+                return f"{', '.join(lost)} lost" if lost else f"nobody can go on: {waits or 'no way is clear'}"
+            await asyncio.sleep(TICK)
+
+    def _look(self, conductor: Conductor) -> Phase:
+        """Hear everybody, and tell whom there is something to tell."""
+        now = self.clock.now()
+        for part in conductor.parts:
+            self._hear(conductor, part, now)
+        for send in conductor.decide(now, PER_TICK):
+            done = self.helms[send.part.id].put(send.rows, send.deadline)
+            if done is not None:
+                conductor.sent(send, *done, now)
+        for saying in conductor.said:
+            self._say(saying.kind, saying.severity, saying.text, saying.detail)
+        conductor.said.clear()
+        return conductor.phase(now)
+
+    def _hear(self, conductor: Conductor, part: Part, now: float) -> None:
+        helm = self.helms[part.id]
+        news = helm.news()
+        if helm.taken:
+            conductor.gone(part, helm.taken, helm.place)
+        elif news is not None:
+            state, came = news
+            segment = state.segment
+            stamp = (segment.lease, segment.seq) if segment else None
+            conductor.heard(part, came, state.t, stamp, segment.end if segment else None)
+            if part.off and state.local is not None:
+                part.place = np.array(enu(state.local))
+            self._follow(conductor, part, state)
+        error = helm.offset.error(now)
+        if error > part.error + 0.02 and part.active:
+            part.error = error
+            if error > MAX_CLOCK:
+                conductor.halt(f"the clock of {part.id} is known to ±{1e3 * error:.0f} ms only", vehicle=part.id)
+
+    def _follow(self, conductor: Conductor, part: Part, state: wire.VehicleState) -> None:
+        if state.local is None or not part.active or not part.known.taken:
+            return
+        at = part.offset.ours(state.t - state.ages.get("position", 0.0))
+        if at > part.known.rows[0, 0]:
+            conductor.strayed(part, self.clock.now(), at, np.array(enu(state.local)))
+
+    # After.
+
+    async def _ask(self, conductor: Conductor, reason: str) -> Flight | None:
+        """A new plan from where everybody rests; meanwhile they are kept there."""
+        if self._replan is None:
+            return None
+        active = [part for part in conductor.parts if part.active]
+        self._ghosts += [part for part in conductor.parts if not part.active]
+        places = {part.id: part.known.rows[-1, 1:4].copy() for part in active}
+        gone = {}
+        for part in self._ghosts:
+            part.off = part.off or "lost"
+            place = part.place if part.place is not None else part.latest.rows[-1, 1:4]
+            gone[part.id] = (part.latest.samples, place)
+        conductor.halt(reason)
+        asking = asyncio.ensure_future(self._replan(Trouble(reason, places, gone)))
+        try:
+            while not asking.done():
+                self._look(conductor)
+                await asyncio.wait({asking}, timeout=TICK)
+            return asking.result()
+        finally:
+            asking.cancel()
+
+    async def _arrived(self, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
+        """Wait until they are at their goals by what they say themselves."""
+        until = self.clock.now() + SETTLE
+        while True:
+            away = self._away(flight)
+            late = [name for name, metres in away.items() if not metres <= flight.tolerance]
+            if not late:
+                return self._ended("", flight, conductor, begun, replans)
+            if self.clock.now() > until:
+                text = f"{', '.join(late)}: not within {flight.tolerance:g} m of the goal {SETTLE:g} s after the end"
+                return self._ended(text, flight, conductor, begun, replans)
+            self._look(conductor)
+            await asyncio.sleep(TICK)
+
+    def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
+        seconds = self.clock.now() - begun
+        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans)
+
+    def _away(self, flight: Flight) -> dict[str, float]:
+        found = {}
+        for name, motion in flight.motions.items():
+            place = self.helms[name].place
+            found[name] = float("inf") if place is None else float(np.linalg.norm(place - motion[-1, 1:4]))
+        return found
+
+    async def _settle(self) -> None:
+        """Whatever ended us: nobody's lease is given back while it moves, for a vehicle whose lease ends stops at once,
+        and not along its way.
+        """
+        conductor = self._conductor
+        if conductor is None:
+            return
+        conductor.halt("the execution has ended")
+        with contextlib.suppress(ZmavError):
+            while conductor.phase(self.clock.now()) == "flying":
+                self._look(conductor)
+                await asyncio.sleep(TICK)
+
+
+def _first_hit(part: Part, now: float, clear: Callable[[Floats, Floats, float], bool]) -> float | None:
+    """The moment of the plan from which the rest of its way is not clear; None: all of it is."""
+    (s,), _ = part.known.profile.at(np.array([now]))
+    track = part.track
+    first = max(int(np.searchsorted(track.s, s, side="right")) - 1, 0)
+    for k in range(first, len(track.s) - 1):
+        if not clear(track.pos[k], track.pos[k + 1], part.radius):
+            return float(track.s[k])
+    return None

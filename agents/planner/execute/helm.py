@@ -1,0 +1,165 @@
+"""One vehicle under our command: its lease, its clock against ours, and what it says of itself."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+import zmav
+from agents.planner.execute.commit import Stamp
+from agents.planner.execute.offset import Offset
+from agents.planner.live.frames import enu, ned
+from agents.planner.problem import Floats
+from zmav import keys, wire
+from zmav.errors import BadInput, NotHolder, ZmavError
+from zmav.vehicle import Lease
+from zmav.waiting import within
+
+PINGS = 6
+"""questions of the time before the clock is believed"""
+PING_EVERY, PING_SOON = 4.0, 0.1
+PING_TIMEOUT = 2.0
+AGAIN = ("gone", "expired")
+"""how a lease ends that nobody took: it is asked for again"""
+TTL = 5.0
+
+
+class Clock:
+    """Our UTC as it was when we began, carried on by the monotonic clock: a step of the host's time moves nothing."""
+
+    def __init__(self) -> None:
+        self._ahead = time.time() - time.monotonic()
+
+    def now(self) -> float:
+        return self._ahead + time.monotonic()
+
+    def of(self, monotonic: float) -> float:
+        return self._ahead + monotonic
+
+
+class Helm:
+    """``async with Helm(...)``: takes the lease and measures the clock; both are looked after until it is left.
+
+    Raises :class:`~zmav.errors.NotHolder` while another commands the vehicle, and what else asking for a lease raises.
+    """
+
+    def __init__(self, z: zmav.Client, name: str, clock: Clock, holder: str, priority: int) -> None:
+        self.vehicle, self.name, self.offset = z.vehicle(name), name, Offset()
+        self._z, self._clock, self._holder, self._priority = z, clock, holder, priority
+        self._stack = contextlib.AsyncExitStack()
+        self._lease: Lease | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._seen = -1.0
+        self.taken = ""
+        """who or what took it from us for good; empty: it is ours"""
+
+    async def __aenter__(self) -> Helm:
+        self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL, self._priority))
+        try:
+            for _ in range(PINGS):
+                await self._ping()
+                await asyncio.sleep(PING_SOON)
+        except BaseException:
+            await self._stack.aclose()
+            raise
+        self._tasks = [asyncio.create_task(self._measure()), asyncio.create_task(self._renew())]
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._stack.aclose()
+
+    # What it says.
+
+    def news(self) -> tuple[wire.VehicleState, float] | None:
+        """Its state and when that came (our time), where it is newer than at the last call."""
+        heard = self._z.heard(self.name, self.vehicle.fleet)
+        if heard is None or heard.at <= self._seen:
+            return None
+        self._seen = heard.at
+        came = self._clock.of(heard.at)
+        self.offset.heard(heard.state.t, came)
+        return heard.state, came
+
+    @property
+    def place(self) -> Floats | None:
+        """Where it last said that it was: (3,) ENU."""
+        state = self.vehicle.last_state
+        return None if state is None or state.local is None else np.array(enu(state.local))
+
+    # What it is told.
+
+    def put(self, rows: Floats, deadline: float) -> tuple[Stamp, float] | None:
+        """Put a segment of rows t, place, velocity (ENU, our time), to be taken by ``deadline`` (our time).
+
+        Gives its stamp and its deadline by the vehicle's clock; None where we do not have the lease just now.
+        """
+        lease = self._lease
+        if lease is None or self._lost(lease):
+            return None
+        points = [_point(row, self.offset) for row in rows.tolist()]
+        until = self.offset.vehicle(deadline)
+        try:
+            lease.segment(points, deadline=until)
+        except NotHolder:
+            self._lost(lease)
+            return None
+        return (lease.number, lease.sent), until
+
+    def _lost(self, lease: Lease) -> bool:
+        lost = lease.lost
+        if lost is not None and not self.taken and lost.detail.get("reason") not in AGAIN:
+            self.taken = str(lost)
+        return lost is not None
+
+    # What goes on behind.
+
+    async def _ping(self) -> None:
+        asked = self._clock.now()
+        answers = await self._z.ask(keys.DO.key(self.vehicle.fleet, self.name, verb="ping"), timeout=PING_TIMEOUT)
+        came = self._clock.now()
+        for answer in answers[:1]:
+            if isinstance(answer, ZmavError):
+                continue
+            with contextlib.suppress(BadInput, KeyError, TypeError, ValueError):
+                outcome = wire.decode(answer.payload, wire.Outcome, "reply to do/ping")
+                self.offset.answered(asked, float(outcome.result["t"]), came)
+
+    async def _measure(self) -> None:
+        while True:
+            await asyncio.sleep(PING_EVERY)
+            await self._ping()
+
+    async def _renew(self) -> None:
+        """Where the lease ended and nobody took it (a cut network), ask for another one."""
+        while not self.taken:
+            await asyncio.sleep(0.2)
+            if self._lease is None or not self._lost(self._lease) or self.taken:
+                continue
+            self._lease = None
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(3.0, self._stack.aclose())
+            self._stack = contextlib.AsyncExitStack()
+            while self._lease is None:
+                try:
+                    self._lease = await self._stack.enter_async_context(
+                        self.vehicle.lease(self._holder, TTL, self._priority)
+                    )
+                except NotHolder as e:
+                    if e.detail.get("holder") != self._holder:
+                        self.taken = str(e)
+                        return
+                except ZmavError:
+                    pass
+                await asyncio.sleep(0.3)
+
+
+def _point(row: Sequence[float], offset: Offset) -> wire.SegmentPoint:
+    t, x, y, z, vx, vy, vz = row
+    return wire.SegmentPoint(t=round(offset.vehicle(t), 6), pos=ned((x, y, z)), vel=ned((vx, vy, vz)))
