@@ -2,8 +2,8 @@
 
 Planes can neither wait nor stand. They are planned first, one after another, each as the quickest of many ways that
 is clear of the world, of the planes before it and of all places where others start or are to stay; the others then
-avoid them. A plane that finds none goes first next time (prioritised planning after Erdmann and Lozano-Perez, 1987, with the
-order changed as by Bennewitz and others, 2001).
+avoid them. A plane that finds none goes first next time (prioritised planning after Erdmann and Lozano-Perez, 1987,
+with the order changed as by Bennewitz and others, 2001).
 """
 
 from __future__ import annotations
@@ -27,13 +27,15 @@ VIAS = (60, 250)
 """ways by a random pose: how many are tried first, and when all else failed"""
 OFFSETS = (6.0, -6.0, 12.0, -12.0, 18.0, -18.0, 24.0, -24.0, 32.0, -32.0, 40.0, -40.0)
 """m by which the middle of a way may be higher"""
-ATTEMPTS = 40
-"""orders of the planes that are tried"""
+ATTEMPTS, POLISH = 40, 8
+"""orders of the planes that are tried until there is a plan, and until it is a good one"""
+GOOD = 1.15
+"""times the least there can be is good: no more is looked for"""
 LEVELS = 4
 
 
 class Plane:
-    """One plane's ways, the quickest first within each level; each level has more, and costs more to make."""
+    """One plane's ways, the quickest first; each level has more of them, and costs more to make."""
 
     def __init__(self, problem: Problem, world: World, index: int, posts: Floats, rng: np.random.Generator) -> None:
         self.index = index
@@ -51,7 +53,7 @@ class Plane:
             self._direct, self._aside, self._circling, lambda: self._by_vias(VIAS[1]),
         )  # fmt: skip
         while len(self._levels) <= level:
-            made = makers[len(self._levels)]()
+            made = [*(self._levels[-1] if self._levels else []), *makers[len(self._levels)]()]
             self._levels.append(sorted(made, key=lambda motion: float(motion[-1, 0])))
         return self._levels[level]
 
@@ -80,7 +82,8 @@ class Plane:
         for turn in self._turns():
             for word in range(4):
                 legs = join(self._pose, np.array([*self._goal, 0.0]), turn, word, free=True)
-                if legs is not None and self._clear(legs):
+                known = any(legs is not None and _same(legs, other) for other in self._ways)
+                if legs is not None and not known and self._clear(legs):
                     self._ways.append(legs)
         if not self._ways:
             for turn in self._turns():
@@ -121,11 +124,10 @@ class Plane:
             turn = self.wings.turn(cap)
             first = [join(self._pose, via, turn, word, free=False) for word in range(6)]
             second = [join(via, np.array([*goal, 0.0]), turn, word, free=True) for word in range(4)]
-            if one := _shortest(first):
-                if other := _shortest(second):
-                    legs = np.concatenate((one[0], other[0]))
-                    if self._clear(legs):
-                        yield from self._flown(legs, cap)
+            if (one := _shortest(first)) and (other := _shortest(second)):
+                legs = np.concatenate((one[0], other[0]))
+                if self._clear(legs):
+                    yield from self._flown(legs, cap)
 
     def _circling(self) -> Iterator[Motion]:
         """A circle or two first, or on the way."""
@@ -140,6 +142,10 @@ class Plane:
                             longer[:, 2] = rise * longer[:, 1] / longer[:, 1].sum()
                             if self._clear(longer):
                                 yield from self._flown(longer, self.wings.vmax)
+
+
+def _same(a: Floats, b: Floats) -> bool:
+    return a.shape == b.shape and bool(np.allclose(a, b, atol=1e-6))
 
 
 def _shortest(ways: Sequence[Floats | None]) -> list[Floats]:
@@ -198,7 +204,7 @@ def plan_planes(
     rng: np.random.Generator,
     avoid: Sequence[Mover] = (),
 ) -> list[Motion]:
-    """Motions (T, 4) of the planes ``indices``, in that order: from their start at their heading, flying, to their goal.
+    """Motions (T, 4) of the planes ``indices``, in that order: from the start at its heading to the goal, flying.
 
     They keep off each other, off ``problem.movers`` and ``avoid`` (others' motions, where these are fixed already), and
     off the starts and goals of all others where that can be. Raises :class:`PlanError` ``unreachable`` for a plane that
@@ -206,24 +212,37 @@ def plan_planes(
     """
     planes = {index: _plane(problem, world, index, rng) for index in indices}
     movers = (*problem.movers, *avoid)
-    order = sorted(indices, key=lambda i: -float(np.linalg.norm(problem.goal[i] - problem.start[i])))
-    for _ in range(ATTEMPTS):
+    bounds = {
+        i: float(np.linalg.norm(problem.goal[i] - problem.start[i]) / problem.vmax[i]) for i in range(len(problem))
+    }
+    enough = GOOD * max(bounds.values())
+    order = sorted(indices, key=lambda i: -bounds[i])
+    best: dict[int, Motion] = {}
+    takes = math.inf
+    for attempt in range(ATTEMPTS):
         found: dict[int, Motion] = {}
         stuck = next((i for i in order if not _place_one(problem, planes[i], movers, found)), None)
-        if stuck is None:
-            return [found[index] for index in indices]
-        order.remove(stuck)
-        order.insert(0, stuck)
-        if len(order) > 2:
-            rest = [order[k] for k in rng.permutation(np.arange(1, len(order)))]
-            order = [stuck, *rest]
-    raise PlanError("timeout", [problem.ids[stuck]], f"no way of {problem.ids[stuck]} is clear of the other planes'")
+        last = max(order, key=lambda i: float(found[i][-1, 0])) if stuck is None else stuck
+        if stuck is None and found[last][-1, 0] < takes:
+            best, takes = found, float(found[last][-1, 0])
+        if takes <= enough or (best and attempt >= POLISH):
+            break
+        # The one that found no way, or the longest, chooses first the next time.
+        rest = [i for i in order if i != last]
+        order = [last, *(rest if attempt % 2 == 0 else [rest[k] for k in rng.permutation(len(rest))])]
+    if not best and indices:
+        name = problem.ids[order[0]]
+        raise PlanError("timeout", [name], f"no way of {name} was found that is clear of the other planes' ways")
+    return [best[index] for index in indices]
 
 
 def _place_one(problem: Problem, plane: Plane, movers: Sequence[Mover], found: dict[int, Motion]) -> bool:
     """Choose the quickest way that is clear of those found before; False: there is none."""
     for level in range(LEVELS):
-        for motion in plane.motions(level):
+        motions = plane.motions(level)
+        for motion in motions:
+            if level == 0 and motion[-1, 0] > GOOD * motions[0][-1, 0]:
+                break  # the next level has quicker ones
             if _free(problem, plane.index, motion, movers, found):
                 found[plane.index] = motion
                 return True
@@ -243,9 +262,5 @@ def variants(problem: Problem, world: World, index: int, rng: np.random.Generato
     For whoever finds that the first one does not go with the rest of the plan. Raises as :func:`plan_planes`.
     """
     plane = _plane(problem, world, index, rng)
-    ways: list[Motion] = []
-    for level in range(LEVELS):
-        ways += plane.motions(level)
-        if len(ways) >= count:
-            break
-    return sorted(ways, key=lambda motion: float(motion[-1, 0]))[:count]
+    enough = next((level for level in range(LEVELS) if len(plane.motions(level)) >= count), LEVELS - 1)
+    return plane.motions(enough)[:count]

@@ -1,8 +1,8 @@
 """Dubins ways: the shortest for what turns no tighter than a radius, to a place with or without a heading there.
 
 After L. E. Dubins, *On curves of minimal length with a constraint on average curvature* (1957), the six words in the
-closed form of A. Shkel and V. Lumelsky (2001); to a place with any heading after X.-N. Bui and others (1994): a turn and
-a straight line, or two turns.
+closed form of A. Shkel and V. Lumelsky (2001); to a place with any heading after X.-N. Bui and others (1994): a turn
+and a straight line, or two turns.
 
 A pose is x, y (m) and the heading (rad counter-clockwise from east). A way is legs, one a row: curvature (1/m, left is
 positive, 0 is straight) and length (m).

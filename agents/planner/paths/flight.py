@@ -25,7 +25,7 @@ GRAIN = 0.5
 """m along the way between the points at which the speed is worked out"""
 CHORD = 3.0
 """m: how long a straight piece of a bend is at most where it is checked"""
-SIDEWAYS, UPWARDS, BOTH, ALTOGETHER = 0.9, 0.25, 0.94, 0.97
+SIDEWAYS, UPWARDS, BOTH, ALTOGETHER = 0.96, 0.22, 0.985, 0.995
 """shares of the acceleration: for turning, for changing the slope, for both, and with a change of speed besides"""
 PART = 0.985
 """of the greatest speeds is used"""
@@ -70,7 +70,7 @@ def way_clear(world: World, posts: Floats, squash: float, pose: Floats, legs: Fl
     for k in range(len(legs)):
         curvature, length, rise = legs[k]
         most = 8.0 * CHORD if curvature == 0.0 else CHORD
-        count = int(math.ceil(length / most))
+        count = math.ceil(length / most)
         for _ in range(count):
             p[0], p[1], p[2] = x, y, z
             x, y, heading = advance(x, y, heading, curvature, length / count)
@@ -177,7 +177,7 @@ def fly(pose: Floats, legs: Floats, wings: Wings, cap: float) -> Motion:
     From t = 0, equally spaced, the last one at the way's end exactly as far as the legs lead there.
     """
     total = legs[:, 1].sum()
-    count = max(2, int(math.ceil(total / GRAIN)))
+    count = max(2, math.ceil(total / GRAIN))
     grain = total / count
     curvature, height = np.empty(count), np.empty(count + 1)
     _profile(legs, grain, count, curvature, height)
@@ -185,7 +185,7 @@ def fly(pose: Floats, legs: Floats, wings: Wings, cap: float) -> Motion:
     for k in range(1, count):
         bend = max(bend, abs(height[k + 1] - 2.0 * height[k] + height[k - 1]) / grain)
     if bend > 1e-6:
-        half = int(math.ceil(bend * (SLOW * wings.vmin) ** 2 / (UPWARDS * wings.amax) / grain / 2.0))
+        half = math.ceil(bend * (SLOW * wings.vmin) ** 2 / (UPWARDS * wings.amax) / grain / 2.0)
         if half >= count:
             return np.empty((0, 4))
         height = _smooth(height, half)
@@ -202,7 +202,7 @@ def fly(pose: Floats, legs: Floats, wings: Wings, cap: float) -> Motion:
 @jit
 def _sample(pose: Floats, legs: Floats, grain: float, times: Floats, speed: Floats, height: Floats) -> Motion:
     """Where it is at equal steps of time; within a part the acceleration is constant."""
-    steps = max(2, int(math.ceil(times[-1] / STEP)))
+    steps = max(2, math.ceil(times[-1] / STEP))
     motion = np.empty((steps + 1, 4))
     x, y, z, heading = pose
     part, leg, begin = 0, 0, 0.0

@@ -1,8 +1,8 @@
 """A plane's way among obstacles: A* over poses on a lattice of places, headings and heights, then shortened.
 
 Steps are straight lines and arcs of the turn radius, level, climbing or descending (hybrid A* after Dolgov and others,
-2008). From the poses reached, a Dubins way straight to the goal is tried. What is found is shortened by Dubins ways between
-its poses.
+2008). From the poses reached, a Dubins way straight to the goal is tried. What is found is shortened by Dubins ways
+between its poses.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from agents.planner.geometry import away
-from agents.planner.world import World
 from agents.planner.jit import jit
 from agents.planner.paths.dubins import POINT_WORDS, WORDS, advance, between, shortest_to_point, to_point
 from agents.planner.paths.flight import Wings, way_clear
 from agents.planner.problem import Floats
+from agents.planner.world import World
 
 HEADINGS = 18
 EAGER = 1.3
@@ -95,7 +95,7 @@ def _search(
 
 @jit
 def _at(grid: Floats, nx: int, x: float, y: float) -> int:
-    return int(math.floor((y - grid[1]) / grid[3])) * nx + int(math.floor((x - grid[0]) / grid[3]))
+    return math.floor((y - grid[1]) / grid[3]) * nx + math.floor((x - grid[0]) / grid[3])
 
 
 @jit
@@ -139,7 +139,7 @@ def _cell(grid: Floats, nx: int, ny: int, nz: int, x: float, y: float, z: float,
     k = math.floor((z - grid[2]) / grid[4])
     if i < 0 or j < 0 or k < 0 or i >= nx or j >= ny or k >= nz:
         return -1
-    h = int(round(heading / (2.0 * math.pi) * HEADINGS)) % HEADINGS
+    h = round(heading / (2.0 * math.pi) * HEADINGS) % HEADINGS
     return ((int(k) * ny + int(j)) * nx + int(i)) * HEADINGS + h
 
 
