@@ -89,7 +89,6 @@ class Report:
         """m: the least distance of two vehicles, less their radii; inf: there is no pair."""
         return math.inf if self.closest is None else self.closest.clearance
 
-    @property
     def culprits(self) -> list[str]:
         """Every vehicle that a fault names, in the order of the faults."""
         return list(dict.fromkeys(each for fault in self.faults for each in fault.ids))

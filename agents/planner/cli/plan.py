@@ -1,11 +1,305 @@
-"""``zmav plan``: plan for a file."""
+"""``zmav plan``: from scene files to plan files."""
 
 from __future__ import annotations
 
+import importlib.util
+import math
+import os
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import click
+import msgspec
+
+from agents.planner.cli.stages import Stages
+from agents.planner.errors import PlanError
+from zmav.cli.common import dump
+from zmav.errors import BadConfig, BadInput, ZmavError
+
+if TYPE_CHECKING:
+    from agents.planner.plans import Plan
+    from agents.planner.scene import Scene
+    from agents.planner.verify import Report
+
+PACKAGE = Path(__file__).resolve().parent.parent
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked for beside the plans."""
+
+    seconds: float | None = None
+    seed: int = 0
+    margin: float = 0.0
+    picture: Path | None = None
+    """a file, or a folder where there are several scenes"""
+    save: Path | None = None
+    view: bool = False
+    as_json: bool = False
+
+
+@dataclass(frozen=True)
+class Done:
+    """One scene, planned for or refused."""
+
+    name: str
+    scene: Scene | None
+    plan: Plan
+    report: Report | None
+    stages: dict[str, float]
 
 
 @click.command("plan")
-def command() -> None:
-    """Plan the motion of a whole swarm from a scene file."""
-    raise NotImplementedError
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SCENE.json...")
+@click.option("-o", "--output", type=click.Path(path_type=Path, allow_dash=True), metavar="PLAN.json",
+              help="Where the plan goes: a file, a folder, or - (standard output, the default).")  # fmt: skip
+@click.option("--check", is_flag=True, help="Plan nothing: judge a plan, with SCENE.json PLAN.json.")
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="Search so long at most. [default: by N]"
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
+@click.option("--margin", type=click.FloatRange(min=0.0), default=0.0, show_default=True,
+              help="Metres that two vehicles keep on top of their radii.")  # fmt: skip
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE.png", help="Draw it from above and aside.")
+@click.option("--view", is_flag=True, help="Show it moving, in Rerun's viewer.")
+@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.rrd",
+              help="Write what --view shows as a recording.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON, one document a scene.")
+def command(
+    files: tuple[Path, ...], output: Path | None, check: bool, seconds: float | None, seed: int, margin: float,
+    picture: Path | None, view: bool, save: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Plan the motion of a whole swarm: 'zmav plan scene.json -o plan.json'.
+
+    Several scenes are planned one after another: 'zmav plan scenes/*.json -o plans'. What cannot be planned gets a plan
+    file that says why, and the exit code is 1. docs/planner-files.md describes both kinds of file.
+    """
+    wish = Wish(seconds, seed, margin, picture, save, view, as_json)
+    _check_extras(wish)
+    if check:
+        if len(files) != 2:
+            text = "--check takes two files: SCENE.json PLAN.json"
+            raise BadConfig(text, field="check", value=[str(f) for f in files], expected="two files")
+        sys.exit(_judge(files[0], files[1], wish))
+    targets = targets_of(files, output)
+    pictures = targets_of(files, picture, ".png") if picture else [None] * len(files)
+    if (view or save) and len(files) > 1:
+        raise BadConfig("--view and --save show one scene", field="view", value=len(files), expected="one scene")
+    if save:
+        targets_of(files, save)
+    failed = 0
+    with Stages(quiet=as_json) as stages:
+        for path, target, drawn in zip(files, targets, pictures, strict=True):
+            failed += not _one(path, target, drawn, wish, stages, several=len(files) > 1)
+    sys.exit(1 if failed else 0)
+
+
+def _check_extras(wish: Wish) -> None:
+    """Raises :class:`BadConfig` for what is not installed."""
+    needs = [("numba", "planner"), ("ompl", "planner"), ("scipy", "planner")]
+    needs += [("matplotlib", "planner")] if wish.picture else []
+    needs += [("rerun", "viz")] if wish.view or wish.save else []
+    for module, extra in needs:
+        try:
+            there = importlib.util.find_spec(module) is not None
+        except ValueError:  # what the import system says of a module that is blocked
+            there = False
+        if not there:
+            text = f"zmav plan needs {module}: pip install 'zmav[{extra}]'"
+            raise BadConfig(text, field="zmav", value=module, expected=f"zmav[{extra}]")
+
+
+def targets_of(files: tuple[Path, ...], output: Path | None, suffix: str = ".json") -> list[Path | None]:
+    """Where each scene's plan goes (None: standard output), all of it writable.
+
+    Raises :class:`BadConfig` before anything is planned for what cannot be written, and for what would be
+    overwritten: a scene, or another scene's plan.
+    """
+    if output is None or str(output) == "-":
+        if len(files) > 1:
+            text = f"{len(files)} scenes need a folder for their plans: -o DIR"
+            raise BadConfig(text, field="output", value=len(files), expected="-o DIR")
+        return [None]
+    found: list[Path] = [output]
+    if len(files) > 1 or output.is_dir():
+        if not output.is_dir():
+            try:
+                output.mkdir()
+            except OSError as e:
+                text = f"cannot make the folder {output} for {len(files)} plans: {e.strerror}"
+                raise BadConfig(text, field="output", value=str(output), expected="a folder") from e
+        found = [output / f"{path.stem}{suffix}" for path in files]
+    for target in found:
+        _check_writable(target)
+        if any(target.exists() and path.exists() and target.samefile(path) for path in files):
+            text = f"{target} is a scene: its plan must go elsewhere"
+            raise BadConfig(text, field="output", value=str(target), expected="another file or folder")
+        if found.count(target) > 1:
+            text = f"two scenes would both be planned into {target}"
+            raise BadConfig(text, field="output", value=str(target), expected="scenes of different names")
+    return list(found)
+
+
+def _check_writable(target: Path) -> None:
+    try:
+        if target.exists() and not target.is_file():
+            target.open("wb").close()  # a device or a pipe
+        else:
+            with tempfile.TemporaryFile(dir=target.parent):
+                pass
+    except OSError as e:
+        text = f"cannot write {target}: {e.strerror}"
+        raise BadConfig(text, field="output", value=str(target), expected="a file that can be written") from e
+
+
+def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages: Stages, *, several: bool) -> bool:
+    """Plan for one scene and write all that was asked for; whether there is a plan."""
+    from agents.planner.plans import encode, write_plan
+
+    try:
+        done = _plan(path, wish, stages)
+    except ZmavError:
+        raise
+    except Exception as e:
+        if not several:
+            raise
+        click.echo(f"zmav: {path}: the planner failed: {type(e).__name__}: {e}", err=True)  # the others are planned
+        return False
+    if target is None:
+        click.echo(encode(done.plan), nl=False)
+    else:
+        write_plan(target, done.plan)
+    ok = done.plan.status == "ok"
+    if done.scene is not None and drawn is not None:
+        from agents.planner.picture import draw
+
+        draw(done.scene, done.plan, done.report, drawn)
+    if ok and done.scene is not None and (wish.view or wish.save):
+        from agents.planner.animate import show
+
+        show(done.scene, done.plan, done.report, wish.save, wish.view)
+    if wish.as_json:
+        click.echo(dump(_facts(done, target), pretty=False), err=target is None)
+    elif ok:
+        click.echo(_summary(done), err=target is None)
+    if not ok and done.plan.error is not None:
+        error = done.plan.error
+        who = f" ({', '.join(error.ids)})" if error.ids else ""
+        click.echo(f"zmav: {done.name}: {error.code}{who}: {error.message}", err=True)
+    return ok
+
+
+def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
+    """Read, validate, solve, and verify what is going to be written once more."""
+    from agents.planner.plans import Plan
+    from agents.planner.scene import read_scene
+    from agents.planner.validate import validate
+
+    stages.begin(path.stem)
+    begun, scene, report = time.perf_counter(), None, None
+    try:
+        stages("read", 0.0)
+        scene = read_scene(path)
+        stages("validate", 0.0)
+        validate(scene)
+        if first_run():
+            stages.say("compiling the planner for this machine, once: this takes a minute or so")
+        stages("load", 0.0)
+        from agents.planner.solve import solve
+        from agents.planner.verify import verify
+
+        found = solve(scene, seconds=wish.seconds, seed=wish.seed, margin=wish.margin, progress=stages)
+        plan = Plan.of(found.motions(), found.planning_time_s)
+        report = verify(scene, plan.motions(), written=True)
+        if not report.ok:
+            raise ZmavError(f"{path}: a plan was found that does not keep the scene's rules: {report.faults[0]}")
+    except PlanError as e:
+        plan = Plan.failed(e, time.perf_counter() - begun)
+    return Done(path.stem, scene, plan, report, stages.end())
+
+
+def first_run() -> bool:
+    """Whether the compiled kernels are not there yet, neither beside their sources nor where numba is told to."""
+    folders = (PACKAGE, Path(os.environ.get("NUMBA_CACHE_DIR") or PACKAGE))
+    return not any(next(folder.glob("**/*.nbi"), None) for folder in folders)
+
+
+def _facts(done: Done, target: Path | None) -> dict[str, Any]:
+    """How it went, for scripts."""
+    facts: dict[str, Any] = {"scene": done.name, "status": done.plan.status}
+    facts["vehicles"] = len(done.scene.vehicles) if done.scene else None
+    if done.report is not None and done.scene is not None:
+        from agents.planner.bound import least_makespan
+
+        bound = least_makespan(done.scene)
+        facts["makespan"] = done.report.makespan
+        facts["over_bound"] = round(done.report.makespan / bound, 4) if bound else None
+        closest = done.report.closest
+        facts["clearance"] = None if closest is None else round(closest.clearance, 4)
+        facts["closest"] = None if closest is None else [*closest.ids, round(closest.time, 3)]
+        near = done.report.obstacle_clearance
+        facts["obstacle_clearance"] = round(near, 4) if math.isfinite(near) else None
+    facts["planning_time_s"] = done.plan.planning_time_s
+    facts["stages"] = {name: round(seconds, 4) for name, seconds in done.stages.items()}
+    facts["error"] = msgspec.to_builtins(done.plan.error)
+    facts["output"] = None if target is None else str(target)
+    return facts
+
+
+def _summary(done: Done) -> str:
+    """How it went, in one line."""
+    facts = _facts(done, None)
+    over = f" ({facts['over_bound']:.2f} × the bound)" if facts["over_bound"] else ""
+    words = [f"{done.name}: {facts['vehicles']} vehicles, makespan {facts['makespan']:.1f} s{over}"]
+    if facts["closest"]:
+        one, other, when = facts["closest"]
+        words.append(f"clearance {facts['clearance']:.2f} m ({one}, {other} at {when:.1f} s)")
+    if facts["obstacle_clearance"] is not None:
+        words.append(f"{facts['obstacle_clearance']:.2f} m from obstacles")
+    spent = ", ".join(f"{name} {seconds:.2f}" for name, seconds in done.stages.items() if seconds >= 0.005)
+    words.append(f"planned in {done.plan.planning_time_s or 0.0:.2f} s ({spent})")
+    return ", ".join(words)
+
+
+def _judge(scene_file: Path, plan_file: Path, wish: Wish) -> int:
+    """``--check``: 0 for a plan that keeps every rule."""
+    from agents.planner.plans import Plan, read_plan
+    from agents.planner.scene import read_scene
+    from agents.planner.verify import verify
+
+    scene = read_scene(scene_file)
+    plan = read_plan(plan_file)
+    if plan.status != "ok":
+        code = plan.error.code if plan.error else "no reason"
+        raise BadInput(f"{plan_file} is no plan but an error: {code}", field="plan", value=code, expected="status ok")
+    report = verify(scene, plan.trajectories, written=True)
+    done = Done(scene_file.stem, scene, Plan.of({}), report, {})
+    if wish.as_json:
+        facts = _facts(done, None)
+        for name in ("planning_time_s", "stages", "error", "output"):
+            facts.pop(name)
+        facts["status"] = "ok" if report.ok else "faults"
+        facts["faults"] = [
+            {"kind": f.kind, "ids": f.ids, "time": f.time, "amount": f.amount, "text": f.text} for f in report.faults
+        ]
+        click.echo(dump(facts, pretty=False))
+    else:
+        for fault in report.faults:
+            click.echo(f"{fault.kind}: {fault}")
+        if report.ok:
+            click.echo(_summary(done).rpartition(", planned in ")[0] + ": every rule is kept")
+        else:
+            click.echo(f"{len(report.faults)} faults", err=True)
+    if wish.picture and report.ok:
+        from agents.planner.picture import draw
+
+        draw(scene, plan, report, wish.picture)
+    if wish.view or wish.save:
+        from agents.planner.animate import show
+
+        show(scene, plan, report, wish.save, wish.view)
+    return 0 if report.ok else 1
