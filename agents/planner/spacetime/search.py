@@ -14,7 +14,7 @@ import numpy as np
 from agents.planner.jit import jit
 from agents.planner.problem import Floats, Ints
 from agents.planner.spacetime.lattice import FAR, Lattice
-from agents.planner.spacetime.table import Table, trouble
+from agents.planner.spacetime.table import Table, cell_at, trouble
 
 FOREVER = 1 << 40
 BLOCKED = 1e8
@@ -150,8 +150,11 @@ def runs_at(
     Into ``span``: first step, end, earliest arrival looked at, earliest one known; into ``cost``: of a step's wait, paid
     until the earliest arrival known.
     """
-    count = 0
+    count, cell, final = 0, cell_at(table, p[0], p[1]), table.head.shape[1] - 1
     for k in range(begin, last + 1):
+        now = min(k, final)
+        if k > begin and (cell < 0 or table.stir[cell, now] + table.stir[cell, now - 1] == 0):
+            continue
         price = trouble(table, weight, body, k, p[0], p[1], p[2], p[0], p[1], p[2])
         if count > 0 and (cost[count - 1, 0] > 0.0) == (price > 0.0):
             cost[count - 1, 0] = max(cost[count - 1, 0], price)

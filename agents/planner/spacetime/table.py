@@ -29,9 +29,11 @@ class Table(NamedTuple):
     reach: Floats
     """(A,): m around a body's step in which another's middle of a step may matter"""
     head: Ints
-    """(cells, K): the first entry filed there, -1: none; an entry is (body * K + step) * SPREAD + a number"""
+    """(cells, K): the first entry filed there, -1: none; an entry is body * 16 + the number of its cell"""
     following: Ints
-    """(A * K * SPREAD,): the entry after each"""
+    """(A, K, SPREAD): the entry after each"""
+    stir: Ints
+    """(cells, K): how many of those filed there move in that step or did in the one before"""
     grid: Floats
     """(3,): least x and y of the cells, their side"""
     shape: Ints
@@ -54,38 +56,46 @@ def cells_of(table: Table, body: int, k: int) -> tuple[int, int, int, int]:
 
 
 @jit
+def moves_at(table: Table, body: int, k: int) -> int:
+    """1 where a body moves in step ``k`` or the one before, else 0."""
+    a, b, c = table.places[body, max(0, k - 1)], table.places[body, k], table.places[body, k + 1]
+    still = a[0] == b[0] == c[0] and a[1] == b[1] == c[1] and a[2] == b[2] == c[2]
+    return 0 if still else 1
+
+
+@jit
 def put(table: Table, body: int) -> None:
     """File a body's whole motion."""
-    steps = table.head.shape[1]
-    for k in range(steps):
+    for k in range(table.head.shape[1]):
         i0, j0, i1, j1 = cells_of(table, body, k)
-        entry = (body * steps + k) * SPREAD
+        number, moves = 0, moves_at(table, body, k)
         for j in range(j0, j1 + 1):
             for i in range(i0, i1 + 1):
                 cell = j * table.shape[0] + i
-                table.following[entry] = table.head[cell, k]
-                table.head[cell, k] = entry
-                entry += 1
+                table.following[body, k, number] = table.head[cell, k]
+                table.head[cell, k] = body * 16 + number
+                table.stir[cell, k] += moves
+                number += 1
 
 
 @jit
 def take(table: Table, body: int) -> None:
     """Take a body's motion, filed before, out again."""
-    steps = table.head.shape[1]
-    for k in range(steps):
+    for k in range(table.head.shape[1]):
         i0, j0, i1, j1 = cells_of(table, body, k)
-        entry = (body * steps + k) * SPREAD
+        number, moves = 0, moves_at(table, body, k)
         for j in range(j0, j1 + 1):
             for i in range(i0, i1 + 1):
-                cell = j * table.shape[0] + i
-                at = table.head[cell, k]
+                cell, entry = j * table.shape[0] + i, body * 16 + number
+                after, at = table.following[body, k, number], table.head[cell, k]
                 if at == entry:
-                    table.head[cell, k] = table.following[entry]
+                    table.head[cell, k] = after
                 else:
-                    while table.following[at] != entry:
-                        at = table.following[at]
-                    table.following[at] = table.following[entry]
-                entry += 1
+                    while table.following[at >> 4, k, at & 15] != entry:
+                        at = table.following[at >> 4, k, at & 15]
+                    table.following[at >> 4, k, at & 15] = after
+                table.stir[cell, k] -= moves
+                number += 1
 
 
 @jit
@@ -98,6 +108,16 @@ def least(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> f
         share = min(1.0, max(0.0, -(ax * dx + ay * dy + az * dz) / length))
     x, y, z = ax + share * dx, ay + share * dy, az + share * dz
     return x * x + y * y + z * z
+
+
+@jit
+def cell_at(table: Table, x: float, y: float) -> int:
+    """The cell a place lies in; -1: none."""
+    i = int(np.floor((x - table.grid[0]) / table.grid[2]))
+    j = int(np.floor((y - table.grid[1]) / table.grid[2]))
+    if i < 0 or j < 0 or i >= table.shape[0] or j >= table.shape[1]:
+        return -1
+    return j * int(table.shape[0]) + i
 
 
 @jit
@@ -116,20 +136,19 @@ def trouble(
     """The weights (A, A) of all that a body would come too near to on its way from p to q within step ``k``."""
     steps = table.head.shape[1]
     k = min(k, steps - 1)
-    i = int(np.floor(((px + qx) / 2.0 - table.grid[0]) / table.grid[2]))
-    j = int(np.floor(((py + qy) / 2.0 - table.grid[1]) / table.grid[2]))
-    if i < 0 or j < 0 or i >= table.shape[0] or j >= table.shape[1]:
+    cell = cell_at(table, (px + qx) / 2.0, (py + qy) / 2.0)
+    if cell < 0:
         return 0.0
-    entry, total, squeeze = table.head[j * table.shape[0] + i, k], 0.0, table.squeeze[0]
+    entry, total, squeeze = table.head[cell, k], 0.0, table.squeeze[0]
     while entry >= 0:
-        other = entry // (steps * SPREAD)
+        other = entry >> 4
         gap = table.apart[body, other]
         p, q = table.places[other, k], table.places[other, k + 1]
         az, bz = (pz - p[2]) / squeeze, (qz - q[2]) / squeeze
-        if other != body and not (min(az, bz) > gap or max(az, bz) < -gap):
-            if least(px - p[0], py - p[1], az, qx - q[0], qy - q[1], bz) < gap * gap:
-                total += weight[body, other]
-        entry = table.following[entry]
+        near = other != body and min(az, bz) < gap and max(az, bz) > -gap
+        if near and least(px - p[0], py - p[1], az, qx - q[0], qy - q[1], bz) < gap * gap:
+            total += weight[body, other]
+        entry = table.following[other, k, entry & 15]
     return total
 
 
@@ -141,14 +160,13 @@ def troubles(table: Table, body: int, out: Ints) -> int:
     total, squeeze = 0, table.squeeze[0]
     for k in range(steps):
         a, b = table.places[body, k], table.places[body, k + 1]
-        i = int(np.floor(((a[0] + b[0]) / 2.0 - table.grid[0]) / table.grid[2]))
-        j = int(np.floor(((a[1] + b[1]) / 2.0 - table.grid[1]) / table.grid[2]))
-        if i < 0 or j < 0 or i >= table.shape[0] or j >= table.shape[1]:
+        cell = cell_at(table, (a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0)
+        if cell < 0:
             continue
-        entry = table.head[j * table.shape[0] + i, k]
+        entry = table.head[cell, k]
         while entry >= 0:
-            other = entry // (steps * SPREAD)
-            entry = table.following[entry]
+            other = entry >> 4
+            entry = table.following[other, k, entry & 15]
             if other == body:
                 continue
             p, q, gap = table.places[other, k], table.places[other, k + 1], table.apart[body, other]
@@ -183,7 +201,8 @@ def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest
         apart=np.ascontiguousarray(apart),
         reach=reach,
         head=np.full((int(shape.prod()), steps), -1, dtype=np.int64),
-        following=np.full(count * steps * SPREAD, -1, dtype=np.int64),
+        following=np.full((count, steps, SPREAD), -1, dtype=np.int64),
+        stir=np.zeros((int(shape.prod()), steps), dtype=np.int64),
         grid=np.array([area[0], area[1], side]),
         shape=shape,
         squeeze=np.array([problem.downwash]),
