@@ -227,6 +227,20 @@ def keep_limits(
                 coef[0], coef[1] = 1.0 - share, share
                 add_row(band[i], right[i], k, coef, 2, normal, 1.0, depth)
             spare -= speed * h / pieces
+        for m in range(len(world.fence)):  # a piece cuts a corner deepest where it passes nearest to it
+            x, y = world.fence[m, 0] - place[i, k, 0], world.fence[m, 1] - place[i, k, 1]
+            square = (v[0] * v[0] + v[1] * v[1]) * h * h
+            if square == 0.0 or x * x + y * y > 4.0 * square:
+                continue
+            share = min(1.0, max(0.0, (x * v[0] + y * v[1]) * h / square))
+            x = place[i, k, 0] + share * v[0] * h
+            y = place[i, k, 1] + share * v[1] * h
+            z = place[i, k, 2] + share * v[2] * h
+            if outside(world, x, y, z) > 0.0:
+                depth = away(world, x, y, z, radius, normal)
+                worst[0] = max(worst[0], depth)
+                coef[0], coef[1] = 1.0 - share, share
+                add_row(band[i], right[i], k, coef, 2, normal, 1.0, depth + extra)
     for k in range(last + 1):
         before, after = max(k - 1, 0), min(k + 1, last)
         if k == 0:
