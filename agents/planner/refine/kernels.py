@@ -17,6 +17,7 @@ from agents.planner.problem import Floats, Ints
 BAND = 9
 HELD = 1e9
 LOOK = 4.0  # radii
+SPARE = 0.4  # of what is aimed at on top of the radius must be there: places are looked at one by one
 
 
 @jit
@@ -191,7 +192,11 @@ def keep_limits(
     if len(world.boxes) + len(world.cylinders) + len(world.prisms) == 0:
         spare = np.inf
     worst[0], worst[1], worst[2] = 0.0, 0.0, 0.0
+    # Whoever starts or ends in contact with something may stay in contact until it has left, or once it comes near.
+    at_start = away(world, place[i, 0, 0], place[i, 0, 1], place[i, 0, 2], radius + SPARE * extra, normal)
+    at_goal = away(world, place[i, last, 0], place[i, last, 1], place[i, last, 2], radius + SPARE * extra, normal)
     for k in range(last):
+        at_ends = at_start if k < last // 2 else at_goal
         speed = 0.0
         for axis in range(3):
             v[axis] = (place[i, k + 1, axis] - place[i, k, axis]) / h
@@ -217,12 +222,12 @@ def keep_limits(
             depth = 0.0
             if (m == 0 or fenced) and outside(world, x, y, z) > 0.0:
                 depth = away(world, x, y, z, radius, normal)
-                worst[0] = max(worst[0], depth)
+                worst[0] = max(worst[0], depth - at_ends)
                 depth += extra
             elif spare <= 0.0:
                 depth = away(world, x, y, z, radius * (1.0 + LOOK) + extra, normal) - radius * LOOK
                 spare = -depth
-                worst[0] = max(worst[0], depth - extra)
+                worst[0] = max(worst[0], depth - (1.0 - SPARE) * extra - at_ends)
             if depth > 0.0:
                 coef[0], coef[1] = 1.0 - share, share
                 add_row(band[i], right[i], k, coef, 2, normal, 1.0, depth)
@@ -238,7 +243,7 @@ def keep_limits(
             z = place[i, k, 2] + share * v[2] * h
             if outside(world, x, y, z) > 0.0:
                 depth = away(world, x, y, z, radius, normal)
-                worst[0] = max(worst[0], depth)
+                worst[0] = max(worst[0], depth - at_ends)
                 coef[0], coef[1] = 1.0 - share, share
                 add_row(band[i], right[i], k, coef, 2, normal, 1.0, depth + extra)
     for k in range(last + 1):

@@ -126,7 +126,14 @@ class Swarm:
         hurt = hurt[: self.free]
         deepest, speed, accel = self.own.max(axis=0) if self.free else (0.0, 0.0, 0.0)
         by = np.flatnonzero((hurt > 0.0) | (self.own[:, 0] > 0.0))
-        return Worst(float(hurt.max(initial=0.0)), float(deepest), float(speed), float(accel), float(hurt.sum() + self.own[:, 0].sum()), by)
+        return Worst(
+            float(hurt.max(initial=0.0)),
+            float(deepest),
+            float(speed),
+            float(accel),
+            float(hurt.sum() + self.own[:, 0].sum()),
+            by,
+        )
 
     def find_pairs(self) -> None:
         reach = self.size + self.extra + SKIN * self.length / 2

@@ -1,0 +1,176 @@
+"""From a scene to a verified plan: the stages one after another, and what is tried when one does not come through."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from agents.planner import verify
+from agents.planner.assign import assign
+from agents.planner.errors import PlanError
+from agents.planner.geometry import clearance, world_of
+from agents.planner.planes import plan_planes
+from agents.planner.plans import Plan
+from agents.planner.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem, Progress, problem_of
+from agents.planner.refine import FACTORS, Refined, refine, refine_paths
+from agents.planner.scene import Scene
+from agents.planner.spacetime import deconflict
+from agents.planner.staticmap import StaticMap
+from agents.planner.validate import validate
+
+TOLERATED = 0.006  # m; the format lets 1 cm pass
+Try = Callable[[], Refined]
+
+
+def solve(
+    scene: Scene,
+    *,
+    static: StaticMap | None = None,
+    movers: Sequence[Mover] = (),
+    seconds: float | None = None,
+    seed: int = 0,
+    margin: float = 0.0,
+    progress: Progress | None = None,
+) -> Plan:
+    """A verified plan of a scene.
+
+    ``static``: what is known of the scene's obstacles from before. ``movers`` are kept clear of. ``seconds``: how long
+    it may search (None: 30 and a quarter for each vehicle). ``margin``: m that two vehicles keep on top of their radii,
+    and half of it to obstacles, as far as starts and goals leave room for it. The same seed gives the same plan unless
+    time runs out. Raises :class:`PlanError`.
+    """
+    return Pipeline(scene, static, movers, seconds, seed, margin, progress).run()
+
+
+class Pipeline:
+    """One scene on its way through the stages."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        static: StaticMap | None,
+        movers: Sequence[Mover],
+        seconds: float | None,
+        seed: int,
+        margin: float,
+        progress: Progress | None,
+    ) -> None:
+        self.scene, self.static, self.movers = scene, static, tuple(movers)
+        self.seed, self.margin, self.progress = seed, margin, progress
+        self.begun = time.monotonic()
+        self.deadline = self.begun + (30.0 + 0.25 * len(scene.vehicles) if seconds is None else seconds)
+
+    def say(self, stage: str, share: float) -> None:
+        if self.progress is not None:
+            self.progress(stage, share)
+
+    def run(self) -> Plan:
+        self.say("validate", 0.0)
+        validate(self.scene)
+        self.say("map", 0.0)
+        if self.static is None:
+            self.static = StaticMap(world_of(self.scene))
+        self.say("assign", 0.0)
+        chosen = assign(self.scene, self.static.world)
+        problem = problem_of(self.scene, chosen, self.movers)
+        problem = fitted(problem, self.static, self.margin)
+        planes = np.flatnonzero(problem.kind == PLANE)
+        others = np.flatnonzero(problem.kind != PLANE)
+        self.say("paths", 0.0)
+        paths = self.static.paths_for(part(problem, others)) if len(others) else []
+        stuck: list[str] = list(problem.ids)
+        for motions in self.candidates(problem, planes, others, paths):
+            if isinstance(motions, list):
+                self.say("verify", 0.0)
+                tracks = dict(zip(problem.ids, motions, strict=True))
+                report = verify.verify(self.scene, tracks, self.movers)
+                if report.ok:
+                    self.say("verify", 1.0)
+                    samples = {name: [tuple(s) for s in track.tolist()] for name, track in tracks.items()}
+                    return Plan(status="ok", planning_time_s=time.monotonic() - self.begun, trajectories=samples)
+                stuck = report.culprits()
+            else:
+                stuck = [problem.ids[i] for i in others[motions]] or stuck
+            if time.monotonic() > self.deadline:
+                break
+        spent = time.monotonic() - self.begun
+        text = f"no plan was found in {spent:.1f} s that keeps {', '.join(stuck[:5])} apart from all else"
+        raise PlanError("timeout", stuck, f"{text}; allow more time, or more room")
+
+    def candidates(
+        self, problem: Problem, planes: Ints, others: Ints, paths: list[Path]
+    ) -> Iterator[list[Motion] | Ints]:
+        """Motions for all, in order, that may pass the verifier; or the numbers of those that a try left too near."""
+        for turn in range(100):
+            rng = np.random.default_rng((self.seed, turn))
+            fixed: list[Motion] = []
+            if len(planes):
+                self.say("planes", 0.0)
+                fixed = plan_planes(problem, self.static.world, planes.tolist(), rng)  # type: ignore[union-attr]
+            aside = tuple(
+                Mover(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
+                for i, motion in zip(planes, fixed, strict=True)
+            )
+            rest = replace(part(problem, others), movers=problem.movers + aside)
+            for attempt in self.tries(rest, paths, rng, turn):
+                found = attempt() if len(others) else Refined([])
+                if found.motions is None:
+                    yield found.stuck
+                    continue
+                motions: list[Motion] = [np.empty((0, 4))] * len(problem)
+                for i, motion in zip([*planes, *others], [*fixed, *found.motions], strict=True):
+                    motions[i] = motion
+                yield motions
+            if time.monotonic() > self.deadline:
+                return
+
+    def tries(self, problem: Problem, paths: list[Path], rng: np.random.Generator, turn: int) -> Iterator[Try]:
+        """What is tried for all but the planes, from quick to thorough."""
+        world = self.static.world  # type: ignore[union-attr]
+        seed = self.seed + 1000 * turn
+        refining = None if self.progress is None else (lambda share: self.say("refine", share))
+        yield lambda: refine_paths(problem, world, paths, self.deadline, seed, refining, FACTORS[:2])
+
+        def discrete() -> Refined:
+            self.say("spacetime", 0.0)
+            left = self.deadline - time.monotonic()
+            motions = deconflict.find(problem, world, paths, left / 2, rng)
+            if motions is None:
+                return Refined(None)
+            self.say("refine", 0.5)
+            return refine(problem, world, motions, self.deadline)
+
+        yield discrete
+        yield lambda: refine_paths(problem, world, paths, self.deadline, seed + 500, refining, FACTORS[2:])
+
+
+def part(problem: Problem, who: Ints) -> Problem:
+    """The same with some of the vehicles only."""
+    columns = ("kind", "start", "goal", "radius", "vmax", "amax", "climb", "descend", "vmin", "heading")
+    chosen: dict[str, Floats] = {name: np.ascontiguousarray(getattr(problem, name)[who]) for name in columns}
+    return replace(problem, ids=tuple(problem.ids[i] for i in who), **chosen)  # type: ignore[arg-type]
+
+
+def fitted(problem: Problem, static: StaticMap, margin: float) -> Problem:
+    """Radii larger by half the margin, as far as every vehicle's start and goal leave room for it; smaller by some
+    millimetres where starts or goals are nearer than they should be, but by less than the tolerance.
+    """
+    spare = np.full(len(problem), margin / 2)
+    scale = np.array([1.0, 1.0, 1.0 / problem.downwash])
+    flies = problem.kind == PLANE
+    for places, gone in ((problem.start * scale, np.zeros_like(flies)), (problem.goal * scale, flies)):
+        gap = np.linalg.norm(places[:, None, :] - places[None, :, :], axis=2)
+        gap -= problem.radius[:, None] + problem.radius[None, :]
+        gap[gone[:, None] | gone[None, :] | np.eye(len(problem), dtype=np.bool_)] = np.inf
+        spare = np.minimum(spare, 0.5 * gap.min(axis=1, initial=np.inf))
+    for mover in problem.movers:
+        ends = ((problem.start, mover.motion[0, 1:]), (problem.goal, mover.motion[-1, 1:]))
+        for ours, its in ends[: 1 if mover.leaves else 2]:
+            spare = np.minimum(spare, np.linalg.norm((ours - its) * scale, axis=1) - problem.radius - mover.radius)
+    for i in range(len(problem)):
+        for place in (problem.start[i], problem.goal[i]):
+            spare[i] = min(spare[i], clearance(static.world, *place) - problem.radius[i])
+    return replace(problem, radius=problem.radius + np.maximum(-TOLERATED, spare))
