@@ -76,11 +76,11 @@ class Pipeline:
         self.say("assign", 0.0)
         chosen = assign(self.scene, self.static.world)
         problem = problem_of(self.scene, chosen, self.movers)
-        problem = fitted(problem, self.static, self.margin)
         planes = np.flatnonzero(problem.kind == PLANE)
         others = np.flatnonzero(problem.kind != PLANE)
         self.say("paths", 0.0)
         paths = self.static.paths_for(part(problem, others)) if len(others) else []
+        problem = fitted(problem, self.static, self.margin)
         stuck: list[str] = list(problem.ids)
         for motions in self.candidates(problem, planes, others, paths):
             if isinstance(motions, list):
