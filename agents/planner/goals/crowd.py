@@ -73,7 +73,7 @@ def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash
 
 def shifted(motion: Motion, delay: float, lift: float) -> Motion:
     """The motion so much later and higher; it stands at its first place until then."""
-    moved = motion + np.array([delay, 0.0, 0.0, lift])
+    moved: Motion = motion + np.array([delay, 0.0, 0.0, lift])
     if delay <= 0.0:
         return moved
     later: Motion = np.vstack(([0.0, *moved[0, 1:]], moved))

@@ -12,6 +12,7 @@ from agents.planner.goals.formation import check_apart
 from agents.planner.goals.parade import formation
 from agents.planner.goals.patrol import check_room, circuit, lap
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, VehicleView
+from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
 from agents.planner.problem import COPTER, ROVER, Floats, Path
 from agents.planner.scene import Scene
@@ -38,6 +39,8 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
         return formation(goal, views, scene.downwash, static)
     if isinstance(goal, wire.swarm.Patrol):
         return _patrol(goal, views, scene.downwash, static)
+    if isinstance(goal, wire.swarm.Search):
+        return search(goal, views, scene)
     return [Stop(tuple(goal.vehicles), "holding")]
 
 
