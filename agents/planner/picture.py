@@ -150,7 +150,7 @@ def _ends(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across: int
     for k, v in enumerate(scene.vehicles):
         shade: Any = BAD if v.id in blamed else shades[k]
         at = (v.start[across], v.start[up])
-        ax.add_patch(Circle(at, max(seen, v.radius), facecolor=shade, edgecolor="none", alpha=0.75, zorder=4))
+        ax.add_patch(Circle(at, max(seen, v.radius), facecolor=shade, edgecolor="none", alpha=0.75, zorder=4, clip_on=False))
         goal = v.goal if scene.goals is None or scene.assignment == "labelled" else None
         if goal is not None:
             ax.add_patch(_ring((goal[across], goal[up]), max(seen, v.radius), shade))
@@ -172,7 +172,7 @@ def _ends(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across: int
 
 
 def _ring(at: tuple[float, float], radius: float, shade: Any) -> Circle:
-    return Circle(at, radius, fill=False, edgecolor=shade, linewidth=1.1, zorder=4)
+    return Circle(at, radius, fill=False, edgecolor=shade, linewidth=1.1, zorder=4, clip_on=False)
 
 
 def _nearest(ax: Axes, scene: Scene, motions: dict[str, Motion], report: Report | None, across: int, up: int) -> None:
