@@ -6,6 +6,7 @@ import click
 import msgspec
 
 import zmav
+from agents.planner.cli import agent, desk, goals
 from agents.planner.swap import swap
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput
@@ -14,7 +15,16 @@ from zmav.session import SessionSettings
 
 @click.group("swarm")
 def swarm() -> None:
-    """Move several vehicles at once."""
+    """Move several vehicles at once, planned together.
+
+    'zmav swarm planner' runs the planner; the other verbs find it and tell it what to do. Places are metres north and
+    east of the fleet's origin and above it: 30,-5,15.
+    """
+
+
+swarm.add_command(agent.planner)
+for each in (*goals.COMMANDS, *desk.COMMANDS):
+    swarm.add_command(each)
 
 
 @swarm.command("swap")

@@ -54,10 +54,8 @@ class Pieces:
             ring = np.array(self.geofence.polygon, dtype=np.float64)
             low[:2], high[:2] = ring.min(axis=0), ring.max(axis=0)
             top = min(top, self.geofence.ceiling)
-        return scene.Bounds(
-            min=(float(low[0]), float(low[1]), float(floor)),
-            max=(float(high[0]), float(high[1]), max(top, floor + 1.0)),
-        )
+        x, y, _ = map(float, high)
+        return scene.Bounds(min=(float(low[0]), float(low[1]), floor), max=(x, y, max(top, floor + 1.0)))
 
     def _corners(self, points: Sequence[Vector]) -> list[Vector]:
         """Of the obstacles that stand between the places or near them: a way around has to fit in, too."""
@@ -123,6 +121,16 @@ class World:
         self._told.clear()
         self.revision += bool(count)
         return count
+
+    def follow(self, obstacles: list[swarm.Obstacle], now: float, t: float) -> None:
+        """Know what another planner knows: no more, and what is to be forgotten as late as it does."""
+        for name in set(self._told) - {each.name for each in obstacles}:
+            self._gone(name)
+        for obstacle in obstacles:
+            left = None if obstacle.ttl is None else max(0.1, obstacle.t + obstacle.ttl - t)
+            if self._told.get(obstacle.name) is None or self._told[obstacle.name].obstacle != obstacle:
+                self._told[obstacle.name] = Told(obstacle, None if left is None else now + left)
+                self.revision += 1
 
     def _gone(self, name: str) -> bool:
         if self._told.pop(name, None) is None:

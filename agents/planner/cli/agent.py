@@ -1,0 +1,67 @@
+"""``zmav swarm planner``: the planning agent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+import zmav
+from mesh.cli.options import file_option, own_name
+from zmav.cli.common import run, zenoh_options
+from zmav.config import load_fleet
+from zmav.errors import BadConfig
+from zmav.process import leave, say, until_stopped
+from zmav.session import SessionSettings
+from zmav.trust.credentials import Credentials
+
+
+@click.command("planner")
+@click.option("--name", help="Its host's name in keys.  [default: the certificate's, or the computer's]")
+@click.option("--standby", is_flag=True, help="Let another take charge, and take over when it is gone.")
+@click.option("--fleet", help="The fleet's name.  [default: demo, or the fleet file's]")
+@file_option
+@click.option("--margin", type=click.FloatRange(0.0, 20.0), default=0.5, show_default=True,
+              help="Metres between two vehicles beyond their radii.")  # fmt: skip
+@click.option("--downwash", type=click.FloatRange(1.0, 10.0), default=1.5, show_default=True,
+              help="How much farther above each other than beside each other.")  # fmt: skip
+@click.option("--patience", type=click.FloatRange(1.0, 600.0), default=3.0, show_default=True,
+              help="Seconds without a planner after which it takes charge.")  # fmt: skip
+@click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of its leases.")
+@zenoh_options
+def planner(
+    name: str | None, standby: bool, fleet: str | None, fleet_file: str | None, settings: SessionSettings, **rest: Any
+) -> None:
+    """Run the planner: goals in, safe motion of all vehicles out.
+
+    The first one of a fleet takes charge; every other stands by and takes over when it is gone. Give it goals with
+    'zmav swarm goto', 'formation', 'takeoff' and so on. SIGTERM ends it: what is in the air comes to rest.
+    """
+    try:
+        from agents.planner.live.settings import Settings, fence_of
+    except ImportError as e:
+        raise missing(e) from e
+    host = own_name(name, settings)
+    file = load_fleet(fleet_file) if fleet_file else None
+    own = Credentials.load(settings.credentials) if settings.credentials else None
+    which = fleet or (own.fleet if own else None) or (file.fleet if file else "demo")
+    fence = fence_of(file) if file else None
+    run(_planner(Settings(name=host, fleet=which, standby=standby, geofence=fence, **rest), settings))
+
+
+async def _planner(own: Any, session: SessionSettings) -> None:
+    try:
+        from agents.planner.live.agent import Agent
+    except ImportError as e:
+        raise missing(e) from e
+    async with zmav.open(fleet=own.fleet, settings=session) as z, Agent(z, own):
+        say(f"{own.fleet}/{own.name}: loading the solver; the first start on a machine compiles for a minute or two")
+        await until_stopped()
+        say("ending: what is in the air comes to rest")
+    leave()
+
+
+def missing(error: ImportError) -> BadConfig:
+    """What to say where the planner's own libraries are not installed."""
+    text = f"the planner needs more than is installed ({error.name} is missing): pip install 'zmav[planner]'"
+    return BadConfig(text, field="planner", value=error.name, expected="the planner extra")

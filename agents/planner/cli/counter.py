@@ -1,0 +1,130 @@
+"""Where orders to the planner are given: find the one in charge, ask it, watch what becomes of goals."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+import uuid
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import msgspec
+import zenoh
+
+import zmav
+from agents.planner.live.fleet_names import match_names
+from mesh.tokens import find_tokens
+from zmav import keys, wire
+from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut, ZmavError
+from zmav.wire import swarm
+
+LOOK = 1.5
+"""s that planners' tokens are looked for, and that a session may take to hear of them"""
+ANSWER = 3.0
+NOBODY = (
+    "no planner is in charge of fleet {fleet}: start one with 'zmav swarm planner', beside 'zmav router' or 'zmav up'"
+)
+
+
+class Planner:
+    """The planner in charge, as its callers see it."""
+
+    def __init__(self, z: zmav.Client, status: dict[str, Any]) -> None:
+        self._z, self.status = z, status
+        self.name = str(status["planner"])
+
+    @property
+    def vehicles(self) -> list[str]:
+        """Those that it hears."""
+        return [str(name) for name in self.status.get("vehicles", [])]
+
+    def names(self, patterns: tuple[str, ...] | list[str]) -> list[str]:
+        """The vehicles that patterns mean. Raises :class:`BadInput` for one that means none."""
+        found = match_names(list(patterns), self.vehicles)
+        for pattern in patterns:
+            if not match_names([pattern], self.vehicles):
+                known = ", ".join(self.vehicles) or "none"
+                text = f"no vehicle is called {pattern}; {self.name} hears: {known}"
+                raise BadInput(text, field="vehicles", value=pattern, expected=known)
+        return found
+
+    async def order(
+        self, verb: str, order: wire.Order, progress: Callable[[dict[str, Any]], None] | None = None
+    ) -> dict[str, Any]:
+        """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
+        order = msgspec.structs.replace(order, id=uuid.uuid4().hex)
+        key, payload, silent = keys.SWARM.key(self._z.fleet_name, self.name, verb=verb), wire.encode(order), 0
+        while silent < 3:
+            answers = await self._z.ask(key, payload, ANSWER, keys.SWARM)
+            if not answers:
+                silent += 1
+                continue
+            silent = 0
+            answer = answers[0]
+            if isinstance(answer, ZmavError):
+                raise answer
+            outcome = wire.decode(answer.payload, wire.Outcome, f"reply to swarm/{verb}")
+            if outcome.status == "done":
+                return outcome.result
+            if progress is not None:
+                progress(outcome.result)
+        raise TimedOut(f"planner {self.name} does not answer on {key}")
+
+
+async def find(z: zmav.Client) -> Planner:
+    """The planner in charge; raises :class:`NoSuchVehicle` where there is none, saying what to do."""
+    if z.fleet_name == "*":
+        raise BadInput("say which fleet: --fleet NAME", field="fleet", value="*", expected="one fleet")
+    deadline, standing_by = time.monotonic() + LOOK, list[str]()
+    while True:
+        statuses = [status for name in await planners(z) if (status := await _status(z, name)) is not None]
+        chiefs = [status for status in statuses if status.get("in_charge")]
+        if chiefs:
+            return Planner(z, max(chiefs, key=lambda status: (status.get("term", 0), status.get("instance", ""))))
+        standing_by = [str(status.get("planner")) for status in statuses]
+        if time.monotonic() > deadline + (8.0 if standing_by else 0.0):
+            break
+        await asyncio.sleep(0.25)
+    if standing_by:
+        text = f"{', '.join(standing_by)}: standing by, and nobody is in charge yet; ask again in a few seconds"
+        raise Refused(text, standby=standing_by)
+    raise NoSuchVehicle(NOBODY.format(fleet=z.fleet_name), fleet=z.fleet_name)
+
+
+async def planners(z: zmav.Client) -> list[str]:
+    """The names of all planners, in charge or standing by."""
+    key = keys.ALIVE.key(z.fleet_name, "*", role="planner", sys=0, autopilot="*", uid="-", instance="*")
+    tokens = await asyncio.to_thread(find_tokens, z.session, key, LOOK)
+    return sorted({keys.match(token)[1]["vehicle"] for token in tokens})
+
+
+async def _status(z: zmav.Client, name: str) -> dict[str, Any] | None:
+    """What one of them says of itself; None: no answer."""
+    key = keys.SWARM.key(z.fleet_name, name, verb="status")
+    answers = await z.ask(key, wire.encode(wire.Order()), ANSWER, keys.SWARM)
+    for answer in answers:
+        if isinstance(answer, ZmavError):
+            raise answer
+        with contextlib.suppress(BadInput):
+            return wire.decode(answer.payload, wire.Outcome, f"status of {name}").result
+    return None
+
+
+async def books(z: zmav.Client, silence: float) -> AsyncIterator[swarm.Book | None]:
+    """Each book of the planner in charge as it comes; None when none came for ``silence`` seconds."""
+
+    def convert(sample: zenoh.Sample) -> swarm.Book:
+        return wire.decode(sample.payload.to_bytes(), swarm.Book, "book")
+
+    highest = 0
+    async with z.subscribe(keys.FLEET.key(z.fleet_name, topic="goal"), convert, depth=10) as told:
+        while True:
+            try:
+                book = await zmav.waiting.within(silence, told.get())
+            except asyncio.TimeoutError:
+                yield None
+                continue
+            if book.term >= highest:
+                highest = book.term
+                yield book

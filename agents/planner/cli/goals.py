@@ -1,0 +1,222 @@
+"""The verbs that give the planner a goal: each builds one, and has it previewed or flown."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, get_args
+
+import click
+
+import zmav
+from agents.planner.cli.counter import Planner, find
+from agents.planner.cli.points import Ground, Offset, Place, Polygon, targets
+from agents.planner.cli.previewing import show_preview
+from agents.planner.cli.watching import until_ended
+from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.errors import BadInput
+from zmav.session import SessionSettings
+from zmav.wire import Vector, swarm
+
+F = TypeVar("F", bound=Callable[..., Any])
+Make = Callable[[Planner], swarm.Goal]
+
+vehicles_argument = click.argument("vehicles", nargs=-1, required=True)
+
+
+def goal_options(command: F) -> F:
+    """``--queue --preview --picture --no-wait`` and those of every verb, given on as ``how``."""
+
+    @click.option("--queue", is_flag=True, help="After what its vehicles do now, not in place of it.")
+    @click.option("--preview", is_flag=True, help="Only tell what would be flown.")
+    @click.option("--picture", metavar="FILE", help="With --preview: draw it (PNG, SVG or PDF).")
+    @click.option("--no-wait", is_flag=True, help="Return when it is in the book; 'zmav swarm list' shows it.")
+    @fleet_option
+    @json_option
+    @zenoh_options
+    @functools.wraps(command)
+    def wrapped(
+        *args: Any, queue: bool, preview: bool, picture: str | None, no_wait: bool, fleet: str, as_json: bool,
+        settings: SessionSettings, **kwargs: Any,
+    ) -> Any:  # fmt: skip
+        if picture and not preview:
+            raise click.UsageError("--picture needs --preview")
+
+        def fly(make: Make) -> None:
+            run(_order(make, queue, preview, picture, no_wait, fleet, as_json, settings))
+
+        return command(*args, fly=fly, **kwargs)
+
+    return wrapped  # type: ignore[return-value]
+
+
+async def _order(
+    make: Make, queue: bool, preview: bool, picture: str | None, no_wait: bool, fleet: str, as_json: bool,
+    settings: SessionSettings,
+) -> None:  # fmt: skip
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        planner = await find(z)
+        goal = make(planner)
+        if preview:
+            await show_preview(planner, goal, picture, as_json)
+            return
+        result = await planner.order("submit", swarm.Submit(goal=goal, when="queue" if queue else "now"))
+        name = str(result["goal"])
+        if no_wait:
+            click.echo(dump(result, pretty=False) if as_json else f"{name} is in the book of {planner.name}")
+            return
+        await _watch(z, [name], as_json)
+
+
+async def _watch(z: zmav.Client, names: list[str], as_json: bool) -> None:
+    """Until they have ended; exit code 1 unless all are done."""
+    try:
+        entries = await until_ended(z, names, as_json)
+    except BaseException as e:
+        if not isinstance(e, Exception):  # Ctrl-C
+            click.echo(f"{', '.join(names)}: goes on; 'zmav swarm cancel {names[0]}' drops it", err=True)
+        raise
+    if not all(entry.state == "done" for entry in entries):
+        raise SystemExit(1)
+
+
+@click.command("goto")
+@vehicles_argument
+@click.option("--to", "to", type=Place(), multiple=True, help="A place; as many as there are vehicles.")
+@click.option("--any", "unlabelled", is_flag=True, help="Whoever is best placed goes to each.")
+@goal_options
+def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fly: Callable[[Make], None]) -> None:
+    """Go to places: 'quad1=30,0,15 quad2=0,20,15', or 'quad* --to 30,0,15 --to 0,20,15 --any'.
+
+    Places are metres north and east of the fleet's origin and above it.
+    """
+    names, places = targets(vehicles)
+    if bool(places) == bool(to):
+        raise click.UsageError("where to? 'quad1=NORTH,EAST,HEIGHT ...', or --to for each place")
+
+    def make(planner: Planner) -> swarm.Goal:
+        found = planner.names(names)
+        wanted = places or list(to)
+        if len(found) != len(wanted):
+            text = f"{len(found)} vehicles ({', '.join(found)}), and {len(wanted)} places"
+            raise BadInput(text, field="to", value=len(wanted), expected=f"{len(found)} places")
+        return swarm.GoTo(vehicles=found, to=wanted, labelled=not unlabelled)
+
+    fly(make)
+
+
+@click.command("formation")
+@vehicles_argument
+@click.option("--shape", type=click.Choice(get_args(swarm.Shape)), default="line", show_default=True)
+@click.option("--at", type=Place(), required=True, help="The shape's centre, or its leader's place.")
+@click.option("--heading", type=float, default=0.0, show_default=True, help="Degrees clockwise from north it looks to.")
+@click.option("--spacing", type=float, default=5.0, show_default=True, help="Metres between neighbours.")
+@click.option("--via", type=Place(), multiple=True, help="A place the centre passes, in shape.")
+@click.option("--point", type=Offset(), multiple=True, help="custom: forward, right and up of the centre.")
+@click.option("--in-order", is_flag=True, help="The first vehicle gets the first place.")
+@goal_options
+def formation(
+    vehicles: tuple[str, ...], shape: swarm.Shape, at: Vector, heading: float, spacing: float,
+    via: tuple[Vector, ...], point: tuple[Vector, ...], in_order: bool, fly: Callable[[Make], None],
+) -> None:  # fmt: skip
+    """Stand in a shape: 'quad* --shape vee --at 50,0,20 --heading 90 --spacing 6'."""
+    fly(
+        lambda planner: swarm.Formation(
+            vehicles=planner.names(vehicles), shape=shape, at=at, heading=math.radians(heading), spacing=spacing,
+            via=list(via), points=list(point), labelled=in_order,
+        )
+    )  # fmt: skip
+
+
+@click.command("follow")
+@vehicles_argument
+@click.option("--leader", required=True, help="A vehicle, or an obstacle that moves.")
+@click.option("--offset", type=Offset(), multiple=True, help="One a vehicle.  [default: staggered behind]")
+@click.option("--frame", type=click.Choice(["ned", "body"]), default="ned", show_default=True,
+              help="body: the offsets turn with the leader's course.")  # fmt: skip
+@click.option("--chain", is_flag=True, help="Each follows the one before it.")
+@click.option("--on-lost", type=click.Choice(["hold", "continue", "return", "land"]), default="hold", show_default=True)
+@click.option("--lost-after", type=float, default=3.0, show_default=True, help="Seconds without a word of the leader.")
+@goal_options
+def follow(
+    vehicles: tuple[str, ...], leader: str, offset: tuple[Vector, ...], frame: Any, chain: bool, on_lost: Any,
+    lost_after: float, fly: Callable[[Make], None],
+) -> None:  # fmt: skip
+    """Stay beside something that moves until cancelled: 'quad1 quad2 --leader rover1 --offset -5,0,10'."""
+    fly(
+        lambda planner: swarm.Follow(
+            vehicles=planner.names(vehicles), leader=leader, offsets=list(offset), frame=frame, chain=chain,
+            on_lost=on_lost, lost_after=lost_after,
+        )
+    )  # fmt: skip
+
+
+@click.command("search")
+@vehicles_argument
+@click.option("--polygon", type=Polygon(), required=True, help="What is to be seen: '0,0 100,0 100,80'.")
+@click.option("--height", type=float, required=True, help="Metres above the origin.")
+@click.option("--angle", type=float, help="Degrees clockwise from north of the lanes.  [default: the fewest turns]")
+@click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True)
+@click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before.")
+@goal_options
+def search(
+    vehicles: tuple[str, ...], polygon: list[swarm.Corner], height: float, angle: float | None, overlap: float,
+    layer: float, fly: Callable[[Make], None],
+) -> None:  # fmt: skip
+    """Sweep a polygon, split between the vehicles by what each can do."""
+    fly(
+        lambda planner: swarm.Search(
+            vehicles=planner.names(vehicles), polygon=polygon, height=height, overlap=overlap, layer=layer,
+            angle=None if angle is None else math.radians(angle),
+        )
+    )  # fmt: skip
+
+
+@click.command("patrol")
+@vehicles_argument
+@click.option("--to", "route", type=Place(), multiple=True, required=True, help="A corner of the route; three or more.")
+@click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]")
+@goal_options
+def patrol(vehicles: tuple[str, ...], route: tuple[Vector, ...], laps: int, fly: Callable[[Make], None]) -> None:
+    """Fly a closed route again and again, spread evenly along it."""
+    fly(lambda planner: swarm.Patrol(vehicles=planner.names(vehicles), route=list(route), laps=laps))
+
+
+@click.command("takeoff")
+@vehicles_argument
+@click.option("--height", type=float, default=10.0, show_default=True, help="Metres above each one's home.")
+@goal_options
+def takeoff(vehicles: tuple[str, ...], height: float, fly: Callable[[Make], None]) -> None:
+    """Take off, in an order in which nobody meets: 'quad* --height 12'."""
+    fly(lambda planner: swarm.TakeOff(vehicles=planner.names(vehicles), height=height))
+
+
+@click.command("land")
+@vehicles_argument
+@click.option(
+    "--at", type=Ground(), multiple=True, help="One a vehicle.  [default: below each, or where there is room]"
+)
+@goal_options
+def land(vehicles: tuple[str, ...], at: tuple[swarm.Corner, ...], fly: Callable[[Make], None]) -> None:
+    """Land."""
+    fly(lambda planner: swarm.Land(vehicles=planner.names(vehicles), at=list(at)))
+
+
+@click.command("return")
+@vehicles_argument
+@goal_options
+def return_(vehicles: tuple[str, ...], fly: Callable[[Make], None]) -> None:
+    """Home, each to where it took off, and land there."""
+    fly(lambda planner: swarm.Return(vehicles=planner.names(vehicles)))
+
+
+@click.command("hold")
+@vehicles_argument
+@goal_options
+def hold(vehicles: tuple[str, ...], fly: Callable[[Make], None]) -> None:
+    """Stop along what is being flown, and stay."""
+    fly(lambda planner: swarm.Hold(vehicles=planner.names(vehicles)))
+
+
+COMMANDS: tuple[click.Command, ...] = (goto, formation, follow, search, patrol, takeoff, land, return_, hold)

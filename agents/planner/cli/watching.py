@@ -1,0 +1,100 @@
+"""Goals as a person follows them: a live table on a terminal, a line for each change elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+
+import click
+import msgspec
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+import zmav
+from agents.planner.cli.counter import books
+from zmav.cli.common import console, dump
+from zmav.errors import TimedOut
+from zmav.wire import swarm
+
+ENDED = ("done", "failed", "cancelled")
+SILENCE = 3.0
+GIVE_UP = 60.0
+"""s without a book after which nobody is waited for any more: a standby has taken over long before"""
+COLOURS = {
+    "queued": "dim", "planning": "cyan", "flying": "bold", "paused": "yellow", "done": "green", "failed": "bold red",
+    "cancelled": "yellow",
+}  # fmt: skip
+
+
+async def until_ended(z: zmav.Client, ids: list[str], as_json: bool) -> list[swarm.GoalEntry]:
+    """Show the goals until all have ended; how they did. Raises :class:`TimedOut` when no planner is heard any more."""
+    out = console()
+    live = Live(console=out, refresh_per_second=8) if sys.stdout.isatty() and not as_json else None
+    found: dict[str, swarm.GoalEntry] = {}
+    said: dict[str, tuple[str, str]] = {}
+    silent = 0.0
+    with live or contextlib.nullcontext():
+        async for book in books(z, SILENCE):
+            if book is None:
+                silent += SILENCE
+                if silent >= GIVE_UP:
+                    raise TimedOut(f"no planner was heard for {silent:.0f} s; the goals are in nobody's hands")
+                click.echo(f"no planner heard for {silent:.0f} s", err=True)
+                continue
+            silent = 0.0
+            found.update({entry.id: entry for entry in book.goals if entry.id in ids})
+            entries = [found[name] for name in ids if name in found]
+            if live is not None:
+                live.update(table(entries))
+            else:
+                _lines(entries, said, as_json)
+            if len(entries) == len(ids) and all(entry.state in ENDED for entry in entries):
+                return entries
+    raise AssertionError("books never end")
+
+
+def _lines(entries: list[swarm.GoalEntry], said: dict[str, tuple[str, str]], as_json: bool) -> None:
+    for entry in entries:
+        if said.get(entry.id) != (entry.state, entry.text):
+            said[entry.id] = (entry.state, entry.text)
+            click.echo(dump(msgspec.to_builtins(entry), pretty=False) if as_json else line(entry))
+
+
+def line(entry: swarm.GoalEntry) -> str:
+    figures = f" ({_figures(entry)})" if entry.makespan is not None else ""
+    return f"{entry.id} {kind_of(entry.goal)}: {entry.state}, {100.0 * entry.progress:.0f} %: {entry.text}{figures}"
+
+
+def kind_of(goal: swarm.Goal) -> str:
+    return str(type(goal).__struct_config__.tag)
+
+
+def _figures(entry: swarm.GoalEntry) -> str:
+    span = f"{entry.makespan:.1f} s" if entry.makespan is not None else ""
+    clear = f"{entry.clearance:.2f} m clear" if entry.clearance is not None else ""
+    return ", ".join(filter(None, (span, clear)))
+
+
+def table(entries: list[swarm.GoalEntry]) -> Table:
+    """One line a goal."""
+    view = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("goal", "kind", "vehicles", "state", "", "plan"):
+        view.add_column(name, no_wrap=True)
+    view.add_column("what", overflow="fold")
+    for entry in entries:
+        view.add_row(
+            entry.id, kind_of(entry.goal), few(entry.goal.vehicles), Text(entry.state, COLOURS.get(entry.state, "")),
+            ProgressBar(100.0, 100.0 * entry.progress, width=12), _figures(entry), Text(entry.text),
+        )  # fmt: skip
+    return view
+
+
+def few(names: list[str], most: int = 4) -> str:
+    return ", ".join(names[:most]) + (f" +{len(names) - most}" if len(names) > most else "")
+
+
+def show(view: Table, out: Console | None = None) -> None:
+    (out or console()).print(view)

@@ -1,0 +1,315 @@
+"""The planning agent: it hears the fleet, keeps the book, and has each goal flown when its turn comes.
+
+Everything here only passes messages: plans are made in the solver's process, flown by the executor. ``zmav swarm
+planner`` runs it; so may a script, in an event loop of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import contextlib
+import time
+import uuid
+from types import TracebackType
+from typing import Any
+
+import msgspec
+
+import zmav
+from agents.planner.goals.steps import FleetView
+from agents.planner.live.charge import Charge
+from agents.planner.live.checks import read_obstacle
+from agents.planner.live.desk import Desk
+from agents.planner.live.fleet import Fleet
+from agents.planner.live.ledger import ENDED, Ledger
+from agents.planner.live.partition import Hearing
+from agents.planner.live.press import Press
+from agents.planner.live.run import Run
+from agents.planner.live.settings import FENCE, Settings, check
+from agents.planner.live.solver import Solver
+from agents.planner.live.tokens import Tokens
+from agents.planner.live.tubes import Tubes
+from agents.planner.live.world import World
+from zmav import wire
+from zmav.errors import BadInput, ZmavError
+from zmav.process import say as log
+from zmav.services.port import on_loop
+from zmav.waiting import within
+from zmav.wire import swarm
+
+TICK = 0.2
+EVENTS = 30
+"""what happened last, and is told in the status"""
+
+
+class Agent:
+    """``async with Agent(z, settings) as agent: ...``: a planner among others. Lives on the event loop.
+
+    Raises :class:`~zmav.errors.BadConfig` for settings that make no sense.
+    """
+
+    def __init__(self, z: zmav.Client, settings: Settings) -> None:
+        check(settings)
+        self.z, self.settings = z, settings
+        self.instance = uuid.uuid4().hex
+        self.charge = Charge(settings.name, self.instance, settings.patience * (2.0 if settings.standby else 1.0))
+        self.fleet = Fleet(z, settings.downwash)
+        self.world = World()
+        self.ledger = Ledger()
+        self.tubes = Tubes()
+        self.runs: dict[str, Run] = {}
+        self.solver = Solver(lambda text: self.say("solver", "info", text))
+        self.previewer: Solver | None = None
+        """a second process: a preview must not keep a vehicle in flight waiting for its plan"""
+        self.events: collections.deque[wire.Event] = collections.deque(maxlen=EVENTS)
+        self.press = Press(self)
+        self._desk = Desk(self, z.member.credentials if z.member else None)
+        self._tokens = Tokens(self)
+        self._news = asyncio.Event()
+        self.tasks: list[asyncio.Task[None]] = []
+        self._asking: set[asyncio.Task[None]] = set()
+        self._held = ""
+        """why nothing is begun, so that it is said once"""
+        if settings.geofence is not None:
+            self.world.give(swarm.Obstacle(name=FENCE, t=0.0, what=settings.geofence), time.monotonic())
+
+    async def __aenter__(self) -> Agent:
+        self._loop = asyncio.get_running_loop()
+        self.say_from_thread = on_loop(self._loop, self.say)
+        await self.solver.__aenter__()
+        self._tokens.start()
+        self._desk.orders.start()
+        self.press.start()
+        self.tasks.append(asyncio.create_task(self._live()))
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        """Everybody comes to rest, and the goals stay in the book for whoever stands by."""
+        for task in (*self.tasks, *self._asking):
+            task.cancel()
+        await asyncio.gather(*self.tasks, *self._asking, return_exceptions=True)
+        await asyncio.gather(*(run.close() for run in self.runs.values()), return_exceptions=True)
+        await self._desk.orders.close()
+        if self.charge.in_charge:
+            self.press.book()
+        self._tokens.close()
+        await self.solver.__aexit__(None, None, None)
+        if self.previewer is not None:
+            await self.previewer.__aexit__(None, None, None)
+
+    # What is going on.
+
+    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
+        """Something happened: in the log, in the status, and so to everybody who looks."""
+        self.events.append(wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail))
+        log(f"{severity}: {text}" if severity != "info" else text)
+        self.press.changed()
+
+    def wake(self) -> None:
+        """Something is to be looked at now."""
+        self._news.set()
+        self.press.changed()
+
+    def status(self) -> dict[str, Any]:
+        hearing = self.fleet.hearing()
+        return {
+            "planner": self.settings.name,
+            "instance": self.instance,
+            "state": self.state,
+            "in_charge": self.charge.in_charge,
+            "of": self.charge.of,
+            "term": self.charge.term or self.charge.highest,
+            "ready": self.solver.ready,
+            "book": msgspec.to_builtins(self.book()),
+            "vehicles": sorted(hearing.heard),
+            "unheard": sorted(hearing.unheard),
+            "silent": self.fleet.silent(),
+            "obstacles": len(self.world.obstacles),
+            "events": [msgspec.to_builtins(event, enc_hook=str) for event in self.events],
+        }
+
+    @property
+    def state(self) -> str:
+        """In a word."""
+        if not self.charge.in_charge:
+            return "standby"
+        if not self.solver.ready:
+            return "loading"
+        return "flying" if self.runs else "ready"
+
+    def book(self) -> swarm.Book:
+        """Ours, or the last one of the planner in charge."""
+        if not self.charge.in_charge and self.charge.book is not None:
+            return self.charge.book
+        paused = any(entry.state == "paused" for entry in self.ledger.goals)
+        return swarm.Book(
+            t=time.time(), planner=self.settings.name, instance=self.instance, term=self.charge.term, paused=paused,
+            goals=self.ledger.goals,
+        )  # fmt: skip
+
+    def check_known(self, goal: swarm.Goal) -> FleetView:
+        """Raises :class:`BadInput` for vehicles that are not heard."""
+        self.fleet.watch()
+        view = self.fleet.view(self.settings.margin)
+        silent = [name for name in goal.vehicles if name not in view.vehicles and name in self.fleet.silent()]
+        if silent:
+            text = f"{', '.join(silent)}: heard, but with no place in the fleet's frame: start 'zmav up' with --origin"
+            raise BadInput(text, field="vehicles", value=silent, expected="vehicles with a local position")
+        view.pick(goal.vehicles)
+        return view
+
+    async def preview_solver(self) -> Solver:
+        """The solver itself while nobody flies, else one beside it."""
+        if not self.runs:
+            return self.solver
+        if self.previewer is None:
+            self.previewer = Solver(lambda text: self.say("solver", "info", text), "solver for previews")
+            await self.previewer.__aenter__()
+        return self.previewer
+
+    # What is told.
+
+    def take_obstacle(self, obstacle: swarm.Obstacle, by: str = "") -> bool:
+        """Something is there, moved or gone: True where that is news. Raises :class:`BadInput`."""
+        known = self.world.find(obstacle.name) is not None
+        moved = known and isinstance(obstacle.what, swarm.Ball)
+        if not self.world.give(obstacle, time.monotonic()):
+            return False
+        if not moved:  # or what moves would fill the log
+            word = "gone" if obstacle.what is None else ("changed" if known else "new")
+            self.say("world", "info", f"obstacle {obstacle.name}: {word}{by}")
+        self._world_changed()
+        return True
+
+    def on_obstacle(self, data: bytes) -> None:
+        """From the network; what is none is left alone, and said."""
+        try:
+            self.take_obstacle(read_obstacle(data))
+        except BadInput as e:
+            self.say("refused", "warning", f"refused: {e}")
+
+    def _world_changed(self) -> None:
+        for run in self.runs.values():
+            run.world_changed()
+        self.wake()
+
+    def on_map(self, data: bytes) -> None:
+        """What the planner in charge keeps clear of: whoever stands by keeps it, too."""
+        if self.charge.in_charge:
+            return
+        with contextlib.suppress(BadInput):
+            told = wire.decode(data, swarm.ObstacleMap, "map of obstacles")
+            if told.planner == self.charge.of:
+                self.world.follow(told.obstacles, time.monotonic(), time.time())
+
+    def on_book(self, data: bytes) -> None:
+        try:
+            book = wire.decode(data, swarm.Book, "book")
+        except BadInput:
+            return  # a newer or a broken planner: its token is what we go by
+        if self.charge.hear(book, time.monotonic()):
+            who = f"{book.planner} is in charge (term {book.term})"
+            self.say("charge", "warning", f"{who}: {self.settings.name} stands by, and commands nobody")
+            self._step_down(book)
+        elif self.charge.in_charge and book.instance != self.instance:
+            self.press.book()  # it hears that it is not
+
+    # Life.
+
+    async def _live(self) -> None:
+        """Tick until cancelled; what goes wrong in one round is said, and the next one comes."""
+        while True:
+            try:
+                self._round()
+            except ZmavError as e:
+                self.say("fault", "error", str(e))
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(TICK, self._news.wait())
+            self._news.clear()
+
+    def _round(self) -> None:
+        now = time.monotonic()
+        self.fleet.watch()
+        for name in self.fleet.bodies.due(self.fleet.names)[:10]:
+            task = asyncio.create_task(self.fleet.bodies.ask(name))
+            self._asking.add(task)
+            task.add_done_callback(self._asking.discard)
+        if self.world.expire(now):
+            self._world_changed()
+        if not self.charge.in_charge:
+            if self.charge.lost(now):
+                self._take_charge(now)
+            return
+        self._end_runs()
+        if self.solver.ready:
+            self._begin_runs()
+
+    def _take_charge(self, now: float) -> None:
+        book = self.charge.take(now)
+        again = self.ledger.take_over(book) if book else []
+        self._tokens.in_charge(True)
+        text = f"{self.settings.name} is in charge (term {self.charge.term})"
+        if book:
+            text += f": {book.planner} was not heard for {self.charge.patience:.0f} s; {len(again)} goals go on"
+        self.say("charge", "notice" if book else "info", text)
+        self.press.book()
+
+    def _step_down(self, book: swarm.Book) -> None:
+        """Command nobody from now on: segments end by themselves, the leases are given back."""
+        self._tokens.in_charge(False)
+        for run in list(self.runs.values()):
+            task = asyncio.create_task(run.close())
+            self._asking.add(task)
+            task.add_done_callback(self._asking.discard)
+        self.runs.clear()
+        self.ledger = Ledger()
+
+    def _end_runs(self) -> None:
+        """Stop what was cancelled, replaced or paused; forget what has ended."""
+        for name, run in list(self.runs.items()):
+            if run.done:
+                del self.runs[name]
+            elif run.entry.state in ENDED:
+                run.stop(run.entry.text)
+
+    def _begin_runs(self) -> None:
+        busy = {vehicle for run in self.runs.values() for vehicle in run.vehicles}
+        hearing, held = self.fleet.hearing(), ""
+        for entry in self.ledger.ready():
+            if entry.id in self.runs or busy & set(entry.goal.vehicles):
+                continue
+            if not hearing.may_move(entry.goal.vehicles):
+                held = entry.text = hearing.words()
+                continue
+            busy |= set(entry.goal.vehicles)
+            self.runs[entry.id] = Run(self, entry)
+            self.press.changed()
+        if held != self._held:
+            self._held = held
+            if held:
+                self.say("partition", "warning", held)
+
+    def hearing(self) -> Hearing:
+        return self.fleet.hearing()
+
+    # Pause and resume.
+
+    def pause(self, entry: swarm.GoalEntry, by: str = "") -> None:
+        """It comes to rest along what it flies, and waits."""
+        if entry.state in ENDED or entry.state == "paused":
+            return
+        entry.state, entry.text = "paused", f"paused{by}"
+        if run := self.runs.get(entry.id):
+            run.pause()
+        self.say("goal", "notice", f"{entry.id}: paused{by}", goal=entry.id)
+
+    def resume(self, entry: swarm.GoalEntry) -> None:
+        run = self.runs.get(entry.id)
+        entry.state, entry.text = ("flying" if run else "queued"), "goes on"
+        if run:
+            run.resume()
+        self.say("goal", "notice", f"{entry.id}: goes on", goal=entry.id)
+        self.wake()

@@ -1,0 +1,112 @@
+"""The fleet as the planner sees it: who is heard, who flies, where everybody is and took off, what each can do."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import msgspec
+
+import zmav
+from agents.planner.goals.steps import GROUND, FleetView, VehicleView
+from agents.planner.live.bodies import Bodies
+from agents.planner.live.partition import Hearing
+from zmav import geo, keys, wire
+from zmav.wire import Vector
+
+FRESH = keys.STATE.stale_after or 2.0
+"""s after which a state is not relied upon"""
+FORGOTTEN = 3600.0
+"""s after which a vehicle that was last heard in the air is no longer reckoned with"""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One vehicle, as last heard."""
+
+    view: VehicleView
+    age: float
+    """s since its state came"""
+    state: wire.VehicleState
+
+
+class Fleet:
+    """Follows the states that the client hears. Lives on the event loop."""
+
+    def __init__(self, z: zmav.Client, downwash: float = 1.5) -> None:
+        self._z, self.downwash = z, downwash
+        self.bodies = Bodies(z)
+        self._homes: dict[str, Vector] = {}
+        self._last: dict[str, tuple[wire.VehicleState, float]] = {}
+
+    def watch(self) -> None:
+        """A few times a second: take in what was heard, and remember who it was when it is heard no more."""
+        for vehicle in self._z.fleet():
+            state, age = vehicle.last_state, vehicle.age
+            if state is None or age is None or state.local is None:
+                continue
+            self._last[vehicle.name] = (state, time.monotonic() - age)
+            if state.landed or not state.armed:
+                self._homes[vehicle.name] = state.local
+        now = time.monotonic()
+        self._last = {name: (s, at) for name, (s, at) in self._last.items() if now - at < FORGOTTEN}
+
+    @property
+    def names(self) -> list[str]:
+        """Everybody that was heard with a place."""
+        return sorted(self._last)
+
+    def silent(self) -> list[str]:
+        """Present, but without a place in the fleet's frame: nothing can be planned for these."""
+        known = {name for name, (_, at) in self._last.items() if time.monotonic() - at < FRESH}
+        return [v.name for v in self._z.fleet() if v.name not in known and v.age is not None and v.age < FRESH]
+
+    def seen(self, name: str) -> Seen | None:
+        """As last heard, however old; None: never, or without a place."""
+        found = self._last.get(name)
+        if found is None or found[0].local is None:
+            return None
+        state, at = found
+        assert state.local is not None
+        kind = state.kind or "copter"
+        view = VehicleView(
+            name=name, kind=kind, body=self.bodies.of(name, state.kind), pos_ned=state.local,
+            vel_ned=state.velocity or (0.0, 0.0, 0.0), airborne=_flies(state, kind), home_ned=self._home(name, state),
+        )  # fmt: skip
+        return Seen(view, time.monotonic() - at, state)
+
+    def _home(self, name: str, state: wire.VehicleState) -> Vector | None:
+        """Where it stood last; of one that was never seen on the ground, the height at least is known."""
+        home = self._homes.get(name)
+        if home is None and state.local is not None and state.position is not None:
+            return (state.local[0], state.local[1], state.local[2] + state.position.alt_rel)
+        return home
+
+    def set_home(self, name: str, origin: wire.Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> None:
+        """As its autopilot says, of one that was in the air when we came."""
+        self._homes.setdefault(name, geo.to_ned(origin, lat_deg, lon_deg, alt_amsl))
+
+    def all(self) -> list[Seen]:
+        return [seen for name in self.names if (seen := self.seen(name)) is not None]
+
+    def view(self, margin: float = 0.0) -> FleetView:
+        """Those that are heard now, with radii that are larger by ``margin``."""
+        heard = [seen.view for seen in self.all() if seen.age < FRESH]
+        return FleetView({view.name: _wider(view, margin) for view in heard})
+
+    def hearing(self) -> Hearing:
+        airborne = frozenset(seen.view.name for seen in self.all() if seen.view.airborne)
+        heard = frozenset(seen.view.name for seen in self.all() if seen.age < FRESH)
+        return Hearing(airborne, heard)
+
+
+def _wider(view: VehicleView, by: float) -> VehicleView:
+    return replace(view, body=msgspec.structs.replace(view.body, radius=view.body.radius + by))
+
+
+def _flies(state: wire.VehicleState, kind: str) -> bool:
+    if kind in GROUND or not state.armed:
+        return False
+    if state.landed is None:  # its autopilot does not say
+        return state.position is not None and state.position.alt_rel > 1.0
+    return not state.landed

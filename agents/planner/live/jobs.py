@@ -1,0 +1,117 @@
+"""What the agent's process and the solver's tell each other: jobs, answers, and how they travel through a pipe.
+
+Frames of eight bytes of length and a pickle: only ever between a process and the child that it started itself.
+"""
+
+from __future__ import annotations
+
+import pickle
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO
+
+from agents.planner.goals.steps import FleetView, Step
+from agents.planner.plans import Plan, Sample
+from agents.planner.problem import Mover
+from agents.planner.scene import Scene
+from zmav.wire import swarm
+
+HEAD = struct.Struct("<Q")
+
+
+@dataclass(frozen=True)
+class Solve:
+    """Plan a scene; answered by a :class:`Plan`, which may hold a typed error."""
+
+    scene: Scene
+    movers: tuple[Mover, ...] = ()
+    terrain: tuple[float, float, float, float] | None = None
+    seconds: float = 10.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Resolve:
+    """What a goal comes down to; answered by a list of steps, or the typed error of a goal that cannot be."""
+
+    goal: swarm.Goal
+    view: FleetView
+    scene: Scene
+    """without vehicles: obstacles, bounds, fence"""
+    terrain: tuple[float, float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Verify trajectories; answered by a :class:`Judgement`."""
+
+    scene: Scene
+    trajectories: Mapping[str, list[Sample]]
+    movers: tuple[Mover, ...] = ()
+
+
+@dataclass(frozen=True)
+class Judgement:
+    ok: bool
+    clearance: float | None
+    """m: the least distance of two vehicles less their radii; None: there is one only"""
+    makespan: float
+    faults: tuple[str, ...] = ()
+    """in words"""
+
+
+Job = Solve | Resolve | Judge
+
+
+@dataclass(frozen=True)
+class Ready:
+    """The kernels are compiled and the stages loaded."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
+class News:
+    """How far a job is."""
+
+    stage: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Done:
+    number: int
+    result: Plan | list[Step] | Judgement
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A typed error, as it would cross the wire."""
+
+    number: int
+    code: str
+    message: str
+    detail: dict[str, Any] = field(default_factory=dict)
+
+
+def write(pipe: BinaryIO, message: object) -> None:
+    pipe.write(frame(message))
+    pipe.flush()
+
+
+def frame(message: object) -> bytes:
+    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    return HEAD.pack(len(data)) + data
+
+
+def read(pipe: BinaryIO) -> Any:
+    """The next message; raises EOFError when the other side is gone."""
+    head = pipe.read(HEAD.size)
+    if len(head) < HEAD.size:
+        raise EOFError
+    (size,) = HEAD.unpack(head)
+    data = pipe.read(size)
+    if len(data) < size:
+        raise EOFError
+    return pickle.loads(data)

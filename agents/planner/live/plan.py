@@ -1,0 +1,149 @@
+"""From a step to a verified plan: the scene is put together here, the solver's process does the rest."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.planner.errors import PlanError
+from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, unroll
+from agents.planner.live import jobs
+from agents.planner.live.frames import enu
+from agents.planner.live.scenes import Room, narrower, room_of, scene_of
+from agents.planner.live.solver import Solver
+from agents.planner.plans import Sample
+from agents.planner.problem import Floats, Motion
+from agents.planner.scene import Scene
+from zmav.errors import Refused
+from zmav.wire import Vector, swarm
+
+if TYPE_CHECKING:
+    from agents.planner.live.agent import Agent
+
+Progress = Callable[[str, float], None]
+START_CODES = ("start_in_obstacle", "starts_overlap", "start_out_of_bounds")
+"""a vehicle stands nearer to something than the margin allows: it drifted there, and may fly away without it"""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What is to be flown, verified."""
+
+    trajectories: dict[str, list[Sample]]
+    """by vehicle: t, x, y, z (ENU)"""
+    scene: Scene
+    makespan: float
+    clearance: float | None
+    margin: float
+    """m by which every vehicle's radius in the scene is larger than its own"""
+
+
+class Planner:
+    """For one goal. ``view``: the fleet as it will be when the step begins, its radii with the margin in them."""
+
+    def __init__(self, agent: Agent, goal: str, solver: Solver) -> None:
+        self._agent, self._goal, self._solver = agent, goal, solver
+
+    def room(self, vehicles: Sequence[str]) -> Room:
+        """Everything that these are to keep clear of now."""
+        agent = self._agent
+        walls = agent.tubes.walls(self._goal, agent.settings.downwash)
+        taken = agent.tubes.vehicles(self._goal)
+        pieces = agent.world.pieces(time.time())
+        return room_of(vehicles, agent.fleet.all(), pieces, walls, taken, agent.settings.downwash)
+
+    async def resolve(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
+        """What the goal comes down to; raises the typed error of one that cannot be."""
+        room = self.room(goal.vehicles)
+        points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
+        points += [enu(point) for point in _points(goal)]
+        terrain = self._terrain(room, view, goal.vehicles)
+        return list(await self._solver.do(jobs.Resolve(goal, view, room.empty(points), terrain)))
+
+    async def plan_to(self, step: PlanTo, view: FleetView, progress: Progress | None = None) -> Planned:
+        """Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with."""
+        wide = self._agent.settings.margin
+        try:
+            return await self._plan(step, view, wide, progress)
+        except PlanError as e:
+            if e.kind not in START_CODES:
+                raise
+        return await self._plan(step, narrower(view, wide / 2.0), wide / 2.0, progress)
+
+    async def _plan(self, step: PlanTo, view: FleetView, margin: float, progress: Progress | None) -> Planned:
+        room = self.room(step.vehicles)
+        scene = scene_of(view.pick(step.vehicles), step.places, step.labelled, room)
+        terrain = self._terrain(room, view, step.vehicles)
+        seconds = self._agent.settings.plan_seconds
+        plan = await self._solver.solve(jobs.Solve(scene, room.movers, terrain, seconds), progress)
+        if plan.error is not None:
+            raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
+        judged = await self._judge(scene, plan.trajectories, room)
+        if not judged.ok:
+            raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
+        return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin), margin)
+
+    async def check(self, step: Fly, view: FleetView, laps: int) -> Planned | None:
+        """Prepared motions as a plan, where the verifier lets them pass among all that is there now."""
+        motions = unroll(step, laps)
+        names = tuple(motions)
+        room = self.room(names)
+        trajectories = {name: samples_of(motion) for name, motion in motions.items()}
+        places = _array([trajectories[name][-1][1:] for name in names])
+        scene = scene_of(view.pick(names), places, True, room)
+        judged = await self._judge(scene, trajectories, room)
+        if not judged.ok:
+            self._agent.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
+            return None
+        margin = self._agent.settings.margin
+        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin)
+
+    async def _judge(self, scene: Scene, trajectories: dict[str, list[Sample]], room: Room) -> jobs.Judgement:
+        """No plan leaves unverified, and by how much it passes is told."""
+        judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
+        assert isinstance(judged, jobs.Judgement)
+        return judged
+
+    def _terrain(
+        self, room: Room, view: FleetView, vehicles: Sequence[str]
+    ) -> tuple[float, float, float, float] | None:
+        """Not where somebody is meant to be on the ground."""
+        return room.pieces.terrain if all(view.vehicles[name].flies for name in vehicles) else None
+
+
+def _wider(clearance: float | None, margin: float) -> float | None:
+    """Between the vehicles themselves: what was planned for is larger."""
+    return None if clearance is None else clearance + 2.0 * margin
+
+
+def samples_of(motion: Motion) -> list[Sample]:
+    return [(round(t, 6), round(x, 6), round(y, 6), round(z, 6)) for t, x, y, z in motion.tolist()]
+
+
+def motion_of(samples: list[Sample]) -> Motion:
+    return _array(samples)
+
+
+def _array(rows: Sequence[Sequence[float]]) -> Floats:
+    return np.array(rows, dtype=np.float64)
+
+
+def _points(goal: swarm.Goal) -> list[Vector]:
+    """Every place (NED) that a goal names."""
+    found: list[Vector] = []
+    for field in ("to", "via", "route"):
+        found += getattr(goal, field, [])
+    if isinstance(goal, swarm.Formation):
+        n, e, d = goal.at
+        reach = goal.spacing * len(goal.vehicles) + sum(max(map(abs, p)) for p in goal.points[:1])
+        found += [(n - reach, e - reach, d), (n + reach, e + reach, d)]
+    if isinstance(goal, swarm.Search):
+        top = goal.height + goal.layer * len(goal.vehicles)
+        found += [(n, e, -height) for n, e in goal.polygon for height in (goal.height, top)]
+    if isinstance(goal, swarm.Land):
+        found += [(n, e, 0.0) for n, e in goal.at]
+    return found

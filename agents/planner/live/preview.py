@@ -1,0 +1,90 @@
+"""What would be flown for a goal, from where everybody is now; nothing is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.live.frames import ned
+from agents.planner.live.plan import Planned, Planner
+from agents.planner.live.press import thin
+from agents.planner.live.scenes import moved
+from zmav.errors import Refused
+from zmav.services.orders import Report
+from zmav.wire import Vector, swarm
+
+if TYPE_CHECKING:
+    from agents.planner.live.agent import Agent
+
+
+async def preview(agent: Agent, goal: swarm.Goal, report: Report) -> dict[str, Any]:
+    """Steps with their makespan, clearance and tracks (NED); raises the typed error of what cannot be."""
+    solver = await agent.preview_solver()
+    planner = Planner(agent, "preview", solver)
+    view = agent.check_known(goal)
+    report({"stage": "resolve", "share": 0.0})
+    steps: list[dict[str, Any]] = []
+    for step in await planner.resolve(goal, view):
+        planned, view = await _step(planner, step, view, report)
+        row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(_names(step))}
+        if planned is not None:
+            tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
+            row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
+        steps.append(row)
+    clearances = [row["clearance"] for row in steps if row.get("clearance") is not None]
+    return {
+        "makespan": sum(row.get("makespan", 0.0) for row in steps),
+        "clearance": min(clearances, default=None),
+        "steps": steps,
+    }
+
+
+async def _step(planner: Planner, step: Step, view: FleetView, report: Report) -> tuple[Planned | None, FleetView]:
+    """One step, and the fleet as it will be after it."""
+
+    def progress(stage: str, share: float) -> None:
+        report({"stage": stage, "share": share})
+
+    planned: Planned | None = None
+    if isinstance(step, PlanTo):
+        planned = await planner.plan_to(step, view, progress)
+    elif isinstance(step, Fly):
+        planned = await planner.check(step, view, 1)
+        for instead in step.instead if planned is None else ():
+            planned = await planner.plan_to(instead, view, progress)
+            view = moved(view, _ends(planned))
+        if planned is None:
+            raise Refused(
+                f"{step.text or 'what was prepared'} is not clear of what is there, and there is no other way"
+            )
+    elif isinstance(step, Orders):
+        return None, _after(step, view)
+    return planned, (moved(view, _ends(planned)) if planned is not None else view)
+
+
+def _ends(planned: Planned) -> dict[str, Vector]:
+    return {name: ned(samples[-1][1:]) for name, samples in planned.trajectories.items()}
+
+
+def _after(step: Orders, view: FleetView) -> FleetView:
+    """Up by what they are ordered to climb to, or down."""
+    for order in step.orders:
+        seen = view.vehicles[order.vehicle]
+        north, east, _ = seen.pos_ned
+        home = seen.home_ned or seen.pos_ned
+        if order.verb == "takeoff":
+            place = (north, east, home[2] - float(order.args.get("alt_rel", 0.0)))
+            view = moved(view, {order.vehicle: place}, airborne=True)
+        elif order.verb == "goto" and order.args.get("pos"):
+            n, e, d = order.args["pos"]
+            view = moved(view, {order.vehicle: (float(n), float(e), float(d))})
+        elif order.verb in ("land", "rtl"):
+            view = moved(view, {order.vehicle: (north, east, home[2])}, airborne=False)
+    return view
+
+
+def _names(step: Step) -> tuple[str, ...]:
+    if isinstance(step, Fly):
+        return tuple(step.motions)
+    assert isinstance(step, PlanTo | Orders | Loiter | Track | Stop)
+    return step.vehicles

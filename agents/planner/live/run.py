@@ -1,0 +1,322 @@
+"""One goal, from its turn to its end: what it comes down to, planned and flown step by step."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.planner.errors import PlanError
+from agents.planner.execute.executor import Trouble
+from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.live.crew import Again, Crew, Landed
+from agents.planner.live.fleet import FRESH
+from agents.planner.live.frames import enu, ned
+from agents.planner.live.ledger import ENDED
+from agents.planner.live.orders import carry_out, halt, loiter
+from agents.planner.live.plan import Planned, Planner, motion_of
+from agents.planner.live.scenes import moved
+from agents.planner.live.solver import SolverDied
+from agents.planner.live.tracking import Tracking
+from agents.planner.live.tubes import tube
+from zmav import wire
+from zmav.errors import Refused, Stale, TimedOut, ZmavError
+from zmav.wire import Vector, swarm
+
+if TYPE_CHECKING:
+    from agents.planner.live.agent import Agent
+
+SETTLE = 90.0
+"""s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
+RESTING = 0.5
+"""m/s below which a vehicle rests"""
+SOON = 1.0
+"""s between two tries to plan where there was no room, or no solver"""
+MANY_LAPS = 20
+"""laps that are planned at once where there is no end to them"""
+
+
+class Run:
+    """Begun by its making. Lives on the event loop; whatever happens ends in the book, in words."""
+
+    def __init__(self, agent: Agent, entry: swarm.GoalEntry) -> None:
+        self.agent, self.entry = agent, entry
+        self.vehicles = tuple(entry.goal.vehicles)
+        self.planner = Planner(agent, entry.id, agent.solver)
+        self.stopping = ""
+        """why it is to end; empty: it goes on"""
+        self.failure: ZmavError | None = None
+        """why there was no other plan"""
+        self._goes = asyncio.Event()
+        if entry.state != "paused":
+            self._goes.set()
+        self._flying: Crew | None = None
+        self._task = asyncio.create_task(self._live())
+
+    @property
+    def done(self) -> bool:
+        return self._task.done()
+
+    @property
+    def goes(self) -> bool:
+        """It is not paused."""
+        return self._goes.is_set()
+
+    # What others tell it.
+
+    def stop(self, why: str) -> None:
+        """Come to rest along what is flown, and end."""
+        if self.stopping:
+            return
+        self.stopping = why or "stopped"
+        if self._flying is not None:
+            self._flying.stop(self.stopping)
+        else:
+            self._task.cancel()
+
+    def pause(self) -> None:
+        self._goes.clear()
+        if self._flying is not None:
+            self._flying.pause()
+
+    def resume(self) -> None:
+        self._goes.set()
+        if self._flying is not None:
+            self._flying.resume()
+
+    def world_changed(self) -> None:
+        """There are other obstacles: what is being flown is looked at again."""
+        if self._flying is not None:
+            self._flying.world_changed()
+
+    async def close(self) -> None:
+        """End without a word in the book; whoever still flies comes to rest along its way first."""
+        self.stopping = self.stopping or "closed"
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    # What it tells.
+
+    def text(self, text: str) -> None:
+        if self.entry.state not in ENDED and self.entry.text != text:
+            self.entry.text = text
+            self.agent.press.changed()
+
+    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
+        self.agent.say(kind, severity, text, **detail)
+
+    def progress(self, share: float) -> None:
+        self.entry.progress = round(max(self.entry.progress, min(share, 1.0)), 3)
+
+    # Its life.
+
+    async def _live(self) -> None:
+        entry, ledger = self.entry, self.agent.ledger
+        try:
+            missing = await self._fly()
+            text = f"the others are there; without {', '.join(missing)}" if missing else "done"
+            ledger.end(entry, "failed" if missing else "done", text)
+        except asyncio.CancelledError:
+            if not self.stopping:
+                raise
+        except PlanError as e:
+            ledger.end(entry, "failed", f"{e.kind}: {e.message}")
+        except ZmavError as e:
+            ledger.end(entry, "failed", str(e))
+        except Exception as e:
+            ledger.end(entry, "failed", f"the planner's own fault: {e!r}")
+        finally:
+            self.agent.tubes.drop(entry.id)
+            self.agent.press.plan_over(entry.id)
+        if self.stopping == "closed":
+            return
+        word = "failed: " if entry.state == "failed" else ""
+        self.say("goal", "error" if word else "info", f"{entry.id}: {word}{entry.text}", goal=entry.id)
+        self.agent.wake()
+
+    async def _fly(self) -> list[str]:
+        """Gives the vehicles that did not come to the end."""
+        self._state("planning", "waits until its vehicles rest")
+        await self._settled()
+        await self._goes.wait()
+        steps = await self.planner.resolve(self.entry.goal, self._view())
+        missing: list[str] = []
+        async with Crew(self) as crew:
+            for number, step in enumerate(steps):
+                await self._goes.wait()
+                self.text(step.text or type(step).__name__)
+                share = (number / len(steps), (number + 1) / len(steps))
+                missing = await self._take(crew, step, share)
+                self.check_stopped()
+                self.progress(share[1])
+                if missing:
+                    break
+        return missing
+
+    async def _take(self, crew: Crew, step: Step, share: tuple[float, float]) -> list[str]:
+        if isinstance(step, PlanTo):
+            return await self._plan_and_fly(crew, step, share)
+        if isinstance(step, Fly):
+            return await self._fly_prepared(crew, step, share)
+        if isinstance(step, Orders):
+            self._state("flying", step.text or "carries out orders")
+            await carry_out(self, crew, step)
+        elif isinstance(step, Loiter):
+            self._state("flying", step.text or "planes go to their circles")
+            await loiter(self, crew, step)
+        elif isinstance(step, Track):
+            self._state("flying", step.text or "follows")
+            await Tracking(self, crew, step).go_on()
+        else:
+            assert isinstance(step, Stop)
+            await halt(self, step.vehicles)
+        return []
+
+    async def _plan_and_fly(self, crew: Crew, step: PlanTo, share: tuple[float, float]) -> list[str]:
+        """Plan from where they are, fly; what goes wrong on the way is planned anew from where everybody rests."""
+        self._state("planning", step.text or "plans")
+        planned = await self._planned(step, self._view())
+
+        async def again(trouble: Trouble) -> Planned | None:
+            await self._goes.wait()
+            left = _without(step, set(trouble.gone))
+            if not left.vehicles or self.stopping:
+                return None
+            self._state("planning", f"planned anew: {trouble.reason}")
+            places = {name: _vector(place) for name, place in trouble.places.items()}
+            found = await self._planned(left, moved(self._view(left.vehicles), places, airborne=None))
+            self._speak_for(found)
+            self._state("flying", step.text or "flies")
+            return found
+
+        landed = await self._flown(crew, planned, step.text, share, again)
+        if not landed.arrived:
+            self.check_stopped()
+            raise self.failure or Refused(landed.why)
+        return landed.missing
+
+    async def _fly_prepared(self, crew: Crew, step: Fly, share: tuple[float, float]) -> list[str]:
+        laps = 0
+        while step.laps == 0 or laps < step.laps:
+            more = MANY_LAPS if step.laps == 0 else step.laps - laps
+            planned = await self.planner.check(step, self._view(), more)
+            if planned is None:
+                break
+            landed = await self._flown(crew, planned, step.text, share)
+            self.check_stopped()
+            if not landed.arrived:
+                self.say("replan", "notice", f"{self.entry.id}: planned anew: {landed.why}", goal=self.entry.id)
+                await self._settled()
+                break
+            laps += more
+        else:
+            return []
+        if not step.instead:
+            raise Refused("what was prepared is not clear of what is there, and there is no other way")
+        for instead in step.instead:
+            if missing := await self._plan_and_fly(crew, instead, share):
+                return missing
+        return []
+
+    async def _planned(self, step: PlanTo, view: FleetView) -> Planned:
+        """A plan, where there is room for one: what other goals have spoken for is waited for."""
+        while True:
+            try:
+                return await self.planner.plan_to(step, view, self._stage)
+            except PlanError as e:
+                others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.entry.id)})
+                if not others or e.kind == "invalid_scene":
+                    raise
+                self.text(f"waits for room beside {', '.join(others)}: {e.message}")
+            except SolverDied as e:
+                self.text(f"planned again: {e.message}")
+            await asyncio.sleep(SOON)
+            self.check_stopped()
+
+    async def _flown(
+        self, crew: Crew, planned: Planned, text: str, share: tuple[float, float], again: Again | None = None
+    ) -> Landed:
+        self._speak_for(planned)
+        self._state("flying", text or "flies")
+        self._flying = crew
+        try:
+            return await crew.fly(planned, share, again)
+        finally:
+            self._flying = None
+
+    def _speak_for(self, planned: Planned) -> None:
+        """From now on no other goal plans through the room that this one needs."""
+        radii = {vehicle.id: vehicle.radius for vehicle in planned.scene.vehicles}
+        tubes = {
+            name: [tube(motion_of(samples)[:, 1:], radii[name])] for name, samples in planned.trajectories.items()
+        }  # fmt: skip
+        self.agent.tubes.hold(self.entry.id, tubes)
+        self.entry.makespan, self.entry.clearance = planned.makespan, planned.clearance
+
+    # What it stands on.
+
+    def _state(self, state: swarm.GoalState, text: str) -> None:
+        if self.entry.state not in (*ENDED, "paused"):
+            self.entry.state = state
+        self.text(text)
+
+    def _stage(self, stage: str, share: float) -> None:
+        self.text(f"plans: {stage} {100.0 * share:.0f} %")
+
+    def _view(self, names: tuple[str, ...] = ()) -> FleetView:
+        """The fleet now; raises :class:`Stale` where one of ``names`` (all of ours) is not heard."""
+        self.agent.fleet.watch()
+        view = self.agent.fleet.view(self.agent.settings.margin)
+        missing = [name for name in names or self.vehicles if name not in view.vehicles]
+        if missing:
+            raise Stale(f"not heard any more: {', '.join(missing)}", vehicles=missing)
+        return view
+
+    def check_stopped(self) -> None:
+        if self.stopping:
+            raise asyncio.CancelledError
+
+    async def _settled(self) -> None:
+        """Wait until all of ours rest, or circle, and nobody else commands them."""
+        deadline = time.monotonic() + SETTLE
+        while waits := [why for name in self.vehicles if (why := self._unrest(name))]:
+            if time.monotonic() > deadline:
+                raise TimedOut(f"not at rest after {SETTLE:.0f} s: {'; '.join(waits[:5])}")
+            self.text(f"waits: {'; '.join(waits[:3])}" + (" ..." if len(waits) > 3 else ""))
+            with contextlib.suppress(asyncio.TimeoutError):
+                await self.agent.z.news(0.5)
+
+    def _unrest(self, name: str) -> str:
+        """Why a vehicle cannot begin yet; empty: it can."""
+        seen, settings = self.agent.fleet.seen(name), self.agent.settings
+        if seen is None or seen.age > FRESH:
+            return f"{name} is not heard"
+        lease = seen.state.lease
+        if lease is not None and lease.holder != settings.name and lease.priority >= settings.priority:
+            return f"{name} is commanded by {lease.holder}"
+        if seen.state.pilot:
+            return f"{name}: {seen.state.pilot}"
+        speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
+        return f"{name} still moves ({speed:.1f} m/s)" if speed > RESTING and seen.view.hovers else ""
+
+    def place(self, name: str) -> Vector:
+        """ENU, as last heard."""
+        seen = self.agent.fleet.seen(name)
+        if seen is None:
+            raise Stale(f"{name} is not heard any more", vehicle=name)
+        return enu(seen.view.pos_ned)
+
+
+def _without(step: PlanTo, gone: set[str]) -> PlanTo:
+    """The step for those who are left; of places that are anybody's, the first."""
+    keep = [i for i, name in enumerate(step.vehicles) if name not in gone]
+    places = step.places[keep] if step.labelled else step.places[: len(keep)]
+    return PlanTo(tuple(step.vehicles[i] for i in keep), np.ascontiguousarray(places), step.labelled, step.text)
+
+
+def _vector(place: Any) -> Vector:
+    x, y, z = map(float, place)
+    return ned((x, y, z))

@@ -1,0 +1,130 @@
+"""A scene of what is: vehicles where they are, the world as told, and everybody else as something to keep clear of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from agents.planner import scene
+from agents.planner.goals.steps import GROUND, WINGED, FleetView, VehicleView
+from agents.planner.live.fleet import FRESH, Seen
+from agents.planner.live.frames import enu
+from agents.planner.live.world import Pieces
+from agents.planner.problem import Floats, Mover
+from zmav.wire import Vector
+
+DEPTH = 50.0
+"""m below the lowest vehicle to which the column below one that is not heard goes"""
+
+
+@dataclass(frozen=True)
+class Room:
+    """The surroundings of the vehicles of one goal."""
+
+    obstacles: tuple[scene.Obstacle, ...]
+    movers: tuple[Mover, ...]
+    pieces: Pieces
+    downwash: float
+
+    def empty(self, points: Sequence[Vector]) -> scene.Scene:
+        """The scene without vehicles, as large as needed for these places (ENU)."""
+        return scene.Scene(
+            vehicles=[], obstacles=list(self.obstacles), bounds=self.pieces.bounds(points),
+            geofence=self.pieces.geofence, downwash=self.downwash,
+        )  # fmt: skip
+
+
+def room_of(
+    vehicles: Sequence[str], fleet: Sequence[Seen], pieces: Pieces, walls: Sequence[scene.Obstacle],
+    spoken_for: set[str], downwash: float,
+) -> Room:  # fmt: skip
+    """Everything but ``vehicles``: who rests is a mover at rest, who is not heard has the column below its place.
+
+    ``walls``: what other goals have spoken for; ``spoken_for``: the vehicles that are within it.
+    """
+    obstacles = [*pieces.obstacles, *walls]
+    for seen in fleet:
+        view = seen.view
+        if view.name not in vehicles and view.name not in spoken_for and _lost(seen):
+            x, y, z = enu(view.pos_ned)
+            radius, top = view.body.radius, z + view.body.radius * downwash
+            obstacles.append(scene.Cylinder(center=(x, y), radius=radius, floor=z - DEPTH, ceiling=top))
+    return Room(tuple(obstacles), tuple(moving(vehicles, fleet, pieces, spoken_for)), pieces, downwash)
+
+
+def moving(vehicles: Sequence[str], fleet: Sequence[Seen], pieces: Pieces, spoken_for: set[str]) -> list[Mover]:
+    """What moves or rests by itself, from now: told of, or vehicles that are heard and nobody's here."""
+    others = [seen.view for seen in fleet if not _lost(seen)]
+    return [
+        *pieces.movers,
+        *(
+            Mover(view.name, _motion_of(view), view.body.radius)
+            for view in others if view.name not in vehicles and view.name not in spoken_for
+        ),
+    ]  # fmt: skip
+
+
+def _lost(seen: Seen) -> bool:
+    """In the air when last heard, and not heard now."""
+    return seen.age >= FRESH and seen.view.airborne
+
+
+def _motion_of(view: VehicleView, ahead: float = 8.0) -> Floats:
+    """Where it stays; or goes on as it does for a while, where it moves at somebody else's command."""
+    x, y, z = enu(view.pos_ned)
+    u, v, w = enu(view.vel_ned)
+    if u * u + v * v + w * w < 0.25:
+        u = v = w = 0.0
+    return np.array([(t, x + u * t, y + v * t, z + w * t) for t in (0.0, ahead)], dtype=np.float64)
+
+
+def scene_of(views: Sequence[VehicleView], places: Floats, labelled: bool, room: Room) -> scene.Scene:
+    """From where they are to ``places`` (N, 3) ENU. Rovers keep their height."""
+    starts = [enu(view.pos_ned) for view in views]
+    goals: list[Vector] = [(float(x), float(y), float(z)) for x, y, z in places]
+    if labelled:
+        goals = [
+            (g[0], g[1], s[2]) if view.kind in GROUND else g
+            for view, s, g in zip(views, starts, goals, strict=True)
+        ]  # fmt: skip
+    empty = room.empty([*starts, *goals])
+    vehicles = [_vehicle(view, s, g if labelled else None) for view, s, g in zip(views, starts, goals, strict=True)]
+    return scene.Scene(
+        vehicles=vehicles, obstacles=empty.obstacles, bounds=empty.bounds, geofence=empty.geofence,
+        downwash=empty.downwash, assignment="labelled" if labelled else "unlabelled",
+        goals=None if labelled else goals,
+    )  # fmt: skip
+
+
+def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Vehicle:
+    body = view.body
+    kind: Literal["copter", "rover", "plane"] = "copter"
+    if view.kind in GROUND or view.kind in WINGED:
+        kind = "rover" if view.kind in GROUND else "plane"
+    return scene.Vehicle(
+        id=view.name, type=kind, start=start, goal=goal, radius=body.radius, vmax=body.speed, amax=body.accel,
+        vz_up=body.climb, vz_down=body.descend, vmin=body.min_speed if kind == "plane" else None,
+    )  # fmt: skip
+
+
+def narrower(view: FleetView, by: float) -> FleetView:
+    """The fleet with radii less by so many metres."""
+    vehicles = {
+        name: replace(each, body=msgspec.structs.replace(each.body, radius=each.body.radius - by))
+        for name, each in view.vehicles.items()
+    }  # fmt: skip
+    return FleetView(vehicles)
+
+
+def moved(view: FleetView, places: Mapping[str, Vector], airborne: bool | None = None) -> FleetView:
+    """The fleet as it will be when these have come to places (NED), at rest."""
+    vehicles = dict(view.vehicles)
+    for name, place in places.items():
+        old = vehicles[name]
+        flies = (old.airborne if airborne is None else airborne) and old.flies
+        vehicles[name] = replace(old, pos_ned=place, vel_ned=(0.0, 0.0, 0.0), airborne=flies)
+    return FleetView(vehicles)

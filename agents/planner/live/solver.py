@@ -1,0 +1,190 @@
+"""The solver's process as the agent has it: a job at a time, killed and started anew when it dies or takes too long."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import pickle
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, TypeVar
+
+from agents.planner.errors import PlanError
+from agents.planner.live import jobs
+from agents.planner.plans import Plan
+from zmav.errors import TimedOut, ZmavError, from_code
+from zmav.waiting import within
+
+T = TypeVar("T")
+START_LIMIT = 600.0
+"""s to load and to compile kernels on a machine that never did"""
+GRACE = 5.0
+"""s beyond its own limit after which a job is given up"""
+OTHER_JOBS = 30.0
+"""s for a job that has no limit of its own"""
+AGAIN = (0.1, 1.0, 5.0, 15.0)
+"""s before it is started anew, by how often it has died without doing a job in between"""
+
+
+class SolverDied(ZmavError):
+    """The process ended in the middle of a job; it is started anew by itself."""
+
+    code = "solver"
+
+
+class Solver:
+    """``async with Solver(say)``; ``say(text)`` is told of starts and deaths. Lives on the event loop."""
+
+    def __init__(self, say: Callable[[str], None], name: str = "solver") -> None:
+        self._say, self._name = say, name
+        self._process: asyncio.subprocess.Process | None = None
+        self._ready = asyncio.Event()
+        self._turn = asyncio.Lock()
+        self._number = 0
+        self._job: asyncio.Future[Any] | None = None
+        self._progress: Callable[[str, float], None] | None = None
+        self._keeper: asyncio.Task[None] | None = None
+        self.warm_seconds: float | None = None
+        self.deaths = 0
+
+    async def __aenter__(self) -> Solver:
+        self._keeper = asyncio.create_task(self._keep())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._keeper is not None:
+            self._keeper.cancel()
+            await asyncio.gather(self._keeper, return_exceptions=True)
+        if self._job is not None and not self._job.done():
+            self._job.set_exception(SolverDied(f"the {self._name} was ended"))
+
+    @property
+    def ready(self) -> bool:
+        """It is warm, and alive as far as known."""
+        return self._ready.is_set()
+
+    @property
+    def pid(self) -> int | None:
+        return self._process.pid if self._process else None
+
+    async def until_ready(self, timeout: float = START_LIMIT) -> None:
+        """Raises :class:`TimedOut`."""
+        try:
+            await within(timeout, self._ready.wait())
+        except asyncio.TimeoutError:
+            raise TimedOut(f"the {self._name} was not ready within {timeout:.0f} s") from None
+
+    async def solve(self, job: jobs.Solve, progress: Callable[[str, float], None] | None = None) -> Plan:
+        """A plan, or the typed error in it; raises :class:`SolverDied` and :class:`TimedOut`."""
+        result = await self.do(job, job.seconds, progress)
+        assert isinstance(result, Plan)
+        return result
+
+    async def do(
+        self, job: jobs.Job, seconds: float = OTHER_JOBS, progress: Callable[[str, float], None] | None = None
+    ) -> Any:
+        """Have a job done; raises its typed error, :class:`SolverDied`, or :class:`TimedOut` when it was given up.
+
+        Who stops waiting for it does not end it: loading the process anew would take longer than most jobs do.
+        """
+        work = asyncio.ensure_future(self._work(job, seconds, progress))
+        work.add_done_callback(_look)
+        return await asyncio.shield(work)
+
+    async def _work(self, job: jobs.Job, seconds: float, progress: Callable[[str, float], None] | None) -> Any:
+        async with self._turn:
+            await self.until_ready()
+            process = self._process
+            assert process is not None
+            assert process.stdin is not None
+            self._number += 1
+            self._job = asyncio.get_running_loop().create_future()
+            self._progress = progress
+            try:
+                process.stdin.write(jobs.frame((self._number, job)))
+                with contextlib.suppress(ConnectionError):  # its death is what the job hears of
+                    await process.stdin.drain()
+                return await within(seconds + GRACE, _result(self._job))
+            except asyncio.TimeoutError:
+                self._kill(process)
+                raise TimedOut(f"the {self._name} had no answer after {seconds + GRACE:.0f} s: given up") from None
+            finally:
+                self._job = self._progress = None
+
+    def _kill(self, process: asyncio.subprocess.Process) -> None:
+        """It is not asked any more from now on, and started anew."""
+        self._ready.clear()
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+
+    async def _keep(self) -> None:
+        """Have a process running, for ever."""
+        died = 0
+        while True:
+            done = self._number
+            try:
+                code = await self._run()
+            finally:
+                self._ready.clear()
+            self.deaths += 1
+            died = 0 if self._number > done else died + 1
+            if self._job is not None and not self._job.done():
+                self._job.set_exception(SolverDied(f"the {self._name} ended with {code} in the middle of its work"))
+            wait = AGAIN[min(died, len(AGAIN) - 1)]
+            self._say(f"the {self._name} ended with {code}; it is started anew in {wait:g} s")
+            await asyncio.sleep(wait)
+
+    async def _run(self) -> int:
+        """One life of the process; its exit code."""
+        start = time.monotonic()
+        self._process = process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "agents.planner.live.worker", stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE, start_new_session=True, limit=2**24,
+        )  # fmt: skip
+        try:
+            assert process.stdout is not None
+            with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+                while True:
+                    (size,) = jobs.HEAD.unpack(await process.stdout.readexactly(jobs.HEAD.size))
+                    self._take(pickle.loads(await process.stdout.readexactly(size)), start)
+            return await process.wait()
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+
+    def _take(self, message: object, start: float) -> None:
+        if isinstance(message, jobs.Ready):
+            self.warm_seconds = time.monotonic() - start
+            self._say(f"the {self._name} is ready ({self.warm_seconds:.1f} s to load and compile)")
+            self._ready.set()
+        elif isinstance(message, jobs.News):
+            if self._progress is not None:
+                self._progress(message.stage, message.share)
+        elif isinstance(message, jobs.Done | jobs.Failed):
+            if self._job is None or self._job.done() or message.number != self._number:
+                return  # of a job that was given up
+            if isinstance(message, jobs.Done):
+                self._job.set_result(message.result)
+            else:
+                self._job.set_exception(_error(message))
+
+
+async def _result(future: asyncio.Future[T]) -> T:
+    return await future
+
+
+def _look(task: asyncio.Future[Any]) -> None:
+    """So that asyncio does not complain where nobody waits for it any more."""
+    if not task.cancelled():
+        task.exception()
+
+
+def _error(failed: jobs.Failed) -> ZmavError:
+    if failed.code == PlanError.code:
+        return PlanError(failed.detail["kind"], failed.detail["ids"], failed.message)
+    return from_code(failed.code, failed.message, failed.detail)

@@ -1,0 +1,79 @@
+"""Who plans: liveliness tokens under each planner's name, ours and the others', and what others publish."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from zmav import keys
+from zmav.errors import BadKey
+from zmav.services.port import on_loop
+
+if TYPE_CHECKING:
+    from agents.planner.live.agent import Agent
+
+ROLE, CHIEF, STANDBY = "planner", "planner", "standby"
+"""the token's role, and its word on who is in charge"""
+
+
+def token_key(fleet: str, name: str, word: str, instance: str) -> str:
+    return keys.ALIVE.key(fleet, name, role=ROLE, sys=0, autopilot=word, uid="-", instance=instance)
+
+
+class Tokens:
+    """Subscriptions and our own token. Lives on the event loop."""
+
+    def __init__(self, agent: Agent) -> None:
+        self._agent = agent
+        self._subscribers: list[Any] = []
+        self._token: zenoh.LivelinessToken | None = None
+        self._closed = False
+
+    def start(self) -> None:
+        agent, loop = self._agent, asyncio.get_running_loop()
+        fleet, session = agent.settings.fleet, agent.z.session
+
+        def put(take: Callable[[bytes], None]) -> Callable[..., None]:
+            def on_sample(sample: zenoh.Sample) -> None:
+                if sample.kind == zenoh.SampleKind.PUT and not self._closed:
+                    take(sample.payload.to_bytes())
+
+            return on_loop(loop, on_sample)
+
+        self.in_charge(False)
+        self._subscribers = [
+            session.liveliness().declare_subscriber(
+                token_key(fleet, "*", CHIEF, "*"), on_loop(loop, self._on_token), history=True
+            ),
+            session.declare_subscriber(keys.FLEET.key(fleet, topic="goal"), put(agent.on_book)),
+            session.declare_subscriber(keys.FLEET.key(fleet, topic="obstacle"), put(agent.on_map)),
+            session.declare_subscriber(keys.OBSTACLE.key(fleet, name="*"), put(agent.on_obstacle)),
+        ]
+
+    def close(self) -> None:
+        self._closed = True
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        if self._token is not None:
+            self._token.undeclare()
+
+    def in_charge(self, yes: bool) -> None:
+        """Say by the token whether we are."""
+        agent = self._agent
+        before = self._token
+        key = token_key(agent.settings.fleet, agent.settings.name, CHIEF if yes else STANDBY, agent.instance)
+        self._token = agent.z.session.liveliness().declare_token(key)
+        if before is not None:
+            before.undeclare()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        try:
+            _, parts = keys.match(str(sample.key_expr))
+        except BadKey:
+            return
+        present = sample.kind == zenoh.SampleKind.PUT
+        self._agent.charge.token(parts["instance"], present, time.monotonic())

@@ -1,0 +1,132 @@
+"""The solver's process: jobs in by standard input, answers out by standard output, one job after another.
+
+It ends when its parent is gone, in the middle of a job, too. What the static map knows is kept from job to job.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import queue
+import sys
+import threading
+import time
+from typing import Any, BinaryIO
+
+from agents.planner import solve, verify
+from agents.planner.errors import PlanError
+from agents.planner.geometry import world_of
+from agents.planner.goals import goals
+from agents.planner.goals.steps import Step
+from agents.planner.live import jobs
+from agents.planner.plans import Plan
+from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle
+from agents.planner.staticmap import StaticMap
+from zmav.errors import ZmavError
+
+Terrain = tuple[float, float, float, float]
+
+
+class Worker:
+    """Does the jobs."""
+
+    def __init__(self, out: BinaryIO) -> None:
+        self._out = out
+        self._static: StaticMap | None = None
+        self._key: tuple[Bounds, Fence | None, Terrain | None] | None = None
+        self._obstacles: list[Obstacle] = []
+        self._said = 0.0
+
+    def warm(self) -> None:
+        """Load every stage and have its kernels compiled, by planning for a few vehicles."""
+        start = time.monotonic()
+        self.solve(jobs.Solve(_example(), seconds=20.0))
+        jobs.write(self._out, jobs.Ready(time.monotonic() - start))
+
+    def serve(self, number: int, job: jobs.Job) -> None:
+        try:
+            jobs.write(self._out, jobs.Done(number, self._do(job)))
+        except PlanError as e:
+            jobs.write(self._out, jobs.Failed(number, e.code, e.message, {"kind": e.kind, "ids": e.ids}))
+        except ZmavError as e:
+            jobs.write(self._out, jobs.Failed(number, e.code, e.message, e.detail))
+
+    def _do(self, job: jobs.Job) -> Plan | list[Step] | jobs.Judgement:
+        if isinstance(job, jobs.Solve):
+            return self.solve(job)
+        if isinstance(job, jobs.Judge):
+            report = verify.verify(job.scene, job.trajectories, job.movers)
+            words = tuple(str(fault) for fault in report.faults[:20])
+            clearance = report.clearance if math.isfinite(report.clearance) else None
+            return jobs.Judgement(report.ok, clearance, report.makespan, words)
+        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene, job.terrain)))
+
+    def solve(self, job: jobs.Solve) -> Plan:
+        start = time.monotonic()
+        static = self._map(job.scene, job.terrain)
+        try:
+            return solve.solve(
+                job.scene, static=static, movers=job.movers, seconds=job.seconds, seed=job.seed, progress=self._news
+            )  # fmt: skip
+        except PlanError as e:
+            return Plan.failed(e, time.monotonic() - start)
+
+    def _map(self, scene: Scene, terrain: Terrain | None) -> StaticMap:
+        """The map of the scene's obstacles: the last one, changed in place, where its frame is the same."""
+        key = (scene.bounds, scene.geofence, terrain)
+        if self._static is None or self._key != key:
+            self._static, self._key = StaticMap(world_of(scene, terrain)), key
+        elif scene.obstacles != self._obstacles:
+            added = [each for each in scene.obstacles if each not in self._obstacles]
+            removed = [each for each in self._obstacles if each not in scene.obstacles]
+            self._static.update(added, removed)
+        self._obstacles = list(scene.obstacles)
+        return self._static
+
+    def _news(self, stage: str, share: float) -> None:
+        now = time.monotonic()
+        if now - self._said > 0.1:
+            self._said = now
+            jobs.write(self._out, jobs.News(stage, share))
+
+
+def _example() -> Scene:
+    """Something of everything that has a kernel."""
+    vehicles = [
+        Vehicle(id=f"v{i}", type="copter", start=(20.0 * i, y, 10.0), goal=(20.0 * i, -y, 10.0), radius=1.0, vmax=5.0,
+                amax=2.5)
+        for i in range(2) for y in (-15.0, 15.0)
+    ]  # fmt: skip
+    obstacles: list[Obstacle] = [
+        Box(min=(-3.0, -2.0, 0.0), max=(3.0, 2.0, 30.0)),
+        Cylinder(center=(20.0, 0.0), radius=3.0, floor=0.0, ceiling=30.0),
+        NoFly(polygon=[(30.0, -5.0), (35.0, -5.0), (35.0, 5.0)], floor=0.0, ceiling=30.0),
+    ]
+    fence = Fence(polygon=[(-40.0, -40.0), (60.0, -40.0), (60.0, 40.0), (-40.0, 40.0)], floor=1.0, ceiling=40.0)
+    bounds = Bounds(min=(-40.0, -40.0, 0.0), max=(60.0, 40.0, 40.0))
+    return Scene(vehicles=vehicles, obstacles=obstacles, bounds=bounds, geofence=fence, downwash=1.5)
+
+
+def _listen(pipe: BinaryIO, waiting: queue.SimpleQueue[Any]) -> None:
+    try:
+        while True:
+            waiting.put(jobs.read(pipe))
+    except (EOFError, OSError):
+        os._exit(0)  # our parent is gone: nobody waits for what is being done
+
+
+def main() -> None:
+    """Serve until standard input ends. What libraries print goes to standard error: standard output is the pipe."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(sys.stdin.buffer, waiting), daemon=True).start()
+    worker = Worker(out)
+    worker.warm()
+    while True:
+        number, job = waiting.get()
+        worker.serve(number, job)
+
+
+if __name__ == "__main__":
+    main()
