@@ -1,6 +1,7 @@
 """The static world of a scene as arrays, for numba.
 
-ENU metres. A grid of bins over the ground lists the obstacles that stand in each bin; bins on the rim reach to infinity.
+ENU metres. A grid of bins over the ground lists the obstacles that stand in each bin; those on the rim reach to
+infinity.
 """
 
 from __future__ import annotations
@@ -146,3 +147,18 @@ def solids_of(world: World) -> Floats:
         corners, (first, count, floor, ceiling) = corners_of(world, prism), prism
         rows.append([*corners.min(axis=0), floor, *corners.max(axis=0), ceiling, 2, first, count])
     return np.array(rows, dtype=np.float64).reshape(-1, 9)
+
+
+def extents_of(obstacles: Iterable[Obstacle]) -> Floats:
+    """(K, 6): the box around each obstacle, as the bounds."""
+    rows = []
+    for obstacle in obstacles:
+        if isinstance(obstacle, Box):
+            rows.append([*obstacle.min, *obstacle.max])
+        elif isinstance(obstacle, Cylinder):
+            (x, y), r = obstacle.center, obstacle.radius
+            rows.append([x - r, y - r, obstacle.floor, x + r, y + r, obstacle.ceiling])
+        else:
+            x_all, y_all = zip(*obstacle.polygon, strict=True)
+            rows.append([min(x_all), min(y_all), obstacle.floor, max(x_all), max(y_all), obstacle.ceiling])
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)

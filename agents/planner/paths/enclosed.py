@@ -1,0 +1,253 @@
+"""Proof that there is no way: the goal is walled in, or the start is.
+
+Space is cut into cells, and those near surfaces into eighths again and again down to a least size. What a vehicle's
+centre cannot be in anywhere is left out; a flood through all the rest from both ends at once either meets, which proves
+nothing, or runs dry on one side: then there is no way, however crooked. Cells are kept in a table of those looked at,
+so that large scenes cost no more memory than what is flooded. (Approximate cell decomposition: Latombe, "Robot Motion
+Planning", 1991, chapter 6.)
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planner.geometry import clearance, outside, polygon_side
+from agents.planner.jit import jit
+from agents.planner.paths.grid import pop, push
+from agents.planner.problem import Floats, Ints
+from agents.planner.world import World
+
+Bytes = NDArray[np.uint8]
+FREE, MIXED, BLOCKED = 1, 2, 3
+FLAT = 1e-9
+BITS = 18
+"""of a cell's place along each axis"""
+MET, GAVE_UP = 0, -1
+MOST_CELLS = 1_000_000
+"""about a second and a half"""
+MOST_CUTS = 10
+
+
+class Cells(NamedTuple):
+    """How space is cut: a table of cells by hashing with open addressing."""
+
+    low: Floats
+    """(3,): least x, y, z"""
+    size: Floats
+    """(3,): m, of the largest cells; a height of next to nothing: a map of one height, cut into quarters"""
+    counts: Ints
+    """(3,): of the largest cells"""
+    depth: int
+    """how often the least cells were cut"""
+    keys: Ints
+    """level + 1 and place of a cell; 0: none"""
+    found: Bytes
+    """FREE, MIXED or BLOCKED; plus 4 where the flood from the start was, 8 where that from the goal was"""
+
+
+@jit
+def slot_of(keys: Ints, key: int) -> int:
+    """Where a key is in the table, or the empty place where it belongs."""
+    at = (key * 0x2545F4914F6CDD1D >> 24) & (len(keys) - 1)
+    while keys[at] != 0 and keys[at] != key:
+        at = (at + 1) & (len(keys) - 1)
+    return int(at)
+
+
+@jit
+def grown(keys: Ints, found: Bytes) -> tuple[Ints, Bytes]:
+    """The same table, twice as large."""
+    more, of = np.zeros(2 * len(keys), dtype=np.int64), np.zeros(2 * len(keys), dtype=np.uint8)
+    for n in range(len(keys)):
+        if keys[n] != 0:
+            at = slot_of(more, keys[n])
+            more[at], of[at] = keys[n], found[n]
+    return more, of
+
+
+@jit
+def middle_of(low: Floats, size: Floats, key: int) -> tuple[float, float, float, float]:
+    """A cell's middle, and its share of the largest cells' size."""
+    scale, most = 0.5 ** ((key >> 3 * BITS) - 1), (1 << BITS) - 1
+    x = low[0] + ((key & most) + 0.5) * size[0] * scale
+    y = low[1] + ((key >> BITS & most) + 0.5) * size[1] * scale
+    z = low[2] + ((key >> 2 * BITS & most) + 0.5) * size[2] * scale
+    return x, y, z, scale
+
+
+@jit
+def classify(world: World, radius: float, low: Floats, size: Floats, key: int) -> int:
+    """What is known of a whole cell by its middle: distances change by no more than the way from there."""
+    x, y, z, scale = middle_of(low, size, key)
+    reach = 0.5 * scale * math.sqrt(size[0] ** 2 + size[1] ** 2 + size[2] ** 2)
+    beyond = outside(world, x, y, z)
+    if beyond > reach:
+        return BLOCKED
+    near = clearance(world, x, y, z)
+    if near + reach < radius:
+        return BLOCKED
+    if near - reach < radius or beyond > 0.0:
+        return MIXED
+    if len(world.fence) > 0 and polygon_side(world.fence, 0, len(world.fence), x, y)[0] > -reach:
+        return MIXED
+    return FREE
+
+
+@jit
+def key_at(cells: Cells, level: int, point: Floats) -> int:
+    """The key of the cell of a level that a point lies in."""
+    key = level + 1
+    for axis in range(2, -1, -1):
+        place = (point[axis] - cells.low[axis]) / cells.size[axis] * 2.0**level
+        key = key << BITS | int(max(0.0, min(cells.counts[axis] * 2.0**level - 1.0, place)))
+    return key
+
+
+@jit
+def beside(count: Ints, key: int, direction: int) -> int:
+    """The key of the cell of the same level on one of six sides; 0: there is none."""
+    axis, forward = direction // 2, direction % 2
+    shift, level = BITS * axis, (key >> 3 * BITS) - 1
+    place = key >> shift & (1 << BITS) - 1
+    if place == 0 if forward == 0 else place + 1 >= count[axis] << level:
+        return 0
+    return key + (1 << shift) if forward else key - (1 << shift)
+
+
+@jit
+def parent_of(key: int, up: int) -> int:
+    """The cell ``up`` levels above that holds a cell."""
+    most = (1 << BITS) - 1
+    i, j, k = (key & most) >> up, (key >> BITS & most) >> up, (key >> 2 * BITS & most) >> up
+    return (((key >> 3 * BITS) - up << BITS | k) << BITS | j) << BITS | i
+
+
+@jit
+def child_of(key: int, n: int) -> int:
+    """The ``n``-th of the eight cells that a cell is cut into; bit 0 of ``n`` is x, bit 1 y, bit 2 z."""
+    most = (1 << BITS) - 1
+    i = (key & most) << 1 | (n & 1)
+    j = (key >> BITS & most) << 1 | (n >> 1 & 1)
+    k = (key >> 2 * BITS & most) << 1 | (n >> 2 & 1)
+    return (((key >> 3 * BITS) + 1 << BITS | k) << BITS | j) << BITS | i
+
+
+@jit
+def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats, most: int) -> tuple[int, Ints, Bytes]:
+    """Flood from both ends, each towards the other: 4 or 8 where that from the start or the goal ran dry, MET, or
+    GAVE_UP after ``most`` cells; and the table then. ``cells`` comes with an empty one.
+    """
+    keys, found, used = cells.keys.copy(), cells.found.copy(), 0
+    low, size, count, depth = cells.low, cells.size, cells.counts, cells.depth
+    flat = size[2] < 2.0 * FLAT
+    order, queue, waiting = np.empty((2, 4096)), np.empty((2, 4096), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    ends, todo = np.empty((2, 3)), np.empty(512, dtype=np.int64)
+    ends[0], ends[1] = start, goal
+    side, direction, cell = 0, -1, 0
+    while True:
+        # What touches one face of the cell in hand; before that, once for each side, what holds its end.
+        key = key_at(cells, depth, ends[side]) if direction < 0 else beside(count, cell, direction)
+        pending = 1 if key != 0 else 0
+        todo[0] = key
+        if pending and keys[slot_of(keys, key)] == 0:
+            # Not looked at yet: it may lie in a larger cell that is of one kind.
+            for up in range((key >> 3 * BITS) - 1, -1, -1):
+                todo[0] = parent_of(key, up)
+                slot = slot_of(keys, todo[0])
+                if keys[slot] == 0:
+                    keys[slot], found[slot] = todo[0], classify(world, radius, low, size, todo[0])
+                    used += 1
+                if found[slot] & 3 != MIXED:
+                    break
+        while pending:
+            pending -= 1
+            key = todo[pending]
+            if 2 * used > len(keys) - 64:
+                keys, found = grown(keys, found)
+            slot = slot_of(keys, key)
+            if keys[slot] == 0:
+                keys[slot], found[slot] = key, classify(world, radius, low, size, key)
+                used += 1
+            if found[slot] & 3 == BLOCKED:
+                continue
+            if found[slot] & 3 == MIXED and (key >> 3 * BITS) - 1 < depth:
+                for n in range(4 if flat else 8):  # only those on the face towards the cell in hand
+                    if (n >> direction // 2 & 1) != direction % 2:
+                        todo[pending] = child_of(key, n)
+                        pending += 1
+                continue
+            if found[slot] & (8 >> side):
+                return MET, keys, found
+            if not found[slot] & (4 << side):
+                found[slot] |= 4 << side
+                x, y, z, _ = middle_of(low, size, key)
+                aim = ends[1 - side]
+                if waiting[side] == order.shape[1]:
+                    order, queue = np.concatenate((order, order), 1), np.concatenate((queue, queue), 1)
+                far = (x - aim[0]) ** 2 + (y - aim[1]) ** 2 + (z - aim[2]) ** 2
+                push(order[side], queue[side], waiting[side], far, key)
+                waiting[side] += 1
+        direction += 1
+        if direction == 0 and side == 0:
+            side, direction = 1, -1
+            continue
+        if direction == 0 or direction == (4 if flat else 6):
+            if used > most:
+                return GAVE_UP, keys, found
+            side, direction = 1 - side, 0
+            if waiting[side] == 0:
+                return 4 << side, keys, found
+            cell = pop(order[side], queue[side], waiting[side])
+            waiting[side] -= 1
+
+
+@jit
+def holds(world: World, radius: float, cells: Cells, flag: int, point: Floats) -> bool:
+    """Whether the flood that left ``flag`` was where a point is."""
+    for level in range(cells.depth + 1):
+        slot = slot_of(cells.keys, key_at(cells, level, point))
+        if cells.keys[slot] == 0:
+            return False
+        if cells.found[slot] & 3 != MIXED or level == cells.depth:
+            return bool((cells.found[slot] & flag) > 0)
+    return False
+
+
+class Pocket(NamedTuple):
+    """A part of space that nothing of a radius leaves or enters."""
+
+    cells: Cells
+    flag: int
+
+    def holds(self, world: World, radius: float, point: Floats) -> bool:
+        return bool(holds(world, radius, self.cells, self.flag, point))
+
+
+def pocket_of(
+    world: World, radius: float, start: Floats, goal: Floats, seconds: float, height: float | None = None
+) -> Pocket | None:
+    """The proof that start and goal, (3,) each, are separated for a radius; None: there is none, or not in time.
+
+    ``height``: of what stays at it. Coarse cells first; the least have a side of an eighth of the radius. Of an opening
+    that is too narrow by less than that nothing is proven.
+    """
+    low, span = world.bounds[:3].copy(), np.maximum(world.bounds[3:] - world.bounds[:3], 1e-3)
+    count = np.maximum(1, np.round(span / max(8.0 * radius, float(span.max()) / 64.0))).astype(np.int64)
+    if height is not None:
+        low[2], span[2], count[2] = height, FLAT, 1
+    size, end = span / count, time.monotonic() + seconds
+    for depth in range(MOST_CUTS):
+        if size.max() / 2.0**depth < radius / 8.0 or time.monotonic() > end:
+            break
+        empty = Cells(low, size, count, depth, np.zeros(4096, dtype=np.int64), np.zeros(4096, dtype=np.uint8))
+        verdict, keys, found = flood(world, radius, empty, start, goal, MOST_CELLS)
+        if verdict == GAVE_UP:
+            break
+        if verdict != MET:
+            return Pocket(empty._replace(keys=keys, found=found), verdict)
+    return None

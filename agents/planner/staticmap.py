@@ -1,0 +1,297 @@
+"""What stands still, made ready for many searches: kept warm from plan to plan, and changed in place.
+
+A way is looked for as a straight line first, then on ever finer lattices, the coarsest of which nearly always has
+one. Where a search does not soon come through, it is asked whether there can be a way at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planner import geometry
+from agents.planner.errors import PlanError
+from agents.planner.paths import enclosed, grid, lattice, sampled, shorten
+from agents.planner.problem import COPTER, ROVER, Floats, Path, Problem
+from agents.planner.scene import Obstacle
+from agents.planner.world import World, changed, extents_of
+
+COARSE_POINTS = (80_000, 20_000)
+"""of the first lattice, in space and on the ground; each next one has lines twice as near"""
+MOST_POINTS = 8_000_000
+"""of the finest lattice: 140 MB"""
+MOST_LATTICES = 16
+"""kept at a time"""
+FIRST_LOOK = 20_000
+"""expansions after which it is asked whether there is a way at all: 20 to 70 ms"""
+MOST_LOOKS = 400_000
+"""expansions of one search: about a second"""
+MOST_PATHS = 4_096
+"""kept at a time"""
+WEIGHT = 1.1
+"""of the heuristic: five times faster than 1 in a city, for half a percent of length before shortening"""
+SWEEPS = 8
+"""of shortening"""
+UNHURRIED = (1.0, 1.0, 1.0)
+
+
+@dataclass
+class Layer:
+    """A lattice, what is known of its points, and room for searches in it."""
+
+    lines: lattice.Lattice
+    spacing: float
+    radius: float
+    height: float | None
+    state: NDArray[np.uint8] = field(init=False)
+    turn: int = 0
+
+    def __post_init__(self) -> None:
+        size = self.lines.size
+        self.state = np.zeros(size, dtype=np.uint8)
+        self.cost = np.empty(size)
+        self.parent = np.empty(size, dtype=np.int32)
+        self.mark = np.zeros(size, dtype=np.int32)
+
+    def search(
+        self, world: World, start: Floats, goal: Floats, rates: Floats, reach: int, most: int
+    ) -> tuple[Path | None, bool]:
+        """A way, and whether all was looked at."""
+        self.turn += 1
+        first, last = (lattice.corners_of(self.lines, end, reach) for end in (start, goal))
+        room = grid.Room(self.state, self.cost, self.parent, self.mark, self.turn)
+        way, expanded = grid.search(world, self.lines, room, start, goal, first, last, self.radius, rates, WEIGHT, most)
+        return (way if len(way) else None), expanded < most
+
+    def forget(self, low: Floats, high: Floats) -> None:
+        """What was known of the points between two corners."""
+        spans = [
+            slice(np.searchsorted(line, a), np.searchsorted(line, b, side="right"))
+            for line, a, b in zip(self.lines, low, high, strict=True)
+        ]
+        x, y, z = self.lines
+        self.state.reshape(len(z), len(y), len(x))[spans[2], spans[1], spans[0]] = grid.UNKNOWN
+
+
+@dataclass(frozen=True)
+class Query:
+    """What is asked of a map: one vehicle's way."""
+
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    radius: float
+    rates: tuple[float, ...]
+    height: float | None
+
+
+class StaticMap:
+    """Ways through a world that stands still."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._layers: dict[tuple[int, float, float | None], Layer] = {}
+        self._paths: dict[Query, Path] = {}
+        self._pockets: dict[tuple[float, float | None], list[enclosed.Pocket]] = {}
+
+    def path(
+        self,
+        start: Floats,
+        goal: Floats,
+        radius: float,
+        kind: int = COPTER,
+        rates: Sequence[float] = UNHURRIED,
+        room: float = 0.0,
+    ) -> Path | None:
+        """A way from ``start`` to ``goal``, (3,) each, that is among the quickest; None: none was found.
+
+        Every point of it keeps ``radius`` from every obstacle and is inside bounds, fence and terrain; ``room`` m more
+        where a way with that is found at once. ``rates``: m/s in any direction, upwards, downwards. A rover stays at
+        its start's height, and terrain is nothing to it.
+        """
+        world, query = self._query(start, goal, radius, kind, rates)
+        begin, end = np.array(query.start), np.array(query.goal)
+        if geometry.segment_clear(world, begin, end, radius + room):
+            return np.array([begin, end])
+        if room > 0.0:
+            roomy = self._path(world, self._query(start, goal, radius + room, kind, rates)[1], FIRST_LOOK)
+            if roomy is not None:
+                return roomy
+        return self._path(world, query, MOST_LOOKS)
+
+    def separated(self, start: Floats, goal: Floats, radius: float, kind: int = COPTER, seconds: float = 1.0) -> bool:
+        """Whether it is proven that there is no way."""
+        world, query = self._query(start, goal, radius, kind, UNHURRIED)
+        return self._pocket(world, query, seconds)
+
+    def paths_for(self, problem: Problem, room: float = 0.0) -> list[Path]:
+        """A way for each vehicle, in order.
+
+        Raises :class:`PlanError`: ``unreachable`` with all vehicles for which it is proven that there is none, else
+        ``timeout`` with those for which none was found.
+        """
+        paths: list[Path] = []
+        missing: list[int] = []
+        rates = np.stack((problem.vmax, problem.climb, problem.descend), axis=1)
+        for i in range(len(problem)):
+            start, goal, radius, kind = problem.start[i], problem.goal[i], problem.radius[i], int(problem.kind[i])
+            path = self.path(start, goal, float(radius), kind, rates[i].tolist(), room)
+            paths.append(np.array([start, goal]) if path is None else path)
+            if path is None:
+                missing.append(i)
+        if missing:
+            raise self._no_way(problem, missing)
+        return paths
+
+    def _no_way(self, problem: Problem, missing: list[int]) -> PlanError:
+        walled = [
+            problem.ids[i]
+            for i in missing
+            if self.separated(problem.start[i], problem.goal[i], float(problem.radius[i]), int(problem.kind[i]), 0.2)
+        ]
+        if walled:
+            return PlanError("unreachable", walled, f"there is no way to the goal of {', '.join(walled)}")
+        ids = [problem.ids[i] for i in missing]
+        return PlanError("timeout", ids, f"no way was found to the goal of {', '.join(ids)}, though there may be one")
+
+    def alternatives(
+        self,
+        start: Floats,
+        goal: Floats,
+        radius: float,
+        count: int,
+        kind: int = COPTER,
+        rates: Sequence[float] = UNHURRIED,
+    ) -> list[Path]:
+        """Up to ``count`` ways that pass the obstacles on other sides, or far apart; the quickest is first.
+
+        Each is found with the middles of those before it made impassable, a few radii around.
+        """
+        found: list[Path] = []
+        blocks: list[Obstacle] = []
+        while len(found) < count:
+            there = StaticMap(changed(self.world, blocks)) if blocks else self
+            path = there.path(start, goal, radius, kind, rates)
+            if path is None:
+                break
+            found.append(path)
+            block = lattice.block_on(path, 3.0 * radius)
+            if block is None:
+                break
+            blocks.append(block)
+        return found
+
+    def update(self, added: Iterable[Obstacle] = (), removed: Iterable[Obstacle] = ()) -> None:
+        """Change the world in place. Only what is near the change is looked at anew; ways that are still clear stay,
+        unless something is gone that they may have gone around.
+
+        Raises ValueError where something removed was not there; nothing is changed then.
+        """
+        added, removed = list(added), list(removed)
+        self.world = changed(self.world, added, removed)
+        touched, gone = extents_of([*added, *removed]), extents_of(removed)
+        for key, layer in list(self._layers.items()):
+            lines = lattice.lattice_of(self._world_for(layer.height), layer.spacing, layer.radius, layer.height)
+            if not all(np.array_equal(a, b) for a, b in zip(lines, layer.lines, strict=True)):
+                del self._layers[key]
+                continue
+            for extent in touched:
+                layer.forget(extent[:3] - layer.radius, extent[3:] + layer.radius)
+        if removed:
+            self._pockets.clear()
+        for query, path in list(self._paths.items()):
+            world = self._world_for(query.height)
+            clear = all(geometry.segment_clear(world, path[i], path[i + 1], query.radius) for i in range(len(path) - 1))
+            if not clear or any(_may_help(extent, path, query) for extent in gone):
+                del self._paths[query]
+
+    def _query(
+        self, start: Floats, goal: Floats, radius: float, kind: int, rates: Sequence[float]
+    ) -> tuple[World, Query]:
+        begin, end = (tuple(float(v) for v in point) for point in (start, goal))
+        height = begin[2] if kind == ROVER else None
+        if height is not None:
+            end = (*end[:2], height)
+        query = Query(begin, end, float(radius), tuple(float(v) for v in rates), height)
+        return self._world_for(height), query
+
+    def _world_for(self, height: float | None) -> World:
+        """On the ground there is no terrain to keep above."""
+        return self.world if height is None else self.world._replace(terrain=np.array([-np.inf, 0.0, 0.0, 0.0]))
+
+    def _path(self, world: World, query: Query, most: int) -> Path | None:
+        if query in self._paths:
+            return self._paths[query].copy()
+        start, goal, rates = np.array(query.start), np.array(query.goal), np.array(query.rates)
+        path = self._search(world, query, start, goal, rates, most)
+        if path is None:
+            return None
+        path = shorten.shorten(world, path, query.radius, rates, SWEEPS)
+        if len(self._paths) >= MOST_PATHS:
+            del self._paths[next(iter(self._paths))]
+        self._paths[query] = path
+        return path.copy()
+
+    def _search(self, world: World, query: Query, start: Floats, goal: Floats, rates: Floats, most: int) -> Path | None:
+        if any(
+            pocket.holds(world, query.radius, start) != pocket.holds(world, query.radius, goal)
+            for pocket in self._pockets.get((query.radius, query.height), ())
+        ):
+            return None
+        path, _ = self._layer(0, query.radius, query.height).search(world, start, goal, rates, 1, FIRST_LOOK)
+        if path is not None or most <= FIRST_LOOK or self._pocket(world, query, 1.0):
+            return path
+        for level in range(8):
+            layer = self._layer(level, query.radius, query.height)
+            path, _ = layer.search(world, start, goal, rates, 2, most)
+            if path is not None or layer.lines.size * (8 if query.height is None else 4) > MOST_POINTS:
+                break
+        if path is None and query.height is None:
+            path = sampled.find(world, start, goal, query.radius, seconds=1.0)
+        return path
+
+    def _pocket(self, world: World, query: Query, seconds: float) -> bool:
+        start, goal = np.array(query.start), np.array(query.goal)
+        pockets = self._pockets.setdefault((query.radius, query.height), [])
+        if any(p.holds(world, query.radius, start) != p.holds(world, query.radius, goal) for p in pockets):
+            return True
+        pocket = enclosed.pocket_of(world, query.radius, start, goal, seconds, query.height)
+        if pocket is not None:
+            pockets.append(pocket)
+        return pocket is not None
+
+    def _layer(self, level: int, radius: float, height: float | None) -> Layer:
+        key = (level, radius, height)
+        layer = self._layers.pop(key, None)
+        if layer is None:
+            world = self._world_for(height)
+            spacing = spacing_of(world, height) / 2.0**level
+            layer = Layer(lattice.lattice_of(world, spacing, radius, height), spacing, radius, height)
+            while len(self._layers) >= MOST_LATTICES:
+                del self._layers[next(iter(self._layers))]
+        self._layers[key] = layer  # the one used last is the last to go
+        return layer
+
+
+def spacing_of(world: World, height: float | None) -> float:
+    """m between the lines of the first lattice."""
+    low, high = lattice.extent(world)
+    span = np.maximum(high - low, 1e-3)
+    if height is not None:
+        return float(np.sqrt(span[0] * span[1] / COARSE_POINTS[1]))
+    return float(np.cbrt(np.prod(span) / COARSE_POINTS[0]))
+
+
+def _may_help(extent: Floats, path: Path, query: Query) -> bool:
+    """Whether a way through where something was may be shorter than the way there is."""
+    if len(path) == 2:
+        return False
+    start, goal = np.array(query.start), np.array(query.goal)
+    reach = float(np.linalg.norm(extent[3:] - extent[:3])) / 2.0 + query.radius
+    middle = (extent[:3] + extent[3:]) / 2.0
+    least = np.linalg.norm(middle - start) + np.linalg.norm(goal - middle) - 2.0 * reach
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    slowest = max(1.0, query.rates[0] / min(query.rates[1:]))
+    return bool(least < length * slowest)
