@@ -56,7 +56,7 @@ def together(ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash
 
 def motion_of(way: Way) -> Motion:
     points = way.curve[:, None, :]
-    return np.ascontiguousarray(timing.sample(points, timing.schedule(points, way.limits))[:, 0])
+    return np.ascontiguousarray(timing.fly(points, way.limits)[:, 0])
 
 
 def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash: float, top: float) -> Flown:

@@ -20,7 +20,7 @@ from agents.planner.goals.detour import HUG, Detours
 from agents.planner.goals.lanes import lanes_over, tour
 from agents.planner.problem import Floats, Path
 
-STEP = 0.5
+STEP = 0.2
 """m"""
 ROUNDING = 0.2
 """radius of a turn between lanes, of the lanes' width: more would leave corners unseen"""
@@ -73,7 +73,7 @@ class Part:
         """(M, 3) the way as it is flown, with its corners rounded where there is room."""
         reach = ROUNDING * self.sweeper.width
         for radius in (reach, 0.25, 0.05):
-            curve = rounded(self.path, radius, STEP if radius == reach else 0.1, cut=0.45 * radius)
+            curve = rounded(self.path, radius, STEP, cut=0.45 * radius)
             if len(curve) < 2 or shapely.covers(free.buffer(1e-3), shapely.linestrings(curve[:, :2])):
                 return curve
         return self.path

@@ -10,7 +10,7 @@ from agents.planner.geometry import world_of
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart
 from agents.planner.goals.parade import formation
-from agents.planner.goals.patrol import check_room, circuit, lap
+from agents.planner.goals.patrol import check_room, circuit, lap, lap_alone
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
@@ -80,13 +80,13 @@ def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: flo
         taken = phases[order]
         entries.append((float(np.linalg.norm(way.at(taken) - now, axis=1).max()), taken))
     taken = min(entries, key=lambda entry: entry[0])[1]
-    motions, loop = lap(way, taken)
+    motions, loop = lap_alone(way, slots.limits_of(views)) if way.sharp else lap(way, taken)
     names = tuple(view.name for view in views)
     for view, motion in zip(views, motions, strict=True):
         if not view.flies:
             motion[:, 3] = -view.pos_ned[2]
     starts = np.array([motion[0, 1:] for motion in motions])
-    text = f"patrol of {way.length:.0f} m at {way.speed:.1f} m/s"
+    text = f"patrol of {way.length:.0f} m, {way.length / (loop[1] - loop[0]):.1f} m/s"
     return [
         PlanTo(names, starts, True, f"to the {text}"),
         Fly(dict(zip(names, motions, strict=True)), loop=loop, laps=goal.laps, text=text),

@@ -30,6 +30,10 @@ SPARE = 0.1
 MORE = 0.1
 """by how much more a shape is drawn out where it touches something on the way into its column"""
 ROUNDS = 40
+CUTS = (math.inf, 2.0, 0.4, 0.1)
+"""m by which the centre passes a corner of its way at most: the first for which there is room"""
+ROOM = 0.4
+"""m more that the centre's way keeps from obstacles, so that its corners can be rounded"""
 COLUMN_GAP = 1.5
 """neighbours in a column, in times the widest two's radii: so much that nobody meets while it forms"""
 HURRY = (1.5, 0.7, 0.35)
@@ -102,7 +106,7 @@ def move(path: Path, courses: tuple[float | None, float | None], crew: Crew, wor
     path = without_repeats(path)
     if len(path) < 2 and None in courses:
         return None
-    track = _Track.of(path, courses, crew)
+    track = _Track.of(path, courses, crew, world)
     column = _column(crew)
     needed = _needed(track, crew, column, world)
     if needed is None:
@@ -129,10 +133,14 @@ class _Track:
     """m, of the parameter: also where the shape only turns"""
 
     @classmethod
-    def of(cls, path: Path, courses: tuple[float | None, float | None], crew: Crew) -> _Track:
-        """Corners are rounded as the speed wants it where legs are long enough; the course turns with them."""
-        speed, accel = float(crew.limits.speed.min()), float(crew.limits.accel.min())
-        curve = rounded(path, speed**2 / accel, STEP)
+    def of(cls, path: Path, courses: tuple[float | None, float | None], crew: Crew, world: World | None) -> _Track:
+        """Corners are rounded as the speed wants it where there is room for that; the course turns with them."""
+        radius = float(crew.limits.speed.min()) ** 2 / float(crew.limits.accel.min())
+        reach = np.array([float(crew.radii.max()) + 0.5 * SPARE])
+        for cut in CUTS:
+            curve = rounded(path, radius if cut == math.inf else math.inf, STEP, cut=cut)
+            if world is None or not roomy(world, curve[:, None, None], reach).any():
+                break
         whole = float(lengths_of(curve)[-1])
         ends = _ends(curve, courses)
         turning = abs(math.remainder(ends[1] - ends[0], math.tau)) * crew.extent

@@ -11,7 +11,7 @@ import numpy as np
 from agents.planner.geometry import World
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart, offsets_of, placed, places
-from agents.planner.goals.moving import SPARE, Crew, Moved, move
+from agents.planner.goals.moving import ROOM, SPARE, Crew, Moved, move
 from agents.planner.goals.patrol import Finder
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
@@ -115,7 +115,7 @@ def finder(views: Sequence[VehicleView], crew: Crew, static: StaticMap) -> list[
     wide = float(crew.radii.max()) + SPARE
 
     def find(radius: float) -> Finder:
-        return lambda here, there: static.path(here, there, radius, kind)
+        return lambda here, there: static.path(here, there, radius, kind, room=ROOM)
 
     return [find(crew.extent + wide), find(wide)]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner.geometry import World, segment_clear
 from agents.planner.goals.curves import dense, lengths_of, rounded, without_repeats
-from agents.planner.goals.timing import CORNERING, SAMPLE, SHARE, Limits
+from agents.planner.goals.timing import CORNERING, KINK, SAMPLE, SHARE, Limits, fly
 from agents.planner.problem import Floats, Motion, Path
 from zmav.errors import BadInput
 
@@ -24,8 +24,6 @@ CUT = (2.0, 0.5, 0.1)
 """m by which a corner may be passed, if there is room"""
 SPEEDING_UP = 0.5
 """of the acceleration limit, along the route; the corners need the rest"""
-SLOWEST = 0.2
-"""m/s: a route that must be flown slower has no room for its corners"""
 
 Finder = Callable[[Floats, Floats], Path | None]
 """a clear way between two points, or None"""
@@ -41,6 +39,8 @@ class Circuit:
     """m/s, held all the way around"""
     accel: float
     """m/s², along the route"""
+    sharp: bool
+    """it turns so sharply somewhere that one must stop there"""
 
     def at(self, gone: Floats) -> Path:
         """(K, 3): the points so many metres along, lap after lap."""
@@ -92,10 +92,11 @@ def _paced(loop: Path, count: int, limits: Limits) -> Circuit:
         speed = min(speed, float(limits.climb.min()) / rise)
     if fall > 0.0:
         speed = min(speed, float(limits.descend.min()) / fall)
-    if speed < SLOWEST:
-        text = f"patrol: the route turns back so sharply that it can be flown at {speed:.2f} m/s only"
+    sharp = bend * step > KINK
+    if sharp and count > 1:
+        text = "patrol: the route turns back on itself, where vehicles on their way to and fro would meet"
         raise BadInput(text, field="route", value=len(points), expected="corners of less than 180 degrees")
-    return Circuit(points, length, speed, SPEEDING_UP * accel)
+    return Circuit(points, length, speed, SPEEDING_UP * accel, sharp)
 
 
 def least_apart(way: Circuit, count: int, downwash: float) -> float:
@@ -127,6 +128,7 @@ def lap(way: Circuit, phases: Floats) -> tuple[list[Motion], tuple[float, float]
 
     The second value is when the lap begins and ends, at full speed.
     """
+    assert not way.sharp
     ramp = way.speed / way.accel
     reach = way.speed * ramp / 2.0
     around = way.length / way.speed
@@ -145,3 +147,10 @@ def lap(way: Circuit, phases: Floats) -> tuple[list[Motion], tuple[float, float]
     stamps = np.round(times, 6)
     motions = [np.column_stack((stamps, np.round(way.at(phase + gone), 6))) for phase in phases]
     return motions, (float(begin), float(end))
+
+
+def lap_alone(way: Circuit, limits: Limits) -> tuple[list[Motion], tuple[float, float]]:
+    """One lap by one vehicle from the route's beginning, as fast as each corner allows; at rest at both its ends."""
+    points = np.vstack((way.points, way.points[:1]))[:, None, :]
+    motion = np.ascontiguousarray(fly(points, limits)[:, 0])
+    return [motion], (0.0, float(motion[-1, 0]))

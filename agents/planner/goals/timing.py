@@ -9,9 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.planner.jit import jit
 from agents.planner.problem import Floats
+
+Bools = NDArray[np.bool_]
 
 SAMPLE = 0.19
 """s between samples at most: a plan has five a second or more"""
@@ -19,6 +22,9 @@ SHARE = 0.95
 """of the acceleration limit that is planned with"""
 CORNERING = 0.8
 """of that which a curve may take, so that there is some left to brake in it"""
+
+KINK = 0.25
+"""rad between two steps: a sharper corner is no curve, and everybody stops in it"""
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,8 @@ def schedule(points: Floats, limits: Limits) -> Pace:
     bend = np.zeros_like(points)
     bend[1:-1] = np.diff(step, axis=0)
     size = np.linalg.norm(bend, axis=2)
+    stops = _not_twice(stops_of(step))
+    bend[stops], size[stops] = 0.0, 0.0
     accel = SHARE * limits.accel
     with np.errstate(divide="ignore"):
         ceiling = np.minimum.reduce(
@@ -84,7 +92,7 @@ def schedule(points: Floats, limits: Limits) -> Pace:
                 np.min(CORNERING * accel / size, axis=1),
             ]
         )
-    ceiling = np.ascontiguousarray(np.minimum(ceiling, 1e9))
+    ceiling = np.ascontiguousarray(np.where(stops, 0.0, np.minimum(ceiling, 1e9)))
     middle = np.maximum(size[1:], size[:-1])
     turning = np.where((size[1:] >= size[:-1])[:, :, None], bend[1:], bend[:-1])
     along = np.sum(turning * step, axis=2) / np.maximum(rate, 1e-12)
@@ -94,6 +102,35 @@ def schedule(points: Floats, limits: Limits) -> Pace:
     standing = rate.max(axis=1) < 1e-9
     lasts = np.where(standing, 0.0, 2.0 / np.maximum(together, 1e-9))
     return Pace(np.concatenate(([0.0], np.cumsum(lasts))), pace)
+
+
+def stops_of(step: Floats) -> Bools:
+    """(M,) where everybody must stop, because somebody's way (M - 1 steps, N, 3) has a sharp corner there."""
+    rate = np.linalg.norm(step, axis=2)
+    size = np.linalg.norm(np.diff(step, axis=0), axis=2)
+    kinks = (size > KINK * rate.max(axis=0)).any(axis=1)
+    return np.concatenate(([False], kinks, [False]))
+
+
+def _not_twice(stops: Bools) -> Bools:
+    """Without those right after another one, or right beside the ends: nobody gets from rest to rest in one step."""
+    kept = np.zeros_like(stops)
+    before = True
+    for k in range(1, len(stops) - 2):
+        kept[k] = before = bool(stops[k]) and not before
+    return kept
+
+
+def fly(points: Floats, limits: Limits) -> Floats:
+    """(T, N, 4) samples along ``points`` (M, N, 3), whose corners may be sharp, from rest to rest."""
+    stops = stops_of(np.diff(points, axis=0))
+    stops[0] = stops[-1] = True
+    if (stops[1:] & stops[:-1]).any() or len(points) < 3:
+        between = (points[1:] + points[:-1]) / 2.0
+        finer = np.empty((2 * len(points) - 1, *points.shape[1:]))
+        finer[::2], finer[1::2] = points, between
+        points = finer
+    return sample(points, schedule(points, limits))
 
 
 def _lower(steps: Floats) -> Floats:

@@ -1,0 +1,107 @@
+"""Fleets and open ground for the tests of goals, and a judge of the steps that come out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.planner import verify
+from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, VehicleView
+from agents.planner.live import frames
+from agents.planner.problem import Floats, Motion
+from agents.planner.scene import Bounds, Box, Fence, Obstacle, Scene, Vehicle
+from agents.planner.solve import solve
+from zmav import wire
+from zmav.config.body import USUAL
+from zmav.wire.base import Vector
+
+DOWNWASH = 1.5
+OPEN = Bounds(min=(-150.0, -150.0, 0.0), max=(250.0, 250.0, 60.0))
+GATE: list[Obstacle] = [
+    Box(min=(-1.0, -150.0, 0.0), max=(1.0, -2.5, 60.0)),
+    Box(min=(-1.0, 2.5, 0.0), max=(1.0, 250.0, 60.0)),
+    Box(min=(-1.0, -2.5, 0.0), max=(1.0, 2.5, 7.5)),
+    Box(min=(-1.0, -2.5, 12.5), max=(1.0, 2.5, 60.0)),
+]
+"""a window of 5 x 5 m about (0, 0, 10) in a wall across x = 0"""
+
+
+def view(name: str, pos_ned: Vector, kind: str = "copter", airborne: bool = True, **body: float) -> VehicleView:
+    able = USUAL[kind]
+    numbers = {field: body.get(field, getattr(able, field)) for field in able.__struct_fields__}
+    return VehicleView(name, kind, wire.swarm.Body(**numbers), pos_ned, airborne=airborne, home_ned=pos_ned)
+
+
+def crew(count: int, at: Vector = (-40.0, -40.0, -10.0), apart: float = 5.0, **body: float) -> FleetView:
+    """Copters in rows of eight, NED."""
+    north, east, down = at
+    views = [
+        view(f"v{i:03}", (north - apart * (i // 8), east + apart * (i % 8), down), **body)  # type: ignore[arg-type]
+        for i in range(count)
+    ]
+    return FleetView({each.name: each for each in views})
+
+
+def ground(obstacles: Sequence[Obstacle] = (), fence: Fence | None = None, bounds: Bounds = OPEN) -> Scene:
+    return Scene(vehicles=[], obstacles=list(obstacles), bounds=bounds, geofence=fence, downwash=DOWNWASH)
+
+
+def scene_of(fleet: FleetView, names: Sequence[str], starts: Floats, goals: Floats, world: Scene) -> Scene:
+    vehicles = []
+    for name, start, goal in zip(names, starts, goals, strict=True):
+        one = fleet.vehicles[name]
+        vehicles.append(
+            Vehicle(
+                id=name, type="rover" if one.kind == "rover" else "copter", start=_point(start), goal=_point(goal),
+                radius=one.body.radius, vmax=one.body.speed, amax=one.body.accel, vz_up=one.body.climb,
+                vz_down=one.body.descend,
+            )
+        )  # fmt: skip
+    return Scene(
+        vehicles=vehicles, obstacles=world.obstacles, bounds=world.bounds, geofence=world.geofence,
+        downwash=world.downwash,
+    )  # fmt: skip
+
+
+def _point(values: Floats) -> tuple[float, float, float]:
+    x, y, z = map(float, np.round(values, 6))
+    return (x, y, z)
+
+
+def judge_fly(fly: Fly, fleet: FleetView, world: Scene, motions: dict[str, Motion] | None = None) -> verify.Report:
+    flown = dict(fly.motions) if motions is None else motions
+    names = list(flown)
+    starts = np.array([flown[name][0, 1:] for name in names])
+    goals = np.array([flown[name][-1, 1:] for name in names])
+    return verify.verify(scene_of(fleet, names, starts, goals, world), flown)
+
+
+def positions(fleet: FleetView, names: Sequence[str]) -> Floats:
+    return frames.enu_array(np.array([fleet.vehicles[name].pos_ned for name in names]))
+
+
+def fly_all(steps: Sequence[Step], fleet: FleetView, world: Scene, seconds: float = 20.0) -> float:
+    """Plan and verify every step in turn; gives the time that all take. Raises where one cannot be done."""
+    now = {name: positions(fleet, [name])[0] for name in fleet.vehicles}
+    took = 0.0
+    for step in steps:
+        if isinstance(step, PlanTo):
+            starts = np.array([now[name] for name in step.vehicles])
+            scene = scene_of(fleet, step.vehicles, starts, step.places, world)
+            if not step.labelled:
+                scene.assignment, scene.goals = "unlabelled", [_point(p) for p in step.places]
+                for vehicle in scene.vehicles:
+                    vehicle.goal = None
+            plan = solve(scene, seconds=seconds)
+            for name, samples in plan.trajectories.items():
+                now[name] = np.array(samples[-1][1:])
+            took += plan.makespan
+        elif isinstance(step, Fly):
+            for name, motion in step.motions.items():
+                assert np.allclose(motion[0, 1:], now[name], atol=1e-3), (name, motion[0], now[name])
+                now[name] = motion[-1, 1:]
+            report = judge_fly(step, fleet, world)
+            assert report.ok, report.faults[:5]
+            took += report.makespan
+    return took
