@@ -13,6 +13,7 @@ import pytest
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Command, Message, Target, autopilot_for
+from zmav.autopilots.convert import VELOCITY_LAG
 from zmav.errors import Unsupported
 from zmav.mavlink import Packer, decode, load_dialect, parse_frame
 
@@ -85,8 +86,15 @@ def test_arducopter_motion(target: Target, name: str, mask: int) -> None:
     fields = sent(of(ARDUPILOT, COPTER), target)
     assert (fields["name"], fields["type_mask"]) == (name, mask)
     assert fields["coordinate_frame"] == (6 if name == GLOBAL else 1)
-    if target.vel:
+    if target.vel and target.level != "trajectory":
         assert (fields["vx"], fields["vy"], fields["vz"]) == target.vel
+
+
+def test_arducopter_gets_the_velocity_of_a_trajectory_early_for_it_takes_no_acceleration() -> None:
+    fields = sent(of(ARDUPILOT, COPTER), Target(**PLACE, vel=(1.0, 2.0, -0.5), acc=(2.0, -1.0, 0.0)))
+    ahead = (1.0 + 2.0 * VELOCITY_LAG, 2.0 - VELOCITY_LAG, -0.5)
+    assert (fields["vx"], fields["vy"], fields["vz"]) == pytest.approx(ahead)
+    assert VELOCITY_LAG > 0.1
 
 
 def test_a_global_position() -> None:

@@ -18,6 +18,8 @@ STICK, RELEASED_STICK = 1000.0, 32767
 KEEP, FREE_LOW, FREE_HIGH = 65535, 0, 65534
 """RC_CHANNELS_OVERRIDE: leave alone; give back to the radio, channels 1 to 8 and from 9 up"""
 LOW_CHANNELS, MAX_CHANNELS = 8, 18
+VELOCITY_LAG = 0.35
+"""s that ArduCopter's velocity is behind what it is asked for: in a turn at 1.3 m/s² it was 0.8 m off its way without"""
 
 
 def position_target(target: Target) -> Message:
@@ -68,8 +70,14 @@ def motion(target: Target) -> list[Action]:
 
 
 def position_and_velocity(target: Target) -> list[Action]:
-    """A trajectory for who takes a global position alone or with a velocity, but never with an acceleration."""
-    return [position_target(_place(target, vel=target.vel))]
+    """A trajectory for who takes a global position alone or with a velocity, but never with an acceleration.
+
+    Its velocity loop is behind by :data:`VELOCITY_LAG`; with the velocity of so much later it keeps to the position.
+    """
+    vel, acc = target.vel, target.acc
+    if vel is not None and acc is not None:
+        vel = (vel[0] + VELOCITY_LAG * acc[0], vel[1] + VELOCITY_LAG * acc[1], vel[2] + VELOCITY_LAG * acc[2])
+    return [position_target(_place(target, vel=vel))]
 
 
 def position_only(target: Target) -> list[Action]:

@@ -39,6 +39,8 @@ HOLD_WATCH = 30.0
 STILL = 0.5
 """m/s below which a vehicle holds"""
 SEGMENT_HZ = 10.0
+SEGMENT_AHEAD = 0.07
+"""s by which a point of a segment is given early: half the time between two, and what the link and the autopilot take"""
 RETRY_ACTION = 10.0
 SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
 
@@ -475,5 +477,5 @@ def _future(flown: Flown) -> Callable[[float], Target]:
     """What is to be flown so many seconds from now. Of a segment, by the clock it was accepted by: UTC may be set."""
     what, now = flown.what, time.monotonic()
     if isinstance(what, Segment):
-        return lambda ahead: what.at(what.end - (flown.until - now) + ahead)
+        return lambda ahead: what.at(what.end - (flown.until - now) + SEGMENT_AHEAD + ahead)
     return lambda ahead: what

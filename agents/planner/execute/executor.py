@@ -23,11 +23,11 @@ from zmav.wire.state import Severity
 
 TICK = 0.1
 """s between two looks at everything"""
-TRACKING = 0.3
+TRACKING = 0.4
 """m by which a vehicle may be off its trajectory: see docs/planner-execution.md"""
 MAX_CLOCK = 0.15
 """s by which a vehicle's clock may be other than measured"""
-SLACK = 0.03
+SLACK = 0.05
 """m of a plan's margin that goes to the difference of its samples and the curve that is flown"""
 NEAR_START = 1.0
 """m that a vehicle may be away from where its motion begins"""
@@ -236,8 +236,8 @@ class Executor:
         if needed > flight.margin + 1e-6:
             text = (
                 f"the plan keeps {flight.margin:.2f} m of margin, and {name} needs {needed:.2f} m: "
-                f"{self._tracking:g} m to follow it, {SLACK:g} m for its curve, and {track.speed:.1f} m/s times a clock "
-                f"known to ±{error:.3f} s"
+                f"{self._tracking:g} m to follow it, {SLACK:g} m for its curve, and {track.speed:.1f} m/s times "
+                f"a clock known to ±{error:.3f} s"
             )
             raise Refused(text, vehicle=name, needed=needed)
         helm.offset.fix()

@@ -20,6 +20,9 @@ NEAR = 0.01
 """m by which the curve between two points may leave the track's"""
 DENSE = 0.1
 """s between the samples by which what will be flown is checked"""
+EASE = 0.5
+"""s over which a plan's places are averaged, so that no acceleration comes at once: its curve leaves the samples by
+at most a · EASE² / 24 where these accelerate by a"""
 ROUND_M = 5
 """decimals of places and velocities on the wire"""
 ROUND_S = 6
@@ -30,11 +33,16 @@ Piece = tuple[float, float, float, float]
 
 
 class Track:
-    """A vehicle's motion in a plan: from rest to rest, held at both ends. ``motion`` is (T, 4)."""
+    """A vehicle's motion in a plan: from rest to rest, held at both ends. ``motion`` is (T, 4).
 
-    def __init__(self, motion: Motion) -> None:
+    ``ease``: s over which it is averaged; all that is flown together is eased alike, and takes so much longer.
+    """
+
+    def __init__(self, motion: Motion, ease: float = EASE) -> None:
         if len(motion) == 1:
             motion = np.vstack((motion, motion + np.array([1.0, 0.0, 0.0, 0.0])))
+        if ease > 0.0:
+            motion = _eased(motion, ease)
         self.s: Floats = np.ascontiguousarray(motion[:, 0], dtype=np.float64)
         self.pos: Floats = np.ascontiguousarray(motion[:, 1:4], dtype=np.float64)
         self.vel = _velocities(self.s, self.pos)
@@ -50,6 +58,29 @@ class Track:
     def at(self, s: Floats) -> tuple[Floats, Floats]:
         """Places and velocities (per second of the plan) at the moments ``s``: (K, 3) each."""
         return _hermite(self.s, self.pos, self.vel, s)
+
+
+def _eased(motion: Motion, ease: float) -> Motion:
+    """At each time the mean place of the last ``ease`` seconds: exact at both ends."""
+    t = motion[:, 0] - motion[0, 0]
+    step = np.diff(t)[:, None]
+    middle = 0.5 * (motion[1:, 1:] + motion[:-1, 1:])
+    sums = np.vstack((np.zeros(3), np.cumsum(step * middle, axis=0)))
+
+    def total(at: Floats) -> Floats:
+        """The integral of the place from the first sample on."""
+        k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+        since = (np.clip(at, 0.0, t[-1]) - t[k])[:, None]
+        slope = (motion[k + 1, 1:] - motion[k, 1:]) / step[k]
+        inside = sums[k] + since * (motion[k, 1:] + 0.5 * since * slope)
+        before, after = np.minimum(at, 0.0)[:, None], np.maximum(at - t[-1], 0.0)[:, None]
+        whole: Floats = inside + before * motion[0, 1:] + after * motion[-1, 1:]
+        return whole
+
+    at = np.unique(np.round(np.concatenate((t, t + ease, np.arange(0.0, t[-1] + ease, 0.1))), 6))
+    places = (total(at) - total(at - ease)) / ease
+    places[0], places[-1] = motion[0, 1:], motion[-1, 1:]
+    return np.column_stack((at + motion[0, 0], places))
 
 
 def _velocities(t: Floats, pos: Floats) -> Floats:
@@ -231,7 +262,7 @@ def braked(before: Profile, d: float, slope: float) -> Profile:
 
 
 def crept(before: Profile, d: float, stop: float, slope: float) -> Profile | None:
-    """From rest at ``d`` a little way on, to rest again at ``stop``; None where it does not rest at ``d``, or is there."""
+    """From rest at ``d`` a little way on, to rest again at ``stop``; None where it does not rest, or is there."""
     (s,), (rate,) = before.at(np.array([d]))
     way = stop - float(s)
     if rate > 0.0 or not 0.0 < way < 1.0 / slope:
