@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import os
 import sys
 import tempfile
 import time
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     from agents.planner.plans import Plan
     from agents.planner.scene import Scene
     from agents.planner.verify import Report
-
-PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @dataclass(frozen=True)
@@ -206,9 +203,8 @@ def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
         scene = read_scene(path)
         stages("validate", 0.0)
         validate(scene)
-        if first_run():
-            stages.say("compiling the planner for this machine, once: this takes a minute or so")
         stages("load", 0.0)
+        _make_ready(any(v.type == "plane" for v in scene.vehicles), stages)
         from agents.planner.solve import solve
         from agents.planner.verify import verify
 
@@ -222,10 +218,16 @@ def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
     return Done(path.stem, scene, plan, report, stages.end())
 
 
-def first_run() -> bool:
-    """Whether the compiled kernels are not there yet, neither beside their sources nor where numba is told to."""
-    folders = (PACKAGE, Path(os.environ.get("NUMBA_CACHE_DIR") or PACKAGE))
-    return not any(next(folder.glob("**/*.nbi"), None) for folder in folders)
+def _make_ready(planes: bool, stages: Stages) -> None:
+    """What a first plan in a process needs, out of its planning time."""
+    from agents.planner import warm
+
+    if planes in stages.ready or True in stages.ready:
+        return
+    if not warm.compiled():
+        stages.say("compiling the planner for this machine, once: this takes a minute or so")
+    warm.warm(planes, stages)
+    stages.ready.add(planes)
 
 
 def _facts(done: Done, target: Path | None) -> dict[str, Any]:

@@ -31,6 +31,8 @@ class Stages:
         self._scene = ""
         self._stage = ""
         self._since = 0.0
+        self.ready: set[bool] = set()
+        """the planner is warm: False without planes, True with them"""
         self.seconds: dict[str, float] = {}
         """s spent in each stage, in the order in which they were first entered"""
 

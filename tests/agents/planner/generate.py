@@ -111,10 +111,11 @@ def _shape(shape: Shape, n: int, step: float, height: float) -> Places:
     if shape == "grid":
         return grid(n, step * 0.9, height + 2.0 * step)
     ball = max(2.0 * step, step * math.sqrt(n) / 2.5)
-    level, angle = 1.0 - 2.0 * (k + 0.5) / n, math.pi * (1.0 + math.sqrt(5.0)) * k
+    level, spiral = 1.0 - 2.0 * (k + 0.5) / n, math.pi * (1.0 + math.sqrt(5.0)) * k
     flat = np.sqrt(1.0 - level**2)
     middle = max(height, ball * DOWNWASH + step)
-    return np.column_stack((ball * flat * np.cos(angle), ball * flat * np.sin(angle), middle + DOWNWASH * ball * level))
+    x, y = ball * flat * np.cos(spiral), ball * flat * np.sin(spiral)
+    return np.column_stack((x, y, middle + DOWNWASH * ball * level))
 
 
 def formation_labelled(n: int, seed: int = 0, *, scale: Scale = "field") -> Scene:
