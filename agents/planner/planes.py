@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from agents.planner.errors import PlanError
-from agents.planner.paths.flight import SLOW, Wings, apart, fly, motion_clear, way_clear
+from agents.planner.paths.flight import Wings, apart, fly, motion_clear, way_clear
 from agents.planner.paths.poses import find, gentle, join
 from agents.planner.problem import PLANE, Floats, Motion, Mover, Problem
 from agents.planner.world import World
@@ -75,7 +75,7 @@ class Plane:
         return [self.wings.turn(speed) for speed in self._caps()]
 
     def _caps(self) -> list[float]:
-        return [float(speed) for speed in np.linspace(SLOW * self.wings.vmin, self.wings.vmax, SPEEDS)]
+        return [float(speed) for speed in np.linspace(self.wings.vmin, self.wings.vmax, SPEEDS)]
 
     def _direct(self) -> Iterator[Motion]:
         """The shortest for each radius; where obstacles or a climb are in the way, what a search finds."""
@@ -85,13 +85,20 @@ class Plane:
                 known = any(legs is not None and _same(legs, other) for other in self._ways)
                 if legs is not None and not known and self._clear(legs):
                     self._ways.append(legs)
-        if not self._ways:
-            for turn in self._turns():
-                legs = find(self._world, self._posts, self._squash, self._pose, self._goal, self.wings, turn, self._rng)
-                if legs is not None:
-                    self._ways.append(legs)
         for legs in self._ways:
             yield from self._flown(legs, self.wings.vmax)
+        if not self._ways:
+            yield from self._searched()
+
+    def _searched(self) -> Iterator[Motion]:
+        """What a search finds for each radius; the wider the turns, the fewer poses it has to look at."""
+        for turn in self._turns()[::-1]:
+            if self._ways and turn <= 1.001 * self.wings.tightest:
+                return
+            legs = find(self._world, self._posts, self._squash, self._pose, self._goal, self.wings, turn, self._rng)
+            for motion in self._flown(legs, self.wings.vmax) if legs is not None else ():
+                self._ways.append(legs)
+                yield motion
 
     def _aside(self) -> Iterator[Motion]:
         """The same ways more slowly, and higher or lower in their middle; and ways around."""

@@ -20,10 +20,11 @@ from agents.planner.problem import Floats
 from agents.planner.world import World
 
 HEADINGS = 18
-EAGER = 1.3
+EAGER = 1.5
 """how much more the rest of the way counts than what is behind: a way a little longer, found much sooner"""
 MOST_STATES = 8_000_000
-MOST_POPPED = 60_000
+MOST_POPPED = 20_000
+"""poses looked at; five times as many for the tightest turn, for a plane that finds no way even so has none"""
 TRIES = 150
 """pairs of poses between which a shorter way is looked for"""
 
@@ -171,14 +172,26 @@ def find(
     up, down = 0.9 * wings.slope(1.0), 0.9 * wings.slope(-1.0)
     step = turn * 2.0 * math.pi / HEADINGS
     low, high = world.bounds[:3], world.bounds[3:]
-    side, layer = 0.5 * step, max(step * min(up, down), 2.0)
+    side, layer = 0.5 * step, max(0.95 * step * min(up, down), 1.0)
     while True:
         cells = np.ceil((high - low) / (side, side, layer)) + 1.0
         if np.prod(cells) * HEADINGS <= MOST_STATES:
             break
         side, layer = 1.3 * side, 1.3 * layer
     grid = np.array([*low, side, layer, *cells])
-    legs = _search(world, posts, squash, pose, goal, wings.radius, turn, up, down, grid, MOST_POPPED)
+    legs = _search(
+        world,
+        posts,
+        squash,
+        pose,
+        goal,
+        wings.radius,
+        turn,
+        up,
+        down,
+        grid,
+        (5 if turn <= 1.001 * wings.tightest else 1) * MOST_POPPED,
+    )
     if len(legs) == 0:
         return None
     return shorten(world, posts, squash, pose, legs, wings, turn, rng)
