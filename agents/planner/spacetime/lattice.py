@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.geometry import World, away, segment_clear
+from agents.planner.geometry import away, segment_clear
 from agents.planner.jit import jit
 from agents.planner.problem import Floats, Ints
+from agents.planner.world import World
 
 MOVES = np.array(
     [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)], dtype=np.int64

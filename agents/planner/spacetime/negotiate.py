@@ -12,12 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.geometry import World
 from agents.planner.problem import ROVER, Floats, Ints, Motion, Path, Problem
 from agents.planner.spacetime.lattice import MOVES, Lattice, lattice_of
 from agents.planner.spacetime.roads import durations, no_lattice, pitch_for, roads_of
 from agents.planner.spacetime.search import BLOCKED, Roads, lay, search
 from agents.planner.spacetime.table import Table, empty_table, put, take, troubles
+from agents.planner.world import World
 
 STEP = 0.25
 """s"""
@@ -27,6 +27,16 @@ PRICE = 4.0
 """steps that a step of conflict costs at first"""
 DEAREST = 400.0
 """steps"""
+LIMIT = BLOCKED / 2.0
+HARDLY = 1.05
+"""times the steps that one takes alone: so long, one's own path will do"""
+DETOUR = 1.2
+"""times the steps that one takes alone: longer ways, waits aside, are not looked at"""
+MOST = 40_000
+"""states of one search"""
+GREED = 1.02
+STALE = 12
+"""attempts without a gain after which no more are made"""
 GROUP = 8
 """vehicles planned anew together, at most"""
 AROUND = 12.0
@@ -35,47 +45,36 @@ NODES = 60_000.0
 """of a lattice, about"""
 
 
-class Floor:
-    """A problem being negotiated: the table, everybody's roads and way, and who is in conflict with whom."""
+class Negotiation:
+    """The table, everybody's roads and motion, and who is in conflict with whom."""
 
     def __init__(
-        self,
-        problem: Problem,
-        world: World,
-        paths: Sequence[Path],
-        *,
-        margin: float,
-        steps: int,
-        begin: int = 0,
-        lattices: dict[tuple[float, ...], Lattice] | None = None,
-        pitch: float = 1.0,
+        self, problem: Problem, world: World, paths: Sequence[Path], *, margin: float, steps: int, begin: int = 0
     ) -> None:
-        self.stats = [0, 0]
-        self.problem, self.world, self.begin = problem, world, begin
-        self.paths = paths
+        self.problem, self.world, self.paths, self.begin = problem, world, paths, begin
         count = len(problem)
         every = np.concatenate([*paths, problem.start, problem.goal])
         self.low = np.maximum(every.min(axis=0) - AROUND, world.bounds[:3])
         self.high = np.minimum(every.max(axis=0) + AROUND, world.bounds[3:])
-        area = np.array([self.low[0], self.low[1], self.high[0], self.high[1]])
         self.speed, self.climb, self.descend = (SHARE * v for v in (problem.vmax, problem.climb, problem.descend))
-        fastest = float(np.max(self.speed))
-        self.table: Table = empty_table(problem, STEP, steps, area, fastest, margin)
+        area = np.array([self.low[0], self.low[1], self.high[0], self.high[1]])
+        self.table: Table = empty_table(problem, STEP, steps, begin, area, float(np.max(self.speed)), margin)
         bodies = len(self.table.apart)
         self.weight = np.full((bodies, bodies), PRICE)
         self.weight[:, count:] = 10.0 * BLOCKED
-        self.last_mover = self._last_of(range(count, bodies))
-        self.pitch = pitch
-        self.lattices: dict[tuple[float, ...], Lattice] = {} if lattices is None else lattices
+        self.moved_until = self._moved_until(range(count, bodies))
+        self.lattices: dict[tuple[float, float], Lattice] = {}
         self._moves: list[Ints] = [np.ones(26, dtype=np.int64)] * count
         self._roads: list[Roads | None] = [None] * count
-        self._chains: list[Roads] = [self._roads_on(i, no_lattice()) for i in range(count)]
-        self.ways: list[Ints] = [np.empty((0, 3), dtype=np.int64)] * count
+        self._chains = [self._roads_on(i, no_lattice()) for i in range(count)]
+        self.alone = np.array([int(chain.ahead[0]) for chain in self._chains], dtype=np.int64)
+        """steps that each would take if there were nobody else"""
         self.arrival = np.zeros(count, dtype=np.int64)
-        self.filed = np.zeros(count, dtype=bool)
+        self.filed = np.zeros(count, dtype=np.bool_)
         self.conflicts = np.zeros((bodies, bodies), dtype=np.int64)
+        """steps in which two are too near"""
 
-    def _last_of(self, bodies: Sequence[int]) -> int:
+    def _moved_until(self, bodies: Sequence[int]) -> int:
         """The first step from which none of the bodies moves any more."""
         last = 0
         for body in bodies:
@@ -83,20 +82,22 @@ class Floor:
             last = max(last, int(moved[-1]) + 1 if len(moved) else 0)
         return min(last, self.table.head.shape[1] - 1)
 
+    def _speeds(self, i: int) -> tuple[float, float, float]:
+        return float(self.speed[i]), float(self.climb[i]), float(self.descend[i])
+
     def _roads_on(self, i: int, lattice: Lattice) -> Roads:
-        p, speeds = self.problem, (float(self.speed[i]), float(self.climb[i]), float(self.descend[i]))
-        return roads_of(self.world, lattice, self.paths[i], float(p.radius[i]), *speeds, STEP)
+        return roads_of(self.world, lattice, self.paths[i], float(self.problem.radius[i]), *self._speeds(i), STEP)
 
     def lattice(self, i: int) -> Lattice:
         """The lattice of a vehicle's class, made when it is first asked for."""
         p = self.problem
         flat = bool(p.kind[i] == ROVER)
-        key = (float(p.radius[i]), float(p.start[i, 2]) if flat else np.nan_to_num(np.inf), self.pitch)
+        key = (float(p.radius[i]), float(p.start[i, 2]) if flat else -np.inf)
         if key not in self.lattices:
             low, high = self.low.copy(), self.high.copy()
             if flat:
                 low[2] = high[2] = p.start[i, 2]
-            pitch = self.pitch * pitch_for(key[0], p.downwash, high - low, NODES * self.pitch**3)
+            pitch = pitch_for(key[0], p.downwash, high - low, NODES)
             self.lattices[key] = lattice_of(self.world, key[0], pitch, low, high, np.clip(p.start[i], low, high))
         return self.lattices[key]
 
@@ -105,70 +106,39 @@ class Floor:
         lattice, roads = self.lattice(i), self._roads[i]
         if roads is None:
             roads = self._roads[i] = self._roads_on(i, lattice)
-            vectors = MOVES * lattice.pitch
-            speeds = (float(self.speed[i]), float(self.climb[i]), float(self.descend[i]))
-            self._moves[i] = durations(vectors, *speeds, STEP)
+            self._moves[i] = durations(MOVES * lattice.pitch, *self._speeds(i), STEP)
         return lattice, roads
 
     # One vehicle.
 
-    def plan(self, i: int, limit: float, most: int) -> bool:
-        """A way for vehicle ``i``, which is not filed; False: none found. It is written to the table, not filed."""
-        last = max(self.last_mover, int(self.arrival[self.filed].max(initial=0)), self.begin) + 1
-        chain = self._chains[i]
-        none = no_lattice()
-        rows = search(
-            self.table,
-            self.weight,
-            0.0,
-            i,
-            none,
-            MOVES,
-            self._moves[i],
-            chain,
-            self.begin,
-            last,
-            most,
-            1.0,
-            float(self.speed[i]) * STEP,
-            1 << 40,
-        )
-        lattice, roads = none, chain
-        direct = int(chain.ahead[0])
-        if not len(rows) or rows[-1, 1] - self.begin > direct + max(4, direct // 20):
-            lattice, roads = self.wide(i)
-            for price in (0.0, limit):
-                detour = int(1.2 * direct + 24)
-                found = search(
-                    self.table,
-                    self.weight,
-                    price,
-                    i,
-                    lattice,
-                    MOVES,
-                    self._moves[i],
-                    roads,
-                    self.begin,
-                    last,
-                    most,
-                    1.02,
-                    float(self.speed[i]) * STEP,
-                    detour,
-                )
-                self.stats[int(price > 0)] += 1
-                if len(found) or len(rows):
-                    break
-            if not len(found) and not len(rows):
-                return False
+    def plan(self, i: int, limit: float = 0.0) -> bool:
+        """A way for vehicle ``i``, which is not filed, written to the table; False: none found.
+
+        Along its own path if that takes hardly longer than alone; else over the lattice; else, where ``limit`` allows
+        it, at a price.
+        """
+        lattice, roads = no_lattice(), self._chains[i]
+        rows = self._search(i, lattice, roads, 0.0)
+        if not len(rows) or rows[-1, 1] - self.begin > self.alone[i] * HARDLY + 4:
+            wide = self.wide(i)
+            found = self._search(i, *wide, 0.0)
+            if not len(found) and not len(rows) and limit > 0.0:
+                found = self._search(i, *wide, limit)
             if len(found) and (not len(rows) or found[-1, 1] < rows[-1, 1]):
-                rows = found
-            else:
-                lattice, roads = none, chain
-        if rows[-1, 1] >= self.table.head.shape[1]:
+                rows, (lattice, roads) = found, wide
+        if not len(rows) or rows[-1, 1] >= self.table.head.shape[1]:
             return False
         lay(rows, lattice, roads, self.table.places[i])
-        self.arrival[i], self.ways[i] = rows[-1, 1], rows
+        self.arrival[i] = rows[-1, 1]
         return True
+
+    def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float) -> Ints:
+        last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), self.begin) + 1
+        pace, detour = float(self.speed[i]) * STEP, int(DETOUR * self.alone[i]) + 24
+        weight, moves = self.weight, self._moves[i]
+        return search(
+            self.table, weight, limit, i, lattice, MOVES, moves, roads, self.begin, last, MOST, GREED, pace, detour
+        )
 
     def file(self, i: int) -> None:
         """File a vehicle's motion and count its conflicts with those filed."""
@@ -197,7 +167,7 @@ class Floor:
     def start(self, order: Sequence[int], deadline: float) -> None:
         """A first way for everybody, one after another; what cannot be passed is paid for."""
         for i in order:
-            if not self.plan(i, BLOCKED, 20_000 if time.perf_counter() < deadline else 1):
+            if time.perf_counter() > deadline or not self.plan(i, LIMIT):
                 self._go_straight(i)
             self.file(i)
 
@@ -210,7 +180,7 @@ class Floor:
         rows[1:, 2] = chain.ahead[:-1] - chain.ahead[1:]
         rows[:, 1] = self.begin + chain.ahead[0] - chain.ahead
         lay(rows, no_lattice(), chain, self.table.places[i])
-        self.arrival[i], self.ways[i] = rows[-1, 1], rows
+        self.arrival[i] = rows[-1, 1]
 
     def clashes(self) -> int:
         """How many pairs are in conflict."""
@@ -229,7 +199,7 @@ class Floor:
             if not len(clashing) or time.perf_counter() >= deadline:
                 return False
             self._dearer()
-            self.again(self._group(int(rng.choice(clashing)), free, rng), BLOCKED, rng)
+            self.again(self._group(int(rng.choice(clashing)), free, rng), LIMIT, rng)
 
     def _dearer(self) -> None:
         """Raise the price of every conflict that there is."""
@@ -250,17 +220,17 @@ class Floor:
             at += 1
         return group
 
-    def again(self, group: list[int], limit: float, rng: np.random.Generator) -> bool:
-        """Plan a group anew in a random order; what it had comes back where the new is worse."""
-        kept = {i: (self.table.places[i].copy(), int(self.arrival[i]), self.ways[i]) for i in group}
+    def again(self, group: list[int], limit: float, rng: np.random.Generator | None) -> bool:
+        """Plan a group anew, in a random order where there is ``rng``; it gets back what it had if the new is worse."""
+        kept = {i: (self.table.places[i].copy(), int(self.arrival[i])) for i in group}
         before = self._badness()
         for i in group:
             self.lift(i)
-        order = list(group)
-        rng.shuffle(order)
+        if rng is not None:
+            rng.shuffle(group)
         done = True
-        for i in order:
-            if not self.plan(i, limit, 20_000):
+        for i in group:
+            if not self.plan(i, limit):
                 done = False
                 break
             self.file(i)
@@ -269,10 +239,34 @@ class Floor:
         for i in group:
             if self.filed[i]:
                 self.lift(i)
-        for i, (places, arrival, way) in kept.items():
+        for i, (places, arrival) in kept.items():
             self.set(i, places, arrival)
-            self.ways[i] = way
         return False
+
+    def hasten(self, deadline: float, rng: np.random.Generator) -> None:
+        """Bring the last arrivals forward: plan each anew before those that it has to wait for."""
+        stale = 0
+        while stale < STALE and time.perf_counter() < deadline:
+            late = np.argsort(self.arrival - self.begin, kind="stable")[::-1]
+            one = int(late[min(int(rng.geometric(0.5)) - 1, len(late) - 1)])
+            if self.arrival.max() - self.begin <= self.alone.max() * HARDLY + 4:
+                return
+            in_its_way = self._blockers(one)
+            rng.shuffle(in_its_way)
+            group = [one, *in_its_way[: int(rng.integers(1, GROUP))]]
+            before = self._badness()
+            self.again(group, 0.0, None)
+            stale = 0 if self._badness() < before else stale + 1
+
+    def _blockers(self, i: int) -> list[int]:
+        """Those that a vehicle would meet if it went its own path at once."""
+        kept, arrival = self.table.places[i].copy(), int(self.arrival[i])
+        self.lift(i)
+        self._go_straight(i)
+        counts = np.zeros(len(self.conflicts), dtype=np.int64)
+        troubles(self.table, i, counts)
+        self.set(i, kept, arrival)
+        return [int(j) for j in np.flatnonzero(counts[: len(self.problem)])]
 
     def _badness(self) -> tuple[float, int, int]:
         """What is to be made small: conflicts, then the last arrival, then all arrivals."""

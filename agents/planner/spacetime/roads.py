@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
-from agents.planner.geometry import World, segment_clear
+from agents.planner.geometry import segment_clear
 from agents.planner.jit import jit
 from agents.planner.problem import Floats, Ints, Path
 from agents.planner.spacetime.lattice import FAR, MOVES, Lattice, nodes_about, times_to
 from agents.planner.spacetime.search import Roads
+from agents.planner.world import World
 
 CHUNK = 6
 """steps: a path is cut into moves of about this many, between which a vehicle may wait or leave the path"""

@@ -177,10 +177,12 @@ def troubles(table: Table, body: int, out: Ints) -> int:
     return total
 
 
-def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest: float, margin: float) -> Table:
+def empty_table(
+    problem: Problem, step: float, steps: int, begin: int, area: Floats, fastest: float, margin: float
+) -> Table:
     """A table with the movers filed and the vehicles not, of ``steps`` steps of ``step`` seconds.
 
-    ``area`` (4,): least and greatest x and y where the vehicles will move, m; ``fastest``: m/s of any of them;
+    The vehicles are at their starts at step ``begin``. ``area`` (4,): least and greatest x and y where the vehicles will move, m; ``fastest``: m/s of any of them;
     ``margin``: m kept on top of the radii, as far as starts and goals leave room for it.
     """
     movers = problem.movers
@@ -189,8 +191,7 @@ def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest
     slack = np.zeros(count)
     for n, mover in enumerate(movers, len(problem)):
         places[n], slack[n] = stepped(mover, step, steps)
-    radii = np.concatenate([problem.radius, [mover.radius for mover in movers]])
-    apart = distances(problem, radii, margin) + slack[:, None] + slack[None, :]
+    apart = distances(problem, places[len(problem) :, [begin, -1]], slack, margin)
     reach = apart.max(axis=1, initial=0.0) + fastest * step / 2.0 + 1e-6
     jumps = np.linalg.norm(np.diff(places[len(problem) :, :, :2], axis=1), axis=2)
     travel = max(fastest * step, float(jumps[jumps < GONE / 2].max(initial=0.0)))
@@ -198,7 +199,7 @@ def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest
     shape = np.maximum(1, np.ceil((area[2:] - area[:2]) / side)).astype(np.int64)
     table = Table(
         places=places,
-        apart=np.ascontiguousarray(apart),
+        apart=apart,
         reach=reach,
         head=np.full((int(shape.prod()), steps), -1, dtype=np.int64),
         following=np.full((count, steps, SPREAD), -1, dtype=np.int64),
@@ -212,15 +213,20 @@ def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest
     return table
 
 
-def distances(problem: Problem, radii: Floats, margin: float) -> Floats:
-    """(A, A): the sum of two radii and the margin, less where two starts or two goals are nearer than that."""
+def distances(problem: Problem, movers: Floats, strays: Floats, margin: float) -> Floats:
+    """(A, A): what two keep from each other: their radii, how far movers stray, and the margin, less where they begin
+    or end nearer than that.
+
+    ``movers`` (M, 2, 3): where each is when the vehicles start, and at last; ``strays`` (A,).
+    """
+    radii = np.concatenate([problem.radius, [mover.radius for mover in problem.movers]])
     least_of = radii[:, None] + radii[None, :]
-    wanted, n = least_of + margin, len(problem)
-    for ends in (problem.start, problem.goal):
-        scaled = ends / np.array([1.0, 1.0, problem.downwash])
+    wanted = least_of + margin + strays[:, None] + strays[None, :]
+    for which, ends in enumerate((problem.start, problem.goal)):
+        scaled = np.concatenate([ends, movers[:, which]]) / np.array([1.0, 1.0, problem.downwash])
         gaps = np.linalg.norm(scaled[:, None] - scaled[None, :], axis=2)
-        wanted[:n, :n] = np.minimum(wanted[:n, :n], gaps)
-    return np.maximum(wanted, least_of) - 1e-6
+        wanted = np.minimum(wanted, gaps)
+    return np.ascontiguousarray(np.maximum(wanted, least_of) - 1e-6)
 
 
 def stepped(mover: Mover, step: float, steps: int) -> tuple[Floats, float]:
