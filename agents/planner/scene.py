@@ -144,7 +144,9 @@ def _opened(scene: Scene) -> Scene:
     """Each polygon without corners that repeat the one before, or the first at the end."""
     for each in (*scene.obstacles, *([scene.geofence] if scene.geofence else [])):
         if isinstance(each, NoFly | Fence):
-            each.polygon = [c for k, c in enumerate(each.polygon) if c != each.polygon[k - 1] or len(each.polygon) == 1]
+            following = [*each.polygon[1:], *each.polygon[:1]]
+            kept = [corner for corner, after in zip(each.polygon, following, strict=True) if corner != after]
+            each.polygon = kept or each.polygon[:1]
     return scene
 
 
