@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.planner.geometry import World, segment_clear
+from agents.planner.jit import jit
 from agents.planner.problem import ROVER, Floats, Path, Problem
 from agents.planner.refine.knots import knots_of_paths
 from agents.planner.refine.swarm import units
@@ -49,17 +50,26 @@ def bent(
     bend[:, 2] += lift
     jitter = guess.noise * rng.standard_normal((len(problem), 3)) * reach[:, None]
     jitter[problem.kind == ROVER, 2] = 0.0
-    hump = np.sin(np.pi * np.linspace(0.0, 1.0, knots + 1))
+    hump = np.sin(np.pi * np.linspace(0.0, 1.0, knots + 1))[:, None]
     for i in range(len(problem)):
-        for share in (1.0, 0.4, 0.0):
-            tried = place[i] + (share * bend[i] + jitter[i]) * hump[:, None]
-            if share == 0.0 or is_clear(world, tried, float(problem.radius[i])):
-                place[i, 1:-1] = tried[1:-1] if share else place[i, 1:-1]
-                break
+        aside(world, place[i], (bend[i] + jitter[i]) * hump, float(problem.radius[i]))
     return place
 
 
-def is_clear(world: World, way: Floats, radius: float) -> bool:
-    """Every piece is clear; looked at in strides of four knots, the optimiser sees to the rest."""
-    corners = np.concatenate([way[:-1:4], way[-1:]])
-    return all(segment_clear(world, corners[k], corners[k + 1], radius) for k in range(len(corners) - 1))
+@jit
+def aside(world: World, way: Floats, offset: Floats, radius: float) -> None:
+    """Move each knot of a way by its offset, or by the share of it for which there is room there and next to it."""
+    last = way.shape[0] - 1
+    room = np.ones(last + 1)
+    for k in range(1, last):
+        while room[k] > 0.05 and not segment_clear(world, way[k], way[k] + room[k] * offset[k], radius):
+            room[k] *= 0.6
+        if room[k] <= 0.05:
+            room[k] = 0.0
+    for turn in range(2):  # what is narrow narrows what comes before and after it, less so further away
+        for n in range(1, last + 1):
+            k = n if turn == 0 else last - n
+            before = k - 1 if turn == 0 else k + 1
+            room[k] = min(room[k], room[before] + 0.1)
+    for k in range(1, last):
+        way[k] += room[k] * offset[k]
