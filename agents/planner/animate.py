@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from agents.planner.plans import Plan
 from agents.planner.problem import Floats
 from agents.planner.scene import Box, Cylinder, NoFly, Scene
 from agents.planner.verify import Report
-from zmav.errors import BadConfig
 
 RATE = 10.0
 """pictures a second of the plan"""
@@ -25,13 +23,10 @@ GREY, ORANGE, GREEN, RED = (150, 155, 160), (232, 113, 10), (24, 128, 56), (217,
 
 
 def show(scene: Scene, plan: Plan, report: Report | None, save: Path | None, window: bool) -> None:
-    """Log the plan into a file and a window of Rerun's. Raises :class:`BadConfig` where neither can be.
+    """Log the plan into a file, a window of Rerun's, or both.
 
     Time 0 is the start of the plan; the red line is the pair that comes nearest to each other, while it is near.
     """
-    if window and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        text = "there is no display to open a window on: use --save FILE.rrd"
-        raise BadConfig(text, field="view", value=None, expected="a display, or --save")
     recording = rr.RecordingStream("zmav plan", recording_id=None)
     sinks: list[Any] = []
     if save is not None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from agents.planner.plans import Plan
     from agents.planner.scene import Scene
     from agents.planner.verify import Report
+
+PICTURES = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,13 @@ def command(
         if len(files) != 2:
             text = "--check takes two files: SCENE.json PLAN.json"
             raise BadConfig(text, field="check", value=[str(f) for f in files], expected="two files")
+        _check_shows(wish, [picture])
         sys.exit(_judge(files[0], files[1], wish))
     targets = targets_of(files, output)
     pictures = targets_of(files, picture, ".png") if picture else [None] * len(files)
     if (view or save) and len(files) > 1:
         raise BadConfig("--view and --save show one scene", field="view", value=len(files), expected="one scene")
-    if save:
-        targets_of(files, save)
+    _check_shows(wish, pictures)
     failed = 0
     with Stages(quiet=as_json) as stages:
         for path, target, drawn in zip(files, targets, pictures, strict=True):
@@ -151,6 +155,22 @@ def _check_writable(target: Path) -> None:
     except OSError as e:
         text = f"cannot write {target}: {e.strerror}"
         raise BadConfig(text, field="output", value=str(target), expected="a file that can be written") from e
+
+
+def _check_shows(wish: Wish, pictures: Sequence[Path | None]) -> None:
+    """Raises :class:`BadConfig` for a picture, a recording or a window that cannot be."""
+    for picture in pictures:
+        if picture is None:
+            continue
+        if picture.suffix not in PICTURES:
+            text = f"a picture's name ends in {', '.join(PICTURES)}: not {picture.name!r}"
+            raise BadConfig(text, field="picture", value=str(picture), expected=", ".join(PICTURES))
+        _check_writable(picture)
+    if wish.save is not None:
+        _check_writable(wish.save)
+    if wish.view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        text = "there is no display to open a window on: use --save FILE.rrd or --picture FILE.png"
+        raise BadConfig(text, field="view", value=None, expected="a display, or --save")
 
 
 def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages: Stages, *, several: bool) -> bool:

@@ -182,7 +182,7 @@ CLOSED: dict[str, tuple[Code, list[str], Callable[[Raw], None]]] = {
     ),
     "a crack under a wall": (
         "unreachable", [f"v{k:03d}" for k in range(6)],
-        _also({"type": "box", "min": [20, -60, 1.9], "max": [22, 60, 40]}),
+        _also({"type": "box", "min": [20, -60, 0.9], "max": [22, 60, 40]}),
     ),
 }  # fmt: skip
 """what the map has to find"""
