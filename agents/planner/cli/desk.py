@@ -9,8 +9,8 @@ import msgspec
 from rich.table import Table
 
 import zmav
+from agents.planner.cli import points
 from agents.planner.cli.counter import find, planners
-from agents.planner.cli.points import Ground, Place, Polygon
 from agents.planner.cli.watching import ENDED, few, show
 from agents.planner.cli.watching import table as goals_table
 from zmav import keys, wire
@@ -89,17 +89,35 @@ def obstacle() -> None:
 
 @obstacle.command("add")
 @click.argument("name")
-@click.option("--box", type=Place(), nargs=2, help="Two opposite corners.")
-@click.option("--cylinder", type=Ground(), help="The centre; with --radius, --floor, --ceiling.")
-@click.option("--no-fly", type=Polygon(), help="A polygon; with --floor, --ceiling.")
-@click.option("--geofence", type=Polygon(), help="A polygon to stay inside of; with --floor, --ceiling.")
-@click.option("--ball", type=Place(), help="Something round; with --radius, and --velocity where it moves.")
+@click.option("--box", type=points.place, metavar=points.PLACE, nargs=2, help="Two opposite corners.")
+@click.option(
+    "--cylinder", type=points.ground, metavar=points.GROUND, help="The centre; with --radius, --floor, --ceiling."
+)
+@click.option("--no-fly", type=points.polygon, metavar=points.POLYGON, help="A polygon; with --floor, --ceiling.")
+@click.option(
+    "--geofence",
+    type=points.polygon,
+    metavar=points.POLYGON,
+    help="A polygon to stay inside of; with --floor, --ceiling.",
+)
+@click.option(
+    "--ball",
+    type=points.place,
+    metavar=points.PLACE,
+    help="Something round; with --radius, and --velocity where it moves.",
+)
 @click.option("--terrain", type=float, help="The ground's height above the origin; with --rise.")
 @click.option("--radius", type=float, default=2.0, show_default=True)
 @click.option("--floor", type=float, default=-100.0, show_default=True, help="Metres above the origin.")
 @click.option("--ceiling", type=float, default=1000.0, show_default=True)
-@click.option("--velocity", type=Place(), help="N,E,UP in m/s.")
-@click.option("--rise", type=Ground(), default=(0.0, 0.0), help="Metres it rises per metre north and east.")
+@click.option("--velocity", type=points.place, metavar=points.PLACE, help="N,E,UP in m/s.")
+@click.option(
+    "--rise",
+    type=points.ground,
+    metavar=points.GROUND,
+    default="0,0",
+    help="Metres it rises per metre north and east.",
+)
 @click.option("--ttl", type=float, help="Seconds after which it is forgotten.")
 @fleet_option
 @json_option

@@ -10,8 +10,8 @@ from typing import Any, TypeVar, get_args
 import click
 
 import zmav
+from agents.planner.cli import points
 from agents.planner.cli.counter import Planner, find
-from agents.planner.cli.points import Ground, Offset, Place, Polygon, targets
 from agents.planner.cli.previewing import show_preview
 from agents.planner.cli.watching import until_ended
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
@@ -83,7 +83,9 @@ async def _watch(z: zmav.Client, names: list[str], as_json: bool) -> None:
 
 @click.command("goto")
 @vehicles_argument
-@click.option("--to", "to", type=Place(), multiple=True, help="A place; as many as there are vehicles.")
+@click.option(
+    "--to", "to", type=points.place, metavar=points.PLACE, multiple=True, help="A place; as many as there are vehicles."
+)
 @click.option("--any", "unlabelled", is_flag=True, help="Whoever is best placed goes to each.")
 @goal_options
 def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fly: Callable[[Make], None]) -> None:
@@ -91,7 +93,7 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
 
     Places are metres north and east of the fleet's origin and above it.
     """
-    names, places = targets(vehicles)
+    names, places = points.targets(vehicles)
     if bool(places) == bool(to):
         raise click.UsageError("where to? 'quad1=NORTH,EAST,HEIGHT ...', or --to for each place")
 
@@ -109,11 +111,21 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
 @click.command("formation")
 @vehicles_argument
 @click.option("--shape", type=click.Choice(get_args(swarm.Shape)), default="line", show_default=True)
-@click.option("--at", type=Place(), required=True, help="The shape's centre, or its leader's place.")
+@click.option(
+    "--at", type=points.place, metavar=points.PLACE, required=True, help="The shape's centre, or its leader's place."
+)
 @click.option("--heading", type=float, default=0.0, show_default=True, help="Degrees clockwise from north it looks to.")
 @click.option("--spacing", type=float, default=5.0, show_default=True, help="Metres between neighbours.")
-@click.option("--via", type=Place(), multiple=True, help="A place the centre passes, in shape.")
-@click.option("--point", type=Offset(), multiple=True, help="custom: forward, right and up of the centre.")
+@click.option(
+    "--via", type=points.place, metavar=points.PLACE, multiple=True, help="A place the centre passes, in shape."
+)
+@click.option(
+    "--point",
+    type=points.offset,
+    metavar=points.OFFSET,
+    multiple=True,
+    help="custom: forward, right and up of the centre.",
+)
 @click.option("--in-order", is_flag=True, help="The first vehicle gets the first place.")
 @goal_options
 def formation(
@@ -132,7 +144,13 @@ def formation(
 @click.command("follow")
 @vehicles_argument
 @click.option("--leader", required=True, help="A vehicle, or an obstacle that moves.")
-@click.option("--offset", type=Offset(), multiple=True, help="One a vehicle.  [default: staggered behind]")
+@click.option(
+    "--offset",
+    type=points.offset,
+    metavar=points.OFFSET,
+    multiple=True,
+    help="One a vehicle.  [default: staggered behind]",
+)
 @click.option("--frame", type=click.Choice(["ned", "body"]), default="ned", show_default=True,
               help="body: the offsets turn with the leader's course.")  # fmt: skip
 @click.option("--chain", is_flag=True, help="Each follows the one before it.")
@@ -154,7 +172,13 @@ def follow(
 
 @click.command("search")
 @vehicles_argument
-@click.option("--polygon", type=Polygon(), required=True, help="What is to be seen: '0,0 100,0 100,80'.")
+@click.option(
+    "--polygon",
+    type=points.polygon,
+    metavar=points.POLYGON,
+    required=True,
+    help="What is to be seen: '0,0 100,0 100,80'.",
+)
 @click.option("--height", type=float, required=True, help="Metres above the origin.")
 @click.option("--angle", type=float, help="Degrees clockwise from north of the lanes.  [default: the fewest turns]")
 @click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True)
@@ -175,7 +199,15 @@ def search(
 
 @click.command("patrol")
 @vehicles_argument
-@click.option("--to", "route", type=Place(), multiple=True, required=True, help="A corner of the route; three or more.")
+@click.option(
+    "--to",
+    "route",
+    type=points.place,
+    metavar=points.PLACE,
+    multiple=True,
+    required=True,
+    help="A corner of the route; three or more.",
+)
 @click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]")
 @goal_options
 def patrol(vehicles: tuple[str, ...], route: tuple[Vector, ...], laps: int, fly: Callable[[Make], None]) -> None:
@@ -195,7 +227,11 @@ def takeoff(vehicles: tuple[str, ...], height: float, fly: Callable[[Make], None
 @click.command("land")
 @vehicles_argument
 @click.option(
-    "--at", type=Ground(), multiple=True, help="One a vehicle.  [default: below each, or where there is room]"
+    "--at",
+    type=points.ground,
+    metavar=points.GROUND,
+    multiple=True,
+    help="One a vehicle.  [default: below each, or where there is room]",
 )
 @goal_options
 def land(vehicles: tuple[str, ...], at: tuple[swarm.Corner, ...], fly: Callable[[Make], None]) -> None:

@@ -95,6 +95,7 @@ class Ledger:
         self.paused = book.paused
         again = [entry for entry in self.goals if entry.state not in ENDED]
         for entry in again:
-            entry.state, entry.text = "queued", f"taken over from {book.planner}"
+            entry.state = "paused" if entry.state == "paused" else "queued"
+            entry.text = f"taken over from {book.planner}"
             entry.makespan = entry.clearance = None
         return again

@@ -1,10 +1,9 @@
 """Who of the fleet is heard, and what may be done with half of it. No clock and no network in here.
 
-The rule. A planner begins to move vehicles only while it hears more than half of the airborne vehicles of its fleet,
-or every vehicle of the goal. So of two planners that cannot hear each other, one at most begins anything with vehicles
-that the other may believe to be its own. Who is not heard is taken to be where its last commitment ends, or anywhere
-on the way there, with a column below it, for its failsafe may land it. The smaller side begins nothing: its vehicles
-fly what they are committed to, which ends at rest, and stay.
+The rule. A planner moves the vehicles of a goal only while it hears all of them, or some of them and more than half of
+the fleet's airborne vehicles. So of two planners that cannot hear each other's vehicles, one at most goes on with any
+goal. Who is not heard keeps the way that it was last committed to, and the column where it was last heard, for its
+failsafe may land it. The smaller side moves nothing: its vehicles end what they are committed to, at rest, and stay.
 """
 
 from __future__ import annotations
@@ -27,7 +26,8 @@ class Hearing:
 
     def may_move(self, vehicles: Iterable[str]) -> bool:
         """A goal of these vehicles may begin, or go on with another segment."""
-        return self.majority or set(vehicles) <= self.heard
+        ours = set(vehicles)
+        return ours <= self.heard or (self.majority and bool(ours & self.heard))
 
     @property
     def unheard(self) -> frozenset[str]:

@@ -33,6 +33,8 @@ SETTLE = 90.0
 """s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
 RESTING = 0.5
 """m/s below which a vehicle rests"""
+LASTING = 60.0
+"""s that a segment may last"""
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MANY_LAPS = 20
@@ -129,7 +131,7 @@ class Run:
         except Exception as e:
             ledger.end(entry, "failed", f"the planner's own fault: {e!r}")
         finally:
-            self.agent.tubes.drop(entry.id)
+            self._leave_room()
             self.agent.press.plan_over(entry.id)
         if self.stopping == "closed":
             return
@@ -256,6 +258,15 @@ class Run:
         self.agent.tubes.hold(self.entry.id, tubes)
         self.entry.makespan, self.entry.clearance = planned.makespan, planned.clearance
 
+    def _leave_room(self) -> None:
+        """Its room is free again, but for the ways of those that are not heard, who may still be flying them."""
+        agent, name = self.agent, f"{self.entry.id}/lost"
+        held = agent.tubes.drop(self.entry.id)
+        lost = {vehicle: tubes for vehicle, tubes in held.items() if vehicle in agent.fleet.hearing().unheard}
+        if lost:
+            agent.tubes.hold(name, lost)
+            asyncio.get_running_loop().call_later(LASTING, agent.tubes.drop, name)
+
     # What it stands on.
 
     def _state(self, state: swarm.GoalState, text: str) -> None:
@@ -299,8 +310,10 @@ class Run:
             return f"{name} is commanded by {lease.holder}"
         if seen.state.pilot:
             return f"{name}: {seen.state.pilot}"
+        if not seen.view.hovers:
+            return ""
         speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
-        return f"{name} still moves ({speed:.1f} m/s)" if speed > RESTING and seen.view.hovers else ""
+        return f"{name} still moves" if speed > RESTING or _committed(seen.state) else ""
 
     def place(self, name: str) -> Vector:
         """ENU, as last heard."""
@@ -308,6 +321,16 @@ class Run:
         if seen is None:
             raise Stale(f"{name} is not heard any more", vehicle=name)
         return enu(seen.view.pos_ned)
+
+
+def _committed(state: wire.VehicleState) -> bool:
+    """It flies a segment to its end, under a lease or since that was lost; it may rest on its way and go on."""
+    segment, lease, end = state.segment, state.lease, state.lease_end
+    if segment is None or segment.end <= state.t:
+        return False
+    if lease is not None:
+        return lease.number == segment.lease
+    return end is not None and end.number == segment.lease and end.reason in ("expired", "gone")
 
 
 def _without(step: PlanTo, gone: set[str]) -> PlanTo:

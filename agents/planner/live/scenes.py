@@ -49,7 +49,7 @@ def room_of(
     obstacles = [*pieces.obstacles, *walls]
     for seen in fleet:
         view = seen.view
-        if view.name not in vehicles and view.name not in spoken_for and _lost(seen):
+        if view.name not in vehicles and _lost(seen):
             x, y, z = enu(view.pos_ned)
             radius, top = view.body.radius, z + view.body.radius * downwash
             obstacles.append(scene.Cylinder(center=(x, y), radius=radius, floor=z - DEPTH, ceiling=top))

@@ -77,8 +77,9 @@ class Tubes:
     def add(self, goal: str, vehicle: str, more: Tube) -> None:
         self._held.setdefault(goal, {}).setdefault(vehicle, []).append(more)
 
-    def drop(self, goal: str) -> None:
-        self._held.pop(goal, None)
+    def drop(self, goal: str) -> dict[str, list[Tube]]:
+        """It needs no room any more; what it held."""
+        return self._held.pop(goal, {})
 
     def others(self, goal: str) -> list[tuple[str, str, Tube]]:
         """(goal, vehicle, tube) of all goals but this."""

@@ -1,0 +1,134 @@
+"""Who is in charge: one of many, whatever is lost, by their words alone."""
+
+from __future__ import annotations
+
+import itertools
+import random
+
+import pytest
+
+from agents.planner.live.charge import PATIENCE, SILENCE, Charge
+from agents.planner.live.partition import Hearing
+from zmav.wire import swarm
+
+
+def book(who: Charge, now: float) -> swarm.Book:
+    return swarm.Book(t=now, planner=who.name, instance=who.instance, term=who.term)
+
+
+def test_nobody_heard_for_a_while_and_it_takes_charge() -> None:
+    one = Charge("a", "1")
+    assert not one.lost(100.0)
+    assert not one.lost(100.0 + PATIENCE)
+    assert one.lost(100.1 + PATIENCE)
+    assert one.take(104.0) is None
+    assert one.in_charge
+    assert (one.term, one.of) == (1, "a")
+
+
+def test_the_book_alone_keeps_a_standby_waiting() -> None:
+    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief.take(0.0)
+    for now in range(10):
+        assert not other.hear(book(chief, now), float(now))
+        assert not other.lost(now + PATIENCE)
+    assert other.of == "a"
+    assert other.lost(9.1 + PATIENCE)
+
+
+def test_a_token_without_a_book_is_believed_for_a_while() -> None:
+    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief.take(0.0)
+    assert not other.lost(0.0)
+    other.token("1", True, 0.0)
+    other.hear(book(chief, 0.0), 0.0)
+    assert not other.lost(PATIENCE + SILENCE)
+    assert other.lost(PATIENCE + SILENCE + 0.1)
+    other.token("1", False, 1.0)
+    assert other.lost(PATIENCE + 0.1)
+
+
+def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
+    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief.take(0.0)
+    told = book(chief, 0.0)
+    other.hear(told, 0.0)
+    assert other.take(10.0) is told
+    assert other.term == 2
+    assert chief.hear(book(other, 10.0), 10.0)
+    assert not chief.in_charge
+    assert chief.of == "b"
+
+
+def test_of_two_with_the_same_term_one_stands_by() -> None:
+    one, two = Charge("a", "1"), Charge("b", "2")
+    one.take(0.0), two.take(0.0)
+    first, second = book(one, 0.0), book(two, 0.0)
+    assert one.hear(second, 0.1) != two.hear(first, 0.1)
+    assert one.in_charge != two.in_charge
+
+
+def test_an_overtaken_book_of_a_lower_term_changes_nothing() -> None:
+    old, new, third = Charge("a", "1"), Charge("b", "2", highest=1), Charge("c", "3")
+    old.take(0.0), new.take(0.0)
+    third.hear(book(new, 0.0), 0.0)
+    third.hear(book(old, 0.5), 0.5)
+    assert third.of == "b"
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_any_history_ends_with_exactly_one(seed: int) -> None:
+    """Books and tokens are lost, planners die and come; then the network is whole, and one is in charge of all."""
+    chance = random.Random(seed)
+    planners = [Charge(name, name * 3) for name in "abcd"]
+    alive = set(range(4))
+    for step in range(400):
+        now = step * 0.5
+        good = step > 250
+        if not good and chance.random() < 0.03 and len(alive) > 1:
+            alive.discard(chance.choice(sorted(alive)))
+        if not good and chance.random() < 0.05:
+            newcomer = chance.randrange(4)
+            if newcomer not in alive:
+                planners[newcomer] = Charge(planners[newcomer].name, f"{planners[newcomer].instance}x")
+                alive.add(newcomer)
+        for i, j in itertools.permutations(sorted(alive), 2):
+            if (good or chance.random() < 0.5) and planners[i].in_charge:
+                planners[j].hear(book(planners[i], now), now)
+        for i in sorted(alive):
+            if not planners[i].in_charge and planners[i].lost(now):
+                planners[i].take(now)
+    chiefs = [planners[i] for i in alive if planners[i].in_charge]
+    assert len(chiefs) == 1
+    assert {planners[i].of for i in alive} == {chiefs[0].name}
+
+
+# Half of the fleet.
+
+
+@pytest.mark.parametrize(
+    ("airborne", "heard", "goal", "may"),
+    [
+        ("", "abc", "a", True),
+        ("abcd", "abcd", "a", True),
+        ("abcd", "abc", "abcd", True),
+        ("abcd", "ab", "abc", False),
+        ("abcd", "ab", "ab", True),
+        ("abcd", "", "a", False),
+        ("abcde", "abc", "ce", True),
+        ("abcde", "abc", "e", False),
+    ],
+)
+def test_the_smaller_side_begins_nothing(airborne: str, heard: str, goal: str, may: bool) -> None:
+    hearing = Hearing(frozenset(airborne), frozenset(heard))
+    assert hearing.may_move(goal) is may
+    assert hearing.unheard == set(airborne) - set(heard)
+    assert f"of {len(airborne)} vehicles" in hearing.words()
+
+
+def test_two_sides_never_both_move_the_same_vehicle() -> None:
+    everybody = frozenset("abcdef")
+    for cut in range(7):
+        one, other = Hearing(everybody, frozenset("abcdef"[:cut])), Hearing(everybody, frozenset("abcdef"[cut:]))
+        for goal in ("a", "f", "af", "abcdef"):
+            assert not (one.may_move(goal) and other.may_move(goal))

@@ -1,0 +1,215 @@
+"""The world as told: what is forgotten when, how it looks to the solver, and what goals speak for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from agents.planner import scene
+from agents.planner.goals.steps import VehicleView
+from agents.planner.live import frames
+from agents.planner.live.fleet import Seen
+from agents.planner.live.fleet_names import match_names
+from agents.planner.live.scenes import DEPTH, room_of, scene_of
+from agents.planner.live.settings import Settings, check, fence_of
+from agents.planner.live.tubes import Tube, Tubes, column, meet, tube
+from agents.planner.live.world import Pieces, World
+from zmav import wire
+from zmav.config import FleetConfig, Geofence, body_of
+from zmav.errors import BadConfig, BadInput
+from zmav.wire import swarm
+
+BOX = swarm.Box(low=(0.0, 10.0, 0.0), high=(5.0, 20.0, -30.0))
+
+
+def told(name: str, what: object, t: float = 0.0, ttl: float | None = None) -> swarm.Obstacle:
+    return swarm.Obstacle(name=name, t=t, what=what, ttl=ttl)  # type: ignore[arg-type]
+
+
+# Frames.
+
+
+def test_frames_are_each_other_s_inverse() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(20, 3))
+    assert np.array_equal(frames.ned_array(frames.enu_array(points)), points)
+    assert frames.enu((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)
+    assert frames.ned((2.0, 1.0, -3.0)) == (1.0, 2.0, 3.0)
+    for heading, course in ((0.0, math.pi / 2), (math.pi / 2, 0.0), (math.pi, -math.pi / 2)):
+        assert frames.course_of(heading) == pytest.approx(course)
+        assert frames.course_of(course) == pytest.approx(math.remainder(heading, math.tau))
+
+
+# What is told.
+
+
+def test_news_are_told_from_what_is_said_again() -> None:
+    world = World()
+    assert world.give(told("a", BOX), 0.0)
+    assert not world.give(told("a", BOX, t=1.0), 1.0)
+    assert world.revision == 1
+    assert not world.give(told("a", None, t=0.5), 1.0), "overtaken on the way"
+    assert world.give(told("a", None, t=2.0), 2.0)
+    assert not world.give(told("a", None, t=3.0), 3.0)
+    assert world.obstacles == []
+
+
+def test_what_is_not_said_again_is_forgotten() -> None:
+    world = World()
+    world.give(told("a", BOX, ttl=2.0), 10.0)
+    world.give(told("b", BOX), 10.0)
+    assert world.expire(11.9) == []
+    world.give(told("a", BOX, t=1.0, ttl=2.0), 11.0)
+    assert world.expire(12.5) == []
+    assert world.expire(13.0) == ["a"]
+    assert [each.name for each in world.obstacles] == ["b"]
+    assert world.clear() == 1
+
+
+def test_there_is_one_fence_and_one_ground() -> None:
+    world = World()
+    square = [(0.0, 0.0), (50.0, 0.0), (50.0, 40.0)]
+    world.give(told("old", swarm.Geofence(polygon=square, floor=0.0, ceiling=20.0)), 0.0)
+    world.give(told("new", swarm.Geofence(polygon=square, floor=1.0, ceiling=30.0)), 0.0)
+    world.give(told("ground", swarm.Terrain(height=3.0, rise=(0.1, 0.2), clearance=2.0)), 0.0)
+    pieces = world.pieces(0.0)
+    assert pieces.geofence == scene.Fence(polygon=[(0.0, 0.0), (0.0, 50.0), (40.0, 50.0)], floor=1.0, ceiling=30.0)
+    assert pieces.terrain == (3.0, 0.2, 0.1, 2.0)
+    assert pieces.obstacles == ()
+
+
+def test_obstacles_stand_where_they_were_told_to() -> None:
+    world = World()
+    world.give(told("box", BOX), 0.0)
+    world.give(told("mast", swarm.Cylinder(center=(1.0, 2.0), radius=3.0, floor=0.0, ceiling=9.0)), 0.0)
+    world.give(told("stone", swarm.Ball(center=(4.0, 5.0, -6.0), radius=1.0)), 0.0)
+    world.give(told("bird", swarm.Ball(center=(0.0, 0.0, -10.0), radius=1.0, velocity=(1.0, 0.0, -2.0)), t=100.0), 0.0)
+    pieces = world.pieces(103.0)
+    assert pieces.obstacles == (
+        scene.Box(min=(10.0, 0.0, 0.0), max=(20.0, 5.0, 30.0)),
+        scene.Cylinder(center=(2.0, 1.0), radius=3.0, floor=0.0, ceiling=9.0),
+        scene.Cylinder(center=(5.0, 4.0), radius=1.0, floor=5.0, ceiling=7.0),
+    )
+    (bird,) = pieces.movers
+    assert bird.motion[0].tolist() == [0.0, 0.0, 3.0, 16.0]
+    assert (bird.motion[1] - bird.motion[0])[1:] == pytest.approx([0.0, bird.motion[1, 0], 2.0 * bird.motion[1, 0]])
+    assert world.ball("bird", 101.0) == ((1.0, 0.0, -12.0), (1.0, 0.0, -2.0))
+    assert world.ball("mast", 101.0) is None
+
+
+def test_a_standby_knows_what_the_chief_knows() -> None:
+    chief, other = World(), World()
+    for name in "abc":
+        chief.give(told(name, BOX, t=50.0, ttl=5.0 if name == "c" else None), 0.0)
+    other.give(told("gone", BOX), 0.0)
+    other.follow(chief.obstacles, now=7.0, t=52.0)
+    assert other.obstacles == chief.obstacles
+    assert other.expire(9.9) == []
+    assert other.expire(10.0) == ["c"]
+
+
+def test_too_many_obstacles_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.planner.live.world.MOST_OBSTACLES", 2)
+    world = World()
+    world.give(told("a", BOX), 0.0), world.give(told("b", BOX), 0.0)
+    with pytest.raises(BadInput, match="room"):
+        world.give(told("c", BOX), 0.0)
+    assert world.give(told("a", None, t=1.0), 0.0)
+
+
+def test_the_fleet_file_s_fence_is_the_planner_s() -> None:
+    origin = wire.Origin(lat_deg=50.0, lon_deg=8.0, alt_amsl=100.0)
+    corners = [(50.001, 8.0), (50.0, 8.001), (49.999, 8.0)]
+    fence = fence_of(FleetConfig(origin=origin, geofence=Geofence(polygon=corners, ceiling=60.0)))
+    assert fence is not None
+    assert fence.ceiling == 60.0
+    assert fence.polygon[0] == pytest.approx((111.2, 0.0), abs=0.5)
+    round_one = fence_of(FleetConfig(origin=origin, geofence=Geofence(radius=80.0)))
+    assert round_one is not None
+    assert {round(math.hypot(*corner), 6) for corner in round_one.polygon} == {80.0}
+    assert fence_of(FleetConfig(origin=origin)) is None
+    assert fence_of(FleetConfig(geofence=Geofence(radius=80.0))) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("margin", -1.0), ("margin", math.nan), ("downwash", 0.5), ("patience", 0.0)]
+)
+def test_settings_that_cannot_be_are_named(field: str, value: float) -> None:
+    with pytest.raises(BadConfig, match=field):
+        check(Settings(**{field: value}))
+
+
+# A scene of what is.
+
+
+def seen(name: str, pos: tuple[float, float, float], *, age: float = 0.0, kind: str = "copter") -> Seen:
+    flies = kind not in ("rover",)
+    view = VehicleView(name=name, kind=kind, body=body_of(kind), pos_ned=pos, airborne=flies)
+    return Seen(view, age, wire.VehicleState(t=0.0, fleet="f", name=name, instance="i"))
+
+
+def test_a_scene_has_everybody_in_it() -> None:
+    fleet = [seen("a", (0.0, 0.0, -10.0)), seen("b", (9.0, 0.0, -10.0)), seen("c", (0.0, 9.0, -12.0), age=60.0),
+             seen("r", (5.0, 5.0, 0.0), kind="rover"), seen("t", (50.0, 5.0, -5.0))]  # fmt: skip
+    wall = scene.Box(min=(1.0, 1.0, 1.0), max=(2.0, 2.0, 2.0))
+    room = room_of(["a", "r"], fleet, Pieces(), [wall], {"t"}, 1.5)
+    assert [mover.id for mover in room.movers] == ["b"]
+    lost = scene.Cylinder(center=(9.0, 0.0), radius=1.0, floor=12.0 - DEPTH, ceiling=13.5)
+    assert room.obstacles == (wall, lost)
+    made = scene_of([fleet[0].view, fleet[3].view], np.array([[0.0, 30.0, 15.0], [20.0, 5.0, 7.0]]), True, room)
+    assert [(v.id, v.type, v.start, v.goal) for v in made.vehicles] == [
+        ("a", "copter", (0.0, 0.0, 10.0), (0.0, 30.0, 15.0)),
+        ("r", "rover", (5.0, 5.0, -0.0), (20.0, 5.0, -0.0)),
+    ]
+    low, high = made.bounds.min, made.bounds.max
+    assert low[2] <= 0.0 < 15.0 < high[2]
+    for v in made.vehicles:
+        assert all(lo < p < hi for lo, p, hi in zip(low[:2], v.start[:2], high[:2], strict=True))
+
+
+# Room that is spoken for.
+
+
+def test_a_tube_holds_its_way() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        way = np.cumsum(rng.normal(scale=6.0, size=(12, 3)), axis=0)
+        held = tube(way, 1.0)
+        for one, other in itertools.pairwise(way):
+            for share in np.linspace(0.0, 1.0, 15):
+                p = one + (other - one) * share
+                assert np.any(np.all((held.boxes[:, :3] <= p + 1e-9) & (p - 1e-9 <= held.boxes[:, 3:]), axis=1))
+        assert np.max(held.boxes[:, 3:] - held.boxes[:, :3]) <= 5.0 + 1e-9
+
+
+def test_tubes_meet_where_vehicles_might() -> None:
+    one = column(np.array([0.0, 0.0, 0.0]), 1.0, 0.0, 20.0)
+    assert meet(one, tube(np.array([[1.9, 0.0, 10.0]]), 1.0), 1.5)
+    assert not meet(one, tube(np.array([[2.1, 0.0, 10.0]]), 1.0), 1.5)
+    assert meet(one, tube(np.array([[0.0, 0.0, 22.9]]), 1.0), 1.5)
+    assert not meet(one, tube(np.array([[0.0, 0.0, 23.1]]), 1.0), 1.5)
+
+
+def test_a_goal_keeps_out_of_what_others_speak_for_and_not_of_its_own() -> None:
+    tubes = Tubes()
+    one, other = tube(np.array([[0.0, 0.0, 10.0]]), 1.0), tube(np.array([[30.0, 0.0, 10.0]]), 1.0)
+    tubes.hold("g1", {"a": [one]})
+    tubes.hold("g2", {"b": [other]})
+    assert tubes.vehicles("g1") == {"b"}
+    assert tubes.walls("g1", 1.5) == [scene.Box(min=(29.0, -1.0, 8.5), max=(31.0, 1.0, 11.5))]
+    near: Tube = tube(np.array([[28.5, 0.0, 10.0]]), 1.0)
+    assert tubes.blocker("g1", {"a": [near]}, 1.5) == "g2"
+    assert tubes.blocker("g2", {"b": [near]}, 1.5) == ""
+    tubes.drop("g2")
+    assert tubes.blocker("g1", {"a": [near]}, 1.5) == ""
+
+
+def test_names_are_matched_as_people_mean_them() -> None:
+    names = ["quad1", "quad2", "rover1"]
+    assert match_names(["quad*", "quad1"], names) == ["quad1", "quad2"]
+    assert match_names(["all"], names) == names
+    assert match_names(["rover1", "nobody"], names) == ["rover1", "nobody"]
+    assert match_names(["plane*"], names) == []
