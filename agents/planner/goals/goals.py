@@ -10,7 +10,7 @@ from agents.planner.geometry import world_of
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart
 from agents.planner.goals.parade import formation
-from agents.planner.goals.patrol import check_room, circuit, lap, lap_alone
+from agents.planner.goals.patrol import ROOM, check_room, circuit, lap, lap_alone
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
@@ -68,7 +68,7 @@ def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: flo
     widest, count = float(radii.max()), len(views)
 
     def find(here: Floats, there: Floats) -> Path | None:
-        return static.path(here, there, widest, ROVER if rovers else COPTER)
+        return static.path(here, there, widest, ROVER if rovers else COPTER, room=ROOM)
 
     way = circuit(route, count, slots.limits_of(views), widest, static.world, find)
     check_room(way, count, float(np.sort(radii)[-2:].sum()) if count > 1 else 0.0, downwash)

@@ -114,10 +114,10 @@ def finder(views: Sequence[VehicleView], crew: Crew, static: StaticMap) -> list[
     kind = ROVER if rover else COPTER
     wide = float(crew.radii.max()) + SPARE
 
-    def find(radius: float) -> Finder:
-        return lambda here, there: static.path(here, there, radius, kind, room=ROOM)
+    def find(room: float) -> Finder:
+        return lambda here, there: static.path(here, there, wide, kind, room=room)
 
-    return [find(crew.extent + wide), find(wide)]
+    return [find(crew.extent + ROOM), find(ROOM)]
 
 
 def best_move(

@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner.geometry import World, segment_clear
 from agents.planner.goals.curves import dense, lengths_of, rounded, without_repeats
-from agents.planner.goals.timing import CORNERING, KINK, SAMPLE, SHARE, Limits, fly
+from agents.planner.goals.timing import CORNERING, SAMPLE, SHARE, Limits, fly
 from agents.planner.problem import Floats, Motion, Path
 from zmav.errors import BadInput
 
@@ -24,6 +24,11 @@ CUT = (2.0, 0.5, 0.1)
 """m by which a corner may be passed, if there is room"""
 SPEEDING_UP = 0.5
 """of the acceleration limit, along the route; the corners need the rest"""
+
+ROOM = 0.6
+"""m more that ways around obstacles keep from them, so that their corners can be rounded"""
+SHARP = 0.6
+"""rad between two steps: nobody flies that without a stop"""
 
 Finder = Callable[[Floats, Floats], Path | None]
 """a clear way between two points, or None"""
@@ -92,7 +97,7 @@ def _paced(loop: Path, count: int, limits: Limits) -> Circuit:
         speed = min(speed, float(limits.climb.min()) / rise)
     if fall > 0.0:
         speed = min(speed, float(limits.descend.min()) / fall)
-    sharp = bend * step > KINK
+    sharp = bend * step > SHARP
     if sharp and count > 1:
         text = "patrol: the route turns back on itself, where vehicles on their way to and fro would meet"
         raise BadInput(text, field="route", value=len(points), expected="corners of less than 180 degrees")

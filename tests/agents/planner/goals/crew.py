@@ -53,7 +53,7 @@ def scene_of(fleet: FleetView, names: Sequence[str], starts: Floats, goals: Floa
         one = fleet.vehicles[name]
         vehicles.append(
             Vehicle(
-                id=name, type="rover" if one.kind == "rover" else "copter", start=_point(start), goal=_point(goal),
+                id=name, type="rover" if one.kind == "rover" else "copter", start=point(start), goal=point(goal),
                 radius=one.body.radius, vmax=one.body.speed, amax=one.body.accel, vz_up=one.body.climb,
                 vz_down=one.body.descend,
             )
@@ -64,7 +64,7 @@ def scene_of(fleet: FleetView, names: Sequence[str], starts: Floats, goals: Floa
     )  # fmt: skip
 
 
-def _point(values: Floats) -> tuple[float, float, float]:
+def point(values: Floats) -> tuple[float, float, float]:
     x, y, z = map(float, np.round(values, 6))
     return (x, y, z)
 
@@ -90,7 +90,7 @@ def fly_all(steps: Sequence[Step], fleet: FleetView, world: Scene, seconds: floa
             starts = np.array([now[name] for name in step.vehicles])
             scene = scene_of(fleet, step.vehicles, starts, step.places, world)
             if not step.labelled:
-                scene.assignment, scene.goals = "unlabelled", [_point(p) for p in step.places]
+                scene.assignment, scene.goals = "unlabelled", [point(p) for p in step.places]
                 for vehicle in scene.vehicles:
                     vehicle.goal = None
             plan = solve(scene, seconds=seconds)

@@ -1,0 +1,230 @@
+"""Following: where each follower shall be beside something that moves, and the next few seconds of its motion.
+
+All is NED about the fleet's origin (metres, m/s; courses in rad clockwise from north). A follower's place is the leader's
+plus an offset, its velocity the leader's plus what the turning of the leader's frame adds: fed forward, so that a follower
+of a steady leader has no lag. What is to be flown always ends at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from agents.planner.problem import Floats, Motion
+from zmav.errors import BadInput
+from zmav.wire import Vector
+from zmav.wire.swarm import Body, Follow
+
+MOVES, STANDS = 0.8, 0.4
+"""m/s: faster than the first a leader's velocity is its course, slower than the second its last course stays"""
+ROOM = 1.3
+"""times the sum of the radii between default places"""
+LAG = 0.8
+"""s in which a follower makes up most of what it is away from its place"""
+SPARE = 0.9
+"""share of speed and acceleration that is used"""
+STEP = 0.1
+"""s of one step of the motion made here"""
+Doing = Literal["follow", "predict", "hold", "return", "land"]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Something that moves, as it was at ``t`` (s)."""
+
+    t: float
+    pos: Vector
+    vel: Vector = (0.0, 0.0, 0.0)
+
+    def at(self, t: float) -> Seen:
+        """Going on as it went."""
+        ahead = t - self.t
+        return Seen(t, _plus(self.pos, self.vel, ahead), self.vel)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The direction of a leader's frame: turning no faster than the followers can."""
+
+    t: float
+    course: float
+    rate: float = 0.0
+    """rad/s"""
+    moving: bool = False
+
+
+def heading_of(before: Heading | None, leader: Seen, yaw: float | None, most: float) -> Heading:
+    """The frame's direction now; ``yaw``: where the leader looks, used until it has moved; ``most``: rad/s.
+
+    Its course is that of its velocity; one that stands, or hardly moves, keeps its last.
+    """
+    speed = math.hypot(leader.vel[0], leader.vel[1])
+    moving = speed > (STANDS if before is not None and before.moving else MOVES)
+    if before is None:
+        return Heading(leader.t, math.atan2(leader.vel[1], leader.vel[0]) if moving else yaw or 0.0, 0.0, moving)
+    aim = math.atan2(leader.vel[1], leader.vel[0]) if moving else before.course
+    lasts = max(leader.t - before.t, 0.0)
+    turn = math.remainder(aim - before.course, math.tau)
+    turn = min(most * lasts, max(-most * lasts, turn))
+    rate = turn / lasts if lasts > 0.0 else before.rate
+    return Heading(leader.t, math.remainder(before.course + turn, math.tau), rate, moving)
+
+
+def most_turn(offsets: Sequence[Vector], bodies: Sequence[Body], speed: float) -> float:
+    """rad/s at which the leader's frame may turn while it goes at ``speed``, so that the outermost can still follow."""
+    most = math.pi
+    for offset, body in zip(offsets, bodies, strict=True):
+        arm = math.hypot(offset[0], offset[1])
+        if arm > 0.1:
+            spare = max(SPARE * body.speed - speed, 0.1 * body.speed)
+            most = min(most, spare / arm, math.sqrt(0.5 * body.accel / arm))
+    return most
+
+
+def default_offsets(bodies: Sequence[Body], leader_radius: float, chain: bool = False) -> list[Vector]:
+    """Behind the leader, in turn to its left and right, at its height (forward, right, down)."""
+    widest = max(body.radius for body in bodies)
+    step = ROOM * max(2.0 * widest, leader_radius + widest) + 1.0
+    if chain:
+        return [(-step, 0.0, 0.0)] * len(bodies)
+    return [(-step * (k + 1), (-0.5 if k % 2 == 0 else 0.5) * step, 0.0) for k in range(len(bodies))]
+
+
+def offsets_of(goal: Follow, bodies: Sequence[Body], leader_radius: float, downwash: float) -> list[Vector]:
+    """The goal's offsets, or the usual ones, checked.
+
+    Raises :class:`BadInput` where there are not as many as vehicles, or where two places, or one and the leader, are
+    nearer than the sum of the radii. Places turn together, so that what is apart stays apart; a chain's are judged as
+    it stands drawn out, and drawn up to a half circle.
+    """
+    count = len(goal.vehicles)
+    offsets = list(goal.offsets) or default_offsets(bodies, leader_radius, goal.chain)
+    if len(offsets) != count:
+        text = f"{len(offsets)} offsets for {count} vehicles"
+        raise BadInput(text, field="offsets", value=len(offsets), expected=f"{count}, or none")
+    for name, offset in zip(goal.vehicles, offsets, strict=True):
+        if not all(map(math.isfinite, offset)):
+            raise BadInput(f"the offset of {name} is {offset}", field="offsets", value=list(offset), expected="numbers")
+    radii = [leader_radius, *(body.radius for body in bodies)]
+    names = ["the leader", *goal.vehicles]
+    for turn in (0.0, math.pi / max(count, 2), -math.pi / max(count, 2)) if goal.chain else (0.0,):
+        _check_apart(names, _places(offsets, goal.chain, turn), radii, downwash)
+    return offsets
+
+
+def _places(offsets: Sequence[Vector], chain: bool, turn: float) -> list[Vector]:
+    """The leader's place and the followers'; in a chain each frame is turned by ``turn`` against the one before."""
+    places: list[Vector] = [(0.0, 0.0, 0.0)]
+    for k, offset in enumerate(offsets):
+        before = places[-1] if chain else places[0]
+        places.append(_plus(before, _turned(offset, turn * (k + 1) if chain else 0.0)))
+    return places
+
+
+def _check_apart(names: Sequence[str], places: Sequence[Vector], radii: Sequence[float], downwash: float) -> None:
+    for i, j in combinations(range(len(names)), 2):
+        n, e, d = (a - b for a, b in zip(places[i], places[j], strict=True))
+        away, keep = math.sqrt(n * n + e * e + (d / downwash) ** 2), radii[i] + radii[j]
+        if away < keep:
+            text = f"the places of {names[i]} and {names[j]} are {away:.1f} m apart; they need {keep:.1f} m"
+            raise BadInput(text, field="offsets", value=round(away, 2), expected=f"{keep:.2f} m or more")
+
+
+def doing(goal: Follow, age: float) -> Doing:
+    """What is done when the leader was heard ``age`` s ago."""
+    if age <= goal.lost_after:
+        return "follow"
+    if goal.on_lost == "continue":
+        return "predict" if age <= 2.0 * goal.lost_after else "hold"
+    return goal.on_lost
+
+
+def slot(leader: Seen, heading: Heading, offset: Vector, frame: Literal["ned", "body"], t: float) -> Seen:
+    """Where a follower of ``leader`` shall be at ``t``, and how fast it goes there."""
+    lead = leader.at(t)
+    if frame == "ned":
+        return Seen(t, _plus(lead.pos, offset), lead.vel)
+    arm = _turned(offset, heading.course + heading.rate * (t - heading.t))
+    swing = (-heading.rate * arm[1], heading.rate * arm[0], 0.0)
+    return Seen(t, _plus(lead.pos, arm), _plus(lead.vel, swing))
+
+
+def slots(
+    goal: Follow, leader: Seen, headings: Sequence[Heading], offsets: Sequence[Vector], others: Sequence[Seen], t: float
+) -> list[Seen]:
+    """The places of all followers at ``t``, in the goal's order.
+
+    ``headings``: of the leader, and in a chain of each follower after it; ``others``: the followers as they are.
+    """
+    if not goal.chain:
+        return [slot(leader, headings[0], offset, goal.frame, t) for offset in offsets]
+    before = [leader, *others]
+    return [slot(before[k], headings[k], offset, goal.frame, t) for k, offset in enumerate(offsets)]
+
+
+def segment(now: Seen, target: Seen, body: Body, seconds: float = 3.0, *, level: bool = False) -> Motion:
+    """The next motion (T, 4), NED, from ``now`` towards a place that moves as ``target`` does, then to rest.
+
+    For ``seconds`` it makes up its distance to the moving place within the body's speed, acceleration, climb and
+    descent; then it brakes. Times are as ``now.t`` says. ``level``: it keeps its height (rovers).
+    """
+    accel, most = SPARE * body.accel, SPARE * body.speed
+    pos, vel = np.array(now.pos, dtype=np.float64), np.array(now.vel, dtype=np.float64)
+    rows = [[now.t, *pos]]
+    steps = max(1, round(seconds / STEP))
+    for k in range(steps + _brake_steps(most, accel)):
+        if k < steps:
+            there = target.at(now.t + (k + 1) * STEP)
+            wanted = np.array(there.vel) + _closing(np.array(there.pos) - pos, accel)
+            if level:
+                wanted[2] = 0.0
+            wanted = _limited(wanted, most, SPARE * body.climb, SPARE * body.descend)
+        elif not vel.any():
+            break
+        else:
+            wanted = np.zeros(3)
+        change = wanted - vel
+        size = float(np.linalg.norm(change))
+        after = vel + change * min(1.0, accel * STEP / max(size, 1e-12))
+        pos = pos + (vel + after) / 2.0 * STEP
+        vel = after
+        rows.append([now.t + (k + 1) * STEP, *pos])
+    return np.array(rows, dtype=np.float64)
+
+
+def _closing(away: Floats, accel: float) -> Floats:
+    """The velocity at which a distance is made up: in proportion near by, and so that it can still brake far off."""
+    far = float(np.linalg.norm(away))
+    if far < 1e-9:
+        return np.zeros(3)
+    bend = 0.5 * accel * LAG * LAG
+    speed = far / LAG if far <= bend else math.sqrt(accel * (2.0 * far - bend))
+    return np.asarray(away * (speed / far))
+
+
+def _limited(vel: Floats, most: float, climb: float, descend: float) -> Floats:
+    """Within the speed, and within climb and descent, which are slowed alone."""
+    limited = vel.copy()
+    limited[2] = min(descend, max(-climb, limited[2]))
+    over = float(np.linalg.norm(limited)) / most
+    return limited / over if over > 1.0 else limited
+
+
+def _brake_steps(speed: float, accel: float) -> int:
+    return math.ceil(2.0 * speed / accel / STEP) + 2
+
+
+def _turned(offset: Vector, course: float) -> Vector:
+    """forward, right, down -> north, east, down."""
+    forward, right, down = offset
+    c, s = math.cos(course), math.sin(course)
+    return (c * forward - s * right, s * forward + c * right, down)
+
+
+def _plus(a: Vector, b: Vector, times: float = 1.0) -> Vector:
+    return (a[0] + times * b[0], a[1] + times * b[1], a[2] + times * b[2])

@@ -1,0 +1,141 @@
+"""Goals as steps: what each kind comes down to, and who is named where one cannot be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.planner.goals.goals import resolve
+from agents.planner.goals.steps import FleetView, Fly, PlanTo, Stop, unroll
+from agents.planner.goals.steps import Fly as Flight
+from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, positions, view
+from zmav.errors import BadInput, Refused, Unsupported
+from zmav.wire import swarm
+
+FLEET = FleetView(
+    {
+        "c1": view("c1", (0.0, 0.0, -10.0)),
+        "c2": view("c2", (0.0, 6.0, -10.0)),
+        "down": view("down", (0.0, 12.0, 0.0), airborne=False),
+        "r1": view("r1", (0.0, 18.0, -0.5), "rover", airborne=False),
+        "p1": view("p1", (0.0, 90.0, -50.0), "plane"),
+    }
+)
+
+
+def square(names: list[str]) -> list[swarm.Goal]:
+    return [
+        swarm.GoTo(vehicles=names, to=[(30.0, 10.0 * i, -10.0) for i in range(len(names))]),
+        swarm.Formation(vehicles=names, shape="line", at=(30.0, 0.0, -10.0)),
+        swarm.Patrol(vehicles=names, route=[(0.0, 0.0, -9.0), (0.0, 50.0, -9.0), (50.0, 0.0, -9.0)]),
+        swarm.Search(vehicles=names, polygon=[(0.0, 0.0), (0.0, 50.0), (50.0, 0.0)], height=10.0),
+    ]
+
+
+@pytest.mark.parametrize("kind", range(4))
+@pytest.mark.parametrize(
+    ("names", "error", "match"),
+    [
+        ([], BadInput, "no vehicle"),
+        (["c1", "nobody"], BadInput, "nobody"),
+        (["c1", "c2", "c1"], BadInput, "c1 more than once"),
+        (["c1", "down"], Refused, "down is on the ground"),
+    ],
+)
+def test_vehicles_that_cannot_are_named(kind: int, names: list[str], error: type[Exception], match: str) -> None:
+    with pytest.raises(error, match=match):
+        resolve(square(names)[kind], FLEET, ground())
+
+
+def test_a_plane_stands_in_no_formation_and_a_rover_in_no_sphere() -> None:
+    with pytest.raises(Unsupported, match="p1 cannot hover"):
+        resolve(swarm.Formation(vehicles=["c1", "p1"], shape="line", at=(0.0, 0.0, -10.0)), FLEET, ground())
+    with pytest.raises(BadInput, match="r1 cannot leave the ground"):
+        resolve(swarm.Formation(vehicles=["c1", "r1"], shape="sphere", at=(0.0, 0.0, -10.0)), FLEET, ground())
+
+
+@pytest.mark.parametrize(
+    ("goal", "field"),
+    [
+        (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0)]), "to"),
+        (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0), (0.0, 1.0, -10.0)]), "to"),
+        (swarm.Formation(vehicles=["c1", "c2"], shape="line", at=(0.0, 0.0, -9.0), spacing=1.9), "spacing"),
+        (swarm.Patrol(vehicles=["c1"], route=[(0.0, 0.0, -10.0)]), "route"),
+        (swarm.Search(vehicles=["c1"], polygon=[(0.0, 0.0), (9.0, 9.0)], height=10.0), "polygon"),
+    ],
+)
+def test_what_is_wrong_with_a_goal_is_named(goal: swarm.Goal, field: str) -> None:
+    with pytest.raises(BadInput) as e:
+        resolve(goal, FLEET, ground())
+    assert e.value.detail["field"] == field
+
+
+def test_rovers_go_where_they_are_sent_on_their_own_height() -> None:
+    (step,) = resolve(swarm.GoTo(vehicles=["r1", "c1"], to=[(9.0, 9.0, -30.0), (0.0, 0.0, -20.0)]), FLEET, ground())
+    assert isinstance(step, PlanTo) and step.labelled
+    assert step.places == pytest.approx(np.array([[9.0, 9.0, 0.5], [0.0, 0.0, 20.0]]))
+    (line,) = resolve(swarm.Formation(vehicles=["c1", "r1"], shape="line", at=(30.0, 0.0, -10.0)), FLEET, ground())
+    assert isinstance(line, PlanTo) and line.labelled
+    assert list(line.places[:, 2]) == [10.0, 0.5]
+
+
+def test_hold_stops() -> None:
+    assert resolve(swarm.Hold(vehicles=["c1", "p1"]), FLEET, ground()) == [Stop(("c1", "p1"), "holding")]
+
+
+@pytest.mark.parametrize("shape", ["vee", "circle"])
+def test_a_formation_forms_up_and_flies_through_a_gate(shape: Any) -> None:
+    fleet, world = crew(9), ground(GATE)
+    names = list(fleet.vehicles)
+    goal = swarm.Formation(
+        vehicles=names, shape=shape, at=(20.0, 70.0, -20.0), via=[(30.0, -70.0, -20.0)], heading=1.57
+    )
+    up, fly = resolve(goal, fleet, world)
+    assert isinstance(up, PlanTo) and isinstance(fly, Fly)
+    (fallback,) = fly.instead
+    ends = np.array([fly.motions[name][-1, 1:] for name in fallback.vehicles])
+    assert ends == pytest.approx(fallback.places, abs=1e-3), "the same places when it has to go by a plan"
+    assert fly_all([up, fly], fleet, world) > fly.makespan
+    assert fly_all([up, fallback], fleet, world) > 0.0
+
+
+def test_vehicles_in_shape_move_in_shape() -> None:
+    first = swarm.Formation(vehicles=[f"v{i:03}" for i in range(6)], shape="vee", at=(0.0, 0.0, -20.0), heading=1.0)
+    fleet = crew(6)
+    (step,) = resolve(first, fleet, ground())
+    assert isinstance(step, PlanTo) and not step.labelled
+    shuffled = step.places[[3, 0, 5, 1, 4, 2]]
+    there = FleetView(
+        {
+            name: view(name, (float(p[1]), float(p[0]), float(-p[2])))
+            for name, p in zip(fleet.vehicles, shuffled, strict=True)
+        }
+    )
+    on = swarm.Formation(vehicles=first.vehicles, shape="vee", at=(60.0, 0.0, -25.0), heading=1.0)
+    up, fly = resolve(on, there, ground())
+    assert isinstance(up, PlanTo) and isinstance(fly, Flight)
+    assert up.places == pytest.approx(positions(there, up.vehicles), abs=1e-3), "they stand there already"
+    assert fly_all([up, fly], there, ground()) < 25.0
+    (again,) = resolve(first, there, ground())
+    assert isinstance(again, PlanTo), "they are where they shall be: nothing to fly"
+
+
+def test_a_shape_that_does_not_get_through_goes_by_plans() -> None:
+    fleet, world = crew(9), ground(GATE)
+    goal = swarm.Formation(
+        vehicles=list(fleet.vehicles), shape="line", at=(0.0, 6.0, -10.0), via=[(0.0, -60.0, -10.0)], heading=1.57
+    )
+    steps = resolve(goal, fleet, world)
+    assert [type(step) for step in steps] == [PlanTo, PlanTo]
+    assert fly_all(steps, fleet, world) > 0.0
+
+
+def test_unrolling_repeats_the_loop_only() -> None:
+    times = np.arange(6.0)
+    motion = np.column_stack((times, times, 0 * times, 0 * times))
+    fly = Fly({"v": motion}, loop=(1.0, 4.0), laps=0)
+    assert list(unroll(fly, 2)["v"][:, 0]) == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    assert list(unroll(fly, 2)["v"][:, 1]) == [0.0, 1.0, 2.0, 3.0, 4.0, 2.0, 3.0, 4.0, 5.0]
+    assert unroll(Fly({"v": motion}), 3)["v"] is motion

@@ -1,0 +1,113 @@
+"""Formations on their way: in shape where there is room, drawn out where there is not, always within the limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.planner.geometry import world_of
+from agents.planner.goals import formation, moving
+from agents.planner.goals.moving import Crew, Moved, move
+from agents.planner.goals.timing import Limits
+from agents.planner.problem import Floats
+from agents.planner.scene import Scene, Vehicle
+from agents.planner.verify import verify
+from tests.agents.planner.goals.crew import DOWNWASH, GATE, ground, point
+from zmav import wire
+from zmav.wire.swarm import Shape
+
+RIGID = 0.02
+"""m that a shape may be off outside of narrow places"""
+
+
+def crew(shape: Shape, count: int, speed: float = 5.0) -> Crew:
+    goal = wire.swarm.Formation(vehicles=[f"v{i}" for i in range(count)], shape=shape, at=(0.0, 0.0, 0.0))
+    one = np.ones(count)
+    limits = Limits(speed * one, 2.5 * one, 2.0 * one, 1.5 * one)
+    return Crew(formation.offsets_of(goal, count, DOWNWASH), one, limits, DOWNWASH)
+
+
+def judged(moved: Moved | None, who: Crew, world: Scene) -> Floats:
+    """(T,) the error of the shape, of a flight that the verifier has nothing against."""
+    assert moved is not None
+    vehicles = []
+    for i, motion in enumerate(moved.motions):
+        start, goal = point(motion[0, 1:]), point(motion[-1, 1:])
+        vehicles.append(
+            Vehicle(
+                id=f"v{i}", type="copter", start=start, goal=goal, radius=1.0, vmax=float(who.limits.speed[i]),
+                amax=2.5, vz_up=2.0, vz_down=1.5,
+            )
+        )  # fmt: skip
+    scene = Scene(vehicles=vehicles, obstacles=world.obstacles, bounds=world.bounds, downwash=DOWNWASH)
+    report = verify(scene, {f"v{i}": motion for i, motion in enumerate(moved.motions)})
+    assert report.ok, report.faults[:3]
+    return formation.shape_error(who.offsets, np.stack(moved.motions, axis=1)[:, :, 1:])
+
+
+@pytest.mark.parametrize(("shape", "count"), [("vee", 9), ("line", 5), ("circle", 12), ("sphere", 12), ("grid", 16)])
+def test_a_shape_is_drawn_out_through_a_gate_and_restored(shape: Shape, count: int) -> None:
+    who, world = crew(shape, count), ground(GATE)
+    moved = move(
+        np.array([[-90.0, 0.0, 20.0], [0.0, 0.0, 10.0], [90.0, 0.0, 20.0]]), (None, None), who, world_of(world)
+    )
+    errors = judged(moved, who, world)
+    assert moved is not None
+    whole = moved.squeezed < 1e-6
+    assert errors[whole].max() < RIGID
+    assert whole[0] and whole[-1] and moved.squeezed.max() > 0.5
+    x = moved.centre[:, 1]
+    assert whole[np.abs(x) > 75.0].all(), "in shape long before the gate and long after it"
+    assert moved.makespan < 1.5 * (180.0 / 5.0 + 2.0)
+
+
+def test_a_shape_turns_with_its_way_and_ends_as_it_is_told() -> None:
+    who, world = crew("vee", 9), ground()
+    path = np.array([[-40.0, -20.0, 10.0], [-40.0, 40.0, 10.0], [20.0, 40.0, 15.0], [20.0, -20.0, 15.0]])
+    moved = move(path, (None, 0.0), who, world_of(world))
+    assert judged(moved, who, world).max() < RIGID
+    assert moved is not None
+    last = np.array([motion[-1, 1:] for motion in moved.motions])
+    assert last == pytest.approx(formation.placed(who.offsets, path[-1], 0.0), abs=1e-5)
+    outer = np.linalg.norm(np.diff(moved.motions[8][:, 1:], axis=0), axis=1).sum()
+    middle = np.linalg.norm(np.diff(moved.centre[:, 1:], axis=0), axis=1).sum()
+    assert outer > 1.1 * middle, "the wing goes the longer way around"
+
+
+def test_a_shape_turns_where_it_stands() -> None:
+    who, world = crew("line", 7), ground()
+    there = np.array([[0.0, 0.0, 20.0]])
+    moved = move(there, (0.0, 2.5), who, world_of(world))
+    assert judged(moved, who, world).max() < RIGID
+    assert moved is not None
+    assert moved.makespan > 15.0 * 2.5 / 5.0, "the outermost goes 2.5 rad around at 15 m"
+
+
+def test_it_is_as_fast_as_its_slowest() -> None:
+    who = crew("column", 4)
+    who.limits.speed[2] = 2.0
+    moved = move(np.array([[0.0, 0.0, 10.0], [60.0, 0.0, 10.0]]), (None, None), who, None)
+    assert judged(moved, who, ground()).max() < RIGID
+    assert moved is not None and 30.0 < moved.makespan < 33.0
+
+
+def test_no_way_through_is_none() -> None:
+    world = world_of(ground(GATE))
+    through_the_wall = np.array([[-60.0, 30.0, 10.0], [60.0, 30.0, 10.0]])
+    assert move(through_the_wall, (None, None), crew("vee", 5), world) is None
+    no_room_before_it = np.array([[-4.0, 0.0, 10.0], [90.0, 0.0, 10.0]])
+    assert move(no_room_before_it, (None, None), crew("line", 5), world) is None
+    assert move(np.array([[0.0, 0.0, 10.0]]), (None, None), crew("line", 5), None) is None
+
+
+def test_a_column_of_any_shape_keeps_apart_while_it_forms() -> None:
+    for shape, count in (("vee", 9), ("line", 20), ("circle", 24), ("grid", 49), ("sphere", 32)):
+        who = crew(shape, count)  # type: ignore[arg-type]
+        column = moving._column(who)
+        assert np.diff(np.sort(column)) == pytest.approx(3.0)
+        for share in np.linspace(0.0, 1.0, 21):
+            offsets = (1.0 - share) * who.offsets + share * np.column_stack((column, np.zeros((count, 2))))
+            assert formation.nearest(offsets, DOWNWASH)[0] > 2.0, (shape, share)
+    assert math.isclose(who.apart, 2.0)
