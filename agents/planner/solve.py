@@ -15,13 +15,15 @@ from agents.planner.geometry import clearance, world_of
 from agents.planner.planes import plan_planes
 from agents.planner.plans import Plan
 from agents.planner.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem, Progress, problem_of
-from agents.planner.refine import FACTORS, Refined, refine, refine_paths
+from agents.planner.refine import FACTORS, Refined, refine, refine_paths, squeeze
+from agents.planner.refine.knots import durations
 from agents.planner.scene import Scene
 from agents.planner.spacetime import deconflict
 from agents.planner.staticmap import StaticMap
 from agents.planner.validate import validate
 
 TOLERATED = 0.006  # m; the format lets 1 cm pass
+LONG = 1.1  # times what the ways take; a plan that takes longer is worth making shorter
 Try = Callable[[], Refined]
 
 
@@ -132,7 +134,16 @@ class Pipeline:
         world = self.static.world  # type: ignore[union-attr]
         seed = self.seed + 1000 * turn
         refining = None if self.progress is None else (lambda share: self.say("refine", share))
-        yield lambda: refine_paths(problem, world, paths, self.deadline, seed, refining, FACTORS[:2])
+        least = float(durations(problem, paths).max(initial=0.0))
+
+        def shorter(found: Refined) -> Refined:
+            if found.motions is None or found.seconds < LONG * least:
+                return found
+            self.say("shorten", 0.0)
+            return squeeze(problem, world, found, FACTORS[0] * least, self.deadline)
+
+        def direct(more: int, factors: tuple[float, ...]) -> Refined:
+            return shorter(refine_paths(problem, world, paths, self.deadline, seed + more, refining, factors))
 
         def discrete() -> Refined:
             self.say("spacetime", 0.0)
@@ -141,10 +152,11 @@ class Pipeline:
             if motions is None:
                 return Refined(None)
             self.say("refine", 0.5)
-            return refine(problem, world, motions, self.deadline)
+            return shorter(refine(problem, world, motions, self.deadline))
 
+        yield lambda: direct(0, FACTORS[:2])
         yield discrete
-        yield lambda: refine_paths(problem, world, paths, self.deadline, seed + 500, refining, FACTORS[2:])
+        yield lambda: direct(500, FACTORS[2:])
 
 
 def part(problem: Problem, who: Ints) -> Problem:

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from agents.planner.refine.flyable import FACTORS, Refined, refine, refine_paths
+from agents.planner.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
 
-__all__ = ["FACTORS", "Refined", "refine", "refine_paths"]
+__all__ = ["FACTORS", "Refined", "refine", "refine_paths", "squeeze"]

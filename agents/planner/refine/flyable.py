@@ -23,7 +23,10 @@ COARSE_STEP = 0.4
 FACTORS = (1.03, 1.12, 1.25, 1.45, 1.75)
 GUESSES = (Guess(), Guess(side=3.0, up=8.0), Guess(side=5.0, up=16.0))  # radii
 CAP = 1.0  # radii
-HEAT = 16
+SQUEEZED = 0.3  # the same for motions whose order is to be kept
+SLIDE = 0.6  # how much two pass beside each other rather than one before the other
+HEAT = 16  # steps
+TRIALS = 5
 PACE = 1.004  # a speed over its limit by 0.4 %, an acceleration by 0.8 % are left to a slower clock
 
 
@@ -75,11 +78,11 @@ def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed
         place = bent(problem, world, paths, seconds, coarse_knots(problem, seconds), guess, seed + m)
         swarm = Swarm(problem, world, place, seconds)
         for _ in range(HEAT):
-            worst = swarm.look()
+            worst = swarm.look(SLIDE)
             if worst.total == 0.0 and worst.pace <= PACE:
                 break
             swarm.bend(CAP * swarm.length)
-        broken = swarm.look().total
+        broken = swarm.look(SLIDE).total
         if broken < 0.01 * swarm.length * len(problem):
             yield swarm
             if m == len(GUESSES) - 1:
@@ -98,17 +101,35 @@ def refine(problem: Problem, world: World, motions: list[Motion], deadline: floa
             break
         seconds = span * stretch
         place = knots_of_motions(motions, seconds, coarse_knots(problem, seconds), stretch)
-        best = settle_and_finish(Swarm(problem, world, place, seconds), deadline, slide=0.3)
+        best = settle_and_finish(Swarm(problem, world, place, seconds), deadline, SQUEEZED)
         if best.motions is not None:
             break
     return best
+
+
+def squeeze(problem: Problem, world: World, found: Refined, floor: float, deadline: float) -> Refined:
+    """The same in less time, as long as that goes well and it takes more than ``floor`` s."""
+    cut = 0.85
+    for _ in range(TRIALS):
+        if found.place is None or cut > 0.97 or time.monotonic() > deadline:
+            break
+        seconds = max(floor, found.seconds * cut)
+        if seconds > 0.98 * found.seconds:
+            break
+        place = resampled(found.place, coarse_knots(problem, seconds))
+        tried = settle_and_finish(Swarm(problem, world, place, seconds), deadline, SQUEEZED)
+        if tried.motions is not None and tried.seconds < 0.99 * found.seconds:
+            found = tried
+        else:
+            cut = 1.0 - 0.5 * (1.0 - cut)
+    return found
 
 
 def coarse_knots(problem: Problem, seconds: float) -> int:
     return max(8, int(np.ceil(seconds / (COARSE_STEP * min(1.0, units(problem)[1])))))
 
 
-def settle_and_finish(swarm: Swarm, deadline: float, slide: float = 1.0) -> Refined:
+def settle_and_finish(swarm: Swarm, deadline: float, slide: float = SLIDE) -> Refined:
     worst = settle(swarm, deadline, 160, slide)
     if worst.overlap > 0.15 or worst.depth > 0.15:
         return Refined(None, swarm.place.copy(), swarm.seconds, worst.by)

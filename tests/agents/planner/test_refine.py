@@ -23,9 +23,7 @@ def circle(n: int, across: float = 40.0, **more: object) -> Scene:
     for i in range(n):
         x, y = across / 2 * np.cos(2 * np.pi * i / n), across / 2 * np.sin(2 * np.pi * i / n)
         vehicles.append(
-            Vehicle(
-                id=f"v{i}", type="copter", start=(x, y, 20.0), goal=(-x, -y, 20.0), radius=1.0, vmax=5.0, amax=2.5
-            )
+            Vehicle(id=f"v{i}", type="copter", start=(x, y, 20.0), goal=(-x, -y, 20.0), radius=1.0, vmax=5.0, amax=2.5)
         )
     bounds = Bounds(min=(-across, -across, 2.0), max=(across, across, 40.0))
     return Scene(vehicles=vehicles, bounds=bounds, downwash=1.5, **more)  # type: ignore[arg-type]
@@ -52,7 +50,7 @@ def test_a_post_in_the_middle_is_flown_round() -> None:
     assert found.motions is not None
     report = verify(scene, dict(zip([v.id for v in scene.vehicles], found.motions, strict=True)))
     assert report.ok, report.faults[:3]
-    assert 0.0 <= report.obstacle_clearance
+    assert report.obstacle_clearance >= 0.0
 
 
 def test_what_moves_by_itself_is_kept_clear_of_at_its_own_times() -> None:
