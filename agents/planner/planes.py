@@ -14,10 +14,13 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from agents.planner.errors import PlanError
+from agents.planner.loiter import at_height, loiter, loiter_orders, loiter_slots
 from agents.planner.paths.flight import Wings, apart, fly, motion_clear, way_clear
 from agents.planner.paths.poses import find, gentle, join
 from agents.planner.problem import PLANE, Floats, Motion, Mover, Problem
 from agents.planner.world import World
+
+__all__ = ["at_height", "loiter", "loiter_orders", "loiter_slots", "plan_planes", "variants"]
 
 SPEEDS = 4
 """speeds, from the least to the greatest, for whose turns ways are made, and at which they are flown"""
@@ -96,9 +99,10 @@ class Plane:
             if self._ways and turn <= 1.001 * self.wings.tightest:
                 return
             legs = find(self._world, self._posts, self._squash, self._pose, self._goal, self.wings, turn, self._rng)
-            for motion in self._flown(legs, self.wings.vmax) if legs is not None else ():
-                self._ways.append(legs)
-                yield motion
+            if legs is not None:
+                motions = list(self._flown(legs, self.wings.vmax))
+                self._ways += [legs] * len(motions)
+                yield from motions
 
     def _aside(self) -> Iterator[Motion]:
         """The same ways more slowly, and higher or lower in their middle; and ways around."""

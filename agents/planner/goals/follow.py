@@ -1,8 +1,8 @@
 """Following: where each follower shall be beside something that moves, and the next few seconds of its motion.
 
-All is NED about the fleet's origin (metres, m/s; courses in rad clockwise from north). A follower's place is the leader's
-plus an offset, its velocity the leader's plus what the turning of the leader's frame adds: fed forward, so that a follower
-of a steady leader has no lag. What is to be flown always ends at rest.
+All is NED about the fleet's origin (metres, m/s; courses in rad clockwise from north). A follower's place is the
+leader's plus an offset, its velocity the leader's plus what the turning of the leader's frame adds: fed forward, so
+that a follower of a steady leader has no lag. What is to be flown always ends at rest.
 """
 
 from __future__ import annotations

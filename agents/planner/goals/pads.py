@@ -1,8 +1,8 @@
 """Up from crowded pads and down onto them: who goes when, how high, and where to, so that nobody meets.
 
 Vehicles go up and down in columns. Two columns nearer than the vehicles need are used one after another, and those
-who wait hover at heights one above the other: up the highest goes first, down the lowest. What leads over the ground is a
-plan of the solver's. Wire frames (NED) are named so; places of :class:`PlanTo` are ENU.
+who wait hover at heights one above the other: up the highest goes first, down the lowest. What leads over the ground
+is a plan of the solver's. Wire frames (NED) are named so; places of :class:`PlanTo` are ENU.
 """
 
 from __future__ import annotations
@@ -169,7 +169,9 @@ def circles(planes: Sequence[VehicleView], places: Sequence[Vector], downwash: f
     for plane, one in zip(wanted, found, strict=True):
         north, east, _ = plane.pos_ned
         via[plane.vehicle] = np.array([frames.enu((north, east, one.centre_ned[2]))], dtype=np.float64)
-    return Loiter(_names(planes), centres, np.array([s.radius for s in found]), via, "circling at heights of their own")
+    return Loiter(
+        _names(planes), centres, np.array([s.radius for s in found]), via, text="circling at heights of their own"
+    )
 
 
 def down_to(

@@ -1,0 +1,198 @@
+"""Where planes stay: circles, and heights at which no two planes on their way can meet whenever each is where.
+
+A plane never rests, so that no committed trajectory fits it. It is sent to a circle (``do/reposition``, which ArduPilot
+and PX4 both fly by themselves, for ever), and what keeps planes apart needs no clock: two planes whose circles and ways
+come near each other over the ground have heights of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.planner.goals.steps import VehicleOrder
+from agents.planner.problem import Floats, Motion
+from zmav.errors import BadInput
+from zmav.wire import Vector
+from zmav.wire.swarm import Body, Cylinder
+
+STEADY = 5.0
+"""m by which a plane may be off its height"""
+ASIDE = 30.0
+"""m by which it may be off its way and its circle, over the ground (wind, overshoot)"""
+GRAVITY = 9.81
+BANK = math.radians(35.0)
+"""a circle's bank at most, where the body says nothing of its turns"""
+
+
+@dataclass(frozen=True)
+class Circling:
+    """A plane that flies, and where it is wanted; m NED about the fleet's origin."""
+
+    vehicle: str
+    body: Body
+    pos_ned: Vector
+    """now: it circles here, or goes straight from here"""
+    goal_ned: Vector
+    """the middle of the circle that is wanted; its height is as near to this as the others leave room"""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A circle of one plane's own."""
+
+    vehicle: str
+    centre_ned: Vector
+    radius: float
+    """m; clockwise seen from above"""
+    speed: float
+    """m/s"""
+    reserved: Cylinder
+    """nobody else's: the circle with all that the plane may be off it"""
+    first: tuple[str, ...] = ()
+    """planes that must have reached their heights before this one leaves its own"""
+
+
+def loiter_radius(body: Body) -> float:
+    """m of a circle that the plane flies at ease, at the speed of :func:`loiter_speed`."""
+    speed = loiter_speed(body)
+    own = speed * speed / (0.6 * body.accel) if body.accel > 0.0 else speed * speed / (GRAVITY * math.tan(BANK))
+    return max(own, 1.2 * body.turn_radius)
+
+
+def loiter_speed(body: Body) -> float:
+    """m/s: with some room above the slowest it can fly."""
+    return min(body.speed, 1.25 * body.min_speed)
+
+
+def loiter(centre: Floats, radius: float, speed: float, start: float = 0.0, step: float = 0.2) -> Motion:
+    """One round as samples (T, 4), ENU, which may be repeated for ever: what a plane does at its goal.
+
+    Clockwise seen from above, from the angle ``start`` (rad counter-clockwise from east), at most ``step`` s apart.
+    """
+    period = math.tau * radius / speed
+    t = np.linspace(0.0, period, max(8, math.ceil(period / step)) + 1)
+    angle = start - math.tau * t / period
+    over = [centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)]
+    return np.column_stack((t, *over, np.full_like(t, centre[2])))
+
+
+def loiter_slots(planes: Sequence[Circling], floor: float, ceiling: float, downwash: float = 1.0) -> list[Slot]:
+    """A circle for each plane, and the order in which they change their heights.
+
+    Planes keep their order in height, so that nobody must pass another; where two may come near each other over the
+    ground their heights differ by the sum of their radii (times ``downwash``) and what both may be off. A plane first
+    reaches its new height where it circles, once those in ``first`` have reached theirs, and then goes to its circle.
+    From then on until it is sent elsewhere, and on the way, it needs no clock to meet nobody.
+
+    ``floor``, ``ceiling``: m above the fleet's origin. Raises :class:`BadInput` where there is no room for all.
+    """
+    order = sorted(range(len(planes)), key=lambda i: (-planes[i].pos_ned[2], planes[i].vehicle))
+    near = {(i, j): _near(planes[i], planes[j]) for i in order for j in order if i != j}
+    gap = {(i, j): _gap(planes[i].body, planes[j].body, downwash) for i, j in near}
+    heights: dict[int, float] = {}
+    for i in order:  # from the lowest up: as wished, or as low as those below leave it
+        least = [heights[j] + gap[i, j] for j in heights if near[i, j]]
+        heights[i] = max([floor, -planes[i].goal_ned[2], *least])
+    settled: dict[int, float] = {}
+    for i in reversed(order):  # and down again where the sky ends
+        most = [settled[j] - gap[i, j] for j in settled if near[i, j]]
+        settled[i] = min([ceiling, heights[i], *most])
+        if settled[i] < floor:
+            count, room = len(planes), ceiling - floor
+            text = f"{count} planes that may meet over the ground do not fit into {room:.0f} m of height"
+            expected = "farther places, fewer planes or more height"
+            raise BadInput(text, field="vehicles", value=planes[i].vehicle, expected=expected)
+    return [_slot(planes, i, settled, near, gap) for i in range(len(planes))]
+
+
+def _slot(
+    planes: Sequence[Circling],
+    i: int,
+    heights: dict[int, float],
+    near: dict[tuple[int, int], bool],
+    gap: dict[tuple[int, int], float],
+) -> Slot:
+    plane, now, then = planes[i], -planes[i].pos_ned[2], heights[i]
+    low, high = min(now, then), max(now, then)
+    first = []
+    for j, other in enumerate(planes):
+        if j == i or not near[i, j]:
+            continue
+        theirs = -other.pos_ned[2]
+        ahead = theirs >= now if then > now else theirs <= now
+        if ahead and theirs != heights[j] and low - gap[i, j] < theirs < high + gap[i, j] and theirs != now:
+            first.append(other.vehicle)
+    radius = loiter_radius(plane.body)
+    centre = (plane.goal_ned[0], plane.goal_ned[1], -then)
+    room = radius + plane.body.radius + ASIDE
+    off = plane.body.radius + STEADY
+    reserved = Cylinder(center=centre[:2], radius=room, floor=then - off, ceiling=then + off)
+    return Slot(plane.vehicle, centre, radius, loiter_speed(plane.body), reserved, tuple(first))
+
+
+def _gap(a: Body, b: Body, downwash: float) -> float:
+    """m of height between two planes that may be above each other."""
+    return downwash * (a.radius + b.radius) + 2.0 * STEADY
+
+
+def _near(a: Circling, b: Circling) -> bool:
+    """Whether the ways over the ground, circles at both ends included, come near each other."""
+    keep = sum(2.0 * loiter_radius(one.body) + one.body.radius + ASIDE for one in (a, b))
+    return _between(a.pos_ned, a.goal_ned, b.pos_ned, b.goal_ned) < keep
+
+
+def _between(p: Vector, q: Vector, u: Vector, v: Vector) -> float:
+    """m over the ground between the straight lines p-q and u-v."""
+
+    def turn(a: Vector, b: Vector, c: Vector) -> float:
+        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+    def away(c: Vector, a: Vector, b: Vector) -> float:
+        dx, dy = b[0] - a[0], b[1] - a[1]
+        share = ((c[0] - a[0]) * dx + (c[1] - a[1]) * dy) / max(dx * dx + dy * dy, 1e-12)
+        share = min(1.0, max(0.0, share))
+        return math.hypot(c[0] - a[0] - share * dx, c[1] - a[1] - share * dy)
+
+    if turn(p, q, u) * turn(p, q, v) < 0.0 and turn(u, v, p) * turn(u, v, q) < 0.0:
+        return 0.0
+    return min(away(p, u, v), away(q, u, v), away(u, p, q), away(v, p, q))
+
+
+def loiter_orders(planes: Sequence[Circling], slots: Sequence[Slot]) -> tuple[VehicleOrder, ...]:
+    """What brings the planes to their slots: each to its height where it is, then to its circle.
+
+    ``do/reposition`` orders, in a sequence that keeps ``after``. A vehicle says that such an order is done when it
+    circles; those that wait for it must wait until :func:`at_height`, too.
+    """
+    by_name = {slot.vehicle: k for k, slot in enumerate(slots)}
+    done: dict[str, int] = {}
+    orders: list[VehicleOrder] = []
+
+    def climb(name: str) -> int:
+        if name not in done:
+            k = by_name[name]
+            slot, here = slots[k], planes[k].pos_ned
+            after = tuple(climb(other) for other in slot.first)
+            place = (here[0], here[1], slot.centre_ned[2])
+            done[name] = len(orders)
+            orders.append(VehicleOrder(name, "reposition", _args(slot, place), after))
+        return done[name]
+
+    for slot in slots:
+        climb(slot.vehicle)
+    for slot in slots:
+        orders.append(VehicleOrder(slot.vehicle, "reposition", _args(slot, slot.centre_ned), (done[slot.vehicle],)))
+    return tuple(orders)
+
+
+def at_height(slot: Slot, pos_ned: Vector) -> bool:
+    """Whether a plane has reached the height of its slot, so that those that wait for it may leave theirs."""
+    return abs(pos_ned[2] - slot.centre_ned[2]) <= STEADY
+
+
+def _args(slot: Slot, pos: Vector) -> dict[str, object]:
+    return {"frame": "ned", "pos": pos, "radius": slot.radius, "speed": slot.speed}
