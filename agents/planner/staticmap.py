@@ -6,6 +6,7 @@ one. Where a search does not soon come through, it is asked whether there can be
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -27,8 +28,10 @@ MOST_LATTICES = 16
 """kept at a time"""
 FIRST_LOOK = 20_000
 """expansions after which it is asked whether there is a way at all: 20 to 70 ms"""
-MOST_LOOKS = 400_000
-"""expansions of one search: about a second"""
+MOST_LOOKS = 200_000
+"""expansions of one search: half a second"""
+PATIENCE = 1.5
+"""s for a vehicle whose way is not found at once"""
 MOST_PATHS = 4_096
 """kept at a time"""
 WEIGHT = 1.1
@@ -122,39 +125,27 @@ class StaticMap:
         return self._path(world, query, MOST_LOOKS)
 
     def separated(self, start: Floats, goal: Floats, radius: float, kind: int = COPTER, seconds: float = 1.0) -> bool:
-        """Whether it is proven that there is no way."""
+        """Whether it is proven, now or before, that there is no way."""
         world, query = self._query(start, goal, radius, kind, UNHURRIED)
-        return self._pocket(world, query, seconds)
+        return self._decide(world, query, seconds)[1]
 
     def paths_for(self, problem: Problem, room: float = 0.0) -> list[Path]:
         """A way for each vehicle, in order.
 
-        Raises :class:`PlanError`: ``unreachable`` with all vehicles for which it is proven that there is none, else
-        ``timeout`` with those for which none was found.
+        Raises :class:`PlanError`, ``unreachable``, with all vehicles for which there is none: that is proven, or all
+        that can be tried in a second or two each was tried.
         """
-        paths: list[Path] = []
-        missing: list[int] = []
         rates = np.stack((problem.vmax, problem.climb, problem.descend), axis=1)
-        for i in range(len(problem)):
-            start, goal, radius, kind = problem.start[i], problem.goal[i], problem.radius[i], int(problem.kind[i])
-            path = self.path(start, goal, float(radius), kind, rates[i].tolist(), room)
-            paths.append(np.array([start, goal]) if path is None else path)
-            if path is None:
-                missing.append(i)
-        if missing:
-            raise self._no_way(problem, missing)
-        return paths
-
-    def _no_way(self, problem: Problem, missing: list[int]) -> PlanError:
-        walled = [
-            problem.ids[i]
-            for i in missing
-            if self.separated(problem.start[i], problem.goal[i], float(problem.radius[i]), int(problem.kind[i]), 0.2)
+        paths = [
+            self.path(start, goal, float(radius), int(kind), rate.tolist(), room)
+            for start, goal, radius, kind, rate in zip(
+                problem.start, problem.goal, problem.radius, problem.kind, rates, strict=True
+            )
         ]
-        if walled:
-            return PlanError("unreachable", walled, f"there is no way to the goal of {', '.join(walled)}")
-        ids = [problem.ids[i] for i in missing]
-        return PlanError("timeout", ids, f"no way was found to the goal of {', '.join(ids)}, though there may be one")
+        missing = [name for name, path in zip(problem.ids, paths, strict=True) if path is None]
+        if missing:
+            raise PlanError("unreachable", missing, f"there is no way to the goal of {', '.join(missing)}")
+        return [path for path in paths if path is not None]
 
     def alternatives(
         self,
@@ -167,20 +158,20 @@ class StaticMap:
     ) -> list[Path]:
         """Up to ``count`` ways that pass the obstacles on other sides, or far apart; the quickest is first.
 
-        Each is found with the middles of those before it made impassable, a few radii around.
+        Each is found with a pillar standing, a few radii thick, half-way along each of those before it.
         """
         found: list[Path] = []
-        blocks: list[Obstacle] = []
+        pillars: list[Obstacle] = []
         while len(found) < count:
-            there = StaticMap(changed(self.world, blocks)) if blocks else self
+            there = StaticMap(changed(self.world, pillars)) if pillars else self
             path = there.path(start, goal, radius, kind, rates)
             if path is None:
                 break
             found.append(path)
-            block = lattice.block_on(path, 3.0 * radius)
-            if block is None:
+            pillar = lattice.pillar_on(self.world, path, 3.0 * radius)
+            if pillar is None:
                 break
-            blocks.append(block)
+            pillars.append(pillar)
         return found
 
     def update(self, added: Iterable[Obstacle] = (), removed: Iterable[Obstacle] = ()) -> None:
@@ -235,32 +226,46 @@ class StaticMap:
         return path.copy()
 
     def _search(self, world: World, query: Query, start: Floats, goal: Floats, rates: Floats, most: int) -> Path | None:
-        if any(
-            pocket.holds(world, query.radius, start) != pocket.holds(world, query.radius, goal)
-            for pocket in self._pockets.get((query.radius, query.height), ())
-        ):
+        """A way before it is shortened. A search that ends soon, or else the question whether there is a way; where
+        there may be, longer searches, on finer lattices, and samples.
+        """
+        if self._in_pocket(world, query, start, goal):
             return None
-        path, _ = self._layer(0, query.radius, query.height).search(world, start, goal, rates, 1, FIRST_LOOK)
-        if path is not None or most <= FIRST_LOOK or self._pocket(world, query, 1.0):
+        level, height, end = 0, query.height, time.monotonic() + PATIENCE
+        path, done = self._layer(0, query.radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
+        if path is not None or most <= FIRST_LOOK:
             return path
-        for level in range(8):
-            layer = self._layer(level, query.radius, query.height)
-            path, _ = layer.search(world, start, goal, rates, 2, most)
-            if path is not None or layer.lines.size * (8 if query.height is None else 4) > MOST_POINTS:
+        crooked, walled = self._decide(world, query, PATIENCE / 2.0)
+        if walled:
+            return None
+        while path is None and (level == 0 or time.monotonic() < end):
+            layer = self._layer(level, query.radius, height)
+            if not done or level > 0:
+                path, _ = layer.search(world, start, goal, rates, 2, most if crooked is None else FIRST_LOOK)
+            level, more = level + 1, 8 if height is None else 4
+            if (crooked is not None and level > 1) or layer.lines.size * more > MOST_POINTS:
                 break
-        if path is None and query.height is None:
-            path = sampled.find(world, start, goal, query.radius, seconds=1.0)
-        return path
+        if path is None and crooked is None and height is None:
+            path = sampled.find(world, start, goal, query.radius, seconds=0.5)
+        if path is None or crooked is None:
+            return crooked if path is None else path
+        short = [shorten.shorten(world, way, query.radius, rates, SWEEPS) for way in (path, crooked)]
+        return min(short, key=lambda way: shorten.travel_time(way, rates))
 
-    def _pocket(self, world: World, query: Query, seconds: float) -> bool:
+    def _in_pocket(self, world: World, query: Query, start: Floats, goal: Floats) -> bool:
+        pockets = self._pockets.get((query.radius, query.height), [])
+        return any(p.holds(world, query.radius, start) != p.holds(world, query.radius, goal) for p in pockets)
+
+    def _decide(self, world: World, query: Query, seconds: float) -> tuple[Path | None, bool]:
+        """A way, if a crooked one, and whether it is proven that there is none."""
         start, goal = np.array(query.start), np.array(query.goal)
-        pockets = self._pockets.setdefault((query.radius, query.height), [])
-        if any(p.holds(world, query.radius, start) != p.holds(world, query.radius, goal) for p in pockets):
-            return True
-        pocket = enclosed.pocket_of(world, query.radius, start, goal, seconds, query.height)
-        if pocket is not None:
-            pockets.append(pocket)
-        return pocket is not None
+        if self._in_pocket(world, query, start, goal):
+            return None, True
+        found = enclosed.decide(world, query.radius, start, goal, seconds, query.height)
+        if isinstance(found, enclosed.Pocket):
+            self._pockets.setdefault((query.radius, query.height), []).append(found)
+            return None, True
+        return found, False
 
     def _layer(self, level: int, radius: float, height: float | None) -> Layer:
         key = (level, radius, height)

@@ -1,10 +1,11 @@
-"""Proof that there is no way: the goal is walled in, or the start is.
+"""Whether there is a way at all: a proof that there is none, or a way however crooked.
 
-Space is cut into cells, and those near surfaces into eighths again and again down to a least size. What a vehicle's
-centre cannot be in anywhere is left out; a flood through all the rest from both ends at once either meets, which proves
-nothing, or runs dry on one side: then there is no way, however crooked. Cells are kept in a table of those looked at,
-so that large scenes cost no more memory than what is flooded. (Approximate cell decomposition: Latombe, "Robot Motion
-Planning", 1991, chapter 6.)
+Space is cut into cells, and those near surfaces into eighths again. What a vehicle's centre cannot be in anywhere is
+left out. A flood through all the rest from both ends either runs dry on one side: then there is no way; or it meets:
+then the line through its cells is tested, and where it is not clear cells are cut again. Cells are kept in a table of
+those looked at, so that a large scene costs no more memory than what is flooded. (Approximate cell decomposition with
+refinement along channels: D. Zhu and J.-C. Latombe, "New heuristic algorithms for efficient hierarchical path
+planning", 1991.)
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planner.geometry import clearance, outside, polygon_side
+from agents.planner.geometry import clearance, outside, polygon_side, segment_clear
 from agents.planner.jit import jit
 from agents.planner.paths.grid import pop, push
-from agents.planner.problem import Floats, Ints
+from agents.planner.problem import Floats, Ints, Path
 from agents.planner.world import World
 
 Bytes = NDArray[np.uint8]
@@ -30,7 +31,9 @@ BITS = 18
 MET, GAVE_UP = 0, -1
 MOST_CELLS = 1_000_000
 """about a second and a half"""
-MOST_CUTS = 10
+MOST_EVEN = 120_000
+"""up to which cells are cut everywhere near surfaces, and only along the line after that; so too from half the radius
+on, where every wall is seen to be one"""
 
 
 class Cells(NamedTuple):
@@ -43,11 +46,14 @@ class Cells(NamedTuple):
     counts: Ints
     """(3,): of the largest cells"""
     depth: int
-    """how often the least cells were cut"""
+    """how often cells near surfaces are cut everywhere"""
     keys: Ints
     """level + 1 and place of a cell; 0: none"""
     found: Bytes
-    """FREE, MIXED or BLOCKED; plus 4 where the flood from the start was, 8 where that from the goal was"""
+    """FREE, MIXED or BLOCKED; plus 4 where the flood from the start was, 8 where that from the goal was; plus 16 where
+    it is cut though it is as small as ``depth`` asks"""
+    parents: Ints
+    """the key of the cell from which the flood came; 0: it holds the end"""
 
 
 @jit
@@ -60,14 +66,15 @@ def slot_of(keys: Ints, key: int) -> int:
 
 
 @jit
-def grown(keys: Ints, found: Bytes) -> tuple[Ints, Bytes]:
+def grown(keys: Ints, found: Bytes, parents: Ints) -> tuple[Ints, Bytes, Ints]:
     """The same table, twice as large."""
     more, of = np.zeros(2 * len(keys), dtype=np.int64), np.zeros(2 * len(keys), dtype=np.uint8)
+    by = np.zeros(2 * len(keys), dtype=np.int64)
     for n in range(len(keys)):
         if keys[n] != 0:
             at = slot_of(more, keys[n])
-            more[at], of[at] = keys[n], found[n]
-    return more, of
+            more[at], of[at], by[at] = keys[n], found[n], parents[n]
+    return more, of, by
 
 
 @jit
@@ -138,11 +145,56 @@ def child_of(key: int, n: int) -> int:
 
 
 @jit
-def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats, most: int) -> tuple[int, Ints, Bytes]:
+def chain(keys: Ints, parents: Ints, side: int, cell: int, key: int) -> Ints:
+    """The cells from start to goal where the flood of a side came from ``cell`` to ``key``, one of the other's."""
+    path = np.empty(256, dtype=np.int64)
+    split = count = 0
+    for turn in range(2):
+        at = cell if turn == side else key
+        while at != 0:
+            if count == len(path):
+                path = np.append(path, path)
+            path[count] = at
+            count, at = count + 1, parents[slot_of(keys, at)]
+        if turn == 0:
+            split = count
+    first = path[:split][::-1]
+    return np.append(first, path[split:count])
+
+
+@jit
+def leaf_at(world: World, radius: float, cells: Cells, keys: Ints, found: Bytes, point: Floats) -> int:
+    """The key of the cell that holds a point and is not cut."""
+    level = 0
+    while True:
+        key = key_at(cells, level, point)
+        slot = slot_of(keys, key)
+        kind = int(found[slot]) if keys[slot] != 0 else classify(world, radius, cells.low, cells.size, key)
+        if kind & 3 != MIXED or (level >= cells.depth and not kind & 16):
+            return key
+        level += 1
+
+
+@jit
+def cut(cells: Cells, keys: Ints) -> None:
+    """Mark cells to be cut."""
+    for key in keys:
+        cells.found[slot_of(cells.keys, key)] |= 16
+
+
+@jit
+def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats, most: int) -> tuple[int, Cells, Ints]:
     """Flood from both ends, each towards the other: 4 or 8 where that from the start or the goal ran dry, MET, or
-    GAVE_UP after ``most`` cells; and the table then. ``cells`` comes with an empty one.
+    GAVE_UP after ``most`` cells; the table then; and where they met the keys of the cells from start to goal.
     """
-    keys, found, used = cells.keys.copy(), cells.found.copy(), 0
+    keys, found, parents = cells.keys.copy(), cells.found.copy(), cells.parents.copy()
+    for n in range(len(found)):
+        found[n] &= 19  # where floods were before is nothing to this one
+    used = np.count_nonzero(keys)
+    order, queue, waiting = np.empty((2, 4096)), np.empty((2, 4096), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    ends, todo, nothing = np.empty((2, 3)), np.empty(512, dtype=np.int64), np.empty(0, dtype=np.int64)
+    ends[0], ends[1] = start, goal
+    side, direction, cell = 0, -1, 0
     low, size, count, depth = cells.low, cells.size, cells.counts, cells.depth
     flat = size[2] < 2.0 * FLAT
     order, queue, waiting = np.empty((2, 4096)), np.empty((2, 4096), dtype=np.int64), np.zeros(2, dtype=np.int64)
@@ -151,7 +203,9 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
     side, direction, cell = 0, -1, 0
     while True:
         # What touches one face of the cell in hand; before that, once for each side, what holds its end.
-        key = key_at(cells, depth, ends[side]) if direction < 0 else beside(count, cell, direction)
+        key = (
+            leaf_at(world, radius, cells, keys, found, ends[side]) if direction < 0 else beside(count, cell, direction)
+        )
         pending = 1 if key != 0 else 0
         todo[0] = key
         if pending and keys[slot_of(keys, key)] == 0:
@@ -168,28 +222,31 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
             pending -= 1
             key = todo[pending]
             if 2 * used > len(keys) - 64:
-                keys, found = grown(keys, found)
+                keys, found, parents = grown(keys, found, parents)
             slot = slot_of(keys, key)
             if keys[slot] == 0:
                 keys[slot], found[slot] = key, classify(world, radius, low, size, key)
                 used += 1
             if found[slot] & 3 == BLOCKED:
                 continue
-            if found[slot] & 3 == MIXED and (key >> 3 * BITS) - 1 < depth:
+            if found[slot] & 3 == MIXED and ((key >> 3 * BITS) - 1 < depth or found[slot] & 16):
                 for n in range(4 if flat else 8):  # only those on the face towards the cell in hand
                     if (n >> direction // 2 & 1) != direction % 2:
                         todo[pending] = child_of(key, n)
                         pending += 1
                 continue
             if found[slot] & (8 >> side):
-                return MET, keys, found
+                return MET, Cells(low, size, count, depth, keys, found, parents), chain(keys, parents, side, cell, key)
             if not found[slot] & (4 << side):
                 found[slot] |= 4 << side
+                parents[slot] = cell if direction >= 0 else 0
                 x, y, z, _ = middle_of(low, size, key)
                 aim = ends[1 - side]
                 if waiting[side] == order.shape[1]:
                     order, queue = np.concatenate((order, order), 1), np.concatenate((queue, queue), 1)
-                far = (x - aim[0]) ** 2 + (y - aim[1]) ** 2 + (z - aim[2]) ** 2
+                far = math.sqrt((x - aim[0]) ** 2 + (y - aim[1]) ** 2 + (z - aim[2]) ** 2)
+                if found[slot] & 3 == MIXED:
+                    far += 4.0 * size[0]  # what is free first
                 push(order[side], queue[side], waiting[side], far, key)
                 waiting[side] += 1
         direction += 1
@@ -198,10 +255,10 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
             continue
         if direction == 0 or direction == (4 if flat else 6):
             if used > most:
-                return GAVE_UP, keys, found
+                return GAVE_UP, Cells(low, size, count, depth, keys, found, parents), nothing
             side, direction = 1 - side, 0
             if waiting[side] == 0:
-                return 4 << side, keys, found
+                return 4 << side, Cells(low, size, count, depth, keys, found, parents), nothing
             cell = pop(order[side], queue[side], waiting[side])
             waiting[side] -= 1
 
@@ -209,13 +266,8 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
 @jit
 def holds(world: World, radius: float, cells: Cells, flag: int, point: Floats) -> bool:
     """Whether the flood that left ``flag`` was where a point is."""
-    for level in range(cells.depth + 1):
-        slot = slot_of(cells.keys, key_at(cells, level, point))
-        if cells.keys[slot] == 0:
-            return False
-        if cells.found[slot] & 3 != MIXED or level == cells.depth:
-            return bool((cells.found[slot] & flag) > 0)
-    return False
+    slot = slot_of(cells.keys, leaf_at(world, radius, cells, cells.keys, cells.found, point))
+    return bool(cells.keys[slot] != 0 and (cells.found[slot] & flag) > 0)
 
 
 class Pocket(NamedTuple):
@@ -228,26 +280,70 @@ class Pocket(NamedTuple):
         return bool(holds(world, radius, self.cells, self.flag, point))
 
 
-def pocket_of(
+def decide(
     world: World, radius: float, start: Floats, goal: Floats, seconds: float, height: float | None = None
-) -> Pocket | None:
-    """The proof that start and goal, (3,) each, are separated for a radius; None: there is none, or not in time.
+) -> Pocket | Path | None:
+    """Proof that start and goal, (3,) each, are separated for a radius, or a way; None: neither was found in time.
 
-    ``height``: of what stays at it. Coarse cells first; the least have a side of an eighth of the radius. Of an opening
-    that is too narrow by less than that nothing is proven.
+    ``height``: of what stays at it. Coarse cells first. The least have a side of a hundredth of the radius, so that of
+    an opening that is too narrow by less than that nothing is proven.
     """
+    cells, end = _uncut(world, radius, height), time.monotonic() + seconds
+    while time.monotonic() < end:
+        verdict, cells, keys = flood(world, radius, cells, start, goal, MOST_CELLS)
+        if verdict == GAVE_UP:
+            return None
+        if verdict != MET:
+            return Pocket(cells, verdict)
+        path = _line_through(cells, keys, start, goal)
+        blocked = [n for n in range(len(path) - 1) if not segment_clear(world, path[n], path[n + 1], radius)]
+        if not blocked:
+            return path
+        if cells.size.max() / 2.0**cells.depth > 0.51 * radius and np.count_nonzero(cells.keys) < MOST_EVEN:
+            cells = cells._replace(depth=cells.depth + 1)
+            continue
+        if not _cut_near(world, cells, path, keys, blocked, radius):
+            return None
+    return None
+
+
+def _uncut(world: World, radius: float, height: float | None) -> Cells:
     low, span = world.bounds[:3].copy(), np.maximum(world.bounds[3:] - world.bounds[:3], 1e-3)
     count = np.maximum(1, np.round(span / max(8.0 * radius, float(span.max()) / 64.0))).astype(np.int64)
     if height is not None:
         low[2], span[2], count[2] = height, FLAT, 1
-    size, end = span / count, time.monotonic() + seconds
-    for depth in range(MOST_CUTS):
-        if size.max() / 2.0**depth < radius / 8.0 or time.monotonic() > end:
-            break
-        empty = Cells(low, size, count, depth, np.zeros(4096, dtype=np.int64), np.zeros(4096, dtype=np.uint8))
-        verdict, keys, found = flood(world, radius, empty, start, goal, MOST_CELLS)
-        if verdict == GAVE_UP:
-            break
-        if verdict != MET:
-            return Pocket(empty._replace(keys=keys, found=found), verdict)
-    return None
+    table = np.zeros(4096, dtype=np.int64), np.zeros(4096, dtype=np.uint8), np.zeros(4096, dtype=np.int64)
+    return Cells(low, span / count, count, 0, *table)
+
+
+def _corners(cells: Cells, keys: Ints) -> tuple[Floats, Floats]:
+    """(K, 3) each: cells' least and greatest x, y, z."""
+    scale = 0.5 ** ((keys >> 3 * BITS) - 1)[:, None]
+    places = np.stack([keys >> BITS * axis & (1 << BITS) - 1 for axis in range(3)], axis=1)
+    low = cells.low + places * cells.size * scale
+    return low, low + cells.size * scale
+
+
+def _line_through(cells: Cells, keys: Ints, start: Floats, goal: Floats) -> Path:
+    """Through the middles of the faces that the cells share: leg n is in cell n."""
+    low, high = _corners(cells, keys)
+    faces = (np.maximum(low[:-1], low[1:]) + np.minimum(high[:-1], high[1:])) / 2.0
+    return np.concatenate((start[None], faces, goal[None]))
+
+
+def _cut_near(world: World, cells: Cells, path: Path, keys: Ints, legs: list[int], radius: float) -> bool:
+    """Cut the cells that blocked legs are in, and all within half a radius of where it is narrowest, if they are mixed
+    and not yet the least; whether there was one.
+    """
+    spare = [clearance(world, *((path[n] + path[n + 1]) / 2.0)) for n in legs]
+    narrowest = legs[int(np.argmin(spare))]
+    near = cells.keys[(cells.found & 16 == 0) & (cells.found & 12 != 0)]
+    low, high = _corners(cells, near)
+    away = np.maximum(np.maximum(low - path[narrowest], path[narrowest] - high), 0.0)
+    near = near[np.linalg.norm(away, axis=1) < radius / 2.0]
+    chosen = np.unique(np.concatenate((keys[legs], near)))
+    kinds = np.array([cells.found[slot_of(cells.keys, int(key))] & 3 for key in chosen])
+    large = cells.size.max() / 2.0 ** ((chosen >> 3 * BITS) - 1) > radius / 100.0
+    chosen = chosen[large & (kinds == MIXED)]
+    cut(cells, chosen)
+    return len(chosen) > 0

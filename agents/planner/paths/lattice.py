@@ -99,11 +99,14 @@ def corners_of(lattice: Lattice, point: Floats, reach: int) -> Ints:
     return numbers
 
 
-def block_on(path: Path, reach: float) -> Box | None:
-    """A box that closes a way half-way, ``reach`` to each side; None: the way is too short for that."""
+def pillar_on(world: World, path: Path, reach: float) -> Box | None:
+    """A box from the least to the greatest height that closes a way half-way, ``reach`` to each side; None: the way is
+    too short for that.
+    """
     legs = np.linalg.norm(np.diff(path, axis=0), axis=1)
     if legs.sum() < 4.0 * reach:
         return None
     along = np.concatenate(([0.0], np.cumsum(legs)))
-    x, y, z = (float(np.interp(along[-1] / 2.0, along, path[:, axis])) for axis in range(3))
-    return Box(min=(x - reach, y - reach, z - reach), max=(x + reach, y + reach, z + reach))
+    x, y = (float(np.interp(along[-1] / 2.0, along, path[:, axis])) for axis in range(2))
+    low, high = float(world.bounds[2]), float(world.bounds[5])
+    return Box(min=(x - reach, y - reach, low), max=(x + reach, y + reach, high))
