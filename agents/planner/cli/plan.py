@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
-import math
 import os
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import msgspec
 
 from agents.planner.cli.stages import Stages
 from agents.planner.errors import PlanError
@@ -22,9 +20,7 @@ from zmav.cli.common import dump
 from zmav.errors import BadConfig, BadInput, ZmavError
 
 if TYPE_CHECKING:
-    from agents.planner.plans import Plan
-    from agents.planner.scene import Scene
-    from agents.planner.verify import Report
+    from agents.planner.cli.told import Done
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -41,17 +37,6 @@ class Wish:
     save: Path | None = None
     view: bool = False
     as_json: bool = False
-
-
-@dataclass(frozen=True)
-class Done:
-    """One scene, planned for or refused."""
-
-    name: str
-    scene: Scene | None
-    plan: Plan
-    report: Report | None
-    stages: dict[str, float]
 
 
 @click.command("plan")
@@ -175,6 +160,7 @@ def _check_shows(wish: Wish, pictures: Sequence[Path | None]) -> None:
 
 def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages: Stages, *, several: bool) -> bool:
     """Plan for one scene and write all that was asked for; whether there is a plan."""
+    from agents.planner.cli.told import facts, summary
     from agents.planner.plans import encode, write_plan
 
     try:
@@ -184,6 +170,7 @@ def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages
     except Exception as e:
         if not several:
             raise
+        stages.end()
         click.echo(f"zmav: {path}: the planner failed: {type(e).__name__}: {e}", err=True)  # the others are planned
         return False
     if target is None:
@@ -200,9 +187,9 @@ def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages
 
         show(done.scene, done.plan, done.report, wish.save, wish.view)
     if wish.as_json:
-        click.echo(dump(_facts(done, target), pretty=False), err=target is None)
+        click.echo(dump(facts(done, target), pretty=False), err=target is None)
     elif ok:
-        click.echo(_summary(done), err=target is None)
+        click.echo(summary(done), err=target is None)
     if not ok and done.plan.error is not None:
         error = done.plan.error
         who = f" ({', '.join(error.ids)})" if error.ids else ""
@@ -212,6 +199,7 @@ def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages
 
 def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
     """Read, validate, solve, and verify what is going to be written once more."""
+    from agents.planner.cli.told import Done
     from agents.planner.plans import Plan
     from agents.planner.scene import read_scene
     from agents.planner.validate import validate
@@ -234,7 +222,9 @@ def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
         if not report.ok:
             raise ZmavError(f"{path}: a plan was found that does not keep the scene's rules: {report.faults[0]}")
     except PlanError as e:
-        plan = Plan.failed(e, time.perf_counter() - begun)
+        spent = time.perf_counter() - begun
+        ready = sum(seconds for name, seconds in stages.end().items() if name in ("load", "warm up"))
+        plan = Plan.failed(e, spent - ready)
     return Done(path.stem, scene, plan, report, stages.end())
 
 
@@ -250,73 +240,30 @@ def _make_ready(planes: bool, stages: Stages) -> None:
     stages.ready.add(planes)
 
 
-def _facts(done: Done, target: Path | None) -> dict[str, Any]:
-    """How it went, for scripts."""
-    facts: dict[str, Any] = {"scene": done.name, "status": done.plan.status}
-    facts["vehicles"] = len(done.scene.vehicles) if done.scene else None
-    if done.report is not None and done.scene is not None:
-        from agents.planner.bound import least_makespan
-
-        bound = least_makespan(done.scene)
-        facts["makespan"] = done.report.makespan
-        facts["over_bound"] = round(done.report.makespan / bound, 4) if bound else None
-        closest = done.report.closest
-        facts["clearance"] = None if closest is None else round(closest.clearance, 4)
-        facts["closest"] = None if closest is None else [*closest.ids, round(closest.time, 3)]
-        near = done.report.obstacle_clearance
-        facts["obstacle_clearance"] = round(near, 4) if math.isfinite(near) else None
-    facts["planning_time_s"] = done.plan.planning_time_s
-    facts["stages"] = {name: round(seconds, 4) for name, seconds in done.stages.items()}
-    facts["error"] = msgspec.to_builtins(done.plan.error)
-    facts["output"] = None if target is None else str(target)
-    return facts
-
-
-def _summary(done: Done) -> str:
-    """How it went, in one line."""
-    facts = _facts(done, None)
-    over = f" ({facts['over_bound']:.2f} × the bound)" if facts["over_bound"] else ""
-    words = [f"{done.name}: {facts['vehicles']} vehicles, makespan {facts['makespan']:.1f} s{over}"]
-    if facts["closest"]:
-        one, other, when = facts["closest"]
-        words.append(f"clearance {facts['clearance']:.2f} m ({one}, {other} at {when:.1f} s)")
-    if facts["obstacle_clearance"] is not None:
-        words.append(f"{facts['obstacle_clearance']:.2f} m from obstacles")
-    spent = ", ".join(f"{name} {seconds:.2f}" for name, seconds in done.stages.items() if seconds >= 0.005)
-    words.append(f"planned in {done.plan.planning_time_s or 0.0:.2f} s ({spent})")
-    return ", ".join(words)
-
-
 def _judge(scene_file: Path, plan_file: Path, wish: Wish) -> int:
     """``--check``: 0 for a plan that keeps every rule."""
-    from agents.planner.plans import Plan, read_plan
+    from agents.planner.cli.told import headline, quality
+    from agents.planner.plans import read_plan
     from agents.planner.scene import read_scene
     from agents.planner.verify import verify
 
-    scene = read_scene(scene_file)
-    plan = read_plan(plan_file)
+    scene, plan = read_scene(scene_file), read_plan(plan_file)
     if plan.status != "ok":
         code = plan.error.code if plan.error else "no reason"
         raise BadInput(f"{plan_file} is no plan but an error: {code}", field="plan", value=code, expected="status ok")
     report = verify(scene, plan.trajectories, written=True)
-    done = Done(scene_file.stem, scene, Plan.of({}), report, {})
     if wish.as_json:
-        facts = _facts(done, None)
-        for name in ("planning_time_s", "stages", "error", "output"):
-            facts.pop(name)
-        facts["status"] = "ok" if report.ok else "faults"
-        facts["faults"] = [
-            {"kind": f.kind, "ids": f.ids, "time": f.time, "amount": f.amount, "text": f.text} for f in report.faults
-        ]
-        click.echo(dump(facts, pretty=False))
+        found: dict[str, Any] = {"scene": scene_file.stem, "status": "ok" if report.ok else "faults"}
+        found |= {"vehicles": len(scene.vehicles), **quality(scene, report)}
+        found["faults"] = [asdict(fault) for fault in report.faults]
+        click.echo(dump(found, pretty=False))
+    elif report.ok:
+        click.echo(f"{headline(scene_file.stem, scene, report)}: every rule is kept")
     else:
         for fault in report.faults:
             click.echo(f"{fault.kind}: {fault}")
-        if report.ok:
-            click.echo(_summary(done).rpartition(", planned in ")[0] + ": every rule is kept")
-        else:
-            click.echo(f"{len(report.faults)} faults", err=True)
-    if wish.picture and report.ok:
+        click.echo(f"zmav: {len(report.faults)} faults in {plan_file}", err=True)
+    if wish.picture:
         from agents.planner.picture import draw
 
         draw(scene, plan, report, wish.picture)

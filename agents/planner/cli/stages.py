@@ -8,26 +8,20 @@ from types import TracebackType
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-QUICK = ("read", "validate", "load")
-"""stages that are over before a line about them is read"""
+PREPARING = ("read", "validate", "load", "warm up")
+"""stages that are no part of the planning"""
 
 
 class Stages:
-    """Give it to the solver as its ``progress``, while the ``with`` lasts."""
+    """Give it to the solver as its ``progress``, between :meth:`begin` and :meth:`end`, while the ``with`` lasts."""
 
     def __init__(self, quiet: bool = False) -> None:
-        self._bar = sys.stderr.isatty() and not quiet
-        self._plain = not sys.stderr.isatty() and not quiet
-        columns = (
-            TextColumn("{task.fields[scene]}: {task.description:<12}"),
-            BarColumn(),
-            TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(),
-        )
-        self._progress = Progress(*columns, console=Console(stderr=True), transient=True, disable=not self._bar)
-        self._task = self._progress.add_task("", total=1.0, scene="")
+        terminal = sys.stderr.isatty()
+        self._bar, self._plain = terminal and not quiet, not terminal and not quiet
+        self._progress: Progress | None = None
+        self._task = TaskID(0)
         self._scene = ""
         self._stage = ""
         self._since = 0.0
@@ -37,21 +31,29 @@ class Stages:
         """s spent in each stage, in the order in which they were first entered"""
 
     def __enter__(self) -> Stages:
-        self._progress.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self._progress.stop()
+        self.end()
 
     def begin(self, scene: str) -> None:
         """A new scene: the times start anew."""
         self._scene, self.seconds = scene, {}
         self._stage, self._since = "", time.perf_counter()
-        self._progress.reset(self._task, description="", scene=scene)
+        if self._bar:
+            columns = (
+                TextColumn("{task.fields[scene]}: {task.description:<10}"),
+                BarColumn(),
+                TextColumn("{task.percentage:3.0f} %"),
+                TimeElapsedColumn(),
+            )
+            self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._task = self._progress.add_task("", total=1.0, scene=scene)
+            self._progress.start()
 
     def say(self, text: str) -> None:
         """A line that stays."""
-        if self._bar:
+        if self._progress is not None:
             self._progress.console.print(text, highlight=False)
         elif self._plain:
             click.echo(text, err=True)
@@ -61,15 +63,19 @@ class Stages:
         if stage != self._stage:
             self._close()
             self._stage = stage
-            if self._plain and stage not in self.seconds and stage not in QUICK:
+            if self._plain and stage not in self.seconds and stage not in PREPARING:
                 click.echo(f"{self._scene}: {stage}", err=True)
             self.seconds.setdefault(stage, 0.0)
-        self._progress.update(self._task, description=stage, completed=min(1.0, max(0.0, share)))
+        if self._progress is not None:
+            self._progress.update(self._task, description=stage, completed=min(1.0, max(0.0, share)))
 
     def end(self) -> dict[str, float]:
-        """The scene is through: s by stage."""
+        """The scene is through, and the bar gone: s by stage."""
         self._close()
         self._stage = ""
+        if self._progress is not None:
+            self._progress.stop()
+            self._progress = None
         return self.seconds
 
     def _close(self) -> None:
