@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -10,13 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from agents.planner.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem
-from agents.planner.spacetime.negotiate import STEP, Negotiation
-from agents.planner.spacetime.roads import durations
+from agents.planner.spacetime.negotiate import Negotiation
 from agents.planner.world import World
 
-MARGIN = 0.1
-"""m kept on top of the radii, where starts and goals leave room for it"""
-MOST_STEPS = 3000
+MARGIN = 0.05
+"""share of the radii kept on top of the radii, where starts and goals leave room for it"""
 
 
 def find(
@@ -29,10 +26,10 @@ def find(
     made quicker for half as long as that took.
     """
     begun = time.perf_counter()
-    deadline, steps = begun + seconds, horizon(problem, paths)
+    deadline, length = begun + seconds, horizon(problem, paths)
     best: Negotiation | None = None
     for order in orders(problem, paths):
-        talk = Negotiation(problem, world, paths, margin=MARGIN, steps=steps)
+        talk = Negotiation(problem, world, paths, margin=MARGIN, seconds=length)
         talk.start(order.tolist(), deadline)
         if talk.settle(deadline, rng) and (best is None or talk.arrival.max() < best.arrival.max()):
             best = talk
@@ -47,7 +44,7 @@ def find(
 
 
 def orders(problem: Problem, paths: Sequence[Path]) -> Iterator[Ints]:
-    """Who is planned before whom: those with the longest ways first; the same, one direction of travel after the other."""
+    """Who is planned before whom: the longest ways first; then so, but one direction of travel before the other."""
     times = np.array([travel(problem, i, path) for i, path in enumerate(paths)])
     yield np.argsort(-times, kind="stable")
     ways = problem.goal - problem.start
@@ -57,16 +54,16 @@ def orders(problem: Problem, paths: Sequence[Path]) -> Iterator[Ints]:
 
 def travel(problem: Problem, i: int, path: Path) -> float:
     """Seconds along a path at full speed."""
-    speeds = float(problem.vmax[i]), float(problem.climb[i]), float(problem.descend[i])
-    return float(durations(np.diff(path, axis=0), *speeds, STEP).sum()) * STEP
+    legs = np.diff(path, axis=0)
+    rises = np.maximum(legs[:, 2] / problem.climb[i], -legs[:, 2] / problem.descend[i])
+    return float(np.maximum(np.linalg.norm(legs, axis=1) / problem.vmax[i], rises).sum())
 
 
-def horizon(problem: Problem, paths: Sequence[Path], begin: float = 0.0) -> int:
-    """Steps that a table should have room for."""
+def horizon(problem: Problem, paths: Sequence[Path], begin: float = 0.0) -> float:
+    """Seconds from ``begin`` that a table should have room for."""
     longest = max((travel(problem, i, path) for i, path in enumerate(paths)), default=0.0)
     moved = max((float(mover.motion[-1, 0]) for mover in problem.movers), default=0.0)
-    seconds = max(begin, moved) + 3.0 * longest + 25.0 + 2.0 * len(problem)
-    return min(MOST_STEPS, math.ceil(seconds / STEP))
+    return max(0.0, moved - begin) + 3.0 * longest + 25.0 + 2.0 * len(problem)
 
 
 def repair(
@@ -79,10 +76,10 @@ def repair(
     rng: np.random.Generator,
     begin: float = 0.0,
 ) -> list[Motion] | None:
-    """The motions with new ones for the vehicles ``who``, which keep clear of all others' as these are; None: none found.
+    """The motions with new ones for the vehicles ``who``, clear of all others' as these are; None: none found.
 
-    ``who`` start at their starts at rest at ``begin`` s; ``paths``: theirs, in the same order. Their new motions begin
-    then.
+    ``who`` are at rest at their starts at ``begin`` s, or a step later; ``paths``: theirs, in the same order. Their
+    new motions begin then.
     """
     others = [i for i in range(len(problem)) if i not in set(who)]
     fixed = tuple(
@@ -91,8 +88,8 @@ def repair(
     )
     few = part(replace(problem, movers=problem.movers + fixed), np.array(who, dtype=np.int64))
     deadline = time.perf_counter() + seconds
-    first = math.ceil(begin / STEP - 1e-9)
-    talk = Negotiation(few, world, paths, margin=MARGIN, steps=horizon(few, paths, begin), begin=first)
+    length = horizon(few, paths, begin)
+    talk = Negotiation(few, world, paths, margin=MARGIN, seconds=length, begin=begin)
     talk.start(np.argsort(-talk.alone, kind="stable").tolist(), deadline)
     if not talk.settle(deadline, rng):
         return None

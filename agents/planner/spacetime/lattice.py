@@ -34,7 +34,7 @@ class Lattice(NamedTuple):
     shape: Ints
     """(3,): nx, ny, nz"""
     edges: Ints
-    """(nodes,): bit m: move m is free from here; -1 (all bits): also the node's whole cell around it"""
+    """(nodes,): bit m: move m is free from here"""
 
 
 @jit
@@ -84,7 +84,7 @@ def times_to(lattice: Lattice, moves: Ints, steps: Ints, seeds: Ints, values: In
 
     ``steps`` (26,): how many each move takes.
     """
-    nx, ny, nz = lattice.shape
+    nx, ny, _ = lattice.shape
     count, most = len(lattice.edges), values.max() + 1
     least_of = np.full(count, FAR, dtype=np.int64)
     ring = max(most, steps.max() + 1)
@@ -139,12 +139,38 @@ def times_to(lattice: Lattice, moves: Ints, steps: Ints, seeds: Ints, values: In
 
 
 def lattice_of(world: World, radius: float, pitch: Floats, low: Floats, high: Floats, through: Floats) -> Lattice:
-    """The lattice that has a node at ``through`` (3,), within the box from ``low`` to ``high``; flat where they touch in z."""
+    """The lattice with a node at ``through`` (3,), in the box from ``low`` to ``high``; flat where these have one z."""
     below = np.maximum(0.0, np.floor((through - low) / pitch + 1e-9))
     above = np.maximum(0.0, np.floor((high - through) / pitch + 1e-9))
     origin = np.ascontiguousarray(through - below * pitch)
     shape = (below + above + 1.0).astype(np.int64)
     return Lattice(origin, pitch, shape, free_edges(world, radius, origin, pitch, shape, MOVES))
+
+
+def anchor(world: World, radius: float, pitch: Floats, places: Floats) -> Floats:
+    """(3,): where a node should be so that most lanes lead through the narrowest gap at ``places`` (n, 3).
+
+    Along each axis, the gap is what is free between the boxes around two obstacles, on either side of a place; the
+    median of the places where there is none.
+    """
+    middle = np.median(places, axis=0)
+    low, high = world.solids[:, :3] - radius, world.solids[:, 3:6] + radius
+    if not len(low):
+        return middle
+    for axis in range(3):
+        aside = [other for other in range(3) if other != axis]
+        faces = ((places[:, None, aside] > low[None, :, aside]) & (places[:, None, aside] < high[None, :, aside])).all(
+            2
+        )
+        at = places[:, None, axis]
+        above = np.where(faces & (low[None, :, axis] >= at - 1e-6), low[None, :, axis], np.inf).min(axis=1)
+        below = np.where(faces & (high[None, :, axis] <= at + 1e-6), high[None, :, axis], -np.inf).max(axis=1)
+        width = above - below
+        one = int(np.argmin(np.where(width > 0.0, width, np.inf)))
+        if 0.0 < width[one] < np.inf:
+            lanes = math.floor(width[one] / pitch[axis])
+            middle[axis] = (above[one] + below[one] - lanes * pitch[axis]) / 2.0
+    return middle
 
 
 def nodes_about(lattice: Lattice, place: Floats, cells: float = 1.5) -> tuple[Ints, Floats]:

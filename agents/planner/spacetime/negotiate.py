@@ -7,25 +7,26 @@ that a group that is stuck looks elsewhere.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 
 import numpy as np
 
 from agents.planner.problem import ROVER, Floats, Ints, Motion, Path, Problem
-from agents.planner.spacetime.lattice import MOVES, Lattice, lattice_of
-from agents.planner.spacetime.roads import durations, no_lattice, pitch_for, roads_of
+from agents.planner.spacetime.lattice import MOVES, Lattice, anchor, lattice_of
+from agents.planner.spacetime.roads import ROOM, durations, no_lattice, pitch_for, roads_of
 from agents.planner.spacetime.search import BLOCKED, Roads, lay, search
 from agents.planner.spacetime.table import Table, empty_table, put, take, troubles
 from agents.planner.world import World
 
-STEP = 0.25
-"""s"""
 SHARE = 0.8
 """of the greatest speeds, that straight moves are planned at"""
 PRICE = 4.0
 """steps that a step of conflict costs at first"""
 DEAREST = 400.0
+"""steps"""
+LONGEST = 3000
 """steps"""
 LIMIT = BLOCKED / 2.0
 HARDLY = 1.05
@@ -40,7 +41,9 @@ STALE = 12
 GROUP = 8
 """vehicles planned anew together, at most"""
 AROUND = 12.0
-"""m around all paths that the lattice reaches"""
+"""times the greatest radius around all paths: so far the lattice reaches"""
+LEAST_STEP, MOST_STEP = 0.1, 0.5
+"""s"""
 NODES = 60_000.0
 """of a lattice, about"""
 
@@ -49,16 +52,31 @@ class Negotiation:
     """The table, everybody's roads and motion, and who is in conflict with whom."""
 
     def __init__(
-        self, problem: Problem, world: World, paths: Sequence[Path], *, margin: float, steps: int, begin: int = 0
+        self,
+        problem: Problem,
+        world: World,
+        paths: Sequence[Path],
+        *,
+        margin: float,
+        seconds: float,
+        begin: float = 0.0,
     ) -> None:
-        self.problem, self.world, self.paths, self.begin = problem, world, paths, begin
+        """``margin``: share of the radii kept on top of them; ``seconds``: how far the table goes; ``begin``: s."""
+        self.problem, self.world, self.paths = problem, world, paths
         count = len(problem)
         every = np.concatenate([*paths, problem.start, problem.goal])
-        self.low = np.maximum(every.min(axis=0) - AROUND, world.bounds[:3])
-        self.high = np.minimum(every.max(axis=0) + AROUND, world.bounds[3:])
+        around = AROUND * float(problem.radius.max())
+        self.low = np.maximum(every.min(axis=0) - around, world.bounds[:3])
+        self.high = np.minimum(every.max(axis=0) + around, world.bounds[3:])
         self.speed, self.climb, self.descend = (SHARE * v for v in (problem.vmax, problem.climb, problem.descend))
         area = np.array([self.low[0], self.low[1], self.high[0], self.high[1]])
-        self.table: Table = empty_table(problem, STEP, steps, begin, area, float(np.max(self.speed)), margin)
+        # Two steps for a move from one lane to the next.
+        lanes = ROOM * problem.radius / self.speed
+        self.step = float(np.clip(np.median(lanes), LEAST_STEP, MOST_STEP))
+        """s"""
+        self.begin = math.ceil(begin / self.step - 1e-9)
+        steps = min(LONGEST, self.begin + math.ceil(seconds / self.step))
+        self.table: Table = empty_table(problem, self.step, steps, self.begin, area, float(np.max(self.speed)), margin)
         bodies = len(self.table.apart)
         self.weight = np.full((bodies, bodies), PRICE)
         self.weight[:, count:] = 10.0 * BLOCKED
@@ -80,13 +98,13 @@ class Negotiation:
         for body in bodies:
             moved = np.flatnonzero((self.table.places[body, 1:] != self.table.places[body, :-1]).any(axis=1))
             last = max(last, int(moved[-1]) + 1 if len(moved) else 0)
-        return min(last, self.table.head.shape[1] - 1)
+        return int(min(last, self.table.head.shape[1] - 1))
 
     def _speeds(self, i: int) -> tuple[float, float, float]:
         return float(self.speed[i]), float(self.climb[i]), float(self.descend[i])
 
     def _roads_on(self, i: int, lattice: Lattice) -> Roads:
-        return roads_of(self.world, lattice, self.paths[i], float(self.problem.radius[i]), *self._speeds(i), STEP)
+        return roads_of(self.world, lattice, self.paths[i], float(self.problem.radius[i]), *self._speeds(i), self.step)
 
     def lattice(self, i: int) -> Lattice:
         """The lattice of a vehicle's class, made when it is first asked for."""
@@ -98,7 +116,9 @@ class Negotiation:
             if flat:
                 low[2] = high[2] = p.start[i, 2]
             pitch = pitch_for(key[0], p.downwash, high - low, NODES)
-            self.lattices[key] = lattice_of(self.world, key[0], pitch, low, high, np.clip(p.start[i], low, high))
+            alike = np.concatenate([self._chains[j].places for j in np.flatnonzero(p.radius == p.radius[i])])
+            through = np.clip(anchor(self.world, key[0], pitch, alike), low, high)
+            self.lattices[key] = lattice_of(self.world, key[0], pitch, low, high, through)
         return self.lattices[key]
 
     def wide(self, i: int) -> tuple[Lattice, Roads]:
@@ -106,7 +126,7 @@ class Negotiation:
         lattice, roads = self.lattice(i), self._roads[i]
         if roads is None:
             roads = self._roads[i] = self._roads_on(i, lattice)
-            self._moves[i] = durations(MOVES * lattice.pitch, *self._speeds(i), STEP)
+            self._moves[i] = durations(MOVES * lattice.pitch, *self._speeds(i), self.step)
         return lattice, roads
 
     # One vehicle.
@@ -134,7 +154,7 @@ class Negotiation:
 
     def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float) -> Ints:
         last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), self.begin) + 1
-        pace, detour = float(self.speed[i]) * STEP, int(DETOUR * self.alone[i]) + 24
+        pace, detour = float(self.speed[i]) * self.step, int(DETOUR * self.alone[i]) + 24
         weight, moves = self.weight, self._moves[i]
         return search(
             self.table, weight, limit, i, lattice, MOVES, moves, roads, self.begin, last, MOST, GREED, pace, detour
@@ -275,13 +295,13 @@ class Negotiation:
 
     def motions(self) -> list[Motion]:
         """(T, 4) each: the corners of what is in the table."""
-        return [motion_of(self.table.places[i], self.begin) for i in range(len(self.problem))]
+        return [motion_of(self.table.places[i], self.begin, self.step) for i in range(len(self.problem))]
 
 
-def motion_of(places: Floats, begin: int) -> Motion:
+def motion_of(places: Floats, begin: int, step: float) -> Motion:
     """The motion through places at equal steps, without those that lie evenly between others."""
     steps = np.diff(places, axis=0)
     bends = np.flatnonzero((np.abs(np.diff(steps, axis=0)) > 1e-9).any(axis=1)) + 1
     keep = np.unique(np.concatenate(([begin], bends[bends > begin])))
-    motion = np.concatenate([keep[:, None] * STEP, places[keep]], axis=1)
+    motion = np.concatenate([keep[:, None] * step, places[keep]], axis=1)
     return np.ascontiguousarray(motion)

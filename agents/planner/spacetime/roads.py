@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from agents.planner.spacetime.lattice import FAR, MOVES, Lattice, nodes_about, t
 from agents.planner.spacetime.search import Roads
 from agents.planner.world import World
 
+ROOM = 1.06
+"""times the sum of two radii: so far apart are lanes beside each other"""
 CHUNK = 6
 """steps: a path is cut into moves of about this many, between which a vehicle may wait or leave the path"""
 
@@ -31,7 +33,8 @@ def durations(vectors: Floats, speed: float, climb: float, descend: float, step:
     """(n,) steps, rounded up and at least one, that straight moves (n, 3) take."""
     level = np.linalg.norm(vectors, axis=1) / speed
     up = np.maximum(vectors[:, 2] / climb, -vectors[:, 2] / descend)
-    return np.maximum(1, np.ceil(np.maximum(level, up) / step - 1e-9)).astype(np.int64)
+    steps: Ints = np.maximum(1, np.ceil(np.maximum(level, up) / step - 1e-9)).astype(np.int64)
+    return steps
 
 
 def chopped(path: Path, speed: float, climb: float, descend: float, step: float) -> tuple[Floats, Ints]:
@@ -41,7 +44,7 @@ def chopped(path: Path, speed: float, climb: float, descend: float, step: float)
     for n, whole in enumerate(taken.tolist()):
         pieces = max(1, round(whole / CHUNK))
         marks = [whole * k // pieces for k in range(pieces + 1)]
-        for a, b in zip(marks, marks[1:], strict=False):
+        for a, b in itertools.pairwise(marks):
             steps.append(b - a)
             vertices.append(path[n + 1] if b == whole else path[n] + (path[n + 1] - path[n]) * (b / whole))
     return np.array(vertices), np.array(steps, dtype=np.int64)
@@ -86,7 +89,7 @@ def roads_of(
         moves = durations(MOVES * lattice.pitch, speed, climb, descend, step)
         values = ahead[entry[:, 1]] + entry[:, 2]
         ahead[:nodes] = times_to(lattice, MOVES, moves, np.ascontiguousarray(entry[:, 0]), values)
-    roads = Roads(
+    return Roads(
         places=np.ascontiguousarray(places),
         begins=begins,
         to=np.ascontiguousarray(flat[:, 0]),
@@ -96,21 +99,13 @@ def roads_of(
         entry_steps=np.ascontiguousarray(entry[:, 2]),
         ahead=ahead,
     )
-    return roads
 
 
 def pitch_for(radius: float, downwash: float, extent: Floats, most: float) -> Floats:
-    """(3,): two radii over the ground and as much in the scaled metric in height, more where that gives too many nodes."""
-    pitch = np.array([2.0 * radius, 2.0 * radius, 2.0 * radius * downwash])
+    """(3,): a little more than two radii over the ground, as much in the scaled metric in height.
+
+    It is more where there would be more than ``most`` nodes in ``extent``.
+    """
+    pitch = 2.0 * radius * ROOM * np.array([1.0, 1.0, downwash])
     nodes = float(np.prod(np.maximum(extent / pitch, 1.0)))
-    return pitch * max(1.0, (nodes / most) ** (1.0 / (3 if extent[2] > 0.0 else 2)))
-
-
-def straight(start: Floats, goal: Floats) -> Path:
-    """The straight way."""
-    return np.ascontiguousarray(np.stack([start, goal]))
-
-
-def length_of(path: Path) -> float:
-    """Metres."""
-    return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1).tolist())
+    return np.asarray(pitch * max(1.0, (nodes / most) ** (1.0 / (3 if extent[2] > 0.0 else 2))))

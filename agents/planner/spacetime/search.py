@@ -127,7 +127,7 @@ def neighbours(lattice: Lattice, moves: Ints, steps: Ints, roads: Roads, n: int,
         if lattice.edges[n] >> m & 1:
             to[found], takes[found] = n + (moves[m, 2] * ny + moves[m, 1]) * nx + moves[m, 0], steps[m]
             found += 1
-    e = np.searchsorted(roads.entry_node, n)
+    e = int(np.searchsorted(roads.entry_node, n))
     while e < len(roads.entry_node) and roads.entry_node[e] == n:
         to[found], takes[found] = roads.entry_to[e], roads.entry_steps[e]
         found, e = found + 1, e + 1
@@ -147,8 +147,8 @@ def runs_at(
 ) -> int:
     """The runs of steps from ``begin`` on at a place, and how many they are.
 
-    Into ``span``: first step, end, earliest arrival looked at, earliest one known; into ``cost``: of a step's wait, paid
-    until the earliest arrival known.
+    Into ``span``: first step, end, earliest arrival looked at, earliest one known; into ``cost``: of a step's wait, and
+    what was paid up to the earliest arrival known.
     """
     count, cell, final = 0, cell_at(table, p[0], p[1]), table.head.shape[1] - 1
     for k in range(begin, last + 1):
@@ -185,7 +185,7 @@ def search(
     pace: float,
     detour: int,
 ) -> Ints:
-    """The way of a body from its start, free from step ``begin`` on, to its goal: rows (place, arrival, steps of the move).
+    """The way of a body from its start at step ``begin`` to its goal: rows (place, arrival, steps of the move).
 
     ``last``: nobody else moves from this step on. ``limit``: what may be paid, 0: nothing. ``steps`` (26,): of the
     lattice's moves; ``most`` states are looked at, no more; ``greed``: by how much what is ahead counts more than what

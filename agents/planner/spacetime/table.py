@@ -182,8 +182,9 @@ def empty_table(
 ) -> Table:
     """A table with the movers filed and the vehicles not, of ``steps`` steps of ``step`` seconds.
 
-    The vehicles are at their starts at step ``begin``. ``area`` (4,): least and greatest x and y where the vehicles will move, m; ``fastest``: m/s of any of them;
-    ``margin``: m kept on top of the radii, as far as starts and goals leave room for it.
+    The vehicles are at their starts at step ``begin``. ``area`` (4,): least and greatest x and y where they will move;
+    ``fastest``: m/s of any of them; ``margin``: share of the radii kept on top of these, as far as starts and goals
+    leave room for it.
     """
     movers = problem.movers
     count = len(problem) + len(movers)
@@ -221,7 +222,7 @@ def distances(problem: Problem, movers: Floats, strays: Floats, margin: float) -
     """
     radii = np.concatenate([problem.radius, [mover.radius for mover in problem.movers]])
     least_of = radii[:, None] + radii[None, :]
-    wanted = least_of + margin + strays[:, None] + strays[None, :]
+    wanted = least_of * (1.0 + margin) + strays[:, None] + strays[None, :]
     for which, ends in enumerate((problem.start, problem.goal)):
         scaled = np.concatenate([ends, movers[:, which]]) / np.array([1.0, 1.0, problem.downwash])
         gaps = np.linalg.norm(scaled[:, None] - scaled[None, :], axis=2)
@@ -231,7 +232,7 @@ def distances(problem: Problem, movers: Floats, strays: Floats, margin: float) -
 
 def stepped(mover: Mover, step: float, steps: int) -> tuple[Floats, float]:
     """A mover's places at the beginning of each step, and by how much its motion strays from straight lines between."""
-    times = np.arange(steps + 1) * step
+    times: Floats = np.arange(steps + 1, dtype=np.float64) * step
     motion = mover.motion
     places = at(motion, times)
     inner = motion[(motion[:, 0] > 0.0) & (motion[:, 0] < times[-1])]
