@@ -19,9 +19,9 @@ from zmav.errors import BadInput, NotHolder, ZmavError
 from zmav.vehicle import Lease
 from zmav.waiting import within
 
-PINGS = 6
-"""questions of the time before the clock is believed"""
-PING_EVERY, PING_SOON = 4.0, 0.1
+PINGS, SURE, LONGEST = 4, 0.01, 5.0
+"""questions of the time before the clock is believed, at least; more, for so many seconds, until it is known so well"""
+PING_EVERY, PING_SOON = 3.0, 0.12
 PING_TIMEOUT = 2.0
 AGAIN = ("gone", "expired")
 """how a lease ends that nobody took: it is asked for again"""
@@ -60,9 +60,7 @@ class Helm:
     async def __aenter__(self) -> Helm:
         self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL, self._priority))
         try:
-            for _ in range(PINGS):
-                await self._ping()
-                await asyncio.sleep(PING_SOON)
+            await self._learn()
         except BaseException:
             await self._stack.aclose()
             raise
@@ -130,6 +128,20 @@ class Helm:
             with contextlib.suppress(BadInput, KeyError, TypeError, ValueError):
                 outcome = wire.decode(answer.payload, wire.Outcome, "reply to do/ping")
                 self.offset.answered(asked, float(outcome.result["t"]), came)
+
+    async def _learn(self) -> None:
+        """Ask for the time again and again, not waiting for one answer before the next question."""
+        begun, asking = self._clock.now(), list[asyncio.Task[None]]()
+        try:
+            while (now := self._clock.now()) < begun + LONGEST:
+                if len(asking) >= PINGS and self.offset.error(now) < SURE:
+                    return
+                asking.append(asyncio.create_task(self._ping()))
+                await asyncio.sleep(PING_SOON)
+        finally:
+            for task in asking:
+                task.cancel()
+            await asyncio.gather(*asking, return_exceptions=True)
 
     async def _measure(self) -> None:
         while True:

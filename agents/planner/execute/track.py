@@ -46,7 +46,7 @@ class Track:
         self.s: Floats = np.ascontiguousarray(motion[:, 0], dtype=np.float64)
         self.pos: Floats = np.ascontiguousarray(motion[:, 1:4], dtype=np.float64)
         self.vel = _velocities(self.s, self.pos)
-        moving = np.flatnonzero(np.any(self.pos != self.pos[-1], axis=1))
+        moving = np.flatnonzero(np.any(np.abs(self.pos - self.pos[-1]) > 1e-6, axis=1))
         self.end = float(self.s[moving[-1] + 1]) if len(moving) else float(self.s[0])
         """the moment from which it is at its goal for good"""
 
@@ -79,6 +79,7 @@ def _eased(motion: Motion, ease: float) -> Motion:
 
     at = np.unique(np.round(np.concatenate((t, t + ease, np.arange(0.0, t[-1] + ease, 0.1))), 6))
     places = (total(at) - total(at - ease)) / ease
+    places = np.round(places, 9)  # where it stands, it does so exactly
     places[0], places[-1] = motion[0, 1:], motion[-1, 1:]
     return np.column_stack((at + motion[0, 0], places))
 

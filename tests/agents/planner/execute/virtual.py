@@ -66,6 +66,11 @@ class Craft:
         index = min(max(int(np.searchsorted(self.segment._times, t, side="right")) - 1, 0), len(pieces) - 1)
         return pieces[index].at(t)[0]
 
+    def freeze(self, now: float) -> None:
+        """It stops where it is: a pilot has it."""
+        self.rest = self.place(now)
+        self.segment, self.pilot = None, True
+
     def state(self, now: float) -> dict[str, Any]:
         on = self.segment is not None and not self.pilot
         return {
@@ -189,6 +194,10 @@ def line(start: Floats, goal: Floats, speed: float = 4.0, accel: float = 2.0, de
     place = start + np.outer(gone / max(length, 1e-9), goal - start)
     motion = np.column_stack((t + delay, place))
     return np.vstack(([0.0, *start], motion)) if delay > 0.0 else motion
+
+
+def slower(motions: dict[str, Motion], times: float) -> dict[str, Motion]:
+    return {name: motion * np.array([times, 1.0, 1.0, 1.0]) for name, motion in motions.items()}
 
 
 def crossing(rng: np.random.Generator, n: int, size: float = 18.0, apart: float = 2.4) -> dict[str, Motion]:

@@ -1,0 +1,128 @@
+"""What a vehicle may be flying by what was heard of it, and who has to pass first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.planner.execute.commit import Entry, Order, Part, Reserved
+from agents.planner.execute.offset import Offset
+from agents.planner.execute.track import Line, Profile, Track, knots, onward
+from agents.planner.problem import Mover
+from tests.agents.planner.execute.virtual import carousel, line
+
+
+def part_of(name: str, start: tuple[float, float], goal: tuple[float, float], delay: float = 0.0) -> Part:
+    motion = line(np.array([*start, 10.0]), np.array([*goal, 10.0]), delay=delay)
+    part = Part(name, Track(motion), 1.0, 2.5, 0.1, Offset())
+    part.entries = [entry(part, 0.0)]
+    return part
+
+
+def entry(part: Part, stop: float) -> Entry:
+    """On the common clock from 2 s on, to rest at ``stop``."""
+    rest = Profile.resting(0.0, 0.0)
+    profile = onward(rest, 1.0, Line(2.0, 0.0), stop, part.track.end, 0.5) if stop else rest
+    assert profile is not None
+    return Entry(profile, knots(part.track, profile, 0.0), 1.0, np.inf)
+
+
+def test_a_pending_trajectory_is_flown_once_the_vehicle_says_so() -> None:
+    part = part_of("a", (0.0, 0.0), (20.0, 0.0))
+    pending = entry(part, 3.0)
+    pending.sent, pending.deadline = [(1, 5), (1, 6)], 50.0
+    part.entries.append(pending)
+    assert not part.acknowledge((1, 4), 49.0)
+    assert part.pending
+    assert part.acknowledge((1, 6), 49.5)
+    assert part.entries == [pending]
+    assert part.stop == 3.0
+
+
+def test_a_pending_trajectory_is_forgotten_only_on_a_word_after_its_deadline() -> None:
+    part = part_of("a", (0.0, 0.0), (20.0, 0.0))
+    pending = entry(part, 3.0)
+    pending.sent, pending.deadline = [(1, 5)], 50.0
+    part.entries.append(pending)
+    assert not part.acknowledge((1, 4), 50.0)
+    assert part.stop == 0.0
+    assert part.acknowledge((1, 4), 50.1)
+    assert not part.pending
+
+
+def test_a_trajectory_taken_is_kept_whatever_its_deadline() -> None:
+    part = part_of("a", (0.0, 0.0), (20.0, 0.0))
+    pending = entry(part, 3.0)
+    pending.sent, pending.deadline = [(1, 5)], 50.0
+    part.entries.append(pending)
+    assert part.acknowledge((1, 5), 60.0)
+    assert part.known is pending
+
+
+def test_nobody_is_sent_through_one_who_may_still_be_there() -> None:
+    first, second = part_of("first", (10.0, 0.0), (10.0, 20.0)), part_of("second", (0.0, 0.0), (20.0, 0.0), delay=4.0)
+    reserved = Reserved([first, second], 1.5)
+    through = entry(second, second.track.end)
+    assert reserved.blocker(second, through, 0.0) == "first"
+    first.entries.append(entry(first, first.track.end))
+    assert reserved.blocker(second, through, 0.0) == "first"
+    first.entries.pop(0)
+    assert reserved.blocker(second, through, 0.0) is None
+
+
+def test_below_and_above_one_who_is_lost_nobody_passes() -> None:
+    lost, other = part_of("lost", (10.0, 0.0), (10.0, 0.0)), part_of("other", (0.0, 0.0), (20.0, 0.0))
+    lost.track.pos[:, 2] += 30.0
+    lost.entries = [entry(lost, 0.0)]
+    reserved = Reserved([lost, other], 1.5)
+    through = entry(other, other.track.end)
+    assert reserved.blocker(other, through, 0.0) is None
+    lost.lost = True
+    assert reserved.blocker(other, through, 0.0) == "lost"
+    lost.lost = False
+    reserved.parts.remove(lost)
+    reserved.ghosts.append(lost)
+    lost.off, lost.place = "a pilot has it", np.array([10.0, 0.0, 0.0])
+    assert reserved.blocker(other, through, 0.0) == "lost"
+
+
+def test_what_moves_by_itself_is_kept_clear_of_until_it_has_left() -> None:
+    part = part_of("a", (0.0, 0.0), (20.0, 0.0))
+    reserved = Reserved([part], 1.5)
+    through = entry(part, part.track.end)
+    stands = np.array([[0.0, 10.0, 0.0, 10.0], [3.0, 10.0, 0.0, 10.0]])
+    reserved.movers = [Mover("balloon", stands, 1.0)]
+    assert reserved.blocker(part, through, 0.0) == "balloon"
+    reserved.movers = [Mover("plane", stands, 1.0, leaves=True)]
+    assert reserved.blocker(part, through, 0.0) is None
+
+
+def test_who_crosses_second_waits_for_the_first_and_the_first_for_nobody() -> None:
+    first, second = part_of("first", (10.0, -10.0), (10.0, 10.0)), part_of("second", (0.0, 0.0), (20.0, 0.0), delay=4.0)
+    order = Order([first, second], 1.5)
+    whole = np.array([first.track.end, second.track.end])
+    assert order.allows(0, first.track.end, np.zeros(2)) is None
+    assert order.allows(1, second.track.end, np.array([2.0, 0.0])) == 0
+    assert order.allows(1, second.track.end, whole) is None
+    assert order.allows(1, 5.0, np.zeros(2)) is None
+
+
+def test_the_order_is_the_same_by_brute_force() -> None:
+    parts = [Part(k, Track(m), 1.0, 2.5, 0.0, Offset()) for k, m in carousel(5, 4.0, turn=6.0).items()]
+    order = Order(parts, 1.5)
+    moments = np.arange(order._count, dtype=np.float64) * 0.25
+    places = np.array([part.track.at(moments)[0] for part in parts])
+    for k in range(len(parts)):
+        for i in range(len(parts)):
+            for b in (10, 20, order._count - 1):
+                near = [
+                    a for c in range(b + 1) for a in range(c - 1) if i != k
+                    and np.linalg.norm(places[i, a] - places[k, c]) < 2.0
+                ]  # fmt: skip
+                assert order._first[k, i, b] == max(near, default=-1)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_few_vehicles_have_an_order_too(n: int) -> None:
+    parts = [part_of(f"v{k}", (5.0 * k, 0.0), (5.0 * k, 10.0)) for k in range(n)]
+    assert Order(parts, 1.0).allows(0, 3.0, np.zeros(n)) is None

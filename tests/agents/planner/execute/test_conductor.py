@@ -1,0 +1,206 @@
+"""Histories of a bad network, in virtual time: whatever is lost, late, doubled or dead, what is flown stays apart.
+
+Every vehicle here takes segments by the rules of the real one and flies the real one's curves, and clocks are off by as
+much as was not known of them. More histories: tests/bench/plan_execute.py --histories.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.planner.execute.conductor import Conductor
+from agents.planner.execute.track import Line
+from agents.planner.problem import Motion, Mover
+from tests.agents.planner.execute.virtual import History, carousel, crossing, slower
+
+ENDS = ("done", "stuck", "halted")
+
+
+def ended(history: History) -> bool:
+    return history.conductor.phase(history.now) in ENDS
+
+
+def plan(seed: int) -> dict[str, Motion]:
+    rng = np.random.default_rng(seed)
+    if seed % 3 == 0:
+        return crossing(rng, 5, 12.0, 2.8)
+    return slower(crossing(rng, 4, 11.0, 2.8), 5.0) if seed % 3 == 1 else carousel(5, 4.0, turn=6.0, speed=2.0)
+
+
+def span(motions: dict[str, Motion]) -> float:
+    return max(float(motion[-1, 0]) for motion in motions.values())
+
+
+def check(history: History) -> None:
+    assert history.least() > 0.0
+    assert max(craft.jump for craft in history.crafts.values()) < 0.25
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_a_good_network_flies_the_plan_in_its_own_time(seed: int) -> None:
+    motions = plan(seed)
+    history = History(motions, np.random.default_rng(seed), loss=0.0, delay=(0.01, 0.05))
+    history.run(300.0, ended)
+    assert history.conductor.phase(history.now) == "done"
+    assert history.away() < 0.02
+    assert history.now - 1000.0 < span(motions) + 4.5
+    check(history)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_loss_and_bursts_delay_and_harm_nobody(seed: int) -> None:
+    history = History(plan(seed), np.random.default_rng(seed), loss=0.3 + 0.05 * (seed % 4))
+    history.network.cut = lambda now, who: (now + seed) % 9.0 < 2.0
+    history.run(400.0, ended)
+    assert history.conductor.phase(history.now) == "done"
+    assert history.away() < 0.02
+    check(history)
+
+
+def test_two_seconds_without_a_network_do_not_stop_a_long_plan() -> None:
+    """Vehicles are told far enough ahead."""
+    motions = slower(crossing(np.random.default_rng(7), 4, 11.0, 2.8), 6.0)
+    history = History(motions, np.random.default_rng(7), loss=0.3)
+    history.network.cut = lambda now, who: 1008.0 < now < 1010.0 or 1020.0 < now < 1022.0
+    history.run(400.0, ended)
+    assert history.conductor.phase(history.now) == "done"
+    assert history.now - 1000.0 < span(motions) + 7.0
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_a_planner_that_dies_leaves_everybody_at_rest_and_apart(seed: int) -> None:
+    motions = plan(seed)
+    rng = np.random.default_rng(seed)
+    history = History(motions, rng)
+    history.run(float(rng.uniform(0.5, span(motions))), ended)
+    history.alive = False
+    history.run(30.0)
+    at_rest = history.places[-1]
+    history.run(5.0)
+    assert np.abs(history.places[-1] - at_rest).max() < 1e-6
+    check(history)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_half_of_the_fleet_out_of_reach_stays_apart_and_goes_on_when_it_is_back(seed: int) -> None:
+    motions = plan(seed)
+    history = History(motions, np.random.default_rng(seed))
+    away = set(list(motions)[:2])
+    history.network.cut = lambda now, who: who in away and 1003.0 < now < 1015.0
+    history.run(400.0, lambda h: h.now > 1020.0 and ended(h))
+    assert history.conductor.phase(history.now) == "done"
+    check(history)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_pause_brings_all_to_rest_early_and_they_go_on(seed: int) -> None:
+    motions = plan(seed)
+    history = History(motions, np.random.default_rng(seed))
+    history.run(2.0 + 0.3 * span(motions))
+    history.conductor.pause()
+    history.run(12.0, lambda h: h.conductor.phase(h.now) == "paused")
+    assert history.conductor.phase(history.now) in ("paused", "done")
+    place = history.places[-1]
+    history.run(3.0)
+    assert np.abs(history.places[-1] - place).max() < 0.03  # their clocks may be later than we think
+    history.conductor.resume()
+    history.run(400.0, ended)
+    assert history.conductor.phase(history.now) == "done"
+    check(history)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_who_follows_no_more_stops_the_others_apart_from_its_way(seed: int) -> None:
+    history = History(plan(seed), np.random.default_rng(seed))
+    history.run(5.0)
+    craft = history.crafts["v1"]
+    craft.freeze(history.now)
+    history.run(60.0, ended)
+    conductor = history.conductor
+    if craft.taken:
+        assert conductor.phase(history.now) == "halted"
+        assert "v1" in conductor.halting
+
+
+def test_one_who_is_lost_is_waited_for_and_then_the_plan_is_given_up() -> None:
+    motions = carousel(4, 4.0, turn=6.0, speed=2.0)
+    history = History(motions, np.random.default_rng(1))
+    history.network.cut = lambda now, who: who == "v2" and now > 1004.0
+    history.run(120.0, ended)
+    assert history.conductor.phase(history.now) == "stuck"
+    assert [part.id for part in history.conductor.parts if part.lost] == ["v2"]
+    assert {saying.kind for saying in history.conductor.said} == {"lost"}
+    check(history)
+
+
+def test_an_obstacle_on_the_way_stops_its_vehicle_before_it_and_all() -> None:
+    motions = slower(carousel(3, 12.0, speed=4.0), 3.0)
+    history = History(motions, np.random.default_rng(2), loss=0.1)
+    history.run(4.0)
+    history.conductor.hinder(history.parts[0], 12.0, "a crane in the way of v0")
+    history.run(60.0, ended)
+    assert history.conductor.phase(history.now) == "halted"
+    assert history.parts[0].stop < 12.0
+    assert history.conductor.halting == "a crane in the way of v0"
+    check(history)
+
+
+def test_a_mover_across_the_way_is_waited_for() -> None:
+    motions = carousel(2, 10.0, speed=3.0)
+    history = History(motions, np.random.default_rng(3), loss=0.1)
+    place = motions["v0"][60, 1:4]
+    ball = np.array([[1000.0, *place], [1020.0, *place]])
+    history.conductor.reserved.movers = [Mover("ball", ball, 1.0, leaves=True)]
+    history.run(120.0, ended)
+    assert history.conductor.phase(history.now) == "done"
+    near = [float(np.linalg.norm(places[0] - place)) for k, places in enumerate(history.places) if k * 0.1 < 20.0]
+    assert min(near) > 2.0
+    assert history.now > 1020.0
+
+
+def test_the_common_clock_is_slowed_for_one_who_does_not_keep_up_and_let_go_again() -> None:
+    motions = slower(carousel(3, 12.0, speed=4.0), 3.0)
+    history = History(motions, np.random.default_rng(4), loss=0.0)
+    history.run(4.0)
+    conductor: Conductor = history.conductor
+    part = history.parts[0]
+    place, _ = part.place_at(history.now)
+    off = conductor.strayed(part, history.now, history.now, place + np.array([0.5, 0.0, 0.0]))
+    assert off == pytest.approx(0.5, abs=0.02)
+    assert conductor.line.pace < 1.0
+    history.run(10.0)
+    assert conductor.line.pace == 1.0
+    assert [saying.kind for saying in conductor.said] == ["slow", "pace"]
+    conductor.strayed(part, history.now, history.now, place + np.array([9.0, 0.0, 0.0]))
+    history.run(60.0, ended)
+    assert conductor.phase(history.now) == "halted"
+    check(history)
+
+
+def test_who_has_arrived_is_told_to_stay() -> None:
+    motions = {"still": np.array([[0.0, 0.0, 0.0, 10.0]]), **slower(carousel(2, 12.0, speed=4.0), 4.0)}
+    history = History(motions, np.random.default_rng(5), loss=0.2)
+    history.run(45.0)
+    segment = history.crafts["still"].segment
+    assert segment is not None
+    assert segment.end > history.now + history.crafts["still"].clock
+    assert history.crafts["still"].place(history.now) == (0.0, 0.0, 10.0)
+
+
+def test_a_word_that_was_overtaken_changes_nothing() -> None:
+    history = History(carousel(2, 10.0), np.random.default_rng(6), loss=0.0)
+    history.run(3.0)
+    part = history.parts[0]
+    known = part.known
+    history.conductor.heard(part, history.now, part.said - 1.0, None, None)
+    assert part.active
+    assert part.known is known
+    history.conductor.heard(part, history.now, part.said + 1.0, None, None)
+    assert "no trajectory of ours" in part.off
+
+
+def test_the_common_clock_goes_on_from_where_it_is() -> None:
+    common = Line(10.0, 4.0, 0.5)
+    assert common.at(12.0) == 5.0
+    assert common.when(5.0) == 12.0

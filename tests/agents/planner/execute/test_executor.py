@@ -1,0 +1,145 @@
+"""Plans flown by simulated copters: over a network that loses a third, by a planner that is killed, under a pilot."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.planner.execute.executor import Executor, Flight, Trouble
+from agents.planner.problem import Motion
+from tests.agents.planner.execute.fleet import BadClient, airborne
+from tests.agents.planner.execute.virtual import carousel, crossing
+from zmav.errors import NotHolder, Refused
+
+RADIUS, DOWNWASH, HEIGHT = 0.6, 1.5, 10.0
+ROOT = Path(__file__).resolve().parents[4]
+
+
+def flight(motions: dict[str, Motion], margin: float = 1.0) -> Flight:
+    return Flight(motions, dict.fromkeys(motions, RADIUS), dict.fromkeys(motions, 2.5), DOWNWASH, margin)
+
+
+def named(motions: dict[str, Motion]) -> dict[str, Motion]:
+    return {f"quad{i + 1}": motion for i, motion in enumerate(motions.values())}
+
+
+def starts(motions: dict[str, Motion]) -> list[tuple[float, float]]:
+    return [(float(motion[0, 2]), float(motion[0, 1])) for motion in motions.values()]
+
+
+async def test_a_swap_over_a_network_that_loses_a_third_and_is_cut_for_two_seconds() -> None:
+    motions = named(crossing(np.random.default_rng(3), 4, 14.0, 2.0 * (RADIUS + 1.0)))
+    async with airborne(starts(motions), HEIGHT) as fleet, fleet.watch() as watch:
+        async with BadClient(fleet.endpoint, 0.3, (0.05, 0.2)) as z:
+            await z.wait_for(*fleet.names)
+            async with Executor(z, fleet.names) as executor:
+                flying = asyncio.create_task(executor.run(flight(motions)))
+                await watch.until(lambda: watch.moved() > 0.3 or flying.done(), "nobody moves")
+                z.cut = True
+                await asyncio.sleep(2.0)
+                z.cut = False
+                outcome = await flying
+        assert z.lost > 20
+    assert outcome.done, outcome.reason
+    assert outcome.replans == 0
+    assert max(outcome.away.values()) < 0.5
+    assert watch.least(DOWNWASH) > 2.0 * RADIUS
+
+
+PLANNER = """
+import asyncio, json, sys
+import numpy as np
+import zmav
+from agents.planner.execute.executor import Executor
+from tests.agents.planner.execute.test_executor import flight
+
+async def main():
+    motions = {name: np.array(rows) for name, rows in json.load(open(sys.argv[2])).items()}
+    async with zmav.open(connect=[sys.argv[1]]) as z:
+        await z.wait_for(*motions)
+        async with Executor(z, motions) as executor:
+            print("ready", flush=True)
+            await executor.run(flight(motions))
+
+asyncio.run(main())
+"""
+
+
+async def test_a_planner_killed_in_mid_swap_leaves_everybody_at_rest_and_apart(tmp_path: Path) -> None:
+    motions = named(carousel(3, 7.0, speed=3.0))
+    plan = tmp_path / "plan.json"
+    plan.write_text(json.dumps({name: motion.tolist() for name, motion in motions.items()}))
+    async with airborne(starts(motions), HEIGHT) as fleet, fleet.watch() as watch:
+        planner = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", PLANNER, fleet.endpoint, str(plan), cwd=ROOT
+        )
+        try:
+            await watch.until(lambda: watch.moved() > 3.0, "nobody moves")
+            planner.send_signal(signal.SIGKILL)
+            await planner.wait()
+            await watch.until(lambda: watch.still(1.0), "they do not come to rest")
+        finally:
+            if planner.returncode is None:
+                planner.kill()
+                await planner.wait()
+        modes = {fleet.z.vehicle(name).state.mode for name in fleet.names}
+    assert watch.least(DOWNWASH) > 2.0 * RADIUS
+    assert modes == {"GUIDED"}
+
+
+async def test_what_a_pilot_takes_is_not_fought_and_the_others_are_planned_anew() -> None:
+    motions = named(carousel(3, 9.0, speed=2.0))
+    said: list[str] = []
+    troubles: list[Trouble] = []
+
+    async def replan(trouble: Trouble) -> Flight:
+        """Those who are left stay where they are."""
+        troubles.append(trouble)
+        return flight({name: np.array([[0.0, *place]]) for name, place in trouble.places.items()})
+
+    def say(kind: str, severity: str, text: str, detail: dict[str, Any]) -> None:
+        said.append(kind)
+
+    async with (
+        airborne(starts(motions), HEIGHT) as fleet,
+        fleet.watch() as watch,
+        Executor(fleet.z, fleet.names, say=say, replan=replan) as executor,
+    ):
+        flying = asyncio.create_task(executor.run(flight(motions)))
+        await watch.until(lambda: watch.moved() > 2.0, "nobody moves")
+        fleet.world.call(lambda: fleet.world.vehicles[0].pilot_mode("LOITER"))
+        outcome = await flying
+        mode = fleet.world.vehicles[0].status().mode
+        assert executor.helms["quad1"].put(np.zeros((2, 7)), 0.0) is None
+    assert (outcome.done, outcome.replans) == (True, 1)
+    assert mode == "LOITER"
+    assert "halt" in said
+    (trouble,) = troubles
+    assert set(trouble.places) == {"quad2", "quad3"}
+    assert set(trouble.gone) == {"quad1"}
+    assert "LOITER" in trouble.reason
+    assert watch.least(DOWNWASH) > 2.0 * RADIUS
+
+
+async def test_what_cannot_begin_is_refused_before_anything_moves() -> None:
+    motions = named(carousel(2, 6.0, speed=2.0))
+    async with (
+        airborne(starts(motions), HEIGHT) as fleet,
+        fleet.watch() as watch,
+        Executor(fleet.z, fleet.names) as executor,
+    ):
+        with pytest.raises(Refused, match=r"keeps 0\.10 m of margin, and quad1 needs 0\.[4-9]"):
+            await executor.run(flight(motions, margin=0.1))
+        swapped = dict(zip(motions, reversed(list(motions.values())), strict=True))
+        with pytest.raises(Refused, match=r"quad1 is 1[12]\.\d m from where its motion begins"):
+            await executor.run(flight(swapped))
+        with pytest.raises(NotHolder, match="planner"):
+            await Executor(fleet.z, ["quad1"], holder="rival").__aenter__()
+    assert watch.moved() < 0.5
