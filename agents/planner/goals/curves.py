@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from shapely import LineString
 
 from agents.planner.problem import Floats, Path
 
 STRAIGHT = 1e-3
 """rad: less is no corner"""
 
+TIGHT = 0.05
+"""m by which a corner is passed where there is no room"""
 LEG_SHARE = 0.48
 """of a leg that the arc at one of its ends may take"""
 
@@ -25,11 +29,13 @@ def without_repeats(path: Path, closed: bool = False) -> Path:
     return kept
 
 
-def rounded(path: Path, radius: float, step: float, closed: bool = False, cut: float = math.inf) -> Path:
+def rounded(
+    path: Path, radius: float, step: float, closed: bool = False, cut: float = math.inf, area: Any = None
+) -> Path:
     """(M, 3): each corner an arc of ``radius`` metres, or of what its legs allow, which passes it at ``cut`` m at most.
 
     Points are at most ``step`` metres apart. A closed path needs no repeated first point and its result has none, but
-    begins in the middle of its first leg.
+    begins in the middle of its first leg. An arc that would leave ``area`` (shapely, over the ground) is made small.
     """
     corners = without_repeats(path, closed)
     count = len(corners)
@@ -39,7 +45,10 @@ def rounded(path: Path, radius: float, step: float, closed: bool = False, cut: f
     inner = range(count) if closed else range(1, count - 1)
     for k in inner:
         before, at, after = corners[k - 1], corners[k], corners[(k + 1) % count]
-        pieces.append(_arc(before, at, after, radius, cut, step))
+        arc = _arc(before, at, after, radius, cut, step)
+        if area is not None and len(arc) > 1 and not area.covers(LineString(arc[:, :2])):
+            arc = _arc(before, at, after, radius, TIGHT, step)
+        pieces.append(arc)
     if closed:
         pieces = pieces[1:] + pieces[:1]
         middle = (corners[0] + corners[1]) / 2.0

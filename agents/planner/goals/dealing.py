@@ -71,12 +71,10 @@ class Part:
 
     def curve(self, free: Any) -> Path:
         """(M, 3) the way as it is flown, with its corners rounded where there is room."""
-        reach = ROUNDING * self.sweeper.width
-        for radius in (reach, 0.25, 0.05):
-            curve = rounded(self.path, radius, STEP, cut=0.45 * radius)
-            if len(curve) < 2 or shapely.covers(free.buffer(1e-3), shapely.linestrings(curve[:, :2])):
-                return curve
-        return self.path
+        if len(self.path) < 2:
+            return self.path
+        radius = ROUNDING * self.sweeper.width
+        return rounded(self.path, radius, STEP, cut=0.45 * radius, area=free)
 
     def seen(self, free: Any) -> Any:
         """The ground that its strips cover."""

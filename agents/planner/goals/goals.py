@@ -6,18 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.geometry import world_of
-from agents.planner.goals import slots
+from agents.planner.geometry import clearance, outside, world_of
+from agents.planner.goals import pads, slots
+from agents.planner.goals.follow import offsets_of
 from agents.planner.goals.formation import check_apart
 from agents.planner.goals.parade import formation
 from agents.planner.goals.patrol import ROOM, check_room, circuit, lap, lap_alone
-from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, VehicleView
+from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
 from agents.planner.problem import COPTER, ROVER, Floats, Path
 from agents.planner.scene import Scene
 from agents.planner.staticmap import StaticMap
+from agents.planner.world import World
 from zmav import wire
+from zmav.errors import BadInput
+from zmav.wire import Vector
 
 PHASES = 4
 """how many ways of setting in on a patrol's route are compared"""
@@ -41,19 +45,69 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
         return _patrol(goal, views, scene.downwash, static)
     if isinstance(goal, wire.swarm.Search):
         return search(goal, views, scene)
+    if isinstance(goal, wire.swarm.Follow):
+        return _follow(goal, views, fleet, scene.downwash)
+    if isinstance(goal, wire.swarm.TakeOff):
+        return pads.takeoff(views, goal.height, scene.downwash, _free(static.world))
+    if isinstance(goal, wire.swarm.Land):
+        return pads.land(views, goal.at, scene.downwash, _free(static.world))
+    if isinstance(goal, wire.swarm.Return):
+        return pads.home(views, scene.downwash)
     return [Stop(tuple(goal.vehicles), "holding")]
 
 
+def _free(world: World) -> pads.Free:
+    """Whether vehicles may be at a place (NED); on the ground, which may be below the fence's floor."""
+    lowest = float(world.bounds[2]) if not len(world.fence) else max(float(world.bounds[2]), float(world.fence_z[0]))
+
+    def free(place: Vector, radius: float) -> bool:
+        x, y, z = frames.enu(place)
+        inside: bool = outside(world, x, y, max(z, lowest)) <= 0.0
+        return inside and bool(clearance(world, x, y, z) >= radius)
+
+    return free
+
+
+def _follow(goal: wire.swarm.Follow, views: Sequence[VehicleView], fleet: FleetView, downwash: float) -> list[Step]:
+    """Beside the leader, once it is sure that the places there are far enough from each other."""
+    slots.check_flying(views, "follow")
+    slots.check_hovering(views, "follow")
+    if (goal.leader is None) == (goal.point is None):
+        text = "follow: give a leader, or a point that moves" if goal.leader is None else "follow: a leader or a point"
+        raise BadInput(text, field="leader", value=goal.leader, expected="one of leader and point")
+    if goal.leader in goal.vehicles:
+        text = f"follow: {goal.leader} cannot follow itself"
+        raise BadInput(text, field="leader", value=goal.leader, expected="a vehicle that is not among the followers")
+    leader = fleet.vehicles.get(goal.leader or "")
+    offsets_of(goal, [view.body for view in views], leader.body.radius if leader else 0.0, downwash)
+    return [Track(goal, f"following {goal.leader or 'a point'}")]
+
+
 def _goto(goal: wire.swarm.GoTo, views: Sequence[VehicleView], downwash: float) -> list[Step]:
+    """Planes to circles about their places, all others to stand there."""
     slots.check_flying(views, "go-to")
     slots.check_count(views, goal.to, "to")
-    places = frames.enu_array(np.array(goal.to, dtype=np.float64).reshape(-1, 3))
-    names = tuple(view.name for view in views)
+    planes = [i for i, view in enumerate(views) if not view.hovers]
+    if planes and not goal.labelled:
+        text = f"{views[planes[0]].name} is a plane, which circles where it is sent: say who goes where"
+        raise BadInput(text, field="labelled", value=False, expected="true with planes")
+    steps: list[Step] = []
+    if planes:
+        steps.append(pads.circles([views[i] for i in planes], [goal.to[i] for i in planes], downwash))
+    others = [i for i in range(len(views)) if i not in planes]
+    if not others:
+        return steps
+    places = frames.enu_array(np.array([goal.to[i] for i in others], dtype=np.float64))
+    standing = [views[i] for i in others]
+    names = tuple(view.name for view in standing)
     if goal.labelled:
-        places = slots.at_own_height(views, places)
-    radii = [view.body.radius for view in views]
-    check_apart(names, places, radii, downwash, labelled=goal.labelled, what="goal", field="to")
-    return [PlanTo(names, places, goal.labelled, f"going to {len(places)} place{'s' * (len(places) > 1)}")]
+        places = slots.at_own_height(standing, places)
+    elif not all(view.flies for view in standing):
+        places = slots.at_own_height(standing, places[slots.choose(standing, places)])
+    radii = [view.body.radius for view in standing]
+    settled = goal.labelled or not all(view.flies for view in standing)
+    check_apart(names, places, radii, downwash, labelled=settled, what="goal", field="to")
+    return [*steps, PlanTo(names, places, settled, f"going to {len(places)} place{'s' * (len(places) > 1)}")]
 
 
 def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: float, static: StaticMap) -> list[Step]:
@@ -76,7 +130,7 @@ def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: flo
     entries = []
     for part in range(PHASES):
         phases = (np.arange(count) + part / PHASES) * way.length / count
-        order = slots.choose(views, way.at(phases), static.world)
+        order = slots.choose(views, way.at(phases))
         taken = phases[order]
         entries.append((float(np.linalg.norm(way.at(taken) - now, axis=1).max()), taken))
     taken = min(entries, key=lambda entry: entry[0])[1]

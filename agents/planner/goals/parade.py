@@ -49,7 +49,7 @@ def formation(
     standing = slots.standing_in(offsets, views, IN_SHAPE, goal.labelled)
     if standing is None and not goal.via:
         if goal.labelled or not all(view.flies for view in views):
-            order = list(range(len(views))) if goal.labelled else slots.choose(views, final, static.world)
+            order = list(range(len(views))) if goal.labelled else slots.choose(views, final)
             return [PlanTo(names, slots.at_own_height(views, final[order]), True, f"forming a {text}")]
         return [PlanTo(names, final, False, f"forming a {text}")]
     course = frames.course_of(goal.heading)
@@ -78,7 +78,7 @@ def _in_shape(
     names = tuple(view.name for view in views)
     begin = _first_course(waypoints, courses)
     first = placed(offsets, waypoints[0], begin)
-    order = order or slots.choose(views, first, static.world)
+    order = order or slots.choose(views, first)
     slotted = offsets[order]
     check_apart(names, slotted, [view.body.radius for view in views], downwash, labelled=True)
     up = PlanTo(names, slots.at_own_height(views, first[order]), True, f"forming a {text}")

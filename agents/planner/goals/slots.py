@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.assign import assign
-from agents.planner.geometry import World
+from agents.planner.geometry import world_of
 from agents.planner.goals.formation import in_shape, placed
 from agents.planner.goals.steps import VehicleView
 from agents.planner.goals.timing import Limits
@@ -74,12 +74,14 @@ def at_own_height(views: Sequence[VehicleView], places: Floats) -> Floats:
     return own
 
 
-def choose(views: Sequence[VehicleView], places: Floats, world: World) -> list[int]:
-    """For each vehicle the index of the place that it gets: all are there as early as can be, on short ways."""
-    starts = present(views)
-    for i, view in enumerate(views):
-        if not view.flies:
-            starts[i, 2] = places[:, 2].mean()
+def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
+    """For each vehicle the index of the place that it gets: all are there as early as can be, on short ways.
+
+    Where rovers are among them heights do not count.
+    """
+    starts, ends = present(views), places.copy()
+    if not all(view.flies for view in views):
+        starts[:, 2], ends[:, 2] = 0.0, 0.0
     vehicles = [
         Vehicle(
             id=view.name, type="copter", start=_point(start), radius=view.body.radius, vmax=view.body.speed,
@@ -87,9 +89,10 @@ def choose(views: Sequence[VehicleView], places: Floats, world: World) -> list[i
         )
         for view, start in zip(views, starts, strict=True)
     ]  # fmt: skip
-    bounds = Bounds(min=_point(world.bounds[:3]), max=_point(world.bounds[3:]))
-    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[_point(p) for p in places], bounds=bounds)
-    chosen = assign(scene, world)
+    both = np.vstack((starts, ends))
+    bounds = Bounds(min=_point(both.min(axis=0) - 1.0), max=_point(both.max(axis=0) + 1.0))
+    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[_point(p) for p in ends], bounds=bounds)
+    chosen = assign(scene, world_of(scene))
     assert chosen is not None
     return chosen
 

@@ -143,9 +143,9 @@ class Loiter:
     """(N,) m; negative: counter-clockwise seen from above"""
     via: Mapping[str, Path] = field(default_factory=dict)
     """by vehicle: (K, 3) ENU points to fly over before"""
-    laps: int = 1
-    """how often these are flown over; 0: until the goal is cancelled"""
     text: str = ""
+    laps: int = 1
+    """how often the points are flown over; 0: until the goal is cancelled"""
 
 
 @dataclass(frozen=True)

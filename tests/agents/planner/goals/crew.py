@@ -28,9 +28,9 @@ GATE: list[Obstacle] = [
 
 
 def view(name: str, pos_ned: Vector, kind: str = "copter", airborne: bool = True, **body: float) -> VehicleView:
-    able = USUAL[kind]
+    able, home = USUAL[kind], (pos_ned[0], pos_ned[1], 0.0)
     numbers = {field: body.get(field, getattr(able, field)) for field in able.__struct_fields__}
-    return VehicleView(name, kind, wire.swarm.Body(**numbers), pos_ned, airborne=airborne, home_ned=pos_ned)
+    return VehicleView(name, kind, wire.swarm.Body(**numbers), pos_ned, airborne=airborne, home_ned=home)
 
 
 def crew(count: int, at: Vector = (-40.0, -40.0, -10.0), apart: float = 5.0, **body: float) -> FleetView:

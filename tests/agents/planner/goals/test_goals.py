@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from agents.planner.goals.goals import resolve
-from agents.planner.goals.steps import FleetView, Fly, PlanTo, Stop, unroll
-from agents.planner.goals.steps import Fly as Flight
+from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track, unroll
+from agents.planner.scene import Box, Fence
 from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, positions, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm
@@ -81,6 +81,60 @@ def test_rovers_go_where_they_are_sent_on_their_own_height() -> None:
     assert list(line.places[:, 2]) == [10.0, 0.5]
 
 
+def test_planes_circle_where_they_are_sent() -> None:
+    goal = swarm.GoTo(vehicles=["p1", "c1"], to=[(90.0, 0.0, -60.0), (0.0, 0.0, -20.0)])
+    circles, step = resolve(goal, FLEET, ground())
+    assert isinstance(circles, Loiter) and circles.vehicles == ("p1",)
+    assert circles.centres[0, :2] == pytest.approx([0.0, 90.0])
+    assert isinstance(step, PlanTo) and step.vehicles == ("c1",)
+    with pytest.raises(BadInput, match="p1 is a plane"):
+        resolve(swarm.GoTo(vehicles=["p1", "c1"], to=[(9.0, 0.0, -60.0)] * 2, labelled=False), FLEET, ground())
+
+
+def test_unlabelled_rovers_stay_on_the_ground() -> None:
+    goal = swarm.GoTo(vehicles=["c1", "r1"], to=[(0.0, 18.0, -10.0), (0.0, 0.0, -10.0)], labelled=False)
+    (step,) = resolve(goal, FLEET, ground())
+    assert isinstance(step, PlanTo) and step.labelled
+    assert step.places == pytest.approx(np.array([[0.0, 0.0, 10.0], [18.0, 0.0, 0.5]]))
+
+
+def test_takeoff_landing_and_return_are_orders() -> None:
+    (up,) = resolve(swarm.TakeOff(vehicles=["down"], height=8.0), FLEET, ground())
+    assert isinstance(up, Orders) and "takeoff" in [order.verb for order in up.orders]
+    for goal in (swarm.Land(vehicles=["c1", "c2"]), swarm.Return(vehicles=["c1", "c2"])):
+        to, down = resolve(goal, FLEET, ground())
+        assert isinstance(to, PlanTo) and isinstance(down, Orders)
+        assert [order.verb for order in down.orders] == ["land", "land"]
+
+
+def test_nobody_lands_on_a_roof_or_outside_the_fence() -> None:
+    roof = Box(min=(-3.0, -3.0, 0.0), max=(3.0, 3.0, 8.0))
+    fence = Fence(polygon=[(-20.0, -20.0), (40.0, -20.0), (40.0, 40.0), (-20.0, 40.0)], floor=2.0, ceiling=40.0)
+    to, _ = resolve(swarm.Land(vehicles=["c1"]), FLEET, ground([roof], fence))
+    assert isinstance(to, PlanTo)
+    assert 4.0 <= np.abs(to.places[0, :2]).max() < 8.0, "beside the box below it, and no farther than it must"
+
+
+@pytest.mark.parametrize(
+    ("more", "field"),
+    [
+        ({}, "leader"),
+        ({"leader": "c2", "point": (0.0, 0.0, 0.0)}, "leader"),
+        ({"leader": "c1"}, "leader"),
+        ({"leader": "c2", "offsets": [(0.0, 0.0, 0.0)]}, "offsets"),
+    ],
+)
+def test_who_cannot_be_followed_is_named(more: dict[str, Any], field: str) -> None:
+    with pytest.raises(BadInput) as e:
+        resolve(swarm.Follow(vehicles=["c1"], **more), FLEET, ground())
+    assert e.value.detail["field"] == field
+
+
+def test_following_is_tracked() -> None:
+    (step,) = resolve(swarm.Follow(vehicles=["c1"], leader="r1"), FLEET, ground())
+    assert isinstance(step, Track) and step.vehicles == ("c1",)
+
+
 def test_hold_stops() -> None:
     assert resolve(swarm.Hold(vehicles=["c1", "p1"]), FLEET, ground()) == [Stop(("c1", "p1"), "holding")]
 
@@ -115,7 +169,7 @@ def test_vehicles_in_shape_move_in_shape() -> None:
     )
     on = swarm.Formation(vehicles=first.vehicles, shape="vee", at=(60.0, 0.0, -25.0), heading=1.0)
     up, fly = resolve(on, there, ground())
-    assert isinstance(up, PlanTo) and isinstance(fly, Flight)
+    assert isinstance(up, PlanTo) and isinstance(fly, Fly)
     assert up.places == pytest.approx(positions(there, up.vehicles), abs=1e-3), "they stand there already"
     assert fly_all([up, fly], there, ground()) < 25.0
     (again,) = resolve(first, there, ground())

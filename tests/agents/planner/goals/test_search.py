@@ -71,7 +71,7 @@ def test_nearly_everything_is_seen_and_all_are_done_together(
     assert sum(part.area.area for part in dealt.parts) == pytest.approx(area.wanted.area, rel=1e-3)
     for part in dealt.parts:
         curve = part.curve(area.free)
-        assert area.free.buffer(0.01).covers(shapely.linestrings(curve[:, :2])), (
+        assert area.free.buffer(search.SPARE / 2.0).covers(shapely.linestrings(curve[:, :2])), (
             "nobody flies through what stands there"
         )
 
