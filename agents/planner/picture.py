@@ -102,7 +102,9 @@ def _world(ax: Axes, scene: Scene, across: int, up: int) -> None:
         if patches:
             red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
             faces = [(red, green, blue, shade * (0.6 if colour == ZONE else 1.0)) for shade in shades]
-            ax.add_collection(PatchCollection(patches, facecolors=faces, edgecolors=colour, linewidths=0.5, zorder=1))
+            ax.add_collection(
+                PatchCollection(patches, facecolors=faces, edgecolors=colour, linewidths=0.7 - 0.2 * up, zorder=1)
+            )
     if scene.geofence is not None:
         fence = _prism(scene.geofence.polygon, scene.geofence.floor, scene.geofence.ceiling, up)
         fence.set(fill=False, edgecolor=FENCE, linewidth=1.4, linestyle="--", zorder=2)
@@ -148,9 +150,11 @@ def _ends(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across: int
     blamed = set(plan.error.ids) if plan.error else set()
     said = blamed | (set(report.closest.ids) if report and report.closest else set())
     for k, v in enumerate(scene.vehicles):
-        shade: Any = BAD if v.id in blamed else shades[k]
+        shade: Any = BAD if v.id in blamed else SOLID if blamed else shades[k]
         at = (v.start[across], v.start[up])
-        ax.add_patch(Circle(at, max(seen, v.radius), facecolor=shade, edgecolor="none", alpha=0.75, zorder=4, clip_on=False))
+        ax.add_patch(
+            Circle(at, max(seen, v.radius), facecolor=shade, edgecolor="none", alpha=0.75, zorder=4, clip_on=False)
+        )
         goal = v.goal if scene.goals is None or scene.assignment == "labelled" else None
         if goal is not None:
             ax.add_patch(_ring((goal[across], goal[up]), max(seen, v.radius), shade))
@@ -167,7 +171,7 @@ def _ends(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across: int
         index = {v.id: k for k, v in enumerate(scene.vehicles)}
         radius = max(seen, min(v.radius for v in scene.vehicles))
         for g, goal in enumerate(scene.goals or []):
-            shade = BAD if f"goals[{g}]" in blamed else shades[index[owner[g]]] if g in owner else INK
+            shade = BAD if f"goals[{g}]" in blamed else shades[index[owner[g]]] if g in owner else SOLID
             ax.add_patch(_ring((goal[across], goal[up]), radius, shade))
 
 
