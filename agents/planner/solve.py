@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.planner import verify
 from agents.planner.assign import assign
-from agents.planner.errors import PlanError
+from agents.planner.errors import Code, PlanError
 from agents.planner.geometry import clearance, world_of
 from agents.planner.planes import plan_planes
 from agents.planner.plans import Plan
@@ -40,9 +40,9 @@ def solve(
     """A verified plan of a scene.
 
     ``static``: what is known of the scene's obstacles from before. ``movers`` are kept clear of. ``seconds``: how long
-    it may search (None: 30 and a quarter for each vehicle). ``margin``: m that two vehicles keep on top of their radii,
-    and half of it to obstacles, as far as starts and goals leave room for it. The same seed gives the same plan unless
-    time runs out. Raises :class:`PlanError`.
+    it may search (None: a minute, and half a second for each vehicle). ``margin``: m that two vehicles keep on top of
+    their radii, and half of it to obstacles, as far as starts and goals leave room for it. The same seed gives the same
+    plan unless time runs out. Raises :class:`PlanError`.
     """
     return Pipeline(scene, static, movers, seconds, seed, margin, progress).run()
 
@@ -63,7 +63,7 @@ class Pipeline:
         self.scene, self.static, self.movers = scene, static, tuple(movers)
         self.seed, self.margin, self.progress = seed, margin, progress
         self.begun = time.monotonic()
-        self.deadline = self.begun + (30.0 + 0.25 * len(scene.vehicles) if seconds is None else seconds)
+        self.deadline = self.begun + (60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds)
 
     def say(self, stage: str, share: float) -> None:
         if self.progress is not None:
@@ -80,6 +80,7 @@ class Pipeline:
         problem = problem_of(self.scene, chosen, self.movers)
         planes = np.flatnonzero(problem.kind == PLANE)
         others = np.flatnonzero(problem.kind != PLANE)
+        clear_of_movers(problem)
         self.say("paths", 0.0)
         paths = self.static.paths_for(part(problem, others)) if len(others) else []
         problem = fitted(problem, self.static, self.margin)
@@ -157,6 +158,24 @@ class Pipeline:
         yield lambda: direct(0, FACTORS[:2])
         yield discrete
         yield lambda: direct(500, FACTORS[2:])
+
+
+def clear_of_movers(problem: Problem) -> None:
+    """Raises :class:`PlanError` where a mover begins on a vehicle's start, or stays for good on a vehicle's goal."""
+    scale = np.array([1.0, 1.0, 1.0 / problem.downwash])
+    for mover in problem.movers:
+        kinds: list[tuple[Code, Floats, Floats]] = [("starts_overlap", problem.start, mover.motion[0, 1:])]
+        if not mover.leaves:
+            kinds.append(("goals_overlap", problem.goal, mover.motion[-1, 1:]))
+        for kind, places, at in kinds:
+            near = np.linalg.norm((places - at) * scale, axis=1) < problem.radius + mover.radius - 0.01
+            if kind == "goals_overlap":
+                near &= problem.kind != PLANE
+            if near.any():
+                ids = [problem.ids[i] for i in np.flatnonzero(near)]
+                what = "start" if kind == "starts_overlap" else "goal"
+                text = f"the {what} of {ids[0]} is too near to where {mover.id} {'is' if what == 'start' else 'stays'}"
+                raise PlanError(kind, ids, text)
 
 
 def part(problem: Problem, who: Ints) -> Problem:

@@ -320,7 +320,7 @@ def move(place: Floats, i: int, flat: bool, stiff: float, cap: float, h: float, 
     for k in range(1, knots - 1):
         for axis in range(2 if flat else 3):
             place[i, k, axis] += scale * b[3 * k + axis]
-    return most * scale
+    return float(most * scale)
 
 
 @jit
@@ -355,4 +355,4 @@ def bend(
             moved[i] = 1.0
             band[i] = 0.0
             right[i] = 0.0
-    return most
+    return float(most)

@@ -21,7 +21,8 @@ def leg_times(problem: Problem, i: int, path: Path) -> Floats:
     """(K - 1,): seconds for each leg of a path at the greatest speed allowed in its direction."""
     legs = np.diff(path, axis=0)
     level = np.linalg.norm(legs, axis=1) / problem.vmax[i]
-    return np.maximum(level, np.maximum(legs[:, 2] / problem.climb[i], -legs[:, 2] / problem.descend[i]))
+    least: Floats = np.maximum(level, np.maximum(legs[:, 2] / problem.climb[i], -legs[:, 2] / problem.descend[i]))
+    return least
 
 
 def ramped(share: Floats, ramp: float) -> Floats:

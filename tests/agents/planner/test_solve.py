@@ -1,0 +1,132 @@
+"""From a scene to a plan: every class of scene is solved, and an independent checker finds nothing."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from agents.planner.errors import PlanError
+from agents.planner.geometry import world_of
+from agents.planner.plans import Plan
+from agents.planner.problem import Mover
+from agents.planner.scene import Box, Scene
+from agents.planner.separation import separation
+from agents.planner.solve import solve
+from agents.planner.staticmap import StaticMap
+from agents.planner.verify import verify
+from tests.agents.planner.checker import check
+from tests.agents.planner.generate import CLASSES, as_json
+
+
+def faults(scene: Scene, plan: Plan) -> Any:
+    return check(as_json(scene), msgspec.to_builtins(plan))
+
+
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("swap_circle", 16),
+        ("swap_sphere", 12),
+        ("shuffle", 36),
+        ("crowd", 20),
+        ("formation", 40),
+        ("forest", 12),
+        ("gate", 8),
+        ("gate_opposing", 8),
+        ("city", 12),
+        ("fence", 8),
+        ("mixed", 10),
+    ],
+)
+def test_every_class_of_scene_is_solved(name: str, n: int) -> None:
+    scene = CLASSES[name](n, 3)
+    plan = solve(scene, seed=1)
+    assert plan.status == "ok"
+    assert list(plan.trajectories) == [v.id for v in scene.vehicles]
+    assert not faults(scene, plan)
+
+
+def test_the_same_seed_gives_the_same_plan() -> None:
+    scene = CLASSES["swap_circle"](10, 0)
+    one, two = solve(scene, seed=5), solve(scene, seed=5)
+    assert one.trajectories == two.trajectories
+    assert solve(scene, seed=6).trajectories != one.trajectories
+
+
+def test_a_margin_is_kept_in_flight_where_starts_leave_room() -> None:
+    scene = CLASSES["swap_circle"](8, 0)
+    plan = solve(scene, margin=0.5)
+    report = verify(scene, plan.trajectories)
+    assert report.ok
+    assert report.clearance >= 0.5 - 1e-3
+    assert verify(scene, solve(scene).trajectories).clearance < 0.4
+
+
+def test_movers_are_kept_clear_of() -> None:
+    scene = CLASSES["swap_circle"](6, 0)
+    height = scene.vehicles[0].start[2]
+    rock = Mover("rock", np.array([[0.0, 3.0, 0.0, height]]), 2.0)
+    plan = solve(scene, movers=[rock], seed=2)
+    assert verify(scene, plan.trajectories, [rock]).ok
+    for samples in plan.trajectories.values():
+        assert separation(np.array(samples), rock.motion, scene.downwash)[0] >= 2.0 + scene.vehicles[0].radius - 0.01
+
+
+@pytest.mark.parametrize(("first", "last", "kind"), [(0.0, 50.0, "starts_overlap"), (50.0, 0.0, "goals_overlap")])
+def test_a_mover_on_a_start_or_a_goal_is_named(first: float, last: float, kind: str) -> None:
+    scene = CLASSES["swap_circle"](6, 0)
+    x, y, z = scene.vehicles[1].start if kind == "starts_overlap" else scene.vehicles[1].goal or (0.0, 0.0, 0.0)
+    block = Mover("block", np.array([[0.0, x, y, z + first], [9.0, x, y, z + last]]), 0.5)
+    with pytest.raises(PlanError) as caught:
+        solve(scene, movers=[block])
+    assert (caught.value.kind, caught.value.ids) == (kind, [scene.vehicles[1].id])
+
+
+def test_a_map_from_before_is_used_again() -> None:
+    scene = CLASSES["city"](8, 1)
+    static = StaticMap(world_of(scene))
+    first = solve(scene, static=static)
+    assert solve(scene, static=static).trajectories == first.trajectories
+
+
+def test_a_goal_behind_walls_is_named() -> None:
+    scene = CLASSES["swap_circle"](16, 0)
+    inside = scene.vehicles[2].start[2]
+    scene.vehicles[2].goal = (0.0, 0.0, inside)
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            low, high = np.array([-3.0, -3.0, inside - 3.0]), np.array([3.0, 3.0, inside + 3.0])
+            (low if side > 0 else high)[axis] = (0.0, 0.0, inside)[axis] + 2.0 * side
+            scene.obstacles = [*scene.obstacles, Box(min=tuple(low.tolist()), max=tuple(high.tolist()))]
+    with pytest.raises(PlanError) as caught:
+        solve(scene)
+    assert (caught.value.kind, caught.value.ids) == ("unreachable", [scene.vehicles[2].id])
+
+
+def test_a_spent_budget_is_said_with_the_vehicles() -> None:
+    scene = CLASSES["tunnel"](16, 0)
+    begun = time.monotonic()
+    with pytest.raises(PlanError) as caught:
+        solve(scene, seconds=0.0)
+    assert caught.value.kind == "timeout"
+    assert set(caught.value.ids) <= {v.id for v in scene.vehicles}
+    assert caught.value.ids
+    assert time.monotonic() - begun < 60.0
+
+
+def test_stages_are_told_as_they_come() -> None:
+    told: list[str] = []
+    solve(CLASSES["mixed"](6, 0), progress=lambda stage, share: told.append(stage))
+    assert [stage for k, stage in enumerate(told) if stage not in told[:k]] == [
+        "validate",
+        "map",
+        "assign",
+        "paths",
+        "planes",
+        "refine",
+        "verify",
+    ]
