@@ -169,9 +169,8 @@ def circles(planes: Sequence[VehicleView], places: Sequence[Vector], downwash: f
     for plane, one in zip(wanted, found, strict=True):
         north, east, _ = plane.pos_ned
         via[plane.vehicle] = np.array([frames.enu((north, east, one.centre_ned[2]))], dtype=np.float64)
-    return Loiter(
-        _names(planes), centres, np.array([s.radius for s in found]), via, text="circling at heights of their own"
-    )
+    radii = np.array([one.radius for one in found])
+    return Loiter(_names(planes), centres, radii, via, text="circling at heights of their own")
 
 
 def down_to(

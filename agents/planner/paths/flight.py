@@ -261,7 +261,7 @@ def apart(a: Motion, b: Motion, keep: float, squash: float, a_leaves: bool, b_le
         elif j < len(b) - 1:
             after = min(after, b[j + 1, 0])
         u, v = _share(a, i, after), _share(b, j, after)
-        bx, by, bz = _place(a, i, u, 1) - _place(b, j, v, 1), _place(a, i, u, 2) - _place(b, j, v, 2), 0.0
+        bx, by = _place(a, i, u, 1) - _place(b, j, v, 1), _place(a, i, u, 2) - _place(b, j, v, 2)
         bz = (_place(a, i, u, 3) - _place(b, j, v, 3)) / squash
         dx, dy, dz = bx - ax, by - ay, bz - az
         length = dx * dx + dy * dy + dz * dz
@@ -278,7 +278,7 @@ def _share(motion: Motion, k: int, t: float) -> float:
     """How far the piece from sample ``k`` on is done at ``t``."""
     if k >= len(motion) - 1:
         return 0.0
-    return min(1.0, max(0.0, (t - motion[k, 0]) / (motion[k + 1, 0] - motion[k, 0])))
+    return float(min(1.0, max(0.0, (t - motion[k, 0]) / (motion[k + 1, 0] - motion[k, 0]))))
 
 
 @jit

@@ -16,7 +16,7 @@ from agents.planner.geometry import away
 from agents.planner.jit import jit
 from agents.planner.paths.dubins import POINT_WORDS, WORDS, advance, between, shortest_to_point, to_point
 from agents.planner.paths.flight import Wings, way_clear
-from agents.planner.problem import Floats
+from agents.planner.problem import Floats, Ints
 from agents.planner.world import World
 
 HEADINGS = 18
@@ -25,7 +25,7 @@ EAGER = 1.5
 MOST_STATES = 8_000_000
 MOST_POPPED = 20_000
 """poses looked at; five times as many for the tightest turn, for a plane that finds no way even so has none"""
-TRIES = 150
+TRIES = 100
 """pairs of poses between which a shorter way is looked for"""
 
 
@@ -96,7 +96,8 @@ def _search(
 
 @jit
 def _at(grid: Floats, nx: int, x: float, y: float) -> int:
-    return math.floor((y - grid[1]) / grid[3]) * nx + math.floor((x - grid[0]) / grid[3])
+    column, row = math.floor((x - grid[0]) / grid[3]), math.floor((y - grid[1]) / grid[3])
+    return int(row * nx + column)
 
 
 @jit
@@ -141,11 +142,11 @@ def _cell(grid: Floats, nx: int, ny: int, nz: int, x: float, y: float, z: float,
     if i < 0 or j < 0 or k < 0 or i >= nx or j >= ny or k >= nz:
         return -1
     h = round(heading / (2.0 * math.pi) * HEADINGS) % HEADINGS
-    return ((int(k) * ny + int(j)) * nx + int(i)) * HEADINGS + h
+    return int(((k * ny + j) * nx + i) * HEADINGS + h)
 
 
 @jit
-def _legs_to(came: Floats, k: int, turn: float, step: float, up: float, down: float, last: Floats) -> Floats:
+def _legs_to(came: Ints, k: int, turn: float, step: float, up: float, down: float, last: Floats) -> Floats:
     """The legs of the steps that led to pose ``k``, and the last ones."""
     steps = 0
     n = k
