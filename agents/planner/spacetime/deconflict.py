@@ -12,6 +12,9 @@ from agents.planner.problem import PLANE, Floats, Ints, Motion, Mover, Path, Pro
 from agents.planner.spacetime.negotiate import Negotiation
 from agents.planner.world import World
 
+FINE = 0.55
+QUICK = 1.25
+"""times the last arrival if everybody were alone: as good as it needs to be"""
 MARGIN = 0.05
 """share of the radii kept on top of the radii, where starts and goals leave room for it"""
 
@@ -28,14 +31,19 @@ def find(
     begun = time.perf_counter()
     deadline, length = begun + seconds, horizon(problem, paths)
     best: Negotiation | None = None
-    for order in orders(problem, paths):
-        talk = Negotiation(problem, world, paths, margin=MARGIN, seconds=length)
+    for order, fine in attempts(problem, paths, rng):
+        talk = Negotiation(problem, world, paths, margin=MARGIN, seconds=length, fine=fine)
         talk.start(order.tolist(), deadline)
-        if talk.settle(deadline, rng) and (best is None or talk.arrival.max() < best.arrival.max()):
+        now = time.perf_counter()
+        patience = max(1.0, (deadline - now) / 4.0) if best is None else now - begun
+        if talk.settle(min(deadline, now + patience), rng) and (
+            best is None or talk.arrival.max() < best.arrival.max()
+        ):
             best = talk
         now = time.perf_counter()
-        quick = best is not None and best.arrival.max() <= 1.25 * best.alone.max() + 4
-        if quick or now - begun > seconds / 4.0:
+        if best is not None and (best.arrival.max() <= QUICK * best.alone.max() + 4 or now - begun > seconds / 4.0):
+            break
+        if now > deadline or (best is not None and fine < 1.0):
             break
     if best is None:
         return None
@@ -43,13 +51,20 @@ def find(
     return best.motions()
 
 
-def orders(problem: Problem, paths: Sequence[Path]) -> Iterator[Ints]:
-    """Who is planned before whom: the longest ways first; then so, but one direction of travel before the other."""
+def attempts(problem: Problem, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[tuple[Ints, float]]:
+    """Who is planned before whom, and how fine a lattice is: first the longest ways first, then so but one direction of
+    travel before the other; then both on a lattice that smaller bays have a node in; then any order.
+    """
     times = np.array([travel(problem, i, path) for i, path in enumerate(paths)])
-    yield np.argsort(-times, kind="stable")
     ways = problem.goal - problem.start
     _, _, axes = np.linalg.svd(ways, full_matrices=False)
-    yield np.lexsort((-times, ways @ axes[0] < 0.0))
+    longest, one_way = np.argsort(-times, kind="stable"), np.lexsort((-times, ways @ axes[0] < 0.0))
+    for fine in (1.0, FINE):
+        yield longest, fine
+        yield one_way, fine
+    while True:
+        for fine in (1.0, FINE):
+            yield rng.permutation(len(problem)), fine
 
 
 def travel(problem: Problem, i: int, path: Path) -> float:

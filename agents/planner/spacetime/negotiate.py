@@ -60,9 +60,12 @@ class Negotiation:
         margin: float,
         seconds: float,
         begin: float = 0.0,
+        fine: float = 1.0,
     ) -> None:
-        """``margin``: share of the radii kept on top of them; ``seconds``: how far the table goes; ``begin``: s."""
-        self.problem, self.world, self.paths = problem, world, paths
+        """``margin``: share of the radii kept on top of them; ``seconds``: how far the table goes; ``begin``: s;
+        ``fine``: by which the lattice's pitch is multiplied.
+        """
+        self.problem, self.world, self.paths, self.fine = problem, world, paths, fine
         count = len(problem)
         every = np.concatenate([*paths, problem.start, problem.goal])
         around = AROUND * float(problem.radius.max())
@@ -115,7 +118,7 @@ class Negotiation:
             low, high = self.low.copy(), self.high.copy()
             if flat:
                 low[2] = high[2] = p.start[i, 2]
-            pitch = pitch_for(key[0], p.downwash, high - low, NODES)
+            pitch = self.fine * pitch_for(key[0], p.downwash, high - low, NODES)
             alike = np.concatenate([self._chains[j].places for j in np.flatnonzero(p.radius == p.radius[i])])
             through = np.clip(anchor(self.world, key[0], pitch, alike), low, high)
             self.lattices[key] = lattice_of(self.world, key[0], pitch, low, high, through)
@@ -231,7 +234,7 @@ class Negotiation:
 
     def _group(self, one: int, free: Ints, rng: np.random.Generator) -> list[int]:
         """A vehicle in conflict, those it is in conflict with, and theirs, up to a random number."""
-        most = int(rng.integers(2, GROUP + 1))
+        most = int(rng.integers(1, GROUP + 1))
         group, at = [one], 0
         while len(group) < most and at < len(group):
             others = np.flatnonzero(self.conflicts[group[at], : len(free)])
