@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import click
@@ -19,7 +20,7 @@ from zmav.trust.credentials import Credentials
 @click.command("planner")
 @click.option("--name", help="Its host's name in keys.  [default: the certificate's, or the computer's]")
 @click.option("--standby", is_flag=True, help="Let another take charge, and take over when it is gone.")
-@click.option("--fleet", help="The fleet's name.  [default: demo, or the fleet file's]")
+@click.option("--fleet", help="The fleet's name.  [default: the fleet file's, $ZMAV_FLEET or demo]")
 @file_option
 @click.option("--margin", type=click.FloatRange(0.0, 20.0), default=0.5, show_default=True,
               help="Metres between two vehicles beyond their radii.")  # fmt: skip
@@ -44,7 +45,7 @@ def planner(
     host = own_name(name, settings)
     file = load_fleet(fleet_file) if fleet_file else None
     own = Credentials.load(settings.credentials) if settings.credentials else None
-    which = fleet or (own.fleet if own else None) or (file.fleet if file else "demo")
+    which = fleet or (own.fleet if own else None) or (file.fleet if file else os.environ.get("ZMAV_FLEET", "demo"))
     fence = fence_of(file) if file else None
     run(_planner(Settings(name=host, fleet=which, standby=standby, geofence=fence, **rest), settings))
 
