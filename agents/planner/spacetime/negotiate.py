@@ -134,19 +134,20 @@ class Negotiation:
 
     # One vehicle.
 
-    def plan(self, i: int, limit: float = 0.0) -> bool:
+    def plan(self, i: int, limit: float = 0.0, delay: int = 0) -> bool:
         """A way for vehicle ``i``, which is not filed, written to the table; False: none found.
 
+        It leaves ``delay`` steps late or later.
         Along its own path if that takes hardly longer than alone; else over the lattice; else, where ``limit`` allows
         it, at a price.
         """
         lattice, roads = no_lattice(), self._chains[i]
-        rows = self._search(i, lattice, roads, 0.0)
-        if not len(rows) or rows[-1, 1] - self.begin > self.alone[i] * HARDLY + 4:
+        rows = self._search(i, lattice, roads, 0.0, delay)
+        if not len(rows) or rows[-1, 1] - self.begin - delay > self.alone[i] * HARDLY + 4:
             wide = self.wide(i)
-            found = self._search(i, *wide, 0.0)
+            found = self._search(i, *wide, 0.0, delay)
             if not len(found) and not len(rows) and limit > 0.0:
-                found = self._search(i, *wide, limit)
+                found = self._search(i, *wide, limit, delay)
             if len(found) and (not len(rows) or found[-1, 1] < rows[-1, 1]):
                 rows, (lattice, roads) = found, wide
         if not len(rows) or rows[-1, 1] >= self.table.head.shape[1]:
@@ -155,12 +156,13 @@ class Negotiation:
         self.arrival[i] = rows[-1, 1]
         return True
 
-    def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float) -> Ints:
-        last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), self.begin) + 1
+    def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float, delay: int) -> Ints:
+        begin = self.begin + delay
+        last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), begin) + 1
         pace, detour = float(self.speed[i]) * self.step, int(DETOUR * self.alone[i]) + 24
         weight, moves = self.weight, self._moves[i]
         return search(
-            self.table, weight, limit, i, lattice, MOVES, moves, roads, self.begin, last, MOST, GREED, pace, detour
+            self.table, weight, limit, i, lattice, MOVES, moves, roads, begin, last, MOST, GREED, pace, detour
         )
 
     def file(self, i: int) -> None:
@@ -244,20 +246,26 @@ class Negotiation:
         return group
 
     def again(self, group: list[int], limit: float, rng: np.random.Generator | None) -> bool:
-        """Plan a group anew, in a random order where there is ``rng``; it gets back what it had if the new is worse."""
+        """Plan a group anew, in its order, or with ``rng`` in any; it gets back what it had if the new is worse.
+
+        With ``rng`` only conflicts make it so, else late arrivals do, too.
+        """
         kept = {i: (self.table.places[i].copy(), int(self.arrival[i])) for i in group}
         before = self._badness()
         for i in group:
             self.lift(i)
         if rng is not None:
             rng.shuffle(group)
+        # Two that meet half-way in a narrow place pass only if one of them is late.
+        late = 0 if rng is None or rng.random() < 0.5 else int(rng.integers(1, 1 + self.alone.max()))
         done = True
-        for i in group:
-            if not self.plan(i, limit):
+        for n, i in enumerate(group):
+            if not self.plan(i, limit, 0 if n else late):
                 done = False
                 break
             self.file(i)
-        if done and self._badness() <= before:
+        after = self._badness()
+        if done and (after <= before if rng is None else after[0] <= before[0]):
             return True
         for i in group:
             if self.filed[i]:
