@@ -179,7 +179,7 @@ def segment(now: Seen, target: Seen, body: Body, seconds: float = 3.0, *, level:
     steps = max(1, round(seconds / STEP))
     for k in range(steps + _brake_steps(most, accel)):
         if k < steps:
-            there = target.at(now.t + (k + 1) * STEP)
+            there = target.at(now.t + k * STEP)
             wanted = np.array(there.vel) + _closing(np.array(there.pos) - pos, accel)
             if level:
                 wanted[2] = 0.0

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import itertools
-import math
 
+import msgspec
 import numpy as np
 import pytest
 
 from agents.planner.loiter import (
-    STEADY, Circling, at_height, loiter, loiter_orders, loiter_radius, loiter_slots, loiter_speed,
+    STEADY,
+    Circling,
+    at_height,
+    loiter,
+    loiter_orders,
+    loiter_radius,
+    loiter_slots,
+    loiter_speed,
 )  # fmt: skip
 from zmav import wire
 from zmav.config import body_of
@@ -82,8 +89,9 @@ def test_orders_are_those_of_the_wire_and_in_turn() -> None:
         ("high", (0,)),
     ]
     for order in orders:
-        args = wire.decode(wire.encode(VERBS[order.verb].args(**order.args)), VERBS[order.verb].args, "order")
-        assert args.pos is not None and math.isfinite(args.pos[2])
+        assert VERBS[order.verb].args is wire.Reposition
+        args = msgspec.convert(dict(order.args), wire.Reposition)
+        assert args.pos is not None and args.radius == loiter_radius(BODY)
     assert orders[0].args["pos"][:2] == (0.0, 0.0) and orders[3].args["pos"] == slots[1].centre_ned
     assert at_height(slots[0], (0.0, 0.0, slots[0].centre_ned[2] + 3.0))
     assert not at_height(slots[0], planes[0].pos_ned)

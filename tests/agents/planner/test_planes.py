@@ -115,7 +115,8 @@ def test_motions_are_apart_at_every_instant_and_not_only_at_samples() -> None:
     other = np.array([[0.0, 0.0, -10.0, 3.0], [2.0, 0.0, 10.0, 3.0]])
     assert apart(one, other, 2.9, 1.0, True, True)
     assert not apart(one, other, 2.9, 1.5, True, True)
-    late = other + [3.0, 0.0, 0.0, 0.0]
+    late = other.copy()
+    late[:, 0] += 3.0
     assert apart(one, late, 2.9, 1.5, True, True)
     stays = np.array([[0.0, 9.0, 1.0, 0.0], [1.0, 10.0, 1.0, 0.0]])
     assert apart(one, stays, 2.0, 1.0, True, True)
