@@ -103,7 +103,9 @@ def _least(
     u, v = 1.0 - GOLDEN, GOLDEN
     at_u, at_v = _reach(kind, a, b, c, d, low, high, p, u), _reach(kind, a, b, c, d, low, high, p, v)
     length = np.hypot(np.hypot(p[3] - p[0], p[4] - p[1]), p[5] - p[2])
-    while (right - left) * length > 1e-7:
+    for _ in range(80):
+        if (right - left) * length <= 1e-7:
+            break
         if at_u <= at_v:
             right, v, at_v = v, u, at_u
             u = right - GOLDEN * (right - left)
@@ -204,7 +206,7 @@ def out_of_fence(motion: Motion, corners: Floats) -> tuple[float, int]:
     """How far a motion gets out of a polygon at most (0: never), and in which piece.
 
     The polygon need not be convex: what lies between two samples inside may be outside. Such a stretch is looked at
-    in steps of 2 mm at most, and what could be missed between them is added.
+    in steps of 2 mm (a piece in 20 000 at most), and what could be missed between them is added.
     """
     worst, piece = 0.0, -1
     for i in range(max(1, motion.shape[0] - 1)):
@@ -224,7 +226,7 @@ def out_of_fence(motion: Motion, corners: Floats) -> tuple[float, int]:
         if not near:
             continue
         length = np.hypot(bx - ax, by - ay)
-        steps = max(1, int(np.ceil(length / 0.002)))
+        steps = int(max(1.0, min(20000.0, np.ceil(length / 0.002))))
         for step in range(steps + 1):
             u = step / steps
             depth = _beyond(corners, ax + u * (bx - ax), ay + u * (by - ay))

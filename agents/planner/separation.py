@@ -14,8 +14,8 @@ import numpy as np
 from agents.planner.jit import jit
 from agents.planner.problem import Floats, Ints, Motion
 
-WINDOW = 1.6
-"""s: motions whose boxes during so long are apart need no closer look"""
+WINDOW, WINDOWS = 1.6, 1000
+"""s: motions whose boxes during so long are apart need no closer look; and how many of these there are at most"""
 
 
 @jit
@@ -135,7 +135,9 @@ def least_clearance(
 
 
 @jit
-def _boxes(samples: Floats, offsets: Ints, leaves: Ints, inverse: float, start: float, count: int) -> Floats:
+def _boxes(
+    samples: Floats, offsets: Ints, leaves: Ints, inverse: float, start: float, width: float, count: int
+) -> Floats:
     """(N, count, 6): what each motion touches within each window of time, z scaled; inside out where it is gone."""
     boxes = np.empty((offsets.shape[0] - 1, count, 6))
     boxes[:, :, :3] = np.inf
@@ -144,11 +146,11 @@ def _boxes(samples: Floats, offsets: Ints, leaves: Ints, inverse: float, start: 
         motion = samples[offsets[n] : offsets[n + 1]]
         end = motion[motion.shape[0] - 1, 0]
         for w in range(count):
-            t = start + w * WINDOW
+            t = start + w * width
             if leaves[n] and t > end:
                 break
             k = last_until(motion, t)
-            then = t + WINDOW
+            then = t + width
             while True:
                 place = place_at(motion, k, t)
                 for axis in range(3):
@@ -178,7 +180,7 @@ def _gap(a: Floats, b: Floats) -> float:
 @jit
 def _pairs(
     samples: Floats, offsets: Ints, radius: Floats, leaves: Ints, own: int, inverse: float,
-    start: float, boxes: Floats, tolerance: float, found: Floats,
+    start: float, width: float, boxes: Floats, tolerance: float, found: Floats,
 ) -> tuple[int, int, int, float, float]:  # fmt: skip
     """Every pair with one of the first ``own`` in it.
 
@@ -199,8 +201,8 @@ def _pairs(
             for w in range(windows):
                 if _gap(boxes[i, w], boxes[j, w]) >= min(least, need + max(best, 0.0)):
                     continue
-                begin = start + w * WINDOW
-                distance, t = closest(a, b, inverse, begin, min(end, begin + WINDOW))
+                begin = start + w * width
+                distance, t = closest(a, b, inverse, begin, min(end, begin + width))
                 if distance < least:
                     least, when = distance, t
             if least - need < best:
@@ -232,9 +234,10 @@ def all_pairs(
     start = float(min(motion[0, 0] for motion in motions[: max(1, own)]))
     span = max(float(motion[-1, 0]) for motion in motions) - start
     gone = np.array(leaves, dtype=np.int64)
-    boxes = _boxes(samples, offsets, gone, 1.0 / downwash, start, int(max(0.0, span) / WINDOW) + 1)
+    width = max(WINDOW, span / (WINDOWS - 1))
+    boxes = _boxes(samples, offsets, gone, 1.0 / downwash, start, width, int(max(0.0, span) / width) + 1)
     found = np.empty((4096, 4))
     count, i, j, clearance, when = _pairs(
-        samples, offsets, radius, gone, own, 1.0 / downwash, start, boxes, tolerance, found
+        samples, offsets, radius, gone, own, 1.0 / downwash, start, width, boxes, tolerance, found
     )
     return found[:count], (int(i), int(j), float(clearance), float(when))

@@ -276,3 +276,23 @@ def test_movers_are_kept_clear_of_and_not_judged(plan: dict[str, Any]) -> None:
     assert {f.ids for f in report.faults} == {("a", "m"), ("a", "n"), ("b", "m"), ("b", "n")}
     past = Mover("m", np.array([[-5.0, -18, 0, 10], [-0.5, -18, 60, 10]]), 0.5, leaves=True)
     assert verify(scene, plan["trajectories"], [past]).ok  # what it did before the plan begins is no matter
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        [], [[]], [[0, 1, 2]], [["a", 0, 0, 0]], 3, None, [[0, -20, 0, 10], [1]], [[0, 1e300, 0, 10]], [[math.inf] * 4],
+        [[[0, -20, 0, 10]]],
+    ],
+)  # fmt: skip
+def test_whatever_is_no_trajectory_is_a_fault(samples: Any, plan: dict[str, Any]) -> None:
+    report = verify(msgspec.convert(SCENE, Scene), {**plan["trajectories"], "a": samples})
+    assert [(fault.kind, fault.ids) for fault in report.faults] == [("samples", ("a",))]
+
+
+def test_the_endless_and_the_far_are_judged_all_the_same(plan: dict[str, Any]) -> None:
+    far = [[0.0, -20, 0, 10], [1.0, 1e9, 1e9, 1e9], [1e11, 20, 0, 10]]
+    report = verify(msgspec.convert(SCENE, Scene), {**plan["trajectories"], "a": far})
+    ours = {(fault.kind, fault.ids[0]) for fault in report.faults}
+    assert {("speed", "a"), ("bounds", "a"), ("fence", "a"), ("late", "a"), ("sampling", "a")} <= ours
+    assert report.makespan == 1e11
