@@ -23,7 +23,6 @@ from agents.planner.live.checks import read_obstacle
 from agents.planner.live.desk import Desk
 from agents.planner.live.fleet import Fleet
 from agents.planner.live.ledger import ENDED, Ledger
-from agents.planner.live.partition import Hearing
 from agents.planner.live.press import Press
 from agents.planner.live.run import Run
 from agents.planner.live.settings import FENCE, Settings, check
@@ -31,6 +30,7 @@ from agents.planner.live.solver import Solver
 from agents.planner.live.tokens import Tokens
 from agents.planner.live.tubes import Tubes
 from agents.planner.live.world import World
+from agents.planner.problem import Mover
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.process import say as log
@@ -292,8 +292,26 @@ class Agent:
             if held:
                 self.say("partition", "warning", held)
 
-    def hearing(self) -> Hearing:
-        return self.fleet.hearing()
+    def kin(self, goal: str) -> set[str]:
+        """The goal itself, and those whose vehicles it follows or is followed by: they go the same way, and are kept
+        apart by what each is committed to instead of by room that is spoken for.
+        """
+        return {goal, *(name for name, run in self.runs.items() if self._follows(goal, run))}
+
+    def _follows(self, goal: str, other: Run) -> bool:
+        run = self.runs.get(goal)
+        if run is None:
+            return False
+        return (run.tracks and run.leader in other.vehicles) or (other.tracks and other.leader in run.vehicles)
+
+    def committed(self, goal: str) -> list[Mover]:
+        """What the vehicles of its kin are committed to, on our UTC."""
+        return [mover for name in self.kin(goal) - {goal} for mover in self.runs[name].committed()]
+
+    def told(self, goal: str) -> None:
+        """A vehicle of this goal was committed to something: its kin keep clear of that from now on."""
+        for name in self.kin(goal) - {goal}:
+            self.runs[name].refresh()
 
     # Pause and resume.
 

@@ -13,6 +13,7 @@ import msgspec
 
 import zmav
 from agents.planner.execute.executor import SLACK, TRACKING, Executor, Flight, Trouble
+from agents.planner.execute.helm import Helm
 from agents.planner.geometry import segment_clear, world_of
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.scenes import moving
@@ -62,7 +63,7 @@ class Crew:
         while True:
             executor = Executor(
                 run.agent.z, run.vehicles, holder=settings.name, priority=settings.priority,
-                tracking=self._tracking(), say=self._say, replan=self._replan,
+                tracking=self.tracking, say=self._say, replan=self._replan,
             )  # fmt: skip
             try:
                 self._executor = await self._stack.enter_async_context(executor)
@@ -80,6 +81,17 @@ class Crew:
         """Under our lease."""
         assert self._executor is not None
         return self._executor.helms[name].vehicle
+
+    @property
+    def helms(self) -> dict[str, Helm]:
+        assert self._executor is not None
+        return self._executor.helms
+
+    @property
+    def now(self) -> float:
+        """Our UTC, by which everything is flown."""
+        assert self._executor is not None
+        return self._executor.clock.now()
 
     # Flying.
 
@@ -109,6 +121,16 @@ class Crew:
         if self._executor is not None and not self._torn:
             self._executor.resume()
 
+    @property
+    def committed(self) -> list[Mover]:
+        """What its vehicles are sure to fly, on our UTC."""
+        return list(self._executor.committed.values()) if self._executor is not None else []
+
+    def refresh(self) -> None:
+        """Others are committed to something new."""
+        if self._executor is not None:
+            self._executor.avoid(self.movers(self.now))
+
     def stop(self, why: str) -> None:
         if self._executor is not None:
             self._executor.halt(why)
@@ -127,7 +149,8 @@ class Crew:
 
         executor.obstructed(clear, "an obstacle or the fence")
 
-    def _tracking(self) -> float:
+    @property
+    def tracking(self) -> float:
         """How far a vehicle may be off its way for the margin that we plan with."""
         return min(TRACKING, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
 
@@ -142,7 +165,7 @@ class Crew:
             motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
-            downwash=planned.scene.downwash, margin=planned.margin, movers=self._movers(executor.clock.now()),
+            downwash=planned.scene.downwash, margin=planned.margin, movers=self.movers(executor.clock.now()),
         )  # fmt: skip
 
     async def _replan(self, trouble: Trouble) -> Flight | None:
@@ -159,12 +182,13 @@ class Crew:
             return None
         return None if planned is None else self._flight(planned)
 
-    def _movers(self, now: float) -> list[Mover]:
+    def movers(self, now: float) -> list[Mover]:
         """Whoever is not in this plan and nobody else's, on our UTC."""
         run, agent = self._run, self._run.agent
-        taken = agent.tubes.vehicles(run.entry.id)
+        kin = agent.committed(run.entry.id)
+        taken = agent.tubes.vehicles({run.entry.id}) | {mover.id for mover in kin}
         movers = moving(run.vehicles, agent.fleet.all(), agent.world.pieces(time.time()), taken)
-        later = []
+        later = kin
         for mover in movers:
             motion = mover.motion.copy()
             motion[:, 0] += now
@@ -188,7 +212,7 @@ class Crew:
                 if run.goes:
                     executor.resume()
             self._torn = torn
-            executor.avoid(self._movers(executor.clock.now()))
+            executor.avoid(self.movers(executor.clock.now()))
 
     def _say(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
         run = self._run

@@ -74,7 +74,7 @@ async def hold_all(run: Run, names: list[str]) -> None:
 async def speak_for(run: Run, tubes: Mapping[str, list[Tube]]) -> None:
     """Wait until nobody else has spoken for that room, and do."""
     agent = run.agent
-    while blocker := agent.tubes.blocker(run.entry.id, tubes, agent.settings.downwash):
+    while blocker := agent.tubes.blocker(agent.kin(run.entry.id), tubes, agent.settings.downwash):
         run.text(f"waits for room beside {blocker}")
         await asyncio.sleep(SOON)
     agent.tubes.hold(run.entry.id, tubes)

@@ -51,8 +51,9 @@ class Planner:
     def room(self, vehicles: Sequence[str]) -> Room:
         """Everything that these are to keep clear of now."""
         agent = self._agent
-        walls = agent.tubes.walls(self._goal, agent.settings.downwash)
-        taken = agent.tubes.vehicles(self._goal)
+        kin = agent.kin(self._goal)
+        walls = agent.tubes.walls(kin, agent.settings.downwash)
+        taken = agent.tubes.vehicles(kin)
         pieces = agent.world.pieces(time.time())
         return room_of(vehicles, agent.fleet.all(), pieces, walls, taken, agent.settings.downwash)
 

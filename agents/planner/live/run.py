@@ -20,8 +20,9 @@ from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
-from agents.planner.live.tracking import Tracking
+from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.live.tubes import tube
+from agents.planner.problem import Mover
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
@@ -47,7 +48,10 @@ class Run:
     def __init__(self, agent: Agent, entry: swarm.GoalEntry) -> None:
         self.agent, self.entry = agent, entry
         self.vehicles = tuple(entry.goal.vehicles)
+        self.leader = entry.goal.leader if isinstance(entry.goal, swarm.Follow) else None
         self.planner = Planner(agent, entry.id, agent.solver)
+        self.tracks = False
+        """it follows its leader just now"""
         self.stopping = ""
         """why it is to end; empty: it goes on"""
         self.failure: ZmavError | None = None
@@ -55,7 +59,7 @@ class Run:
         self._goes = asyncio.Event()
         if entry.state != "paused":
             self._goes.set()
-        self._flying: Crew | None = None
+        self._flying: Crew | Tracking | None = None
         self._task = asyncio.create_task(self._live())
 
     @property
@@ -88,6 +92,15 @@ class Run:
         self._goes.set()
         if self._flying is not None:
             self._flying.resume()
+
+    def committed(self) -> list[Mover]:
+        """What its vehicles are sure to fly, on our UTC; nothing while they rest."""
+        return self._flying.committed if self._flying is not None else []
+
+    def refresh(self) -> None:
+        """The one that is followed, or who follows, is committed to something new."""
+        if self._flying is not None:
+            self._flying.refresh()
 
     def world_changed(self) -> None:
         """There are other obstacles: what is being flown is looked at again."""
@@ -171,7 +184,7 @@ class Run:
             await loiter(self, crew, step)
         elif isinstance(step, Track):
             self._state("flying", step.text or "follows")
-            await Tracking(self, crew, step).go_on()
+            await self._follow(crew, step, share)
         else:
             assert isinstance(step, Stop)
             await halt(self, step.vehicles)
@@ -223,13 +236,45 @@ class Run:
                 return missing
         return []
 
+    async def _follow(self, crew: Crew, step: Track, share: tuple[float, float]) -> None:
+        """Until the goal is cancelled, or its leader is lost for good."""
+        while True:
+            tracking = Tracking(self, crew, step)
+            self._flying, self.tracks = tracking, True
+            try:
+                doing = await tracking.go_on()
+            except Blocked as e:
+                self._flying, self.tracks = None, False
+                self.say("replan", "notice", f"{self.entry.id}: {e.message}: planned", goal=self.entry.id)
+                await self._beside(crew, tracking, share)
+                continue
+            finally:
+                self._flying, self.tracks = None, False
+            self.check_stopped()
+            goal: swarm.Goal = swarm.Return(vehicles=list(self.vehicles))
+            if doing == "land":
+                goal = swarm.Land(vehicles=list(self.vehicles))
+            for instead in await self.planner.resolve(goal, self._view()):
+                await self._take(crew, instead, share)
+            return
+
+    async def _beside(self, crew: Crew, tracking: Tracking, share: tuple[float, float]) -> None:
+        """By a plan to where the leader is now; where there is none, a little later perhaps."""
+        places = np.array([enu(target.pos) for target in tracking.targets(crew.now)])
+        try:
+            await self._plan_and_fly(crew, PlanTo(self.vehicles, places, True, "on the way to the leader"), share)
+        except PlanError as e:
+            self.text(f"waits: {e.message}")
+            await asyncio.sleep(SOON)
+        self._state("flying", "follows")
+
     async def _planned(self, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for."""
         while True:
             try:
                 return await self.planner.plan_to(step, view, self._stage)
             except PlanError as e:
-                others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.entry.id)})
+                others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.agent.kin(self.entry.id))})
                 if not others or e.kind == "invalid_scene":
                     raise
                 self.text(f"waits for room beside {', '.join(others)}: {e.message}")

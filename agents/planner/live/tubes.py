@@ -8,7 +8,7 @@ without a look at the others. ENU metres.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from agents.planner import scene
 from agents.planner.problem import Floats
 
-PIECE = 5.0
+PIECE = 2.5
 """m of a way that one box holds"""
 
 
@@ -81,30 +81,30 @@ class Tubes:
         """It needs no room any more; what it held."""
         return self._held.pop(goal, {})
 
-    def others(self, goal: str) -> list[tuple[str, str, Tube]]:
-        """(goal, vehicle, tube) of all goals but this."""
+    def others(self, but: Collection[str]) -> list[tuple[str, str, Tube]]:
+        """(goal, vehicle, tube) of all goals but these."""
         return [
             (name, vehicle, each)
-            for name, held in self._held.items() if name != goal
+            for name, held in self._held.items() if name not in but
             for vehicle, tubes in held.items() for each in tubes
         ]  # fmt: skip
 
-    def vehicles(self, but: str = "") -> set[str]:
+    def vehicles(self, but: Collection[str] = ()) -> set[str]:
         """Whoever holds any, in other goals than ``but``."""
-        return {vehicle for name, held in self._held.items() if name != but for vehicle in held}
+        return {vehicle for name, held in self._held.items() if name not in but for vehicle in held}
 
-    def walls(self, goal: str, downwash: float) -> list[scene.Obstacle]:
+    def walls(self, but: Collection[str], downwash: float) -> list[scene.Obstacle]:
         """The tubes of the other goals as boxes to keep out of: a centre stays its own radius away from each."""
         found: list[scene.Obstacle] = []
-        for _, _, each in self.others(goal):
+        for _, _, each in self.others(but):
             r, up = each.radius, each.radius * downwash
             for x0, y0, z0, x1, y1, z1 in each.boxes.tolist():
                 found.append(scene.Box(min=(x0 - r, y0 - r, z0 - up), max=(x1 + r, y1 + r, z1 + up)))
         return found
 
-    def blocker(self, goal: str, wanted: Mapping[str, Iterable[Tube]], downwash: float) -> str:
+    def blocker(self, but: Collection[str], wanted: Mapping[str, Iterable[Tube]], downwash: float) -> str:
         """Which other goal's tubes are not clear of these; empty: none."""
-        for name, _, other in self.others(goal):
+        for name, _, other in self.others(but):
             for tubes in wanted.values():
                 if any(meet(each, other, downwash) for each in tubes):
                     return name
