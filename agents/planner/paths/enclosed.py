@@ -145,21 +145,34 @@ def child_of(key: int, n: int) -> int:
 
 
 @jit
+def wider(order: Floats, queue: Ints) -> tuple[Floats, Ints]:
+    """Both sides' heaps with twice the room."""
+    count = order.shape[1]
+    more, of = np.empty((2, 2 * count)), np.empty((2, 2 * count), dtype=np.int64)
+    for side in range(2):
+        for n in range(count):
+            more[side, n], of[side, n] = order[side, n], queue[side, n]
+    return more, of
+
+
+@jit
 def chain(keys: Ints, parents: Ints, side: int, cell: int, key: int) -> Ints:
     """The cells from start to goal where the flood of a side came from ``cell`` to ``key``, one of the other's."""
-    path = np.empty(256, dtype=np.int64)
-    split = count = 0
-    for turn in range(2):
-        at = cell if turn == side else key
-        while at != 0:
-            if count == len(path):
-                path = np.append(path, path)
-            path[count] = at
-            count, at = count + 1, parents[slot_of(keys, at)]
-        if turn == 0:
-            split = count
-    first = path[:split][::-1]
-    return np.append(first, path[split:count])
+    near, far = (cell, key) if side == 0 else (key, cell)
+    split, count, at = 0, 0, near
+    while at != 0:
+        split, at = split + 1, parents[slot_of(keys, at)]
+    at = far
+    while at != 0:
+        count, at = count + 1, parents[slot_of(keys, at)]
+    path = np.empty(split + count, dtype=np.int64)
+    at = near
+    for n in range(split - 1, -1, -1):
+        path[n], at = at, parents[slot_of(keys, at)]
+    at = far
+    for n in range(split, split + count):
+        path[n], at = at, parents[slot_of(keys, at)]
+    return path
 
 
 @jit
@@ -187,20 +200,16 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
     """Flood from both ends, each towards the other: 4 or 8 where that from the start or the goal ran dry, MET, or
     GAVE_UP after ``most`` cells; the table then; and where they met the keys of the cells from start to goal.
     """
-    keys, found, parents = cells.keys.copy(), cells.found.copy(), cells.parents.copy()
+    keys, found, parents, used = cells.keys.copy(), cells.found.copy(), cells.parents.copy(), 0
     for n in range(len(found)):
         found[n] &= 19  # where floods were before is nothing to this one
-    used = np.count_nonzero(keys)
+        used += 1 if keys[n] != 0 else 0
     order, queue, waiting = np.empty((2, 4096)), np.empty((2, 4096), dtype=np.int64), np.zeros(2, dtype=np.int64)
     ends, todo, nothing = np.empty((2, 3)), np.empty(512, dtype=np.int64), np.empty(0, dtype=np.int64)
     ends[0], ends[1] = start, goal
     side, direction, cell = 0, -1, 0
     low, size, count, depth = cells.low, cells.size, cells.counts, cells.depth
     flat = size[2] < 2.0 * FLAT
-    order, queue, waiting = np.empty((2, 4096)), np.empty((2, 4096), dtype=np.int64), np.zeros(2, dtype=np.int64)
-    ends, todo = np.empty((2, 3)), np.empty(512, dtype=np.int64)
-    ends[0], ends[1] = start, goal
-    side, direction, cell = 0, -1, 0
     while True:
         # What touches one face of the cell in hand; before that, once for each side, what holds its end.
         key = (
@@ -216,7 +225,7 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
                 if keys[slot] == 0:
                     keys[slot], found[slot] = todo[0], classify(world, radius, low, size, todo[0])
                     used += 1
-                if found[slot] & 3 != MIXED:
+                if found[slot] & 3 != MIXED or ((todo[0] >> 3 * BITS) - 1 >= depth and not found[slot] & 16):
                     break
         while pending:
             pending -= 1
@@ -240,13 +249,13 @@ def flood(world: World, radius: float, cells: Cells, start: Floats, goal: Floats
             if not found[slot] & (4 << side):
                 found[slot] |= 4 << side
                 parents[slot] = cell if direction >= 0 else 0
-                x, y, z, _ = middle_of(low, size, key)
+                x, y, z, scale = middle_of(low, size, key)
                 aim = ends[1 - side]
                 if waiting[side] == order.shape[1]:
-                    order, queue = np.concatenate((order, order), 1), np.concatenate((queue, queue), 1)
+                    order, queue = wider(order, queue)
                 far = math.sqrt((x - aim[0]) ** 2 + (y - aim[1]) ** 2 + (z - aim[2]) ** 2)
                 if found[slot] & 3 == MIXED:
-                    far += 4.0 * size[0]  # what is free first
+                    far += 4.0 * size[0] * scale  # what is free first
                 push(order[side], queue[side], waiting[side], far, key)
                 waiting[side] += 1
         direction += 1

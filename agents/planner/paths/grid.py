@@ -49,6 +49,15 @@ def duration(dx: float, dy: float, dz: float, rates: Floats) -> float:
 
 
 @jit
+def longer(keys: Floats, items: Ints) -> tuple[Floats, Ints]:
+    """A heap with twice the room. (numpy's own functions for this take seconds to compile.)"""
+    more, of = np.empty(2 * len(keys)), np.empty(2 * len(keys), dtype=np.int64)
+    for n in range(len(keys)):
+        more[n], of[n] = keys[n], items[n]
+    return more, of
+
+
+@jit
 def push(keys: Floats, items: Ints, size: int, key: float, item: int) -> None:
     """Put into a binary heap of ``size``, least key first."""
     at = size
@@ -161,7 +170,7 @@ def search(
             size += 1
     while size > 0 and expanded < most:
         if size + 32 > len(keys):
-            keys, items = np.append(keys, keys), np.append(items, items)
+            keys, items = longer(keys, items)
         at = pop(keys, items, size)
         size -= 1
         if at == end:

@@ -168,14 +168,14 @@ def test_there_is_no_way_out_of_a_cell() -> None:
     assert pocket(there, inside, point(-3, -4, 7), 1.0) is None
 
 
-@pytest.mark.parametrize("width", [1.0, 1.6])
+@pytest.mark.parametrize("width", [1.0, 1.9])
 def test_there_is_no_way_through_a_window_that_is_too_narrow(width: float) -> None:
-    assert pocket(world(*gate(width, y=0, z=10)), point(-20, 0, 10), point(20, 0, 10), 1.0) is not None
+    assert pocket(world(*gate(width)), point(-20, 0, 10), point(20, 0, 10), 1.0) is not None
 
 
 def test_nothing_is_proven_where_there_is_a_way() -> None:
     start, goal = point(-20, 0, 10), point(20, 0, 10)
-    for width in (2.1, 5.0):
+    for width in (2.05, 5.0):
         assert pocket(world(*gate(width)), start, goal, 1.0) is None
     walls = cell(9, 12)[:4]  # no roof
     assert pocket(world(*walls), start, point(0, 0, 5), 1.0) is None
