@@ -50,11 +50,13 @@ async def carry_out(run: Run, crew: Crew, step: Orders) -> None:
 
 
 async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> None:
-    """One order as it stands in a step."""
+    """One order as it stands in a step; who is to take off is armed first."""
     try:
         order = msgspec.convert(dict(args), VERBS[verb].args)
     except (msgspec.ValidationError, KeyError) as e:
         raise BadInput(f"{verb}: {e}", field=verb, value=dict(args), expected="the order's arguments") from e
+    if verb == "takeoff" and not vehicle.state.armed:
+        await vehicle.arm()
     await vehicle.order(verb, order)
 
 

@@ -1,0 +1,249 @@
+"""The planner among simulated copters: goals are flown, paused, replaced, taken over; hostile orders change nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import math
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import pytest
+import pytest_asyncio
+
+import zmav
+from agents.planner.cli.counter import Planner, books, find
+from agents.planner.live.agent import Agent
+from agents.planner.live.crew import Crew
+from agents.planner.live.settings import Settings
+from tests.agents.planner.execute.fleet import Fleet, airborne
+from zmav import keys, wire
+from zmav.errors import Refused, ZmavError
+from zmav.waiting import within
+from zmav.wire import swarm
+
+PATIENCE_S = 60.0
+PLACES = {"quad1": (0.0, 0.0), "quad2": (0.0, 7.0), "quad3": (7.0, 0.0), "quad4": (7.0, 7.0)}
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+class Field:
+    """Four copters in the air, a planner that is ready, and a client as people have it."""
+
+    def __init__(self, fleet: Fleet, agent: Agent, me: zmav.Client) -> None:
+        self.fleet, self.agent, self.me = fleet, agent, me
+        self.closest = math.inf
+
+    async def planner(self) -> Planner:
+        return await find(self.me)
+
+    async def submit(self, goal: swarm.Goal, when: Any = "now") -> str:
+        return str((await (await self.planner()).order("submit", swarm.Submit(goal=goal, when=when)))["goal"])
+
+    async def until(self, name: str, true: Callable[[swarm.GoalEntry], bool]) -> swarm.GoalEntry:
+        """What the book says of a goal once ``true`` holds of it."""
+
+        async def look() -> swarm.GoalEntry:
+            last: swarm.GoalEntry | None = None
+            async for book in books(self.me, PATIENCE_S):
+                for entry in book.goals if book else []:
+                    if entry.id == name:
+                        last = entry
+                        if true(entry):
+                            return entry
+                if last is not None and last.state in ("failed", "cancelled"):
+                    raise AssertionError(f"it ended as {last}")
+            raise AssertionError("no book")
+
+        return await within(PATIENCE_S, look())
+
+    async def watch(self) -> None:
+        """Where they truly are, for ever."""
+        while True:
+            places = self.fleet.places().values()
+            self.closest = min(self.closest, *(math.dist(a, b) for a, b in itertools.combinations(places, 2)))
+            await asyncio.sleep(0.05)
+
+    def away(self, name: str, goal: wire.Vector) -> float:
+        return math.dist(self.fleet.places()[name], goal)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def field() -> AsyncIterator[Field]:
+    async with contextlib.AsyncExitStack() as stack:
+        fleet = await stack.enter_async_context(airborne(list(PLACES.values()), 10.0))
+        z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
+        agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
+        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
+        await agent.solver.until_ready(PATIENCE_S)
+        field = Field(fleet, agent, me)
+        watching = asyncio.create_task(field.watch())
+        yield field
+        watching.cancel()
+        assert field.closest > 2.0, "nobody was ever nearer to another than their radii"
+
+
+def swap(height: float) -> swarm.GoTo:
+    """Everybody to the place across."""
+    places = [(n, e, -height) for n, e in reversed(PLACES.values())]
+    return swarm.GoTo(vehicles=list(PLACES), to=places)
+
+
+async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
+    planner = await field.planner()
+    assert (planner.name, planner.vehicles) == ("ground", list(PLACES))
+    preview = await planner.order("preview", swarm.Preview(goal=swap(10.0)))
+    assert preview["makespan"] > 3.0
+    assert preview["clearance"] > 0.9
+    (step,) = preview["steps"]
+    assert step["tracks"]["quad1"][-1][1:] == [7.0, 7.0, -10.0]
+    assert field.agent.ledger.goals == []
+
+    name = await field.submit(swap(10.0))
+    entry = await field.until(name, lambda entry: entry.state == "done")
+    assert entry.clearance is not None
+    assert entry.clearance > 0.9
+    for vehicle, place in zip(PLACES, swap(10.0).to, strict=True):
+        assert field.away(vehicle, place) < 1.0
+    await field.me.vehicle("quad1").wait_until(lambda state: state.lease is None, PATIENCE_S)
+
+
+async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
+    planner = await field.planner()
+    there = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(40.0, 40.0, -10.0), (40.0, 30.0, -10.0)])
+    name = await field.submit(there)
+    await field.until(name, lambda entry: entry.state == "flying" and entry.progress > 0.05)
+    assert (await planner.order("pause", swarm.GoalId(goal=name)))["goals"] == [name]
+    await field.until(name, lambda entry: entry.state == "paused")
+    run = field.agent.runs[name]
+    assert isinstance(run._flying, Crew)
+    executor = run._flying._executor
+    assert executor is not None
+    while executor.phase != "paused":
+        await asyncio.sleep(0.1)
+    rest = field.fleet.places()["quad1"]
+    assert field.away("quad1", there.to[0]) > 5.0
+    await planner.order("resume", swarm.GoalId())
+    await field.until(name, lambda entry: entry.state == "flying")
+    while math.dist(rest, field.fleet.places()["quad1"]) < 2.0:
+        await asyncio.sleep(0.1)
+
+    other = await field.submit(swarm.Hold(vehicles=["quad1"]))
+    await field.until(name, lambda entry: entry.state == "cancelled")
+    await field.until(other, lambda entry: entry.state == "done")
+    assert field.away("quad1", there.to[0]) > 1.0
+    queued = await field.submit(swarm.Hold(vehicles=["quad2"]), "queue")
+    await field.until(queued, lambda entry: entry.state == "done")
+
+
+async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
+    planner = await field.planner()
+    n, e, _ = field.fleet.places()["quad3"]
+    name = await field.submit(swarm.GoTo(vehicles=["quad3"], to=[(n - 50.0, e, -10.0)]))
+    await field.until(name, lambda entry: entry.state == "flying")
+    wall = swarm.Box(low=(n - 25.0, e - 4.0, 5.0), high=(n - 22.0, e + 4.0, -40.0))
+    given = swarm.GiveObstacle(obstacle=swarm.Obstacle(name="wall", t=time.time(), what=wall))
+    assert (await planner.order("obstacle", given)) == {"news": True, "obstacles": 1}
+    nearest = math.inf
+
+    async def watch() -> None:
+        nonlocal nearest
+        while True:
+            n1, e1, _ = field.fleet.places()["quad3"]
+            off = math.hypot(max(n - 25.0 - n1, n1 - n + 22.0, 0.0), max(abs(e1 - e) - 4.0, 0.0))
+            nearest = min(nearest, off)
+            await asyncio.sleep(0.05)
+
+    watching = asyncio.create_task(watch())
+    await field.until(name, lambda entry: entry.state == "done")
+    watching.cancel()
+    assert 0.8 < nearest < 20.0
+    assert field.away("quad3", (n - 50.0, e, -10.0)) < 1.0
+    assert any("wall" in event.text or "planned anew" in event.text for event in field.agent.events)
+    await planner.order("clear", swarm.GoalId())
+    assert field.agent.world.obstacles == []
+
+
+async def _raw(field: Field, verb: str, payload: bytes) -> ZmavError:
+    (answer,) = await field.me.ask(keys.SWARM.key("demo", "ground", verb=verb), payload, 10.0, keys.SWARM)
+    assert isinstance(answer, ZmavError)
+    return answer
+
+
+HOSTILE = {
+    "no JSON": ("submit", b"{", "not JSON"),
+    "not text": ("submit", b"\xff\xfe\x00", "not JSON"),
+    "no goal": ("submit", b"{}", "goal"),
+    "an unknown goal": ("submit", b'{"goal":{"kind":"somersault","vehicles":["quad1"]}}', "somersault"),
+    "an unknown field": ("submit", b'{"goal":{"kind":"hold","vehicles":["quad1"],"now":1}}', "now"),
+    "no number": ("submit", b'{"goal":{"kind":"goto","vehicles":["quad1"],"to":[[NaN,0,0]]}}', "JSON"),
+    "a huge number": ("submit", b'{"goal":{"kind":"goto","vehicles":["quad1"],"to":[[1e300,0,0]]}}', "to[0][0]"),
+    "a stranger": ("submit", b'{"goal":{"kind":"hold","vehicles":["ghost"]}}', "ghost"),
+    "an unknown verb": ("explode", b"{}", "no order 'explode'"),
+    "an unknown id": ("cancel", b'{"goal":"g99"}', "g99"),
+    "no id": ("cancel", b"{}", "abort"),
+    "a crossed polygon": (
+        "obstacle",
+        json.dumps({"obstacle": {"name": "x", "t": 1, "what": {"shape": "no_fly", "floor": 0, "ceiling": 9,
+                                 "polygon": [[0, 0], [9, 9], [9, 0], [0, 7]]}}}).encode(),
+        "cross",
+    ),
+    "too much": ("obstacle", b'{"obstacle":' + b" " * 1_000_000 + b"}", "too much"),
+    "deep brackets": ("submit", b'{"goal":' + b"[" * 200_000, "goal"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("verb", "payload", "word"), HOSTILE.values(), ids=HOSTILE.keys())
+async def test_hostile_orders_are_answered_and_change_nothing(
+    field: Field, verb: str, payload: bytes, word: str
+) -> None:
+    before = (len(field.agent.ledger.open), field.agent.world.revision)
+    error = await _raw(field, verb, payload)
+    assert word in str(error)
+    assert (len(field.agent.ledger.open), field.agent.world.revision) == before
+
+
+async def test_obstacles_of_anybody_are_heard_and_noise_is_not(field: Field) -> None:
+    ball = swarm.Ball(center=(100.0, 100.0, -10.0), radius=1.0, velocity=(1.0, 0.0, 0.0))
+    good = swarm.Obstacle(name="bird", t=time.time(), what=ball, ttl=0.5)
+    for data in (b"{", b"[" * 10_000_000, b'{"name":"bird"}', wire.encode(good)):
+        field.me.session.put(keys.OBSTACLE.key("demo", name="bird"), data)
+
+    async def until(true: Callable[[], bool]) -> None:
+        while not true():
+            await asyncio.sleep(0.02)
+
+    await within(PATIENCE_S, until(lambda: field.agent.world.find("bird") is not None))
+    assert sum("refused" in event.kind for event in field.agent.events) >= 3
+    await within(PATIENCE_S, until(lambda: field.agent.world.find("bird") is None))
+
+
+async def test_one_planner_commands_however_many_there_are(field: Field) -> None:
+    """A second one that believes to be in charge as well: the higher term is, and the other lets go at once."""
+    name = await field.submit(swap(12.0))
+    await field.until(name, lambda entry: entry.state == "flying")
+    async with zmav.open(connect=[field.fleet.endpoint]) as z, Agent(z, Settings(name="other", patience=1.0)) as other:
+        await within(PATIENCE_S, _until(lambda: other.charge.of == "ground"))
+        assert not other.charge.in_charge
+        assert any(entry.id == name for entry in other.book().goals), "a standby keeps the book"
+        with pytest.raises(Refused, match="ground is in charge"):
+            await Planner(field.me, {"planner": "other"}).order("submit", swarm.Submit(goal=swap(10.0)))
+        other._take_charge(time.monotonic())  # as it would on the far side of a torn network
+        await within(PATIENCE_S, _until(lambda: not field.agent.charge.in_charge))
+        assert field.agent.runs == {}
+        assert field.agent.charge.of == "other"
+        (entry,) = [entry for entry in other.ledger.goals if entry.id == name]
+        await within(PATIENCE_S, other.solver.until_ready())
+        await within(PATIENCE_S, _until(lambda: entry.state in ("done", "failed", "cancelled")))
+        assert (entry.state, entry.text) == ("done", "done")
+    await within(PATIENCE_S, _until(lambda: field.agent.charge.in_charge))
+    for vehicle, place in zip(PLACES, swap(12.0).to, strict=True):
+        assert field.away(vehicle, place) < 1.0
+
+
+async def _until(true: Callable[[], bool]) -> None:
+    while not true():
+        await asyncio.sleep(0.05)

@@ -1,0 +1,87 @@
+"""The solver's process: it plans, and whatever becomes of it, whoever waits hears so and it is there again."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+
+import pytest
+
+from agents.planner.errors import PlanError
+from agents.planner.goals.steps import FleetView, VehicleView
+from agents.planner.live import jobs
+from agents.planner.live.solver import GRACE, Solver, SolverDied
+from agents.planner.plans import Plan
+from agents.planner.scene import Bounds, Box, Scene, Vehicle
+from zmav.config import body_of
+from zmav.errors import BadInput, TimedOut
+from zmav.waiting import within
+from zmav.wire import swarm
+
+PATIENCE_S = 60.0
+BOUNDS = Bounds(min=(-50.0, -50.0, 0.0), max=(50.0, 50.0, 40.0))
+
+
+def scene(*goals: tuple[float, float, float]) -> Scene:
+    vehicles = [
+        Vehicle(id=f"v{i}", type="copter", start=(6.0 * i, 0.0, 10.0), goal=goal, radius=1.0, vmax=5.0, amax=2.5)
+        for i, goal in enumerate(goals)
+    ]
+    wall = Box(min=(-10.0, 10.0, 0.0), max=(20.0, 14.0, 30.0))
+    return Scene(vehicles=vehicles, obstacles=[wall], bounds=BOUNDS, downwash=1.5)
+
+
+async def test_it_plans_dies_and_plans_again() -> None:
+    said: list[str] = []
+    async with Solver(said.append) as solver:
+        await solver.until_ready(PATIENCE_S)
+        over = scene((0.0, 30.0, 10.0), (6.0, 30.0, 10.0))
+        plan = await solver.solve(jobs.Solve(over))
+        assert plan.error is None
+        assert plan.trajectories["v0"][-1][1:] == (0.0, 30.0, 10.0)
+        judged = await solver.do(jobs.Judge(over, plan.trajectories))
+        assert judged.ok
+        through = {name: [(t, x, min(y, 12.0), 10.0) for t, x, y, _ in way] for name, way in plan.trajectories.items()}
+        judged = await solver.do(jobs.Judge(over, through))
+        assert not judged.ok
+        assert judged.faults
+
+        bad = await solver.solve(jobs.Solve(scene((0.0, 12.0, 10.0))))
+        assert bad.error is not None
+        assert (bad.error.code, bad.error.ids) == ("goal_in_obstacle", ["v0"])
+        goal = swarm.GoTo(vehicles=["nobody"], to=[(0.0, 0.0, -10.0)])
+        view = FleetView(
+            {"v0": VehicleView(name="v0", kind="copter", body=body_of("copter"), pos_ned=(0.0, 0.0, -9.0))}
+        )
+        with pytest.raises(BadInput, match="no vehicle nobody is known"):
+            await solver.do(jobs.Resolve(goal, view, Scene(vehicles=[], bounds=BOUNDS)))
+
+        pid = solver.pid
+        assert pid is not None
+        os.kill(pid, signal.SIGSTOP)  # it hangs, with a job in its pipe; and then it dies of it
+        job = asyncio.ensure_future(solver.solve(jobs.Solve(over)))
+        await asyncio.sleep(0)
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(SolverDied, match="ended with -9"):
+            await within(PATIENCE_S, _of(job))
+        assert any("started anew" in text for text in said)
+
+        await solver.until_ready(PATIENCE_S)
+        assert solver.pid != pid
+        os.kill(solver.pid or 0, signal.SIGSTOP)
+        with pytest.raises(TimedOut, match="given up"):
+            await solver.do(jobs.Solve(over), 0.2 - GRACE)
+        assert not solver.ready
+
+
+async def _of(job: asyncio.Future[Plan]) -> Plan:
+    return await job
+
+
+def test_typed_errors_cross_the_pipe() -> None:
+    from agents.planner.live.solver import _error
+
+    error = _error(jobs.Failed(1, "plan", "no way", {"kind": "unreachable", "ids": ["a"]}))
+    assert isinstance(error, PlanError)
+    assert (error.kind, error.ids, error.message) == ("unreachable", ["a"], "no way")
