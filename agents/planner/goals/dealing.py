@@ -96,6 +96,7 @@ class Dealer:
         self._wanted, self._free = turn(area.wanted), turn(area.free)
         self._ways = Detours(self._free)
         self._lanes = self._free.buffer(-HUG, join_style="mitre")
+        self._middle: tuple[float, float] = self._wanted.centroid.coords[0]
         cos, sin = math.cos(angle), math.sin(angle)
         self._back = np.array([[cos, sin], [-sin, cos]])
         """points of rows times this are points in the world"""
@@ -151,19 +152,19 @@ class Dealer:
     def _model(
         self, i: int, k: int, cuts: Floats, places: Floats, below: Floats, extents: Floats, along: bool
     ) -> float:
-        area = float(np.interp(cuts[k + 1], places, below) - np.interp(cuts[k], places, below))
-        inside = (places[:-1] >= cuts[k] - 1e-9) & (places[:-1] < cuts[k + 1])
-        extent = float(extents[inside].max()) if inside.any() else 0.0
-        return self._seconds(i, area, extent, float(cuts[k + 1] - cuts[k]), along) + self._away(
-            i, along, cuts[k : k + 2]
-        )
+        low, high = float(cuts[k]), float(cuts[k + 1])
+        slice_of = SLICES / float(places[-1] - places[0])
+        first, last = (min(SLICES, max(0.0, (at - float(places[0])) * slice_of)) for at in (low, high))
+        area = _between(below, last) - _between(below, first)
+        reached = extents[int(first) : max(int(first) + 1, math.ceil(last - 1e-6))]
+        extent = float(reached.max()) if along and high > low else 0.0
+        return self._seconds(i, area, extent, high - low, along) + self._away(i, along, (low + high) / 2.0)
 
-    def _away(self, i: int, along: bool, cuts: Floats) -> float:
-        """Seconds to the part and back."""
+    def _away(self, i: int, along: bool, cut: float) -> float:
+        """Seconds to a part about ``cut`` and back."""
         sweeper = self._sweepers[i]
-        middle = np.array(self._wanted.centroid.coords[0])
-        middle[0 if along else 1] = cuts.mean()
-        level = float(np.linalg.norm(self._starts[i] - middle))
+        x, y = (cut, self._middle[1]) if along else (self._middle[0], cut)
+        level = math.hypot(float(self._starts[i, 0]) - x, float(self._starts[i, 1]) - y)
         rise = abs(sweeper.height - float(sweeper.start[2]))
         return 2.0 * (max(level / sweeper.speed, rise / sweeper.climb) + sweeper.speed / sweeper.accel)
 
@@ -212,6 +213,12 @@ class Dealer:
         path = np.column_stack((flat, np.full(len(flat), sweeper.height)))
         world = affinity.rotate(area, self._angle, origin=(0.0, 0.0), use_radians=True)
         return Part(sweeper, world, path, seconds_of(path, sweeper))
+
+
+def _between(values: Floats, at: float) -> float:
+    """The value at a place between two, on a straight line."""
+    k = min(int(at), len(values) - 2)
+    return float(values[k]) + (at - k) * float(values[k + 1] - values[k])
 
 
 def _rank(parts: list[Part]) -> tuple[float, float]:

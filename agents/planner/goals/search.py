@@ -23,7 +23,7 @@ from zmav.errors import BadInput
 
 SPARE = 0.3
 """m more than the radius that lanes keep from obstacles"""
-DIRECTIONS = 3
+DIRECTIONS = 2
 """of lanes that are looked at closely"""
 
 
