@@ -16,6 +16,7 @@ from agents.planner.problem import Floats, Ints
 
 BAND = 9
 HELD = 1e9
+FINE = 0.2  # s; knots nearer to each other than this may become samples of a plan
 LOOK = 4.0  # radii
 SPARE = 0.4  # of what is aimed at on top of the radius must be there: places are looked at one by one
 
@@ -188,6 +189,7 @@ def keep_limits(
     coef = np.empty(3)
     normal = np.empty(3)
     fenced = len(world.fence) > 0
+    stride = 0.25 if h <= FINE else 0.5
     spare = -1.0  # no obstacle is nearer than this on top of what is kept clear of them
     if len(world.boxes) + len(world.cylinders) + len(world.prisms) == 0:
         spare = np.inf
@@ -212,8 +214,9 @@ def keep_limits(
             sign = 1.0 if v[2] > 0 else -1.0
             up = np.array([0.0, 0.0, 1.0])
             add_row(band[i], right[i], k, coef, 2, up, weights[0], sign * bound - v[2])
-        # Obstacles, at places along the piece at most a quarter of the radius apart where something is near.
-        pieces = 1 if spare > speed * h and not fenced else max(1, int(np.ceil(speed * h / (0.25 * radius))))
+        # Obstacles, at places along the piece at most a quarter of the radius apart (half of it for coarse knots)
+        # where something is near.
+        pieces = 1 if spare > speed * h and not fenced else max(1, int(np.ceil(speed * h / (stride * radius))))
         for m in range(pieces):
             share = m / pieces
             x = place[i, k, 0] + share * v[0] * h
