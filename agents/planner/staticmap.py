@@ -107,22 +107,23 @@ class StaticMap:
         kind: int = COPTER,
         rates: Sequence[float] = UNHURRIED,
         room: float = 0.0,
+        patience: float = PATIENCE,
     ) -> Path | None:
         """A way from ``start`` to ``goal``, (3,) each, that is among the quickest; None: none was found.
 
         Every point of it keeps ``radius`` from every obstacle and is inside bounds, fence and terrain; ``room`` m more
         where a way with that is found at once. ``rates``: m/s in any direction, upwards, downwards. A rover stays at
-        its start's height, and terrain is nothing to it.
+        its start's height, and terrain is nothing to it. ``patience``: s, more or less, if no way is found at once.
         """
         world, query = self._query(start, goal, radius, kind, rates)
         begin, end = np.array(query.start), np.array(query.goal)
         if geometry.segment_clear(world, begin, end, radius + room):
             return np.array([begin, end])
         if room > 0.0:
-            roomy = self._path(world, self._query(start, goal, radius + room, kind, rates)[1], FIRST_LOOK)
+            roomy = self._path(world, self._query(start, goal, radius + room, kind, rates)[1], 0.0)
             if roomy is not None:
                 return roomy
-        return self._path(world, query, MOST_LOOKS)
+        return self._path(world, query, patience)
 
     def separated(self, start: Floats, goal: Floats, radius: float, kind: int = COPTER, seconds: float = 1.0) -> bool:
         """Whether it is proven, now or before, that there is no way."""
@@ -133,15 +134,15 @@ class StaticMap:
         """A way for each vehicle, in order.
 
         Raises :class:`PlanError`, ``unreachable``, with all vehicles for which there is none: that is proven, or all
-        that can be tried in a second or two each was tried.
+        that can be tried in a second or two was tried.
         """
         rates = np.stack((problem.vmax, problem.climb, problem.descend), axis=1)
-        paths = [
-            self.path(start, goal, float(radius), int(kind), rate.tolist(), room)
-            for start, goal, radius, kind, rate in zip(
-                problem.start, problem.goal, problem.radius, problem.kind, rates, strict=True
-            )
-        ]
+        paths, patience = [], PATIENCE
+        for i, (start, goal) in enumerate(zip(problem.start, problem.goal, strict=True)):
+            begun, radius, kind = time.monotonic(), float(problem.radius[i]), int(problem.kind[i])
+            paths.append(self.path(start, goal, radius, kind, rates[i].tolist(), room, patience))
+            if paths[-1] is None:  # what makes one search long makes the next one long
+                patience = max(0.1, patience - (time.monotonic() - begun))
         missing = [name for name, path in zip(problem.ids, paths, strict=True) if path is None]
         if missing:
             raise PlanError("unreachable", missing, f"there is no way to the goal of {', '.join(missing)}")
@@ -212,11 +213,11 @@ class StaticMap:
         """On the ground there is no terrain to keep above."""
         return self.world if height is None else self.world._replace(terrain=np.array([-np.inf, 0.0, 0.0, 0.0]))
 
-    def _path(self, world: World, query: Query, most: int) -> Path | None:
+    def _path(self, world: World, query: Query, patience: float) -> Path | None:
         if query in self._paths:
             return self._paths[query].copy()
         start, goal, rates = np.array(query.start), np.array(query.goal), np.array(query.rates)
-        path = self._search(world, query, start, goal, rates, most)
+        path = self._search(world, query, start, goal, rates, patience)
         if path is None:
             return None
         path = shorten.shorten(world, path, query.radius, rates, SWEEPS)
@@ -225,28 +226,31 @@ class StaticMap:
         self._paths[query] = path
         return path.copy()
 
-    def _search(self, world: World, query: Query, start: Floats, goal: Floats, rates: Floats, most: int) -> Path | None:
+    def _search(
+        self, world: World, query: Query, start: Floats, goal: Floats, rates: Floats, patience: float
+    ) -> Path | None:
         """A way before it is shortened. A search that ends soon, or else the question whether there is a way; where
         there may be, longer searches, on finer lattices, and samples.
         """
         if self._in_pocket(world, query, start, goal):
             return None
-        level, height, end = 0, query.height, time.monotonic() + PATIENCE
+        level, height, end = 0, query.height, time.monotonic() + patience
         path, done = self._layer(0, query.radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
-        if path is not None or most <= FIRST_LOOK:
+        if path is not None or patience <= 0.0:
             return path
-        crooked, walled = self._decide(world, query, PATIENCE / 2.0)
+        crooked, walled = self._decide(world, query, patience)
         if walled:
             return None
-        while path is None and (level == 0 or time.monotonic() < end):
+        while path is None and time.monotonic() < end:
             layer = self._layer(level, query.radius, height)
             if not done or level > 0:
-                path, _ = layer.search(world, start, goal, rates, 2, most if crooked is None else FIRST_LOOK)
+                path, _ = layer.search(world, start, goal, rates, 2, MOST_LOOKS if crooked is None else FIRST_LOOK)
             level, more = level + 1, 8 if height is None else 4
             if (crooked is not None and level > 1) or layer.lines.size * more > MOST_POINTS:
                 break
-        if path is None and crooked is None and height is None:
-            path = sampled.find(world, start, goal, query.radius, seconds=0.5)
+        left = end - time.monotonic()
+        if path is None and crooked is None and height is None and left > 0.0:
+            path = sampled.find(world, start, goal, query.radius, left)
         if path is None or crooked is None:
             return crooked if path is None else path
         short = [shorten.shorten(world, way, query.radius, rates, SWEEPS) for way in (path, crooked)]

@@ -30,7 +30,8 @@ BITS = 18
 """of a cell's place along each axis"""
 MET, GAVE_UP = 0, -1
 MOST_CELLS = 1_000_000
-"""about a second and a half"""
+"""of one flood"""
+CELLS_PER_SECOND = 400_000
 MOST_EVEN = 120_000
 """up to which cells are cut everywhere near surfaces, and only along the line after that; so too from half the radius
 on, where every wall is seen to be one"""
@@ -298,8 +299,9 @@ def decide(
     an opening that is too narrow by less than that nothing is proven.
     """
     cells, end = _uncut(world, radius, height), time.monotonic() + seconds
+    most = min(MOST_CELLS, round(CELLS_PER_SECOND * seconds))
     while time.monotonic() < end:
-        verdict, cells, keys = flood(world, radius, cells, start, goal, MOST_CELLS)
+        verdict, cells, keys = flood(world, radius, cells, start, goal, most)
         if verdict == GAVE_UP:
             return None
         if verdict != MET:
