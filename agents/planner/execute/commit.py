@@ -52,7 +52,8 @@ class Entry:
 
     def __post_init__(self) -> None:
         self.samples = flown(self.rows)
-        self.box = np.concatenate((self.samples[:, 1:].min(axis=0), self.samples[:, 1:].max(axis=0)))
+        low, high = self.samples[:, 1:].min(axis=0), self.samples[:, 1:].max(axis=0)
+        self.box: tuple[float, ...] = (*low.tolist(), *high.tolist())
 
     @property
     def stop(self) -> float:
@@ -181,8 +182,10 @@ class Reserved:
         return None
 
     def _meet(self, one: Entry, other: Entry, need: float, inverse: float, since: float) -> bool:
-        gap = np.maximum(one.box[:3] - other.box[3:], other.box[:3] - one.box[3:])
-        if max(gap[0], gap[1], gap[2] * inverse) > need:
+        a, b = one.box, other.box
+        if max(a[0] - b[3], b[0] - a[3], a[1] - b[4], b[1] - a[4]) > need:
+            return False
+        if max(a[2] - b[5], b[2] - a[5]) * inverse > need:
             return False
         distance, _ = least_between(one.samples, other.samples, inverse, False, False, since)
         return bool(distance < need)

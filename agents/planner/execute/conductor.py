@@ -38,7 +38,7 @@ REACHES = (20.0, 16.0, 12.0, 9.0, 7.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0
 """s of the plan by which a vehicle is sent farther, tried one after another"""
 WORTH = 2.0
 """s of progress for which it is told while there is time"""
-RESEND = 0.3
+RESEND = 0.2
 RETRY = 0.25
 """s before what was refused is looked at again"""
 AWAY = 1.0
@@ -201,6 +201,7 @@ class Conductor:
             self._moved = now
         if not stopping:
             self._follow(now)
+        stops = np.array([part.stop if part.stop < part.track.end else np.inf for part in self.parts])
         for index in sorted(range(len(self.parts)), key=lambda i: (self.parts[i].latest.tail_at, i)):
             part = self.parts[index]
             if not part.active or most <= 0:
@@ -210,7 +211,7 @@ class Conductor:
             elif stopping:
                 send = self._brake(part, now)
             else:
-                send = self._extend(index, part, now) or self._retime(part, now)
+                send = self._extend(index, part, now, stops) or self._retime(part, now)
             if send is None and not part.pending:
                 send = self._keep(part, now)
             if send is not None:
@@ -255,14 +256,14 @@ class Conductor:
         if most > 0.02:
             self.line = Line(self.line.t, self.line.s - most, self.line.pace)
 
-    def _extend(self, index: int, part: Part, now: float) -> Send | None:
+    def _extend(self, index: int, part: Part, now: float, stops: Floats) -> Send | None:
+        """Farther along its way. ``stops``: the moments that all are sure to come to."""
         entry, end = part.known, part.track.end
         left = entry.tail_at - now
         if entry.stop >= end or left > EXTEND or now < self._tried.get(part.id, -np.inf):
             return None
         d = self._departure(entry, now)
         (s,), _ = entry.profile.at(np.array([d]))
-        stops = np.array([other.stop if other.stop < other.track.end else np.inf for other in self.parts])
         for reach in REACHES:
             if reach > self._horizon:
                 continue

@@ -146,6 +146,11 @@ class Executor:
         parts = self._conductor.parts if self._conductor else []
         return {part.id: Mover(part.id, part.latest.samples, part.need) for part in parts}
 
+    def meant(self) -> dict[str, tuple[Floats, Floats]]:
+        """Where each vehicle of this flight is meant to be now, and its velocity: (3,) each, ENU."""
+        now = self.clock.now()
+        return {part.id: part.place_at(now) for part in (self._conductor.parts if self._conductor else [])}
+
     def pause(self) -> None:
         """Everybody comes to rest along its way, as soon as that is clear."""
         self._paused = True

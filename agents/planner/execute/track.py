@@ -49,11 +49,8 @@ class Track:
         moving = np.flatnonzero(np.any(np.abs(self.pos - self.pos[-1]) > 1e-6, axis=1))
         self.end = float(self.s[moving[-1] + 1]) if len(moving) else float(self.s[0])
         """the moment from which it is at its goal for good"""
-
-    @property
-    def speed(self) -> float:
-        """m/s at most."""
-        return float(np.max(np.linalg.norm(self.vel, axis=1)))
+        self.speed = float(np.max(np.linalg.norm(self.vel, axis=1)))
+        """m/s at most"""
 
     def at(self, s: Floats) -> tuple[Floats, Floats]:
         """Places and velocities (per second of the plan) at the moments ``s``: (K, 3) each."""
