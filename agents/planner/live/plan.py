@@ -12,8 +12,8 @@ import numpy as np
 from agents.planner.errors import PlanError
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, unroll
 from agents.planner.live import jobs
-from agents.planner.live.frames import enu
-from agents.planner.live.scenes import Room, narrower, room_of, scene_of
+from agents.planner.live.frames import enu, ned
+from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of
 from agents.planner.live.solver import Solver
 from agents.planner.plans import Sample
 from agents.planner.problem import Floats, Motion
@@ -95,7 +95,9 @@ class Planner:
         room = self.room(names)
         trajectories = {name: samples_of(motion) for name, motion in motions.items()}
         places = _array([trajectories[name][-1][1:] for name in names])
-        scene = scene_of(view.pick(names), places, True, room)
+        starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
+        corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
+        scene = scene_of(moved(view, starts).pick(names), places, True, room, corners)
         judged = await self._judge(scene, trajectories, room)
         if not judged.ok:
             self._agent.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
@@ -119,6 +121,11 @@ class Planner:
 def _wider(clearance: float | None, margin: float) -> float | None:
     """Between the vehicles themselves: what was planned for is larger."""
     return None if clearance is None else clearance + 2.0 * margin
+
+
+def _corner(motion: Motion, end: Callable[..., Floats]) -> Vector:
+    x, y, z = map(float, end(motion[:, 1:], axis=0))
+    return (x, y, z)
 
 
 def samples_of(motion: Motion) -> list[Sample]:

@@ -38,6 +38,8 @@ LASTING = 60.0
 """s that a segment may last"""
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
+MOST_TRIES = 3
+"""deaths of the solver after which a plan is given up: it dies of it"""
 MANY_LAPS = 20
 """laps that are planned at once where there is no end to them"""
 
@@ -270,6 +272,7 @@ class Run:
 
     async def _planned(self, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for."""
+        tries = 0
         while True:
             try:
                 return await self.planner.plan_to(step, view, self._stage)
@@ -279,6 +282,9 @@ class Run:
                     raise
                 self.text(f"waits for room beside {', '.join(others)}: {e.message}")
             except SolverDied as e:
+                tries += 1
+                if tries > MOST_TRIES:
+                    raise
                 self.text(f"planned again: {e.message}")
             await asyncio.sleep(SOON)
             self.check_stopped()

@@ -82,8 +82,10 @@ def _motion_of(view: VehicleView, ahead: float = 8.0) -> Floats:
     return np.array([(t, x + u * t, y + v * t, z + w * t) for t in (0.0, ahead)], dtype=np.float64)
 
 
-def scene_of(views: Sequence[VehicleView], places: Floats, labelled: bool, room: Room) -> scene.Scene:
-    """From where they are to ``places`` (N, 3) ENU. Rovers keep their height."""
+def scene_of(
+    views: Sequence[VehicleView], places: Floats, labelled: bool, room: Room, also: Sequence[Vector] = ()
+) -> scene.Scene:
+    """From where they are to ``places`` (N, 3) ENU. Rovers keep their height. ``also``: what the bounds are to hold."""
     starts = [enu(view.pos_ned) for view in views]
     goals: list[Vector] = [(float(x), float(y), float(z)) for x, y, z in places]
     if labelled:
@@ -91,7 +93,7 @@ def scene_of(views: Sequence[VehicleView], places: Floats, labelled: bool, room:
             (g[0], g[1], s[2]) if view.kind in GROUND else g
             for view, s, g in zip(views, starts, goals, strict=True)
         ]  # fmt: skip
-    empty = room.empty([*starts, *goals])
+    empty = room.empty([*starts, *goals, *also])
     vehicles = [_vehicle(view, s, g if labelled else None) for view, s, g in zip(views, starts, goals, strict=True)]
     return scene.Scene(
         vehicles=vehicles, obstacles=empty.obstacles, bounds=empty.bounds, geofence=empty.geofence,

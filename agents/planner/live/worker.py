@@ -11,6 +11,7 @@ import queue
 import sys
 import threading
 import time
+import traceback
 from typing import Any, BinaryIO
 
 from agents.planner import solve, verify
@@ -50,6 +51,10 @@ class Worker:
             jobs.write(self._out, jobs.Failed(number, e.code, e.message, {"kind": e.kind, "ids": e.ids}))
         except ZmavError as e:
             jobs.write(self._out, jobs.Failed(number, e.code, e.message, e.detail))
+        except Exception as e:  # a fault of ours is told like any other: the next job has a map of its own
+            traceback.print_exc()
+            self._static = None
+            jobs.write(self._out, jobs.Failed(number, ZmavError.code, f"the solver's own fault: {e!r}"))
 
     def _do(self, job: jobs.Job) -> Plan | list[Step] | jobs.Judgement:
         if isinstance(job, jobs.Solve):
@@ -122,10 +127,13 @@ def main() -> None:
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(sys.stdin.buffer, waiting), daemon=True).start()
     worker = Worker(out)
-    worker.warm()
-    while True:
-        number, job = waiting.get()
-        worker.serve(number, job)
+    try:
+        worker.warm()
+        while True:
+            worker.serve(*waiting.get())
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)  # without a wait for the thread that reads
 
 
 if __name__ == "__main__":

@@ -87,9 +87,9 @@ async def field() -> AsyncIterator[Field]:
 
 
 def swap(height: float) -> swarm.GoTo:
-    """Everybody to the place across."""
-    places = [(n, e, -height) for n, e in reversed(PLACES.values())]
-    return swarm.GoTo(vehicles=list(PLACES), to=places)
+    """Two to the places of each other, right across; the others stand beside."""
+    places = [(*PLACES[name], -height) for name in ("quad4", "quad1")]
+    return swarm.GoTo(vehicles=["quad1", "quad4"], to=places)
 
 
 async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
@@ -106,14 +106,14 @@ async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
     entry = await field.until(name, lambda entry: entry.state == "done")
     assert entry.clearance is not None
     assert entry.clearance > 0.9
-    for vehicle, place in zip(PLACES, swap(10.0).to, strict=True):
+    for vehicle, place in zip(swap(10.0).vehicles, swap(10.0).to, strict=True):
         assert field.away(vehicle, place) < 1.0
     await field.me.vehicle("quad1").wait_until(lambda state: state.lease is None, PATIENCE_S)
 
 
 async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     planner = await field.planner()
-    there = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(40.0, 40.0, -10.0), (40.0, 30.0, -10.0)])
+    there = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(30.0, 30.0, -10.0), (30.0, 22.0, -10.0)])
     name = await field.submit(there)
     await field.until(name, lambda entry: entry.state == "flying" and entry.progress > 0.05)
     assert (await planner.order("pause", swarm.GoalId(goal=name)))["goals"] == [name]
@@ -142,9 +142,9 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
 async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
     planner = await field.planner()
     n, e, _ = field.fleet.places()["quad3"]
-    name = await field.submit(swarm.GoTo(vehicles=["quad3"], to=[(n - 50.0, e, -10.0)]))
+    name = await field.submit(swarm.GoTo(vehicles=["quad3"], to=[(n - 32.0, e, -10.0)]))
     await field.until(name, lambda entry: entry.state == "flying")
-    wall = swarm.Box(low=(n - 25.0, e - 4.0, 5.0), high=(n - 22.0, e + 4.0, -40.0))
+    wall = swarm.Box(low=(n - 17.0, e - 4.0, 5.0), high=(n - 15.0, e + 4.0, -40.0))
     given = swarm.GiveObstacle(obstacle=swarm.Obstacle(name="wall", t=time.time(), what=wall))
     assert (await planner.order("obstacle", given)) == {"news": True, "obstacles": 1}
     nearest = math.inf
@@ -153,7 +153,7 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
         nonlocal nearest
         while True:
             n1, e1, _ = field.fleet.places()["quad3"]
-            off = math.hypot(max(n - 25.0 - n1, n1 - n + 22.0, 0.0), max(abs(e1 - e) - 4.0, 0.0))
+            off = math.hypot(max(n - 17.0 - n1, n1 - n + 15.0, 0.0), max(abs(e1 - e) - 4.0, 0.0))
             nearest = min(nearest, off)
             await asyncio.sleep(0.05)
 
@@ -161,7 +161,7 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
     await field.until(name, lambda entry: entry.state == "done")
     watching.cancel()
     assert 0.8 < nearest < 20.0
-    assert field.away("quad3", (n - 50.0, e, -10.0)) < 1.0
+    assert field.away("quad3", (n - 32.0, e, -10.0)) < 1.0
     assert any("wall" in event.text or "planned anew" in event.text for event in field.agent.events)
     await planner.order("clear", swarm.GoalId())
     assert field.agent.world.obstacles == []
@@ -240,7 +240,7 @@ async def test_one_planner_commands_however_many_there_are(field: Field) -> None
         await within(PATIENCE_S, _until(lambda: entry.state in ("done", "failed", "cancelled")))
         assert (entry.state, entry.text) == ("done", "done")
     await within(PATIENCE_S, _until(lambda: field.agent.charge.in_charge))
-    for vehicle, place in zip(PLACES, swap(12.0).to, strict=True):
+    for vehicle, place in zip(swap(12.0).vehicles, swap(12.0).to, strict=True):
         assert field.away(vehicle, place) < 1.0
 
 
