@@ -35,12 +35,12 @@ def starts(motions: dict[str, Motion]) -> list[tuple[float, float]]:
 
 
 async def test_a_swap_over_a_network_that_loses_a_third_and_is_cut_for_two_seconds() -> None:
-    motions = named(crossing(np.random.default_rng(3), 4, 14.0, 2.0 * (RADIUS + 1.0)))
+    motions = named(crossing(np.random.default_rng(3), 4, 14.0, 2.0 * (RADIUS + 1.2)))
     async with airborne(starts(motions), HEIGHT) as fleet, fleet.watch() as watch:
         async with BadClient(fleet.endpoint, 0.3, (0.05, 0.2)) as z:
             await z.wait_for(*fleet.names)
             async with Executor(z, fleet.names) as executor:
-                flying = asyncio.create_task(executor.run(flight(motions)))
+                flying = asyncio.create_task(executor.run(flight(motions, margin=1.2)))
                 await watch.until(lambda: watch.moved() > 0.3 or flying.done(), "nobody moves")
                 z.cut = True
                 await asyncio.sleep(2.0)
