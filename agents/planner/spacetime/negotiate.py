@@ -16,7 +16,7 @@ import numpy as np
 from agents.planner.problem import ROVER, Floats, Ints, Motion, Path, Problem
 from agents.planner.spacetime.lattice import MOVES, Lattice, anchor, lattice_of
 from agents.planner.spacetime.roads import ROOM, durations, no_lattice, pitch_for, roads_of
-from agents.planner.spacetime.search import BLOCKED, Roads, lay, search
+from agents.planner.spacetime.search import BLOCKED, FOREVER, Roads, lay, search
 from agents.planner.spacetime.table import Table, empty_table, put, take, troubles
 from agents.planner.world import World
 
@@ -134,20 +134,21 @@ class Negotiation:
 
     # One vehicle.
 
-    def plan(self, i: int, limit: float = 0.0, delay: int = 0) -> bool:
+    def plan(self, i: int, limit: float = 0.0, delay: int = 0, enough: int = 0) -> bool:
         """A way for vehicle ``i``, which is not filed, written to the table; False: none found.
 
-        It leaves ``delay`` steps late or later.
+        It leaves ``delay`` steps late or later, and need not arrive before step ``enough``.
         Along its own path if that takes hardly longer than alone; else over the lattice; else, where ``limit`` allows
         it, at a price.
         """
         lattice, roads = no_lattice(), self._chains[i]
-        rows = self._search(i, lattice, roads, 0.0, delay)
-        if not len(rows) or rows[-1, 1] - self.begin - delay > self.alone[i] * HARDLY + 4:
+        rows = self._search(i, lattice, roads, 0.0, delay, FOREVER)
+        will_do = max(self.begin + delay + self.alone[i] * HARDLY + 4, enough)
+        if not len(rows) or rows[-1, 1] > will_do:
             wide = self.wide(i)
-            found = self._search(i, *wide, 0.0, delay)
+            found = self._search(i, *wide, 0.0, delay, int(rows[-1, 1]) if len(rows) else FOREVER)
             if not len(found) and not len(rows) and limit > 0.0:
-                found = self._search(i, *wide, limit, delay)
+                found = self._search(i, *wide, limit, delay, FOREVER)
             if len(found) and (not len(rows) or found[-1, 1] < rows[-1, 1]):
                 rows, (lattice, roads) = found, wide
         if not len(rows) or rows[-1, 1] >= self.table.head.shape[1]:
@@ -156,13 +157,13 @@ class Negotiation:
         self.arrival[i] = rows[-1, 1]
         return True
 
-    def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float, delay: int) -> Ints:
+    def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float, delay: int, before: int) -> Ints:
         begin = self.begin + delay
         last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), begin) + 1
         pace, detour = float(self.speed[i]) * self.step, int(DETOUR * self.alone[i]) + 24
         weight, moves = self.weight, self._moves[i]
         return search(
-            self.table, weight, limit, i, lattice, MOVES, moves, roads, begin, last, MOST, GREED, pace, detour
+            self.table, weight, limit, i, lattice, MOVES, moves, roads, begin, last, MOST, GREED, pace, detour, before
         )
 
     def file(self, i: int) -> None:
@@ -192,7 +193,7 @@ class Negotiation:
     def start(self, order: Sequence[int], deadline: float) -> None:
         """A first way for everybody, one after another; what cannot be passed is paid for."""
         for i in order:
-            if time.perf_counter() > deadline or not self.plan(i, LIMIT):
+            if time.perf_counter() > deadline or not self.plan(i, LIMIT, enough=int(self.arrival.max())):
                 self._go_straight(i)
             self.file(i)
 

@@ -184,13 +184,14 @@ def search(
     greed: float,
     pace: float,
     detour: int,
+    before: int,
 ) -> Ints:
     """The way of a body from its start at step ``begin`` to its goal: rows (place, arrival, steps of the move).
 
     ``last``: nobody else moves from this step on. ``limit``: what may be paid, 0: nothing. ``steps`` (26,): of the
     lattice's moves; ``most`` states are looked at, no more; ``greed``: by how much what is ahead counts more than what
-    is behind; ``pace``: m a step; places are left out on whose ways, waits aside, more than ``detour`` steps are spent.
-    No rows: no way was found.
+    is behind; ``pace``: m a step; places are left out on whose ways, waits aside, more than ``detour`` steps are spent;
+    ``before``: the goal is reached by then. No rows: no way was found.
     """
     count, places = len(lattice.edges), len(lattice.edges) + len(roads.places)
     goal = places - 1
@@ -244,7 +245,7 @@ def search(
         for e in range(found):
             other, takes_e = to[e], takes[e]
             ahead = roads.ahead[other]
-            if ahead >= FAR:
+            if ahead >= FAR or arrival + takes_e + ahead >= before:
                 continue
             q = spot(lattice, roads, other)
             away = ((q[0] - home[0]) ** 2 + (q[1] - home[1]) ** 2 + (q[2] - home[2]) ** 2) ** 0.5
