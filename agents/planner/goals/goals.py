@@ -15,6 +15,7 @@ from agents.planner.goals.patrol import ROOM, check_room, circuit, lap, lap_alon
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
+from agents.planner.live.checks import check_numbers
 from agents.planner.problem import COPTER, ROVER, Floats, Path
 from agents.planner.scene import Scene
 from agents.planner.staticmap import StaticMap
@@ -34,6 +35,7 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
     Raises :class:`~zmav.errors.BadInput` naming the field, :class:`~zmav.errors.Refused` naming vehicles that stand on
     the ground and must not, :class:`~zmav.errors.Unsupported` naming those that cannot do it at all.
     """
+    check_numbers(goal, "goal")
     views = fleet.pick(goal.vehicles)
     if static is None:
         static = StaticMap(world_of(scene))

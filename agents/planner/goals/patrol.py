@@ -25,6 +25,8 @@ CUT = (2.0, 0.5, 0.1)
 SPEEDING_UP = 0.5
 """of the acceleration limit, along the route; the corners need the rest"""
 
+SPARE = 0.5
+"""m more than the radii ask for: vehicles are off their ways a little"""
 ROOM = 0.6
 """m more that ways around obstacles keep from them, so that their corners can be rounded"""
 SHARP = 0.6
@@ -117,10 +119,13 @@ def least_apart(way: Circuit, count: int, downwash: float) -> float:
 
 def check_room(way: Circuit, count: int, need: float, downwash: float) -> None:
     """Raise :class:`BadInput` where so many do not fit on the route, saying how many do."""
-    apart = least_apart(way, count, downwash)
-    if apart >= need + STEP / 2.0:
+    if count < 2:
         return
-    fit = next((n for n in range(count - 1, 1, -1) if least_apart(way, n, downwash) >= need + STEP / 2.0), 1)
+    need += SPARE
+    apart = least_apart(way, count, downwash)
+    if apart >= need:
+        return
+    fit = next((n for n in range(count - 1, 1, -1) if least_apart(way, n, downwash) >= need), 1)
     text = (
         f"patrol: {count} vehicles spread over {way.length:.0f} m of route come within {apart:.2f} m of each other, "
         f"and they need {need:.2f} m; {fit} would fit"

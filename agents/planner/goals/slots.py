@@ -115,6 +115,8 @@ def standing_in(
     from scipy.optimize import linear_sum_assignment
 
     middle = now.mean(axis=0)
+    if np.abs(_reaches(now) - _reaches(placed(offsets, np.zeros(3), 0.0))).max() > 2.0 * tolerance:
+        return None
     for course in np.linspace(-math.pi, math.pi, TURNS, endpoint=False):
         slots = placed(offsets, np.zeros(3), float(course))
         slots += middle - slots.mean(axis=0)
@@ -123,3 +125,9 @@ def standing_in(
         if found is not None:
             return [int(slot) for slot in order], *found
     return None
+
+
+def _reaches(points: Floats) -> Floats:
+    """(N,) distances from the middle, sorted: the same however a shape is turned and whoever is where in it."""
+    reaches: Floats = np.sort(np.linalg.norm(points - points.mean(axis=0), axis=1))
+    return reaches

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,7 @@ def test_a_plane_stands_in_no_formation_and_a_rover_in_no_sphere() -> None:
         (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0), (0.0, 1.0, -10.0)]), "to"),
         (swarm.Formation(vehicles=["c1", "c2"], shape="line", at=(0.0, 0.0, -9.0), spacing=1.9), "spacing"),
         (swarm.Patrol(vehicles=["c1"], route=[(0.0, 0.0, -10.0)]), "route"),
+        (swarm.Patrol(vehicles=["c1"], route=[(0.0, 0.0, -10.0), (0.0, math.nan, -10.0)]), "goal.route[1][1]"),
         (swarm.Search(vehicles=["c1"], polygon=[(0.0, 0.0), (9.0, 9.0)], height=10.0), "polygon"),
     ],
 )
