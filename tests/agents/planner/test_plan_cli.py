@@ -83,6 +83,16 @@ def test_several_are_planned_and_the_broken_one_is_named(scene: Path, tmp_path: 
     assert sorted(path.name for path in pictures.iterdir()) == ["bad.png", "ring.png", "swap.png"]
 
 
+def test_walled_in_vehicles_are_all_named(tmp_path: Path) -> None:
+    names = ("a goal in a cell", "a start in a cell", "a wall from end to end")
+    cases = {name.replace(" ", "_"): broken(name) for name in names}
+    paths = [write(tmp_path / f"{name}.json", scene) for name, (scene, _, _) in cases.items()]
+    zmav_plan(*paths, "-o", tmp_path / "plans", ok=False)
+    for name, (_, code, ids) in cases.items():
+        error = json.loads((tmp_path / "plans" / f"{name}.json").read_bytes())["error"]
+        assert (error["code"], error["ids"]) == (code, ids)
+
+
 def test_a_scene_without_a_plan_says_so(tmp_path: Path) -> None:
     done = zmav_plan(tmp_path / "none.json", ok=False)
     body = json.loads(done.stdout)
