@@ -30,7 +30,7 @@ FIRST_LOOK = 20_000
 """expansions after which it is asked whether there is a way at all: 20 to 70 ms"""
 MOST_LOOKS = 200_000
 """expansions of one search: half a second"""
-PATIENCE = 1.5
+PATIENCE = 2.0
 """s for a vehicle whose way is not found at once"""
 MOST_PATHS = 4_096
 """kept at a time"""
@@ -230,7 +230,7 @@ class StaticMap:
         self, world: World, query: Query, start: Floats, goal: Floats, rates: Floats, patience: float
     ) -> Path | None:
         """A way before it is shortened. A search that ends soon, or else the question whether there is a way; where
-        there may be, longer searches, on finer lattices, and samples.
+        there may be, samples and longer searches, on finer lattices.
         """
         if self._in_pocket(world, query, start, goal):
             return None
@@ -238,9 +238,12 @@ class StaticMap:
         path, done = self._layer(0, query.radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
         if path is not None or patience <= 0.0:
             return path
-        crooked, walled = self._decide(world, query, patience)
+        crooked, walled = self._decide(world, query, patience / 2.0)
         if walled:
             return None
+        if crooked is None and done and height is None:
+            # The lattice is too coarse, and samples are quicker than a finer one.
+            path = sampled.find(world, start, goal, query.radius, patience / 4.0)
         while path is None and time.monotonic() < end:
             layer = self._layer(level, query.radius, height)
             if not done or level > 0:
@@ -248,9 +251,6 @@ class StaticMap:
             level, more = level + 1, 8 if height is None else 4
             if (crooked is not None and level > 1) or layer.lines.size * more > MOST_POINTS:
                 break
-        left = end - time.monotonic()
-        if path is None and crooked is None and height is None and left > 0.0:
-            path = sampled.find(world, start, goal, query.radius, left)
         if path is None or crooked is None:
             return crooked if path is None else path
         short = [shorten.shorten(world, way, query.radius, rates, SWEEPS) for way in (path, crooked)]
