@@ -14,8 +14,13 @@ import time
 import traceback
 from typing import Any, BinaryIO
 
+import numpy as np
+
 from agents.planner import solve, verify
 from agents.planner.errors import PlanError
+from agents.planner.execute.commit import Entry, Order, Part, Reserved
+from agents.planner.execute.offset import Offset
+from agents.planner.execute.track import Profile, Track
 from agents.planner.geometry import world_of
 from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
@@ -41,7 +46,8 @@ class Worker:
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles."""
         start = time.monotonic()
-        self.solve(jobs.Solve(_example(), seconds=20.0))
+        plan = self.solve(jobs.Solve(_example(), seconds=20.0))
+        _warm_execution(plan)
         jobs.write(self._out, jobs.Ready(time.monotonic() - start))
 
     def serve(self, number: int, job: jobs.Job) -> None:
@@ -110,6 +116,19 @@ def _example() -> Scene:
     fence = Fence(polygon=[(-40.0, -40.0), (60.0, -40.0), (60.0, 40.0), (-40.0, 40.0)], floor=1.0, ceiling=40.0)
     bounds = Bounds(min=(-40.0, -40.0, 0.0), max=(60.0, 40.0, 40.0))
     return Scene(vehicles=vehicles, obstacles=obstacles, bounds=bounds, geofence=fence, downwash=1.5)
+
+
+def _warm_execution(plan: Plan) -> None:
+    """What the agent's own process calls when a plan is flown: it must not stop to compile then."""
+    parts = []
+    for name, samples in plan.trajectories.items():
+        part = Part(name, Track(np.array(samples, dtype=np.float64)), 1.0, 2.5, 0.3, Offset())
+        row = np.array([0.0, *samples[0][1:], 0.0, 0.0, 0.0])
+        part.entries.append(Entry(Profile.resting(0.0, 1.0), np.array([row, row + np.eye(7)[0]]), 1.0, 1.0))
+        parts.append(part)
+    Order(parts, 1.5)
+    for part in parts:
+        Reserved(parts, 1.5).blocker(part, part.known, 0.0)
 
 
 def _listen(pipe: BinaryIO, waiting: queue.SimpleQueue[Any]) -> None:

@@ -167,6 +167,29 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
     assert field.agent.world.obstacles == []
 
 
+async def test_something_that_moves_is_followed_and_kept_clear_of(field: Field) -> None:
+    planner = await field.planner()
+    n, e, d = field.fleet.places()["quad2"]
+    cart = swarm.Ball(center=(n + 10.0, e, d), radius=1.0, velocity=(1.5, 0.0, 0.0))
+    told = swarm.Obstacle(name="cart", t=time.time(), what=cart)
+    await planner.order("obstacle", swarm.GiveObstacle(obstacle=told))
+    follow = swarm.Follow(vehicles=["quad2"], leader="cart", offsets=[(-6.0, 0.0, 0.0)])
+    name = await field.submit(follow)
+    settled, nearest, deadline = 0, math.inf, time.monotonic() + PATIENCE_S
+    while settled < 20:
+        assert time.monotonic() < deadline, field.agent.ledger.find(name)
+        found = field.agent.world.ball("cart", time.time())
+        assert found is not None
+        place = field.fleet.places()["quad2"]
+        nearest = min(nearest, math.dist(place, found[0]))
+        settled = settled + 1 if math.dist(place, (found[0][0] - 6.0, e, d)) < 1.5 else 0
+        await asyncio.sleep(0.1)
+    assert nearest > 2.0
+    await planner.order("cancel", swarm.GoalId(goal=name))
+    await within(PATIENCE_S, _until(lambda: name not in field.agent.runs))
+    await planner.order("clear", swarm.GoalId())
+
+
 async def _raw(field: Field, verb: str, payload: bytes) -> ZmavError:
     (answer,) = await field.me.ask(keys.SWARM.key("demo", "ground", verb=verb), payload, 10.0, keys.SWARM)
     assert isinstance(answer, ZmavError)
