@@ -38,7 +38,7 @@ def _search(
     cells along x, y and z. ``up``, ``down``: m of height a m over the ground.
     """
     nx, ny, nz = int(grid[5]), int(grid[6]), int(grid[7])
-    field = _field(world, grid, goal, radius)
+    field = _field(world, grid, goal)
     seen = np.zeros(nx * ny * nz * HEADINGS, dtype=np.bool_)
     step = turn * 2.0 * math.pi / HEADINGS
     poses, came = np.empty((1024, 5)), np.empty((1024, 2), dtype=np.int64)
@@ -101,16 +101,16 @@ def _at(grid: Floats, nx: int, x: float, y: float) -> int:
 
 
 @jit
-def _field(world: World, grid: Floats, goal: Floats, radius: float) -> Floats:
+def _field(world: World, grid: Floats, goal: Floats) -> Floats:
     """No more than the metres over the ground to the goal from each cell, around what is too high to fly over."""
     nx, ny, nz, side = int(grid[5]), int(grid[6]), int(grid[7]), grid[3]
-    blocked = np.ones(nx * ny, dtype=np.bool_)
-    slack, out = side * 0.75 + grid[4] / 2.0, np.empty(3)
+    blocked, out = np.ones(nx * ny, dtype=np.bool_), np.empty(3)
     for n in range(nx * ny):
-        x, y = grid[0] + (n % nx + 0.5) * side, grid[1] + (n // nx + 0.5) * side
-        for k in range(nz):
-            z = grid[2] + (k + 0.5) * grid[4]
-            if away(world, x, y, z, radius, out) < slack:
+        for part in range(5 * nz):  # the middle of the cell at all heights, and then four places around it
+            corner = part // nz - 1
+            x = grid[0] + (n % nx + 0.5 + (0.0 if corner < 0 else 0.35 * (2 * (corner % 2) - 1))) * side
+            y = grid[1] + (n // nx + 0.5 + (0.0 if corner < 0 else 0.35 * (2 * (corner // 2) - 1))) * side
+            if away(world, x, y, grid[2] + (part % nz + 0.5) * grid[4], 0.0, out) <= 0.0:
                 blocked[n] = False
                 break
     field = np.full(nx * ny, np.inf)
