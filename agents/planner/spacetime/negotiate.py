@@ -17,7 +17,7 @@ from agents.planner.problem import ROVER, Floats, Ints, Motion, Path, Problem
 from agents.planner.spacetime.lattice import MOVES, Lattice, anchor, lattice_of
 from agents.planner.spacetime.roads import ROOM, durations, no_lattice, pitch_for, roads_of
 from agents.planner.spacetime.search import BLOCKED, FOREVER, Roads, lay, search
-from agents.planner.spacetime.table import Table, empty_table, put, take, troubles
+from agents.planner.spacetime.table import GONE, Table, empty_table, put, take, troubles
 from agents.planner.world import World
 
 SHARE = 0.8
@@ -153,8 +153,7 @@ class Negotiation:
                 rows, (lattice, roads) = found, wide
         if not len(rows) or rows[-1, 1] >= self.table.head.shape[1]:
             return False
-        lay(rows, lattice, roads, self.table.places[i])
-        self.arrival[i] = rows[-1, 1]
+        self._lay(i, rows, lattice, roads)
         return True
 
     def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float, delay: int, before: int) -> Ints:
@@ -205,7 +204,12 @@ class Negotiation:
         rows[:, 0] = np.arange(count)
         rows[1:, 2] = chain.ahead[:-1] - chain.ahead[1:]
         rows[:, 1] = self.begin + chain.ahead[0] - chain.ahead
-        lay(rows, no_lattice(), chain, self.table.places[i])
+        self._lay(i, rows, no_lattice(), chain)
+
+    def _lay(self, i: int, rows: Ints, lattice: Lattice, roads: Roads) -> None:
+        """Write a way to the table; what was before its begin is nobody's concern."""
+        lay(rows, lattice, roads, self.table.places[i])
+        self.table.places[i, : self.begin] = GONE
         self.arrival[i] = rows[-1, 1]
 
     def clashes(self) -> int:

@@ -204,3 +204,17 @@ def test_one_is_planned_anew_among_all_others() -> None:
     assert again is not None
     assert 2.0 <= again[halted][0, 0] <= 2.5
     assert all(again[i] is motions[i] for i in range(36) if i != halted)
+
+
+def test_what_was_before_a_repair_begins_is_no_concern_of_it() -> None:
+    scene = Scene(
+        vehicles=[copter("v0", (-12.0, 0.0, 5.0), (12.0, 0.0, 5.0)), copter("v1", (0.0, 0.0, 5.0), (0.0, 12.0, 5.0))],
+        bounds=Bounds(min=(-20.0, -20.0, 0.0), max=(20.0, 20.0, 10.0)),
+        downwash=1.5,
+    )
+    problem, world, paths = ready(scene)
+    through = np.array([[0.0, *problem.start[0]], [6.0, *problem.goal[0]]])
+    motions = [through, np.array([[0.0, *problem.start[1]]])]
+    again = repair(problem, world, motions, [1], [paths[1]], 5.0, np.random.default_rng(0), begin=7.0)
+    assert again is not None
+    assert 7.0 <= again[1][0, 0] < again[1][-1, 0] < 12.0
