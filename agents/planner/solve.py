@@ -11,7 +11,7 @@ import numpy as np
 from agents.planner import verify
 from agents.planner.assign import assign
 from agents.planner.errors import Code, PlanError
-from agents.planner.geometry import clearance, world_of
+from agents.planner.geometry import World, clearance, world_of
 from agents.planner.planes import plan_planes
 from agents.planner.plans import Plan
 from agents.planner.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem, Progress, problem_of
@@ -73,19 +73,19 @@ class Pipeline:
         self.say("validate", 0.0)
         validate(self.scene)
         self.say("map", 0.0)
-        if self.static is None:
-            self.static = StaticMap(world_of(self.scene))
+        static = self.static or StaticMap(world_of(self.scene))
+        world = static.world
         self.say("assign", 0.0)
-        chosen = assign(self.scene, self.static.world)
+        chosen = assign(self.scene, world)
         problem = problem_of(self.scene, chosen, self.movers)
         planes = np.flatnonzero(problem.kind == PLANE)
         others = np.flatnonzero(problem.kind != PLANE)
         clear_of_movers(problem)
         self.say("paths", 0.0)
-        paths = self.static.paths_for(part(problem, others)) if len(others) else []
-        problem = fitted(problem, self.static, self.margin)
+        paths = static.paths_for(part(problem, others)) if len(others) else []
+        problem = fitted(problem, world, self.margin)
         stuck: list[str] = list(problem.ids)
-        for motions in self.candidates(problem, planes, others, paths):
+        for motions in self.candidates(problem, world, planes, others, paths):
             if isinstance(motions, list):
                 self.say("verify", 0.0)
                 tracks = dict(zip(problem.ids, motions, strict=True))
@@ -104,7 +104,7 @@ class Pipeline:
         raise PlanError("timeout", stuck, f"{text}; allow more time, or more room")
 
     def candidates(
-        self, problem: Problem, planes: Ints, others: Ints, paths: list[Path]
+        self, problem: Problem, world: World, planes: Ints, others: Ints, paths: list[Path]
     ) -> Iterator[list[Motion] | Ints]:
         """Motions for all, in order, that may pass the verifier; or the numbers of those that a try left too near."""
         for turn in range(100):
@@ -112,13 +112,13 @@ class Pipeline:
             fixed: list[Motion] = []
             if len(planes):
                 self.say("planes", 0.0)
-                fixed = plan_planes(problem, self.static.world, planes.tolist(), rng)  # type: ignore[union-attr]
+                fixed = plan_planes(problem, world, planes.tolist(), rng)
             aside = tuple(
                 Mover(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
                 for i, motion in zip(planes, fixed, strict=True)
             )
             rest = replace(part(problem, others), movers=problem.movers + aside)
-            for attempt in self.tries(rest, paths, rng, turn):
+            for attempt in self.tries(rest, world, paths, rng, turn):
                 found = attempt() if len(others) else Refined([])
                 if found.motions is None:
                     yield found.stuck
@@ -130,9 +130,10 @@ class Pipeline:
             if time.monotonic() > self.deadline:
                 return
 
-    def tries(self, problem: Problem, paths: list[Path], rng: np.random.Generator, turn: int) -> Iterator[Try]:
+    def tries(
+        self, problem: Problem, world: World, paths: list[Path], rng: np.random.Generator, turn: int
+    ) -> Iterator[Try]:
         """What is tried for all but the planes, from quick to thorough."""
-        world = self.static.world  # type: ignore[union-attr]
         seed = self.seed + 1000 * turn
         refining = None if self.progress is None else (lambda share: self.say("refine", share))
         least = float(durations(problem, paths).max(initial=0.0))
@@ -185,7 +186,7 @@ def part(problem: Problem, who: Ints) -> Problem:
     return replace(problem, ids=tuple(problem.ids[i] for i in who), **chosen)  # type: ignore[arg-type]
 
 
-def fitted(problem: Problem, static: StaticMap, margin: float) -> Problem:
+def fitted(problem: Problem, world: World, margin: float) -> Problem:
     """Radii larger by half the margin, as far as every vehicle's start and goal leave room for it; smaller by some
     millimetres where starts or goals are nearer than they should be, but by less than the tolerance.
     """
@@ -203,5 +204,5 @@ def fitted(problem: Problem, static: StaticMap, margin: float) -> Problem:
             spare = np.minimum(spare, np.linalg.norm((ours - its) * scale, axis=1) - problem.radius - mover.radius)
     for i in range(len(problem)):
         for place in (problem.start[i], problem.goal[i]):
-            spare[i] = min(spare[i], clearance(static.world, *place) - problem.radius[i])
+            spare[i] = min(spare[i], clearance(world, *place) - problem.radius[i])
     return replace(problem, radius=problem.radius + np.maximum(-TOLERATED, spare))
