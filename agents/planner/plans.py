@@ -35,8 +35,11 @@ class Plan(msgspec.Struct, kw_only=True, omit_defaults=True):
     @classmethod
     def of(cls, motions: Mapping[str, Motion], planning_time_s: float | None = None) -> Plan:
         """Of motions (T, 4) by vehicle's id, rounded to the file's six decimals."""
-        samples = {name: [tuple(s) for s in np.round(motion, 6).tolist()] for name, motion in motions.items()}
-        return cls(status="ok", planning_time_s=planning_time_s, trajectories=samples)  # type: ignore[arg-type]
+        samples: dict[str, list[Sample]] = {}
+        for name, motion in motions.items():
+            rounded = np.round(motion, 6) + 0.0  # and no -0.0
+            samples[name] = [(t, x, y, z) for t, x, y, z in rounded.tolist()]
+        return cls(status="ok", planning_time_s=planning_time_s, trajectories=samples)
 
     @classmethod
     def failed(cls, error: PlanError, planning_time_s: float | None = None) -> Plan:
