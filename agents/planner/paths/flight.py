@@ -184,12 +184,16 @@ def fly(pose: Floats, legs: Floats, wings: Wings, cap: float) -> Motion:
     bend = 0.0
     for k in range(1, count):
         bend = max(bend, abs(height[k + 1] - 2.0 * height[k] + height[k - 1]) / grain)
-    if bend > 1e-6:
-        half = math.ceil(bend * (SLOW * wings.vmin) ** 2 / (UPWARDS * wings.amax) / grain / 2.0)
-        if half >= count:
-            return np.empty((0, 4))
-        height = _smooth(height, half)
-    speed = _speeds(curvature, height, grain, wings, cap)
+    speed = np.empty(0)
+    if bend <= 1e-6:
+        speed = _speeds(curvature, height, grain, wings, cap)
+    sharp = height
+    for wider in range(1, 4):  # where slopes change in the tightest turns they may have to change more slowly
+        half = math.ceil(wider * bend * (SLOW * wings.vmin) ** 2 / (UPWARDS * wings.amax) / grain / 2.0)
+        if len(speed) > 0 or bend <= 1e-6 or half >= count:
+            break
+        height = _smooth(sharp, half)
+        speed = _speeds(curvature, height, grain, wings, cap)
     if len(speed) == 0:
         return np.empty((0, 4))
     times = np.zeros(count + 1)
