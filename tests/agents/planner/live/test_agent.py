@@ -170,10 +170,10 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
 async def test_something_that_moves_is_followed_and_kept_clear_of(field: Field) -> None:
     planner = await field.planner()
     n, e, d = field.fleet.places()["quad2"]
-    cart = swarm.Ball(center=(n + 10.0, e, d), radius=1.0, velocity=(1.5, 0.0, 0.0))
+    cart = swarm.Ball(center=(n - 10.0, e, d), radius=1.0, velocity=(-1.5, 0.0, 0.0))
     told = swarm.Obstacle(name="cart", t=time.time(), what=cart)
     await planner.order("obstacle", swarm.GiveObstacle(obstacle=told))
-    follow = swarm.Follow(vehicles=["quad2"], leader="cart", offsets=[(-6.0, 0.0, 0.0)])
+    follow = swarm.Follow(vehicles=["quad2"], leader="cart", offsets=[(6.0, 0.0, 0.0)])
     name = await field.submit(follow)
     settled, nearest, deadline = 0, math.inf, time.monotonic() + PATIENCE_S
     while settled < 20:
@@ -182,7 +182,7 @@ async def test_something_that_moves_is_followed_and_kept_clear_of(field: Field) 
         assert found is not None
         place = field.fleet.places()["quad2"]
         nearest = min(nearest, math.dist(place, found[0]))
-        settled = settled + 1 if math.dist(place, (found[0][0] - 6.0, e, d)) < 1.5 else 0
+        settled = settled + 1 if math.dist(place, (found[0][0] + 6.0, e, d)) < 1.5 else 0
         await asyncio.sleep(0.1)
     assert nearest > 2.0
     await planner.order("cancel", swarm.GoalId(goal=name))
