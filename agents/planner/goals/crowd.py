@@ -14,8 +14,8 @@ from agents.planner.separation import separation
 
 DELAYS = np.arange(0.0, 61.0, 2.0)
 """s by which a vehicle sets out later, in the order in which they are tried"""
-SPARE = 0.5
-"""m more than the radii ask for: vehicles are off their ways a little"""
+SPARE = 0.1
+"""m more than the radii ask for, which hold what a vehicle may be off its way already"""
 
 
 @dataclass(frozen=True)

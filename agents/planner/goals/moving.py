@@ -278,7 +278,7 @@ def _drawn_out(
         if world is not None:
             bad = roomy(world, points[:, None], crew.radii + 0.5 * SPARE) > 0
         if not bad.any():
-            return None if _meet(points, crew) else (squeeze, points)
+            return None if _meet(points[squeeze > 0.0], crew) else (squeeze, points)
         if squeeze[bad].min() > 1.0 - 1e-9:
             return None
         needed[bad] = np.minimum(1.0, np.maximum(needed, squeeze)[bad] + MORE)

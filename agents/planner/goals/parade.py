@@ -131,8 +131,11 @@ def best_move(
     moves = []
     for way in _ways(waypoints, finders):
         moved = move(way, courses, crew, world)
-        if moved is not None:
-            moves.append(moved)
+        if moved is None:
+            continue
+        moves.append(moved)
+        if len(moves) == 1 and not moved.squeezed.any():
+            break  # straight, and in shape all the way
     return min(moves, key=lambda each: each.makespan, default=None)
 
 

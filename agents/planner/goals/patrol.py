@@ -25,8 +25,8 @@ CUT = (2.0, 0.5, 0.1)
 SPEEDING_UP = 0.5
 """of the acceleration limit, along the route; the corners need the rest"""
 
-SPARE = 0.5
-"""m more than the radii ask for: vehicles are off their ways a little"""
+SPARE = 0.1
+"""m more than the radii ask for, which hold what a vehicle may be off its way already"""
 ROOM = 0.6
 """m more that ways around obstacles keep from them, so that their corners can be rounded"""
 SHARP = 0.6
