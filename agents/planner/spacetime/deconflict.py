@@ -33,7 +33,8 @@ def find(
     best: Negotiation | None = None
     for order, fine in attempts(problem, paths, rng):
         talk = Negotiation(problem, world, paths, margin=MARGIN, seconds=length, fine=fine)
-        talk.start(order.tolist(), deadline)
+        now = time.perf_counter()
+        talk.start(order.tolist(), now + (deadline - now) / 2.0)
         now = time.perf_counter()
         patience = max(1.0, (deadline - now) / 4.0) if best is None else now - begun
         if talk.settle(min(deadline, now + patience), rng) and (

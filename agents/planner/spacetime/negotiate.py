@@ -190,9 +190,17 @@ class Negotiation:
     # All of them.
 
     def start(self, order: Sequence[int], deadline: float) -> None:
-        """A first way for everybody, one after another; what cannot be passed is paid for."""
+        """A first way for everybody, one after another; what cannot be passed is paid for.
+
+        When half the time is over, whoever can wait on its own path does, however long; when it is over twice, the
+        rest go straight, whoever is in the way.
+        """
+        begun = time.perf_counter()
         for i in order:
-            if time.perf_counter() > deadline or not self.plan(i, LIMIT, enough=int(self.arrival.max())):
+            now = time.perf_counter()
+            enough = FOREVER if now - begun > deadline - now else int(self.arrival.max())
+            over = now - begun > 2.0 * (deadline - begun)
+            if over or not self.plan(i, LIMIT if now < deadline else 0.0, enough=enough):
                 self._go_straight(i)
             self.file(i)
 
