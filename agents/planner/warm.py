@@ -23,9 +23,9 @@ PATIENCE = 600.0
 
 
 def compiled() -> bool:
-    """Whether any kernels are there, beside their sources or where numba is told to keep them."""
-    folders = (PACKAGE, Path(os.environ.get("NUMBA_CACHE_DIR") or PACKAGE))
-    return any(next(folder.glob("**/*.nbi"), None) for folder in folders)
+    """Whether any kernels are there, where numba is told to keep them or else beside their sources."""
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or PACKAGE)
+    return next(folder.glob("**/*.nbi"), None) is not None
 
 
 def warm(planes: bool = True, progress: Progress | None = None) -> None:
