@@ -84,7 +84,7 @@ def test_a_slanted_slot_in_a_large_land_is_found() -> None:
 
     there = world(wall(-400, 17.0), wall(19.6, 400), size=LAND)
     start, goal = point(100, -150, 60), point(-100, 150, 60)
-    assert_clear(there, StaticMap(there).path(start, goal, 1.0), start, goal, 1.0)
+    assert_clear(there, StaticMap(there).path(start, goal, 1.0, patience=60.0), start, goal, 1.0)
 
 
 def test_round_a_tower_by_the_shortest_way() -> None:
