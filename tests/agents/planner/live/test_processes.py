@@ -47,13 +47,16 @@ async def run(fleet: Fleet, *arguments: str) -> tuple[int, str, str]:
         return process.returncode, out.decode(), err.decode()
 
 
-async def until(process: asyncio.subprocess.Process, word: str) -> None:
-    """Wait for a line of its log."""
+async def until(process: asyncio.subprocess.Process, *words: str) -> None:
+    """Wait until its log has said all of these."""
 
     async def read() -> None:
         assert process.stderr is not None
-        while word.encode() not in (line := await process.stderr.readline()):
-            assert line, f"it ended before it said {word!r}"
+        left = set(words)
+        while left:
+            line = (await process.stderr.readline()).decode()
+            assert line, f"it ended before it said {left}"
+            left -= {word for word in left if word in line}
 
     await within(PATIENCE_S, read())
 
@@ -64,11 +67,12 @@ async def test_a_killed_planner_s_goal_is_ended_by_the_next() -> None:
         code, _, err = await run(fleet, "list")
         assert code == 1
         assert "start one with 'zmav swarm planner'" in err
-        async with (
-            zmav(fleet, "planner", "--name", "first", "--patience", "1") as first,
-            zmav(fleet, "planner", "--name", "second", "--standby", "--patience", "1") as second,
-        ):
-            await asyncio.gather(until(first, "is ready"), until(second, "is ready"))
+        async with contextlib.AsyncExitStack() as planners:
+            first = await planners.enter_async_context(zmav(fleet, "planner", "--name", "first", "--patience", "1"))
+            await until(first, "is ready", "in charge")
+            standby = zmav(fleet, "planner", "--name", "second", "--standby", "--patience", "1")
+            second = await planners.enter_async_context(standby)
+            await until(second, "is ready")
             code, out, _ = await run(fleet, "list", "--json")
             status: dict[str, Any] = json.loads(out)
             assert (code, status["planner"], status["standby"]) == (0, "first", ["second"])
