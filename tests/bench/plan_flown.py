@@ -1,0 +1,325 @@
+"""Plans flown by simulated copters over a bad mesh: how near they came to each other, by the simulator. Needs root.
+
+    python tests/bench/plan_flown.py [swap] [kill] [--vehicles 20] [--runs 20] [--loss 0.3] [--seed 0]
+
+A lab of its own: namespaces, a radio that delays every frame by 50 to 200 ms and loses a share of them, storms that cut
+vehicles off for 2 s, 'zmav up' for every copter and 'zmav swarm planner' on the ground. Obstacles stand in the middle.
+
+swap: all change places at once, at random, again and again. kill: the planner is killed at a random moment of each such
+swap, a standby on a vehicle goes on with it. Ends with 1 where two vehicles came nearer than the sum of their radii, or
+one nearer to an obstacle than its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import itertools
+import math
+import random
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import zmav
+from mesh.lab.lab import Lab
+from mesh.lab.network import LabError, check_able
+from mesh.lab.scenario import Scenario
+from tests.mesh.proofs import rigs
+from zmav import keys, wire
+from zmav.errors import ZmavError
+from zmav.sim import Remote
+from zmav.wire import swarm
+
+RADIUS = 1.0
+"""m: what a copter's body is usually taken for"""
+DOWNWASH = 1.5
+RING = 18.0
+HEIGHT = 12.0
+TREES = [(4.0, 3.0), (-5.0, 4.0), (-3.0, -6.0), (6.0, -5.0), (0.0, 10.0), (10.0, 1.0)]
+TRUNK = 0.8
+PATIENCE = 240.0
+"""s for one swap, with all its storms"""
+
+
+def scenario(count: int, loss: float, standby: bool) -> Scenario:
+    """Copters on a ring, each hearing the next and every fourth the ground."""
+    hosts: dict[str, Any] = {"ground": {"position": [0.0, 60.0]}}
+    if standby:
+        hosts["van"] = {"position": [0.0, -60.0]}
+    for i, (north, east) in enumerate(ring(count)):
+        hosts[f"quad{i + 1}"] = {"vehicle": "copter", "position": [north, east]}
+    quads = [name for name in hosts if name.startswith("quad")]
+    pairs = [*zip(quads, [*quads[1:], quads[0]], strict=True), *(("ground", name) for name in quads[::4])]
+    if standby:
+        pairs += [("van", name) for name in quads[2::4]] + [("ground", "van")]
+    medium = {
+        "kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, "rate": "6 Mbit/s", "delay": "62 ms",
+        "jitter": "37 ms", "loss": loss, "burst": 2.0,
+    }  # fmt: skip
+    more = {"failsafe": {"action": "loiter"}, "separation": {"on": True}}
+    return rigs.scenario(
+        name="swap",
+        profile="mesh",
+        hosts=hosts,
+        media=[medium],
+        fleet=more,
+    )
+
+
+def ring(count: int) -> list[tuple[float, float]]:
+    angles = [math.tau * i / count for i in range(count)]
+    return [(round(RING * math.cos(a), 2), round(RING * math.sin(a), 2)) for a in angles]
+
+
+class Truth:
+    """Where the simulated vehicles really are, twenty times a second; straight on between two looks."""
+
+    def __init__(self, control: Path, names: list[str]) -> None:
+        self._remote, self._names = Remote(control), names
+        self._stop = threading.Event()
+        self.reset()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def reset(self) -> None:
+        self.apart, self.pair, self.clear, self.looks = math.inf, ("", ""), math.inf, 0
+        self._last: list[wire.Vector] | None = None
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._remote.close()
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.05):
+            places = [vehicle.ned_m for vehicle in self._remote.status().vehicles]
+            before = self._last or places
+            for i, j in itertools.combinations(range(len(places)), 2):
+                away = _nearest(before[i], places[i], before[j], places[j])
+                if away < self.apart:
+                    self.apart, self.pair = away, (self._names[i], self._names[j])
+            for place, (north, east) in itertools.product(places, TREES):
+                self.clear = min(self.clear, math.hypot(place[0] - north, place[1] - east) - TRUNK)
+            self._last, self.looks = places, self.looks + 1
+
+
+def _nearest(p0: wire.Vector, p1: wire.Vector, q0: wire.Vector, q1: wire.Vector) -> float:
+    """The least distance of two that go straight from their first place to their second; height counts by downwash."""
+    a = (p0[0] - q0[0], p0[1] - q0[1], (p0[2] - q0[2]) / DOWNWASH)
+    b = (p1[0] - q1[0], p1[1] - q1[1], (p1[2] - q1[2]) / DOWNWASH)
+    d = [y - x for x, y in zip(a, b, strict=True)]
+    square = sum(x * x for x in d)
+    share = min(1.0, max(0.0, -sum(x * y for x, y in zip(a, d, strict=True)) / square)) if square else 0.0
+    return math.hypot(*(x + share * y for x, y in zip(a, d, strict=True)))
+
+
+class Planners:
+    """The book of whoever is in charge, and orders for him."""
+
+    def __init__(self, z: zmav.Client) -> None:
+        self._z = z
+        self.book: swarm.Book | None = None
+        key = keys.FLEET.key(z.fleet_name, topic="goal")
+        self._news = asyncio.Event()
+        self._books = z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.Book, "book"))
+        self._task = asyncio.create_task(self._read())
+
+    async def _read(self) -> None:
+        async with self._books as books:
+            async for book in books:
+                if self.book is None or book.term >= self.book.term:
+                    self.book = book
+                    self._news.set()
+
+    async def until(self, true: Any, timeout: float = PATIENCE) -> swarm.Book:
+        deadline = time.monotonic() + timeout
+        while self.book is None or not true(self.book):
+            self._news.clear()
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                raise TimeoutError(f"it did not come true; the last book: {self.book}")
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._news.wait(), left)
+        return self.book
+
+    async def order(self, verb: str, args: wire.Order) -> dict[str, Any]:
+        """Asked until it is answered: the id makes it one order."""
+        assert self.book is not None
+        for _ in range(20):
+            key = keys.SWARM.key(self._z.fleet_name, self.book.planner, verb=verb)
+            for answer in await self._z.ask(key, wire.encode(args), timeout=3.0, channel=keys.SWARM):
+                if isinstance(answer, ZmavError):
+                    raise answer
+                outcome = wire.decode(answer.payload, wire.Outcome, verb)
+                if outcome.status == "done":
+                    return outcome.result
+        raise TimeoutError(f"nobody answers {verb}")
+
+
+async def storms(lab: Lab, rng: random.Random) -> None:
+    """Every few seconds some vehicles are cut off from everybody for 2 s."""
+    links = {
+        name: [edge.name for edge in lab.network.links() if name in (edge.a, edge.b)] for name in lab.scenario.hosts
+    }
+    while True:
+        await asyncio.sleep(rng.uniform(2.0, 6.0))
+        hit = rng.sample([name for name in links if name.startswith("quad")], k=rng.randint(1, 3))
+        cut = {link for name in hit for link in links[name]}
+        for link in cut:
+            lab.cut(link)
+        await asyncio.sleep(2.0)
+        for link in cut:
+            lab.heal(link)
+
+
+def planner(lab: Lab, host: str, *more: str) -> subprocess.Popen[bytes]:
+    log = (lab.directory / f"planner-{host}.log").open("ab")
+    return lab.spawn(
+        host, sys.executable, "-m", "zmav", "swarm", "planner", "--name", host, *more, stdout=log, stderr=log
+    )
+
+
+@contextlib.asynccontextmanager
+async def fleet(count: int, loss: float, standby: bool) -> AsyncIterator[tuple[Lab, zmav.Client, list[str], Truth]]:
+    """All in the air, at their places on the ring."""
+    async with Lab(scenario(count, 0.0, standby)) as lab:
+        await lab.ready()
+        async with rigs.station(lab) as z:
+            await rigs.all_heard(z, lab, 180.0)
+            names = [f"quad{i + 1}" for i in range(count)]
+            await asyncio.gather(*(rigs.in_the_air(z.vehicle(name), HEIGHT) for name in names))
+            for edge in lab.network.links():
+                lab.set(edge.name, loss=loss)
+            truth = Truth(lab.directory / "sim.sock", names)
+            try:
+                yield lab, z, names, truth
+            finally:
+                truth.close()
+
+
+async def campaign(args: argparse.Namespace, kill: bool) -> bool:
+    rng = random.Random(args.seed)
+    async with fleet(args.vehicles, args.loss, kill) as (lab, z, names, truth):
+        try:
+            rows = await _runs(args, kill, lab, Planners(z), names, truth, rng)
+        except Exception:
+            _logs(lab)
+            raise
+        good = all(row["good"] for row in rows)
+        if not good:
+            _logs(lab)
+    took = [row["took"] for row in rows]
+    print(f"{len(rows)} runs: least separation {min(row['apart'] for row in rows):.2f} m (must be {2 * RADIUS:.2f}), "
+          f"least clearance {min(row['clear'] for row in rows):.2f} m (must be {RADIUS:.2f}); "
+          f"took {statistics.median(took):.0f} s in the median, {max(took):.0f} s at most")  # fmt: skip
+    return good
+
+
+async def _runs(
+    args: argparse.Namespace, kill: bool, lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random
+) -> list[dict[str, Any]]:
+    running = {"ground": planner(lab, "ground")}
+    await desk.until(lambda book: book.planner == "ground")
+    if kill:
+        running["van"] = planner(lab, "van", "--standby")
+    for i, (north, east) in enumerate(TREES):
+        tree = swarm.Cylinder(center=(north, east), radius=TRUNK, floor=0.0, ceiling=40.0)
+        obstacle = swarm.Obstacle(name=f"tree{i}", t=time.time(), what=tree)
+        await desk.order("obstacle", swarm.GiveObstacle(id=f"tree{i}", obstacle=obstacle))
+    weather = asyncio.create_task(storms(lab, rng))
+    try:
+        return [
+            await (killed if kill else swapped)(lab, desk, names, truth, rng, running, run) for run in range(args.runs)
+        ]
+    finally:
+        weather.cancel()
+
+
+def _logs(lab: Lab) -> None:
+    for log in lab.directory.glob("planner-*.log"):
+        print(log.name, log.read_text()[-3000:], sep="\n")
+
+
+def _swap(names: list[str], rng: random.Random, run: int) -> swarm.Submit:
+    places = ring(len(names))
+    rng.shuffle(places)
+    to = [(north, east, -HEIGHT) for north, east in places]
+    return swarm.Submit(id=f"swap{run}-{rng.random():.9f}", goal=swarm.GoTo(vehicles=names, to=to))
+
+
+async def swapped(
+    lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
+) -> dict[str, Any]:
+    """One swap to its end."""
+    truth.reset()
+    start = time.monotonic()
+    given = await desk.order("submit", _swap(names, rng, run))
+    return await _ended(desk, str(given["goal"]), truth, start, run, "")
+
+
+async def killed(
+    lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
+) -> dict[str, Any]:
+    """One swap whose planner dies somewhere on the way; the other goes on with it, and the dead one comes again."""
+    truth.reset()
+    start = time.monotonic()
+    book = desk.book
+    assert book is not None
+    given = await desk.order("submit", _swap(names, rng, run))
+    goal = str(given["goal"])
+    await desk.until(
+        lambda book: any(e.id == goal and e.state != "queued" and e.state != "planning" for e in book.goals)
+    )
+    await asyncio.sleep(rng.uniform(0.0, 15.0))
+    victim, moment = desk.book.planner if desk.book else book.planner, time.monotonic() - start
+    running[victim].kill()
+    running[victim].wait()
+    row = await _ended(desk, goal, truth, start, run, f"killed {victim} after {moment:.0f} s")
+    running[victim] = planner(lab, victim, "--standby")
+    await asyncio.sleep(8.0)  # it warms its solver, and hears the book
+    return row
+
+
+async def _ended(desk: Planners, goal: str, truth: Truth, start: float, run: int, more: str) -> dict[str, Any]:
+    ended = ("done", "failed", "cancelled")
+    book = await desk.until(lambda book: any(e.id == goal and e.state in ended for e in book.goals))
+    entry = next(e for e in book.goals if e.id == goal)
+    row = {"took": time.monotonic() - start, "apart": truth.apart, "clear": truth.clear, "state": entry.state}
+    row["good"] = truth.apart >= 2 * RADIUS and truth.clear >= RADIUS and entry.state == "done"
+    print(f"  {run + 1:3d}: {entry.state} in {row['took']:5.1f} s (plan {entry.makespan or 0.0:.1f} s), separation "
+          f"{truth.apart:.2f} m {truth.pair}, trees {truth.clear:.2f} m, {truth.looks} looks {more} {entry.text}",
+          flush=True)  # fmt: skip
+    return row
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="*", default=["swap"], choices=["swap", "kill"])
+    parser.add_argument("--vehicles", type=int, default=20)
+    parser.add_argument("--runs", type=int, default=2)
+    parser.add_argument("--loss", type=float, default=0.3)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    try:
+        check_able()
+    except LabError as e:
+        print(f"skipped: {e}")
+        return 0
+    good = True
+    for what in dict.fromkeys(args.what):
+        print(f"{what}: {args.vehicles} copters, loss {args.loss:.0%}, 25-99 ms a hop, storms of 2 s", flush=True)
+        good &= asyncio.run(campaign(args, what == "kill"))
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
