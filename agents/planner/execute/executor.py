@@ -130,6 +130,23 @@ class Executor:
         now = self.clock.now()
         return {name: helm.offset.error(now) for name, helm in self.helms.items()}
 
+    def needed(self, speeds: Mapping[str, float]) -> float:
+        """The margin (m) that a plan must keep so that :meth:`run` takes it, by how well clocks are known now: of the
+        vehicles that it is for, with the greatest speed (m/s) that each has in it (a plan's may be 2 % over the
+        vehicle's own). Raises :class:`~zmav.errors.Refused` where a clock is not known well enough for any plan.
+        """
+        return max((self._needed(name, speed) for name, speed in speeds.items()), default=0.0)
+
+    def _needed(self, name: str, speed: float) -> float:
+        helm = self.helms.get(name)
+        if helm is None:
+            raise Refused(f"{name} is not under this executor's lease", vehicle=name)
+        error = helm.offset.error(self.clock.now())
+        if not error <= MAX_CLOCK:
+            text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
+            raise Refused(text, vehicle=name, error_s=error)
+        return margin_for(speed, error, self._tracking)
+
     @property
     def phase(self) -> Phase | None:
         """None: nothing is flown."""
@@ -224,20 +241,15 @@ class Executor:
         return conductor
 
     def _part(self, name: str, flight: Flight, now: float) -> Part:
-        helm = self.helms.get(name)
-        if helm is None:
-            raise Refused(f"{name} is not under this executor's lease", vehicle=name)
+        track = Track(flight.motions[name])
+        needed = self._needed(name, track.speed)
+        helm = self.helms[name]
         place, error = helm.place, helm.offset.error(now)
         if place is None:
             raise Refused(f"{name} does not say where it is", vehicle=name)
-        track = Track(flight.motions[name])
         away = float(np.linalg.norm(place - track.pos[0]))
         if away > NEAR_START:
             raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
-        if not error <= MAX_CLOCK:
-            text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
-            raise Refused(text, vehicle=name, error_s=error)
-        needed = margin_for(track.speed, error, self._tracking)
         if needed > flight.margin + 1e-6:
             text = (
                 f"the plan keeps {flight.margin:.2f} m of margin, and {name} needs {needed:.2f} m: "

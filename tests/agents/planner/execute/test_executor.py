@@ -135,8 +135,10 @@ async def test_what_cannot_begin_is_refused_before_anything_moves() -> None:
         fleet.watch() as watch,
         Executor(fleet.z, fleet.names) as executor,
     ):
-        with pytest.raises(Refused, match=r"keeps 0\.10 m of margin, and quad1 needs 0\.[4-9]"):
+        with pytest.raises(Refused, match=r"keeps 0\.10 m of margin, and quad1 needs 0\.[4-9]") as refused:
             await executor.run(flight(motions, margin=0.1))
+        assert executor.needed({"quad1": 2.0}) == pytest.approx(refused.value.detail["needed"], abs=0.005)
+        assert executor.needed({"quad1": 2.0, "quad2": 9.0}) > executor.needed({"quad1": 2.0})
         swapped = dict(zip(motions, reversed(list(motions.values())), strict=True))
         with pytest.raises(Refused, match=r"quad1 is 1[12]\.\d m from where its motion begins"):
             await executor.run(flight(swapped))
