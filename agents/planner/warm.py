@@ -5,11 +5,9 @@ A first plan would otherwise pay for that, some seconds each time and a minute t
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 
+from agents.planner import jit
 from agents.planner.geometry import world_of
 from agents.planner.problem import Progress, problem_of
 from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Point, Scene, Vehicle
@@ -17,44 +15,37 @@ from agents.planner.solve import solve
 from agents.planner.spacetime import deconflict
 from agents.planner.staticmap import StaticMap
 
-PACKAGE = Path(__file__).resolve().parent
 PATIENCE = 600.0
 """s, for a slow machine that compiles"""
-
-
-def compiled() -> bool:
-    """Whether any kernels are there, where numba is told to keep them or else beside their sources."""
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or PACKAGE)
-    return next(folder.glob("**/*.nbi"), None) is not None
 
 
 def warm(planes: bool = True, progress: Progress | None = None) -> None:
     """Plan small scenes that use the kernels.
 
-    ``planes``: those of planes, too. Where nothing is compiled yet, all of them are, also what few scenes need.
+    ``planes``: those of planes, too. Where they are not all compiled yet, all of them are, also what few scenes need.
     """
     tell = progress or (lambda stage, share: None)
-    everything = not compiled()
     tell("warm up", 0.0)
-    copters = example(planes=False)
-    solve(copters, seconds=PATIENCE)
-    tell("warm up", 0.4)
-    # The discrete search is for scenes that are tighter than any that is small.
-    for scene in (copters, lane()) if everything else (copters,):
-        problem, static = problem_of(scene), StaticMap(world_of(scene))
-        deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
-    tell("warm up", 0.6)
-    if everything:
-        # A way through a narrow place, and the proof that there is none through a narrower one.
-        for gap in (2.2, 1.8):
-            scene = gapped(gap)
+    with jit.compiling() as everything:
+        copters = example(planes=False)
+        solve(copters, seconds=PATIENCE)
+        tell("warm up", 0.4)
+        # The discrete search is for scenes that are tighter than any that is small.
+        for scene in (copters, lane()) if everything else (copters,):
             problem, static = problem_of(scene), StaticMap(world_of(scene))
-            start, goal, radius = problem.start[0], problem.goal[0], float(problem.radius[0])
-            static.path(start, goal, radius)
-            static.separated(start, goal, radius)
-    tell("warm up", 0.8)
-    if planes or everything:
-        solve(example(planes=True), seconds=PATIENCE)
+            deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
+        tell("warm up", 0.6)
+        if everything:
+            # A way through a narrow place, and the proof that there is none through a narrower one.
+            for gap in (2.2, 1.8):
+                scene = gapped(gap)
+                problem, static = problem_of(scene), StaticMap(world_of(scene))
+                start, goal, radius = problem.start[0], problem.goal[0], float(problem.radius[0])
+                static.path(start, goal, radius)
+                static.separated(start, goal, radius)
+        tell("warm up", 0.8)
+        if planes or everything:
+            solve(example(planes=True), seconds=PATIENCE)
     tell("warm up", 1.0)
 
 

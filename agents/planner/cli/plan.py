@@ -230,11 +230,11 @@ def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
 
 def _make_ready(planes: bool, stages: Stages) -> None:
     """What a first plan in a process needs, out of its planning time."""
-    from agents.planner import warm
+    from agents.planner import jit, warm
 
     if planes in stages.ready or True in stages.ready:
         return
-    if not warm.compiled():
+    if not jit.compiled():
         stages.say("compiling the planner for this machine, once: this takes a minute or so")
     warm.warm(planes, stages)
     stages.ready.add(planes)

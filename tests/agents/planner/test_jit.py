@@ -1,0 +1,109 @@
+"""Compiled kernels: kept where they can be, and never used after a source of theirs has changed."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from agents.planner import jit
+
+KERNELS = sorted(p for p in jit.PACKAGE.rglob("*.py") if "\n@jit\n" in p.read_text() or p.name == "jit.py")
+CALLED = "from agents.planner.jit import jit\n\n@jit\ndef inner(x):\n    return x + 1.0\n"
+CALLER = (
+    "from {name}.called import inner\nfrom agents.planner.jit import jit\n\n@jit\ndef outer(x):\n    return inner(x)\n"
+)
+
+
+def test_a_change_in_any_kernel_changes_the_fingerprint_and_no_other_change_does(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    called, plain = tmp_path / "sub" / "called.py", tmp_path / "plain.py"
+    called.write_text(CALLED)
+    plain.write_text("@jit_not\ndef f(x):\n    return x  # @jit\n")
+    before = jit.fingerprint(tmp_path)
+    plain.write_text("x = 2\n")
+    assert jit.fingerprint(tmp_path) == before
+    called.write_text(CALLED.replace("1.0", "2.0"))
+    changed = jit.fingerprint(tmp_path)
+    called.rename(tmp_path / "called.py")
+    assert len({before, changed, jit.fingerprint(tmp_path)}) == 3
+
+
+def test_what_was_compiled_is_not_used_after_a_kernel_in_another_file_has_changed(tmp_path: Path) -> None:
+    package = tmp_path / "kernels_of_a_test"
+    package.mkdir()
+    (package / "caller.py").write_text(CALLER.format(name=package.name))
+    program = (
+        "import sys; from pathlib import Path; from agents.planner import jit\n"
+        f"sys.path.insert(0, {str(tmp_path)!r}); jit.PACKAGE = Path({str(package)!r})\n"
+        f"from {package.name}.caller import outer\n"
+        "print(outer(1.0), sum(outer.stats.cache_hits.values()))"
+    )
+    said = []
+    for text in (CALLED, CALLED, CALLED.replace("1.0", "2.0")):
+        (package / "called.py").write_text(text)
+        run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        said.append(run.stdout.split())
+    assert said == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
+
+
+def test_kernels_go_to_the_users_cache_where_the_sources_cannot_have_them_or_nowhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()  # in which nobody can make a folder, root neither
+    monkeypatch.setattr(jit, "PACKAGE", tmp_path / "file")
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    found = jit.folder.__wrapped__()
+    assert found is not None and found.is_dir() and found.parent == tmp_path / "cache" / "zmav"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert jit.folder.__wrapped__() is None
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "told"))
+    told = jit.folder.__wrapped__()
+    assert told is not None and told.parent == tmp_path / "told"
+
+
+def test_few_older_folders_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit, "PACKAGE", tmp_path)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    for k in range(3 * jit.KEPT):
+        (tmp_path / "kernel.py").write_text(CALLED.replace("1.0", f"{k}.0"))
+        last = jit.folder.__wrapped__()
+    left = list((tmp_path / "__pycache__").glob("kernels-*"))
+    assert last in left and len(left) == 1 + jit.KEPT
+
+
+def test_one_compiles_and_who_comes_later_finds_it_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+    with pytest.raises(KeyboardInterrupt), jit.compiling():
+        raise KeyboardInterrupt
+    with jit.compiling() as everything:  # what was broken off is done again
+        assert everything and not jit.compiled()
+    with jit.compiling() as everything:
+        assert not everything and jit.compiled()
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda p: str(p.relative_to(jit.PACKAGE)))
+def test_kernels_use_no_constants_of_files_that_the_fingerprint_leaves_out(path: Path) -> None:
+    """Numba compiles constants in."""
+    tree = ast.parse(path.read_text())
+    foreign = {
+        name.asname or name.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("agents.", "zmav."))
+        for name in node.names
+        if jit.PACKAGE.parents[1] / f"{(node.module or '').replace('.', '/')}.py" not in KERNELS
+    }
+    used = {
+        inner.id
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef)
+        and any(isinstance(d, ast.Name) and d.id == "jit" for d in node.decorator_list)
+        for statement in node.body
+        for inner in ast.walk(statement)
+        if isinstance(inner, ast.Name)
+    }
+    assert not used & foreign
