@@ -92,6 +92,10 @@ class Part:
     """the moment of the plan that it may not pass: something stands in its way"""
     error: float = 0.0
     """s by which its clock may be other than we think"""
+    instance: str = ""
+    """of its agent: another one counts leases and setpoints from nought again"""
+    refused_since: float = np.inf
+    """when it first said that it did not take a trajectory, and has taken none since"""
 
     @property
     def known(self) -> Entry:

@@ -51,6 +51,8 @@ class Flight:
     downwash: float = 1.0
     margin: float = TRACKING + SLACK
     """m by which each vehicle's radius was widened when the plan was made and verified"""
+    tracking: float | None = None
+    """m that vehicles may be off their trajectories in it; None: the executor's own"""
     movers: Sequence[Mover] = ()
     """on our UTC"""
     tolerance: float = 0.5
@@ -135,9 +137,9 @@ class Executor:
         vehicles that it is for, with the greatest speed (m/s) that each has in it (a plan's may be 2 % over the
         vehicle's own). Raises :class:`~zmav.errors.Refused` where a clock is not known well enough for any plan.
         """
-        return max((self._needed(name, speed) for name, speed in speeds.items()), default=0.0)
+        return max((self._needed(name, speed, self._tracking) for name, speed in speeds.items()), default=0.0)
 
-    def _needed(self, name: str, speed: float) -> float:
+    def _needed(self, name: str, speed: float, tracking: float) -> float:
         helm = self.helms.get(name)
         if helm is None:
             raise Refused(f"{name} is not under this executor's lease", vehicle=name)
@@ -145,7 +147,7 @@ class Executor:
         if not error <= MAX_CLOCK:
             text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
             raise Refused(text, vehicle=name, error_s=error)
-        return margin_for(speed, error, self._tracking)
+        return margin_for(speed, error, tracking)
 
     @property
     def phase(self) -> Phase | None:
@@ -158,10 +160,10 @@ class Executor:
         return self._conductor.progress(self.clock.now()) if self._conductor else 0.0
 
     @property
-    def committed(self) -> dict[str, Mover]:
-        """What each vehicle of this flight is sure to fly, on our UTC: to others it is a mover."""
+    def committed(self) -> list[Mover]:
+        """All that each vehicle of this flight may be flying, on our UTC: to others these are movers."""
         parts = self._conductor.parts if self._conductor else []
-        return {part.id: Mover(part.id, part.latest.samples, part.need) for part in parts}
+        return [Mover(part.id, entry.samples, part.need) for part in parts for entry in part.entries]
 
     def meant(self) -> dict[str, tuple[Floats, Floats]]:
         """Where each vehicle of this flight is meant to be now, and its velocity: (3,) each, ENU."""
@@ -242,7 +244,8 @@ class Executor:
 
     def _part(self, name: str, flight: Flight, now: float) -> Part:
         track = Track(flight.motions[name])
-        needed = self._needed(name, track.speed)
+        tracking = self._tracking if flight.tracking is None else flight.tracking
+        needed = self._needed(name, track.speed, tracking)
         helm = self.helms[name]
         place, error = helm.place, helm.offset.error(now)
         if place is None:
@@ -253,13 +256,13 @@ class Executor:
         if needed > flight.margin + 1e-6:
             text = (
                 f"the plan keeps {flight.margin:.2f} m of margin, and {name} needs {needed:.2f} m: "
-                f"{self._tracking:g} m to follow it, {SLACK:g} m for its curve, and {track.speed:.1f} m/s times "
+                f"{tracking:g} m to follow it, {SLACK:g} m for its curve, and {track.speed:.1f} m/s times "
                 f"a clock known to ±{error:.3f} s"
             )
             raise Refused(text, vehicle=name, needed=needed)
         helm.offset.fix()
-        part = Part(name, track, flight.radius[name], flight.accel[name], self._tracking, helm.offset)
-        part.heard, part.error = now, error
+        part = Part(name, track, flight.radius[name], flight.accel[name], tracking, helm.offset)
+        part.heard, part.error, part.instance = now, error, helm.instance
         return part
 
     # In flight.
@@ -295,13 +298,13 @@ class Executor:
     def _hear(self, conductor: Conductor, part: Part, now: float) -> None:
         helm = self.helms[part.id]
         news = helm.news()
-        if helm.taken:
+        if helm.taken:  # the better reason, where it flies no segment of ours any more either
             conductor.gone(part, helm.taken, helm.place)
         elif news is not None:
             state, came = news
             segment = state.segment
             stamp = (segment.lease, segment.seq) if segment else None
-            conductor.heard(part, came, state.t, stamp, segment.end if segment else None)
+            conductor.heard(part, came, state.t, stamp, segment.end if segment else None, state.instance)
             if part.off and state.local is not None:
                 part.place = np.array(enu(state.local))
             self._follow(conductor, part, state)

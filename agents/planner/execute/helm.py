@@ -83,6 +83,8 @@ class Helm:
         self._seen = heard.at
         came = self._clock.of(heard.at)
         self.offset.heard(heard.state.t, came)
+        if self._lease is not None:
+            self._lost(self._lease)
         return heard.state, came
 
     @property
@@ -90,6 +92,12 @@ class Helm:
         """Where it last said that it was: (3,) ENU."""
         state = self.vehicle.last_state
         return None if state is None or state.local is None else np.array(enu(state.local))
+
+    @property
+    def instance(self) -> str:
+        """Of its agent; empty while nothing was heard of it."""
+        state = self.vehicle.last_state
+        return "" if state is None else state.instance
 
     # What it is told.
 

@@ -124,7 +124,7 @@ class Crew:
     @property
     def committed(self) -> list[Mover]:
         """What its vehicles are sure to fly, on our UTC."""
-        return list(self._executor.committed.values()) if self._executor is not None else []
+        return self._executor.committed if self._executor is not None else []
 
     def refresh(self) -> None:
         """Others are committed to something new."""

@@ -123,6 +123,30 @@ def test_one_who_follows_no_more_stops_the_others_apart_from_its_way(seed: int) 
         assert "v1" in conductor.halting
 
 
+@pytest.mark.parametrize("at", [0.0, 2.5])
+def test_one_who_takes_nothing_is_given_up_and_the_others_come_to_rest(at: float) -> None:
+    """Its fence, its limits, an order: whoever refuses does not say so to us."""
+    history = History(plan(2), np.random.default_rng(1))
+    history.run(at)
+    history.crafts["v2"].refuses = True
+    history.run(120.0, ended)
+    assert history.conductor.phase(history.now) == "halted"
+    assert "v2: it is heard, and has taken no trajectory" in history.conductor.halting
+    check(history)
+
+
+@pytest.mark.parametrize("at", [0.3, 2.5, 6.0])
+def test_an_agent_that_is_started_anew_does_not_seem_to_fly_what_its_numbers_say(at: float) -> None:
+    """A new one counts leases and setpoints from nought again."""
+    history = History(plan(2), np.random.default_rng(2))
+    history.run(at)
+    history.crafts["v0"].restart(history.now)
+    history.restart_counting("v0")
+    history.run(60.0, ended)
+    assert history.conductor.phase(history.now) == "halted"
+    assert "v0: its agent was restarted" in history.conductor.halting
+
+
 def test_one_who_is_lost_is_waited_for_and_then_the_plan_is_given_up() -> None:
     motions = carousel(4, 4.0, turn=6.0, speed=2.0)
     history = History(motions, np.random.default_rng(1))
@@ -193,10 +217,10 @@ def test_a_word_that_was_overtaken_changes_nothing() -> None:
     history.run(3.0)
     part = history.parts[0]
     known = part.known
-    history.conductor.heard(part, history.now, part.said - 1.0, None, None)
+    history.conductor.heard(part, history.now, part.said - 1.0, None, None, part.instance)
     assert part.active
     assert part.known is known
-    history.conductor.heard(part, history.now, part.said + 1.0, None, None)
+    history.conductor.heard(part, history.now, part.said + 1.0, None, None, part.instance)
     assert "no trajectory of ours" in part.off
 
 

@@ -124,7 +124,7 @@ async def test_what_a_pilot_takes_is_not_fought_and_the_others_are_planned_anew(
     (trouble,) = troubles
     assert set(trouble.places) == {"quad2", "quad3"}
     assert set(trouble.gone) == {"quad1"}
-    assert "LOITER" in trouble.reason
+    assert any(why in trouble.reason for why in ("LOITER", "no trajectory of ours"))  # whichever it hears first
     assert watch.least(DOWNWASH) > 2.0 * RADIUS
 
 

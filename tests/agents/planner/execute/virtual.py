@@ -43,10 +43,13 @@ class Craft:
         self.jump = 0.0
         self.lease = LEASE
         self.pilot = False
+        self.refuses = False
+        """its fence, its limits or an order of its own let it take nothing"""
+        self.instance = "first"
 
     def take(self, now: float, seq: int, deadline: float, points: list[wire.SegmentPoint]) -> None:
         mine = now + self.clock
-        if self.pilot or seq <= self.seq or not 0.0 <= deadline - mine <= AHEAD:
+        if self.pilot or self.refuses or seq <= self.seq or not 0.0 <= deadline - mine <= AHEAD:
             return
         self.seq = seq
         try:
@@ -71,13 +74,18 @@ class Craft:
         self.rest = self.place(now)
         self.segment, self.pilot = None, True
 
+    def restart(self, now: float) -> None:
+        """Its agent was started anew: it stops where it is, and counts from nought."""
+        self.rest, self.instance = self.place(now), "second"
+        self.segment, self.seq, self.on = None, 0, 0
+
     def state(self, now: float) -> dict[str, Any]:
         on = self.segment is not None and not self.pilot
         return {
             "t": now + self.clock,
             "stamp": (LEASE, self.on) if on else None,
             "end": self.segment.end if self.segment is not None and on else None,
-            "place": np.array(self.place(now)),
+            "instance": self.instance,
         }
 
 
@@ -119,7 +127,7 @@ class History:
             part.offset.answered(self.now, self.now + clock + skew, self.now + rng.uniform(0.0, 4.0 * skew))
             part.offset.fix()
             part.error = part.offset.error(self.now)
-            part.heard = self.now
+            part.heard, part.instance = self.now, self.crafts[part.id].instance
         self.network = Network(rng, loss, delay)
         self.conductor = Conductor(self.parts, downwash, self.now)
         self.alive = True
@@ -141,12 +149,16 @@ class History:
             step += 1
             self.now += STEP
 
+    def restart_counting(self, name: str) -> None:
+        """The lease after the agent's restart has the first one's number."""
+        self._seqs[name] = 0
+
     def _report(self, part: Part) -> None:
         state = self.crafts[part.id].state(self.now)
 
         def deliver(at: float) -> None:
             if self.alive:
-                self.conductor.heard(part, at, state["t"], state["stamp"], state["end"])
+                self.conductor.heard(part, at, state["t"], state["stamp"], state["end"], state["instance"])
 
         self.network.send(self.now, part.id, deliver)
 
