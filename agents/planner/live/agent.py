@@ -234,9 +234,7 @@ class Agent:
         now = time.monotonic()
         self.fleet.watch()
         for name in self.fleet.bodies.due(self.fleet.names)[:10]:
-            task = asyncio.create_task(self.fleet.bodies.ask(name))
-            self._asking.add(task)
-            task.add_done_callback(self._asking.discard)
+            self._ask(name)
         if self.world.expire(now):
             self._world_changed()
         if not self.charge.in_charge:
@@ -246,6 +244,16 @@ class Agent:
         self._end_runs()
         if self.solver.ready:
             self._begin_runs()
+
+    def _ask(self, name: str) -> None:
+        """What a vehicle can do, and where its home is where we did not see it take off."""
+        asks = [self.fleet.bodies.ask(name)]
+        if name in self.fleet.homeless:
+            asks.append(self.fleet.ask_home(name))
+        for ask in asks:
+            task = asyncio.create_task(ask)
+            self._asking.add(task)
+            task.add_done_callback(self._asking.discard)
 
     def _take_charge(self, now: float) -> None:
         book = self.charge.take(now)

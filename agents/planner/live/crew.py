@@ -19,7 +19,7 @@ from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.scenes import moving
 from agents.planner.problem import Floats, Mover
 from zmav import wire
-from zmav.errors import NotHolder, ZmavError
+from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 
 if TYPE_CHECKING:
     from agents.planner.live.run import Run
@@ -28,6 +28,13 @@ LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
 CLOCKS = 0.02
 """s by which clocks may differ from what is measured, of the margin that is reckoned with"""
+ROOM, MOST_MARGIN = 0.5, 1.5
+"""m that plans keep beyond what must be kept, where there is room: then nobody waits until another has passed for
+sure; and that a margin may be at most"""
+SPARE, TIGHT = 0.02, 3.0
+"""m more than the clocks need just now; how much nearer vehicles must stay to their ways where it is tight"""
+CLOCK_PATIENCE = 60.0
+"""s for the clocks to be known well enough"""
 TAKE = 60.0
 """s that leases of another, which is gone, may still be in force: a segment lasts so long"""
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
@@ -68,7 +75,7 @@ class Crew:
             try:
                 self._executor = await self._stack.enter_async_context(executor)
                 return self
-            except NotHolder as e:
+            except (NotHolder, Stale, TimedOut) as e:
                 if time.monotonic() > deadline or e.detail.get("reason") == "pilot":
                     raise
                 run.text(f"waits for a lease: {e.message}")
@@ -92,6 +99,34 @@ class Crew:
         """Our UTC, by which everything is flown."""
         assert self._executor is not None
         return self._executor.clock.now()
+
+    async def margins(self) -> tuple[float, ...]:
+        """m by which plans should widen radii, best first, by how well the clocks are known now.
+
+        Waits for the clocks; raises :class:`~zmav.errors.Refused` where they stay too bad.
+        """
+        deadline = time.monotonic() + CLOCK_PATIENCE
+        while True:
+            try:
+                needed = self._needed() + SPARE
+                if needed <= MOST_MARGIN:
+                    break
+                raise Refused(f"a margin of {needed:.2f} m would be needed for these clocks; {MOST_MARGIN:g} is most")
+            except Refused as e:
+                if time.monotonic() > deadline:
+                    raise
+                self._run.text(f"waits: {e.message}")
+            await asyncio.sleep(LOOK)
+        least = max(needed, self._run.agent.settings.margin)
+        tight = needed - self.tracking * (1.0 - 1.0 / TIGHT)
+        return (max(least, min(least + ROOM, MOST_MARGIN)), least, tight)
+
+    def _needed(self) -> float:
+        """m of margin that the executor asks for now, at each vehicle's full speed (plans may be 2 % over it)."""
+        executor, fleet = self._executor, self._run.agent.fleet
+        assert executor is not None
+        seen = {name: fleet.seen(name) for name in executor.helms}
+        return executor.needed({name: 1.02 * each.view.body.speed for name, each in seen.items() if each is not None})
 
     # Flying.
 
@@ -160,12 +195,14 @@ class Crew:
         assert executor is not None
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
+        tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
         run.agent.press.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
         return Flight(
             motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
-            downwash=planned.scene.downwash, margin=planned.margin, movers=self.movers(executor.clock.now()),
+            downwash=planned.scene.downwash, margin=planned.margin,
+            tracking=max(self.tracking / TIGHT, tracking), movers=self.movers(executor.clock.now()),
         )  # fmt: skip
 
     async def _replan(self, trouble: Trouble) -> Flight | None:

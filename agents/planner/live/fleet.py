@@ -12,10 +12,13 @@ from agents.planner.goals.steps import GROUND, FleetView, VehicleView
 from agents.planner.live.bodies import Bodies
 from agents.planner.live.partition import Hearing
 from zmav import geo, keys, wire
+from zmav.errors import ZmavError
 from zmav.wire import Vector
 
 FRESH = keys.STATE.stale_after or 2.0
 """s after which a state is not relied upon"""
+KNOWN = 30.0
+"""s for which goals know a vehicle that is not heard: a bad link silences it for seconds, and it is waited for"""
 FORGOTTEN = 3600.0
 """s after which a vehicle that was last heard in the air is no longer reckoned with"""
 
@@ -82,16 +85,32 @@ class Fleet:
             return (state.local[0], state.local[1], state.local[2] + state.position.alt_rel)
         return home
 
-    def set_home(self, name: str, origin: wire.Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> None:
-        """As its autopilot says, of one that was in the air when we came."""
-        self._homes.setdefault(name, geo.to_ned(origin, lat_deg, lon_deg, alt_amsl))
+    @property
+    def homeless(self) -> list[str]:
+        """Those that were in the air when we came, and that did not say yet where they took off."""
+        return [name for name in self._last if name not in self._homes]
+
+    async def ask_home(self, name: str) -> None:
+        """Of its autopilot (HOME_POSITION); no answer, or one that makes no sense, leaves what is known."""
+        try:
+            told = (await self._z.vehicle(name).message("HOME_POSITION")).fields
+            lat, lon, alt = float(told["latitude"]) / 1e7, float(told["longitude"]) / 1e7, float(told["altitude"]) / 1e3
+        except (ZmavError, KeyError, TypeError, ValueError):
+            return
+        found = self._last.get(name)
+        if found is None or found[0].local is None or found[0].position is None:
+            return
+        local, here = found[0].local, found[0].position
+        origin = wire.Origin(lat_deg=here.lat_deg, lon_deg=here.lon_deg, alt_amsl=here.alt_amsl)
+        north, east, down = geo.to_ned(origin, lat, lon, alt)
+        self._homes.setdefault(name, (local[0] + north, local[1] + east, local[2] + down))
 
     def all(self) -> list[Seen]:
         return [seen for name in self.names if (seen := self.seen(name)) is not None]
 
     def view(self, margin: float = 0.0) -> FleetView:
-        """Those that are heard now, with radii that are larger by ``margin``."""
-        heard = [seen.view for seen in self.all() if seen.age < FRESH]
+        """Those that were heard in the last :data:`KNOWN` seconds, with radii that are larger by ``margin``."""
+        heard = [seen.view for seen in self.all() if seen.age < KNOWN]
         return FleetView({view.name: _wider(view, margin) for view in heard})
 
     def hearing(self) -> Hearing:

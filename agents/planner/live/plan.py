@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from agents.planner.live.agent import Agent
 
 Progress = Callable[[str, float], None]
-START_CODES = ("start_in_obstacle", "starts_overlap", "start_out_of_bounds")
-"""a vehicle stands nearer to something than the margin allows: it drifted there, and may fly away without it"""
 
 
 @dataclass(frozen=True)
@@ -65,15 +63,21 @@ class Planner:
         terrain = self._terrain(room, view, goal.vehicles)
         return list(await self._solver.do(jobs.Resolve(goal, view, room.empty(points), terrain)))
 
-    async def plan_to(self, step: PlanTo, view: FleetView, progress: Progress | None = None) -> Planned:
-        """Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with."""
-        wide = self._agent.settings.margin
-        try:
-            return await self._plan(step, view, wide, progress)
-        except PlanError as e:
-            if e.kind not in START_CODES:
-                raise
-        return await self._plan(step, narrower(view, wide / 2.0), wide / 2.0, progress)
+    async def plan_to(
+        self, step: PlanTo, view: FleetView, progress: Progress | None = None, margins: Sequence[float] = ()
+    ) -> Planned:
+        """With the first of ``margins`` (m) for which there is a plan: where it is tight, with less. None given: the
+        settings', or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver may fail with.
+        """
+        own = self._agent.settings.margin
+        tries = list(margins) or [own, own / 2.0]
+        while True:
+            margin = tries.pop(0)
+            try:
+                return await self._plan(step, narrower(view, own - margin), margin, progress)
+            except PlanError as e:
+                if not tries or e.kind == "invalid_scene":
+                    raise
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float, progress: Progress | None) -> Planned:
         room = self.room(step.vehicles)

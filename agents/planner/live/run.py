@@ -13,7 +13,6 @@ from agents.planner.errors import PlanError
 from agents.planner.execute.executor import Trouble
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
 from agents.planner.live.crew import Again, Crew, Landed
-from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
@@ -39,7 +38,7 @@ LASTING = 60.0
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
-"""deaths of the solver after which a plan is given up: it dies of it"""
+"""deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
 MANY_LAPS = 20
 """laps that are planned at once where there is no end to them"""
 
@@ -162,6 +161,7 @@ class Run:
         steps = await self.planner.resolve(self.entry.goal, self._view())
         missing: list[str] = []
         async with Crew(self) as crew:
+            await self._settled()  # from now on nobody else moves them
             for number, step in enumerate(steps):
                 await self._goes.wait()
                 self.text(step.text or type(step).__name__)
@@ -195,7 +195,6 @@ class Run:
     async def _plan_and_fly(self, crew: Crew, step: PlanTo, share: tuple[float, float]) -> list[str]:
         """Plan from where they are, fly; what goes wrong on the way is planned anew from where everybody rests."""
         self._state("planning", step.text or "plans")
-        planned = await self._planned(step, self._view())
 
         async def again(trouble: Trouble) -> Planned | None:
             await self._goes.wait()
@@ -204,12 +203,21 @@ class Run:
                 return None
             self._state("planning", f"planned anew: {trouble.reason}")
             places = {name: _vector(place) for name, place in trouble.places.items()}
-            found = await self._planned(left, moved(self._view(left.vehicles), places, airborne=None))
+            found = await self._planned(crew, left, moved(self._view(left.vehicles), places, airborne=None))
             self._speak_for(found)
             self._state("flying", step.text or "flies")
             return found
 
-        landed = await self._flown(crew, planned, step.text, share, again)
+        for left in reversed(range(MOST_TRIES)):
+            planned = await self._planned(crew, step, self._view())
+            try:
+                landed = await self._flown(crew, planned, step.text, share, again)
+                break
+            except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
+                if not left:
+                    raise
+                self._state("planning", f"planned anew: {e.message}")
+            await self._settled()
         if not landed.arrived:
             self.check_stopped()
             raise self.failure or Refused(landed.why)
@@ -270,12 +278,12 @@ class Run:
             await asyncio.sleep(SOON)
         self._state("flying", "follows")
 
-    async def _planned(self, step: PlanTo, view: FleetView) -> Planned:
+    async def _planned(self, crew: Crew, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for."""
         tries = 0
         while True:
             try:
-                return await self.planner.plan_to(step, view, self._stage)
+                return await self.planner.plan_to(step, view, self._stage, await crew.margins())
             except PlanError as e:
                 others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.agent.kin(self.entry.id))})
                 if not others or e.kind == "invalid_scene":
@@ -329,7 +337,7 @@ class Run:
         self.text(f"plans: {stage} {100.0 * share:.0f} %")
 
     def _view(self, names: tuple[str, ...] = ()) -> FleetView:
-        """The fleet now; raises :class:`Stale` where one of ``names`` (all of ours) is not heard."""
+        """The fleet as known; raises :class:`Stale` where one of ``names`` (all of ours) was not heard for long."""
         self.agent.fleet.watch()
         view = self.agent.fleet.view(self.agent.settings.margin)
         missing = [name for name in names or self.vehicles if name not in view.vehicles]
@@ -342,19 +350,20 @@ class Run:
             raise asyncio.CancelledError
 
     async def _settled(self) -> None:
-        """Wait until all of ours rest, or circle, and nobody else commands them."""
-        deadline = time.monotonic() + SETTLE
-        while waits := [why for name in self.vehicles if (why := self._unrest(name))]:
+        """Wait until all of ours have said that they rest, or circle, and that nobody else commands them."""
+        begun = time.monotonic()
+        deadline = begun + SETTLE
+        while waits := [why for name in self.vehicles if (why := self._unrest(name, begun))]:
             if time.monotonic() > deadline:
                 raise TimedOut(f"not at rest after {SETTLE:.0f} s: {'; '.join(waits[:5])}")
             self.text(f"waits: {'; '.join(waits[:3])}" + (" ..." if len(waits) > 3 else ""))
             with contextlib.suppress(asyncio.TimeoutError):
                 await self.agent.z.news(0.5)
 
-    def _unrest(self, name: str) -> str:
-        """Why a vehicle cannot begin yet; empty: it can."""
+    def _unrest(self, name: str, since: float) -> str:
+        """Why a vehicle cannot begin yet by what it said ``since`` (monotonic s); empty: it can."""
         seen, settings = self.agent.fleet.seen(name), self.agent.settings
-        if seen is None or seen.age > FRESH:
+        if seen is None or seen.age > time.monotonic() - since:
             return f"{name} is not heard"
         lease = seen.state.lease
         if lease is not None and lease.holder != settings.name and lease.priority >= settings.priority:
