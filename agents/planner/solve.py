@@ -24,6 +24,7 @@ from agents.planner.validate import validate
 
 TOLERATED = 0.006  # m; the format lets 1 cm pass
 LONG = 1.1  # times what the ways take; a plan that takes longer is worth making shorter
+ROOM = 0.1  # radii; with so much more between obstacles, ways can be bent and their corners cut
 Try = Callable[[], Refined]
 
 
@@ -82,7 +83,8 @@ class Pipeline:
         others = np.flatnonzero(problem.kind != PLANE)
         clear_of_movers(problem)
         self.say("paths", 0.0)
-        paths = static.paths_for(part(problem, others)) if len(others) else []
+        room = ROOM * float(problem.radius[others].min(initial=np.inf))
+        paths = static.paths_for(part(problem, others), room) if len(others) else []
         problem = fitted(problem, world, self.margin)
         stuck: list[str] = list(problem.ids)
         for motions in self.candidates(problem, world, planes, others, paths):

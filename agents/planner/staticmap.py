@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ WEIGHT = 1.1
 SWEEPS = 8
 """of shortening"""
 UNHURRIED = (1.0, 1.0, 1.0)
+AROUND = 1.15
+"""times the quickest way: a way with more room may take so long"""
 
 
 @dataclass
@@ -112,18 +114,26 @@ class StaticMap:
         """A way from ``start`` to ``goal``, (3,) each, that is among the quickest; None: none was found.
 
         Every point of it keeps ``radius`` from every obstacle and is inside bounds, fence and terrain; ``room`` m more
-        where a way with that is found at once. ``rates``: m/s in any direction, upwards, downwards. A rover stays at
-        its start's height, and terrain is nothing to it. ``patience``: s, more or less, if no way is found at once.
+        where a way with that is found at once and hardly takes longer. ``rates``: m/s in any direction, upwards,
+        downwards. A rover stays at its start's height, and terrain is nothing to it. ``patience``: s, more or less, if
+        no way is found at once.
         """
         world, query = self._query(start, goal, radius, kind, rates)
         begin, end = np.array(query.start), np.array(query.goal)
+        if not len(world.solids):
+            room = 0.0  # it is room between obstacles
         if geometry.segment_clear(world, begin, end, radius + room):
             return np.array([begin, end])
-        if room > 0.0:
-            roomy = self._path(world, self._query(start, goal, radius + room, kind, rates)[1], 0.0)
-            if roomy is not None:
+        roomy = None if room == 0.0 else self._path(world, replace(query, radius=query.radius + room), 0.0)
+        straight = geometry.segment_clear(world, begin, end, radius)
+        if roomy is not None:
+            speeds, direct = np.array(query.rates), np.array([begin, end])
+            takes = shorten.travel_time(roomy, speeds)
+            if takes <= AROUND * shorten.travel_time(direct, speeds):
                 return roomy
-        return self._path(world, query, patience)
+            near = direct if straight else self._path(world, query, 0.0)
+            return roomy if near is None or takes <= AROUND * shorten.travel_time(near, speeds) else near
+        return np.array([begin, end]) if straight else self._path(world, query, patience)
 
     def separated(self, start: Floats, goal: Floats, radius: float, kind: int = COPTER, seconds: float = 1.0) -> bool:
         """Whether it is proven, now or before, that there is no way."""

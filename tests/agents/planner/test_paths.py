@@ -130,6 +130,16 @@ def test_room_to_spare_where_there_is_some() -> None:
     assert_clear(narrow, StaticMap(narrow).path(start, goal, 1.0, room=0.5), start, goal, 1.0)
 
 
+def test_no_long_way_round_for_room() -> None:
+    start, goal = point(-20, 0, 12), point(20, 3, 12)
+    walls = [Box(min=(-1, -1.2 - south, 0), max=(1, -1.2, 24)) for south in (20.0, 5.0)]
+    for wall, squeezed in zip(walls, (True, False), strict=True):
+        there = world(Box(min=(-1, 1.2, 0), max=(1, 40, 24)), wall)
+        path = assert_clear(there, StaticMap(there).path(start, goal, 1.0, room=0.3), start, goal, 1.0)
+        middle = np.interp(0.0, path[:, 0], path[:, 1])
+        assert abs(middle) < 0.21 if squeezed else middle < -7.1
+
+
 def test_shortening_keeps_clear_and_never_lengthens() -> None:
     rng = np.random.default_rng(2)
     low, size = rng.uniform((-50, -30, 0), (40, 20, 10), (25, 3)), rng.uniform(3, 9, (25, 3))
