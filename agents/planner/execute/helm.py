@@ -21,7 +21,9 @@ from zmav.waiting import within
 
 PINGS, SURE, LONGEST = 4, 0.01, 5.0
 """questions of the time before the clock is believed, at least; more, for so many seconds, until it is known so well"""
-PING_EVERY, PING_SOON = 3.0, 0.12
+PING_EVERY, PING_UNSURE, PING_SOON = 3.0, 0.5, 0.12
+UNSURE = 0.05
+"""s of error from which the time is asked for more often"""
 PING_TIMEOUT = 2.0
 AGAIN = ("gone", "expired")
 """how a lease ends that nobody took: it is asked for again"""
@@ -153,7 +155,8 @@ class Helm:
 
     async def _measure(self) -> None:
         while True:
-            await asyncio.sleep(PING_EVERY)
+            unsure = self.offset.error(self._clock.now()) > UNSURE
+            await asyncio.sleep(PING_UNSURE if unsure else PING_EVERY)
             await self._ping()
 
     async def _renew(self) -> None:
