@@ -28,7 +28,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint conformance bench lock clean FORCE
+.PHONY: help demo test lint kernels conformance bench lock clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -42,7 +42,7 @@ demo: $(VENV)/.core ## fly three simulated copters behind three linked routers
 	@echo "==> zmav demo $(ARGS)"
 	@$(BIN)/zmav demo $(ARGS)
 
-test: lint ## lint, then run every test
+test: lint kernels ## lint, then run every test
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
 	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
 
@@ -53,6 +53,10 @@ lint: $(VENV)/.dev ## check style, format and types
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
+
+kernels: $(VENV)/.dev ## compile the planner for this machine (a minute, once; else its first run does)
+	@echo "==> compiling the planner's kernels where they are not yet"
+	@$(BIN)/python -c 'from agents.planner.warm import warm; warm()'
 
 conformance: $(VENV)/.dev ## fly the conformance suite: LINK=tcp:127.0.0.1:5760 (default: the simulator)
 	@echo "==> conformance of $(or $(LINK),the simulated autopilots)"
