@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import pytest
 from hypothesis import assume, given
@@ -79,3 +79,40 @@ def test_nothing_beyond_what_is_allowed_nor_off_the_ground() -> None:
         assert out[2] == 0.0
         assert out[1] * east >= 0.0
         assert out != (2.0, 0.0, 0.0)
+
+
+def test_five_that_cross_at_one_point_stay_apart_and_come_through() -> None:
+    """With perfect control, ten looks a second; without it they would all meet in the middle."""
+    names = [f"quad{k}" for k in range(5)]
+    pos: list[Vector] = [
+        (12.0 * math.cos(k * math.tau / 5), 12.0 * math.sin(k * math.tau / 5), -10.0) for k in range(5)
+    ]
+    goals = [(-n, -e, d) for n, e, d in pos]
+    vel: list[Vector] = [(0.0, 0.0, 0.0)] * 5
+    nearest, ticks = math.inf, 0
+    while max(math.dist(p, g) for p, g in zip(pos, goals, strict=True)) > 1.0:
+        ticks += 1
+        assert ticks < 300
+        wanted = [_toward(p, g) for p, g in zip(pos, goals, strict=True)]
+        chosen = []
+        for k, name in enumerate(names):
+            own = straight(pos[k], wanted[k])
+            others = [Other(names[i], straight(pos[i], vel[i]), 1.5) for i in range(5) if i != k]
+            near = any(meets(own, other, DOWNWASH, 1.15) for other in others)
+            out = escape(name, pos[k], vel[k], wanted[k], others, COPTER, DOWNWASH, lambda vel: True)
+            chosen.append(out if near else wanted[k])
+        for k, out in enumerate(chosen):
+            share = min(1.0, 0.25 / max(math.dist(out, vel[k]), 1e-9))
+            n, e, d = (v + (w - v) * share for v, w in zip(vel[k], out, strict=True))
+            vel[k], (x, y, z) = (n, e, d), pos[k]
+            pos[k] = (x + 0.1 * n, y + 0.1 * e, z + 0.1 * d)
+        for (n, e, d), (x, y, z) in combinations(pos, 2):
+            nearest = min(nearest, math.hypot(n - x, e - y, (d - z) / DOWNWASH))
+    assert nearest > 1.5
+
+
+def _toward(p: Vector, goal: Vector) -> Vector:
+    away = math.dist(p, goal)
+    speed = min(3.0, math.sqrt(3.0 * away))
+    n, e, d = ((b - a) * speed / max(away, 1e-9) for a, b in zip(p, goal, strict=True))
+    return n, e, d

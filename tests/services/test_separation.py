@@ -9,6 +9,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import pytest
 
 import zmav
@@ -119,9 +120,21 @@ async def test_what_a_beacon_says_and_that_none_is_believed_that_cannot_be(net: 
         beacon = await beacons.get()
         assert beacon.pos[:2] == pytest.approx(pair.places[0][:2], abs=0.5)
         assert (beacon.radius, beacon.ahead) == (1.0, [])
-        on_us = Beacon(t=time.time(), pos=pair.places[0], vel=(0.0, 0.0, 0.0), radius=1.0, ahead=[pair.places[0]] * 9)
-        endless = wire.encode(on_us).replace(b'"radius":1.0', b'"radius":1e999')
-        for text in (b"{}", b"x", endless, wire.encode(on_us)):
-            pair.z.put(keys.BEACON, keys.BEACON.key("demo", "ghost"), text)
-        await beacons.get()
-    assert not [name for name in NAMES if pair.z.vehicle(name).state.setpoints.get("aside")]
+        pos = pair.places[0]
+        coming = Beacon(t=time.time(), pos=(pos[0] + 8.0, *pos[1:]), vel=(-3.0, 0.0, 0.0), radius=1.0)
+        good = wire.encode(coming)
+        many = wire.encode(msgspec.structs.replace(coming, ahead=[pos] * 9))
+        endless, vast, negative = (good.replace(b'"radius":1.0', b'"radius":' + r) for r in (b"1e999", b"1e9", b"-1.0"))
+        async with pair.z.vehicle("quad1").lease("test") as lease:
+            now = time.time()
+            lease.segment([wire.SegmentPoint(t=now, pos=pos), wire.SegmentPoint(t=now + 30.0, pos=pos)])
+            await pair.z.vehicle("quad1").wait_until(lambda state: state.segment is not None, PATIENCE_S)
+            for k, text in enumerate((b"{}", b"x", many, endless, vast, negative)):
+                pair.z.put(keys.BEACON, keys.BEACON.key("demo", f"ghost{k}"), text)
+            for _ in range(3):
+                await beacons.get()
+            assert pair.z.vehicle("quad1").state.segment is not None
+            pair.z.put(
+                keys.BEACON, keys.BEACON.key("demo", "ghost"), wire.encode(msgspec.structs.replace(coming, t=0.0))
+            )
+            await pair.z.vehicle("quad1").wait_until(lambda state: state.segment is None, PATIENCE_S)

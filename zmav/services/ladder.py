@@ -40,7 +40,7 @@ STILL = 0.5
 """m/s below which a vehicle holds"""
 SEGMENT_HZ = 10.0
 SEGMENT_AHEAD = 0.07
-"""s by which a point of a segment is given early: half the time between two, and what the link and the autopilot take"""
+"""s by which a point of a segment is given early: half the time between two, and what link and autopilot take"""
 RETRY_ACTION = 10.0
 SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
 
@@ -177,9 +177,10 @@ class Ladder:
 
     @property
     def on_segment(self) -> bool:
-        """A segment is what is flown or, at its end, held."""
+        """A segment is what is flown or, at its end, held; not while the vehicle is moved aside from it."""
         flown = self._flown
-        return self._step is not Step.IDLE and flown is not None and isinstance(flown.what, Segment)
+        followed = flown is not None and isinstance(flown.what, Segment) and self._dodging is not flown
+        return self._step is not Step.IDLE and followed
 
     def hold_now(self, why: str, *, goes_on: bool = True) -> None:
         """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows."""

@@ -38,8 +38,10 @@ SKEW = 1.0
 """s by which two clocks may differ before the time of arrival counts instead"""
 AROUND = 25.0
 """m within which a neighbour counts for the way out"""
-MOST = 500
-"""neighbours that are kept"""
+MOST, NEAREST = 500, 12
+"""neighbours that are kept, and of them those that the way out is looked for among"""
+LARGEST = 20.0
+"""m: nobody's radius is larger, whatever a beacon says: one that lies must not hold a whole fleet off"""
 
 Future = Callable[[float], Target]
 """what is to be flown so many seconds from now"""
@@ -105,6 +107,8 @@ class Separation:
         numbers = (beacon.t, beacon.radius, *beacon.pos, *beacon.vel, *(x for place in beacon.ahead for x in place))
         if not all(map(math.isfinite, numbers)) or len(beacon.ahead) > len(AHEAD):
             return
+        if not 0.0 <= beacon.radius <= LARGEST:
+            return
         now = time.monotonic()
         late = time.time() - beacon.t
         with self._lock:
@@ -135,7 +139,8 @@ class Separation:
         motion = Motion(body.speed, body.accel, body.climb, 0.0 if low else body.descend, flat)
         north, east, down = ((q - p) / STEP for p, q in zip(own[0], own[1], strict=True))
         downwash, wanted = self._settings.downwash, _within((north, east, down), body.speed)
-        around = [o for o in neighbours if avoid.least(own, o.track, downwash)[0] < AROUND]
+        far = {other.name: avoid.least(own, other.track, downwash)[0] for other in neighbours}
+        around = sorted((o for o in neighbours if far[o.name] < AROUND), key=lambda o: far[o.name])[:NEAREST]
         out = avoid.escape(self._port.name, pos, vel, wanted, around, motion, downwash, self._allowed)
         return Target(vel=out), ", ".join(sorted(other.name for other in near))
 
