@@ -14,6 +14,7 @@ import zmav
 from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
 from agents.planner.execute.helm import Clock, Helm
+from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
 from agents.planner.live.frames import enu
 from agents.planner.problem import Floats, Motion, Mover
@@ -96,6 +97,7 @@ class Executor:
     """``async with Executor(z, names) as executor: outcome = await executor.run(flight)``.
 
     Entering takes every vehicle's lease and measures its clock, leaving gives the leases back once all are at rest.
+    ``clock`` and ``offsets``: what is known of the vehicles' clocks already, and goes on to be.
     ``say`` is told what happens, ``replan`` asked for a new plan when this one cannot be ended. Raises
     :class:`~zmav.errors.NotHolder` while another commands a vehicle.
     """
@@ -103,9 +105,10 @@ class Executor:
     def __init__(
         self, z: zmav.Client, names: Iterable[str], *, holder: str = "planner", priority: int = 0,
         tracking: float = TRACKING, say: Say = lambda kind, severity, text, detail: None, replan: Replan | None = None,
+        clock: Clock | None = None, offsets: Mapping[str, Offset] | None = None,
     ) -> None:  # fmt: skip
-        self.clock = Clock()
-        self.helms = {name: Helm(z, name, self.clock, holder, priority) for name in names}
+        self.clock, known = clock or Clock(), offsets or {}
+        self.helms = {name: Helm(z, name, self.clock, holder, priority, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None

@@ -49,8 +49,11 @@ class Helm:
     Raises :class:`~zmav.errors.NotHolder` while another commands the vehicle, and what else asking for a lease raises.
     """
 
-    def __init__(self, z: zmav.Client, name: str, clock: Clock, holder: str, priority: int) -> None:
-        self.vehicle, self.name, self.offset = z.vehicle(name), name, Offset()
+    def __init__(
+        self, z: zmav.Client, name: str, clock: Clock, holder: str, priority: int, offset: Offset | None = None
+    ) -> None:
+        self.vehicle, self.name = z.vehicle(name), name
+        self.offset = Offset() if offset is None else offset
         self._z, self._clock, self._holder, self._priority = z, clock, holder, priority
         self._stack = contextlib.AsyncExitStack()
         self._lease: Lease | None = None
@@ -73,6 +76,7 @@ class Helm:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        self.offset.free()
         await self._stack.aclose()
 
     # What it says.
@@ -129,15 +133,7 @@ class Helm:
     # What goes on behind.
 
     async def _ping(self) -> None:
-        asked = self._clock.now()
-        answers = await self._z.ask(keys.DO.key(self.vehicle.fleet, self.name, verb="ping"), timeout=PING_TIMEOUT)
-        came = self._clock.now()
-        for answer in answers[:1]:
-            if isinstance(answer, ZmavError):
-                continue
-            with contextlib.suppress(BadInput, KeyError, TypeError, ValueError):
-                outcome = wire.decode(answer.payload, wire.Outcome, "reply to do/ping")
-                self.offset.answered(asked, float(outcome.result["t"]), came)
+        await ask_time(self._z, self.name, self._clock, self.offset)
 
     async def _learn(self) -> None:
         """Ask for the time again and again, not waiting for one answer before the next question."""
@@ -181,6 +177,19 @@ class Helm:
                 except ZmavError:
                     pass
                 await asyncio.sleep(0.3)
+
+
+async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> None:
+    """Ask a vehicle of the client's fleet for its time, and take the answer in; none that makes sense: nothing."""
+    asked = clock.now()
+    answers = await z.ask(keys.DO.key(z.fleet_name, name, verb="ping"), timeout=PING_TIMEOUT)
+    came = clock.now()
+    for answer in answers[:1]:
+        if isinstance(answer, ZmavError):
+            continue
+        with contextlib.suppress(BadInput, KeyError, TypeError, ValueError):
+            outcome = wire.decode(answer.payload, wire.Outcome, "reply to do/ping")
+            offset.answered(asked, float(outcome.result["t"]), came)
 
 
 def _point(row: Sequence[float], offset: Offset) -> wire.SegmentPoint:

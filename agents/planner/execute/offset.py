@@ -63,6 +63,11 @@ class Offset:
         self._settle()
         self._fixed = True
 
+    def free(self) -> None:
+        """Nothing flies by it any more: ``value`` is what is known best again."""
+        self._fixed = False
+        self._settle()
+
     def error(self, now: float) -> float:
         """Seconds by which ``value`` may be wrong; inf while too little is known."""
         spread = DRIFT * max(0.0, now - self._at) if math.isfinite(self._at) else 0.0

@@ -11,6 +11,7 @@ import collections
 import contextlib
 import time
 import uuid
+from collections.abc import Coroutine
 from types import TracebackType
 from typing import Any
 
@@ -20,6 +21,7 @@ import zmav
 from agents.planner.goals.steps import FleetView
 from agents.planner.live.charge import Charge
 from agents.planner.live.checks import read_obstacle
+from agents.planner.live.clocks import Clocks
 from agents.planner.live.desk import Desk
 from agents.planner.live.fleet import Fleet
 from agents.planner.live.ledger import ENDED, Ledger
@@ -55,6 +57,7 @@ class Agent:
         self.instance = uuid.uuid4().hex
         self.charge = Charge(settings.name, self.instance, settings.patience * (2.0 if settings.standby else 1.0))
         self.fleet = Fleet(z, settings.downwash)
+        self.clocks = Clocks(z)
         self.world = World()
         self.ledger = Ledger()
         self.tubes = Tubes()
@@ -235,6 +238,9 @@ class Agent:
         self.fleet.watch()
         for name in self.fleet.bodies.due(self.fleet.names)[:10]:
             self._ask(name)
+        self.clocks.hear()
+        if name := self.clocks.due(now):
+            self._do(self.clocks.ask(name))
         if self.world.expire(now):
             self._world_changed()
         if not self.charge.in_charge:
@@ -247,13 +253,15 @@ class Agent:
 
     def _ask(self, name: str) -> None:
         """What a vehicle can do, and where its home is where we did not see it take off."""
-        asks = [self.fleet.bodies.ask(name)]
+        self._do(self.fleet.bodies.ask(name))
         if name in self.fleet.homeless:
-            asks.append(self.fleet.ask_home(name))
-        for ask in asks:
-            task = asyncio.create_task(ask)
-            self._asking.add(task)
-            task.add_done_callback(self._asking.discard)
+            self._do(self.fleet.ask_home(name))
+
+    def _do(self, work: Coroutine[Any, Any, None]) -> None:
+        """Beside everything else, until it is done or we are."""
+        task = asyncio.create_task(work)
+        self._asking.add(task)
+        task.add_done_callback(self._asking.discard)
 
     def _take_charge(self, now: float) -> None:
         book = self.charge.take(now)

@@ -70,7 +70,8 @@ class Crew:
         while True:
             executor = Executor(
                 run.agent.z, run.vehicles, holder=settings.name, priority=settings.priority,
-                tracking=self.tracking, say=self._say, replan=self._replan,
+                tracking=self.tracking, say=self._say, replan=self._replan, clock=run.agent.clocks.clock,
+                offsets=run.agent.clocks.of(run.vehicles),
             )  # fmt: skip
             try:
                 self._executor = await self._stack.enter_async_context(executor)
