@@ -11,13 +11,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from agents.planner.goals.steps import VehicleOrder
-from agents.planner.problem import Floats, Motion
 from zmav.errors import BadInput
 from zmav.wire import Vector
-from zmav.wire.swarm import Body, Cylinder
+from zmav.wire.swarm import Body
 
 STEADY = 5.0
 """m by which a plane may be off its height"""
@@ -50,8 +46,6 @@ class Slot:
     """m; clockwise seen from above"""
     speed: float
     """m/s"""
-    reserved: Cylinder
-    """nobody else's: the circle with all that the plane may be off it"""
     first: tuple[str, ...] = ()
     """planes that must have reached their heights before this one leaves its own"""
 
@@ -65,19 +59,7 @@ def loiter_radius(body: Body) -> float:
 
 def loiter_speed(body: Body) -> float:
     """m/s: with some room above the slowest it can fly."""
-    return min(body.speed, 1.25 * body.min_speed)
-
-
-def loiter(centre: Floats, radius: float, speed: float, start: float = 0.0, step: float = 0.2) -> Motion:
-    """One round as samples (T, 4), ENU, which may be repeated for ever: what a plane does at its goal.
-
-    Clockwise seen from above, from the angle ``start`` (rad counter-clockwise from east), at most ``step`` s apart.
-    """
-    period = math.tau * radius / speed
-    t = np.linspace(0.0, period, max(8, math.ceil(period / step)) + 1)
-    angle = start - math.tau * t / period
-    over = [centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)]
-    return np.column_stack((t, *over, np.full_like(t, centre[2])))
+    return min(body.speed, 1.25 * body.min_speed) if body.min_speed > 0.0 else body.speed
 
 
 def loiter_slots(planes: Sequence[Circling], floor: float, ceiling: float, downwash: float = 1.0) -> list[Slot]:
@@ -117,21 +99,20 @@ def _slot(
     gap: dict[tuple[int, int], float],
 ) -> Slot:
     plane, now, then = planes[i], -planes[i].pos_ned[2], heights[i]
-    low, high = min(now, then), max(now, then)
-    first = []
-    for j, other in enumerate(planes):
-        if j == i or not near[i, j]:
-            continue
-        theirs = -other.pos_ned[2]
-        ahead = theirs >= now if then > now else theirs <= now
-        if ahead and theirs != heights[j] and low - gap[i, j] < theirs < high + gap[i, j] and theirs != now:
-            first.append(other.vehicle)
-    radius = loiter_radius(plane.body)
+    first = tuple(
+        other.vehicle
+        for j, other in enumerate(planes)
+        if j != i and near[i, j] and goes_first((-other.pos_ned[2], heights[j]), (now, then), gap[i, j])
+    )
     centre = (plane.goal_ned[0], plane.goal_ned[1], -then)
-    room = radius + plane.body.radius + ASIDE
-    off = plane.body.radius + STEADY
-    reserved = Cylinder(center=centre[:2], radius=room, floor=then - off, ceiling=then + off)
-    return Slot(plane.vehicle, centre, radius, loiter_speed(plane.body), reserved, tuple(first))
+    return Slot(plane.vehicle, centre, loiter_radius(plane.body), loiter_speed(plane.body), first)
+
+
+def goes_first(other: tuple[float, float], one: tuple[float, float], gap: float) -> bool:
+    """Whether ``other`` must have changed its height (now, then) before ``one`` may: it is in the way now, and goes."""
+    (theirs, after), (now, then) = other, one
+    ahead = theirs > now if then > now else theirs < now
+    return ahead and theirs != after and min(now, then) - gap < theirs < max(now, then) + gap
 
 
 def _gap(a: Body, b: Body, downwash: float) -> float:
@@ -160,39 +141,3 @@ def _between(p: Vector, q: Vector, u: Vector, v: Vector) -> float:
     if turn(p, q, u) * turn(p, q, v) < 0.0 and turn(u, v, p) * turn(u, v, q) < 0.0:
         return 0.0
     return min(away(p, u, v), away(q, u, v), away(u, p, q), away(v, p, q))
-
-
-def loiter_orders(planes: Sequence[Circling], slots: Sequence[Slot]) -> tuple[VehicleOrder, ...]:
-    """What brings the planes to their slots: each to its height where it is, then to its circle.
-
-    ``do/reposition`` orders, in a sequence that keeps ``after``. A vehicle says that such an order is done when it
-    circles; those that wait for it must wait until :func:`at_height`, too.
-    """
-    by_name = {slot.vehicle: k for k, slot in enumerate(slots)}
-    done: dict[str, int] = {}
-    orders: list[VehicleOrder] = []
-
-    def climb(name: str) -> int:
-        if name not in done:
-            k = by_name[name]
-            slot, here = slots[k], planes[k].pos_ned
-            after = tuple(climb(other) for other in slot.first)
-            place = (here[0], here[1], slot.centre_ned[2])
-            done[name] = len(orders)
-            orders.append(VehicleOrder(name, "reposition", _args(slot, place), after))
-        return done[name]
-
-    for slot in slots:
-        climb(slot.vehicle)
-    for slot in slots:
-        orders.append(VehicleOrder(slot.vehicle, "reposition", _args(slot, slot.centre_ned), (done[slot.vehicle],)))
-    return tuple(orders)
-
-
-def at_height(slot: Slot, pos_ned: Vector) -> bool:
-    """Whether a plane has reached the height of its slot, so that those that wait for it may leave theirs."""
-    return abs(pos_ned[2] - slot.centre_ned[2]) <= STEADY
-
-
-def _args(slot: Slot, pos: Vector) -> dict[str, object]:
-    return {"frame": "ned", "pos": pos, "radius": slot.radius, "speed": slot.speed}

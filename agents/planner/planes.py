@@ -14,13 +14,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from agents.planner.errors import PlanError
-from agents.planner.loiter import at_height, loiter, loiter_orders, loiter_slots
 from agents.planner.paths.flight import Wings, apart, fly, motion_clear, way_clear
 from agents.planner.paths.poses import find, gentle, join
 from agents.planner.problem import PLANE, Floats, Motion, Mover, Problem
 from agents.planner.world import World
-
-__all__ = ["at_height", "loiter", "loiter_orders", "loiter_slots", "plan_planes", "variants"]
 
 SPEEDS = 4
 """speeds, from the least to the greatest, for whose turns ways are made, and at which they are flown"""
@@ -265,13 +262,3 @@ def _free(problem: Problem, index: int, motion: Motion, movers: Sequence[Mover],
     return all(
         apart(motion, other, radius + float(problem.radius[k]), squash, True, True) for k, other in found.items()
     ) and all(apart(motion, m.motion, radius + m.radius, squash, True, m.leaves) for m in movers)
-
-
-def variants(problem: Problem, world: World, index: int, rng: np.random.Generator, count: int = 8) -> list[Motion]:
-    """Several ways of one plane, each clear of the world and of the others' starts and goals, the quickest first.
-
-    For whoever finds that the first one does not go with the rest of the plan. Raises as :func:`plan_planes`.
-    """
-    plane = _plane(problem, world, index, rng)
-    enough = next((level for level in range(LEVELS) if len(plane.motions(level)) >= count), LEVELS - 1)
-    return plane.motions(enough)[:count]

@@ -30,6 +30,10 @@ ROUNDS = 6
 """in which the parts' sizes follow the times that their lanes take"""
 
 
+TURNING = 1.2
+"""a plane's turn radii that are left free around the ends of its lanes"""
+
+
 @dataclass(frozen=True)
 class Sweeper:
     """One vehicle, as a search sees it; metres, seconds."""
@@ -203,7 +207,10 @@ class Dealer:
         left, bottom, right, top = self._wanted.bounds
         box = shapely.box(low, bottom, high, top) if axis == 0 else shapely.box(left, low, right, high)
         area = self._wanted.intersection(box)
-        lanes = lanes_over(area, sweeper.width * (1.0 - self._overlap), self._lanes) if high > low else []
+        lanes = []
+        if high > low:
+            free = self._lanes.buffer(-TURNING * sweeper.turn_radius) if sweeper.turn_radius > 0.0 else self._lanes
+            lanes = lanes_over(area, sweeper.width * (1.0 - self._overlap), free)
         if not lanes:
             return Part(sweeper, shapely.Polygon(), np.zeros((0, 3)), 0.0)
         level = tour(lanes, self._starts[i], self._ways, corner, sweeper.turn_radius)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.geometry import clearance, outside, world_of
+from agents.planner.geometry import clearance, outside, segment_clear, world_of
 from agents.planner.goals import pads, slots
 from agents.planner.goals.follow import offsets_of
 from agents.planner.goals.formation import check_apart
 from agents.planner.goals.parade import formation
 from agents.planner.goals.patrol import ROOM, check_room, circuit, lap, lap_alone
-from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, Stop, Track, VehicleView
+from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
 from agents.planner.live.checks import check_numbers
@@ -24,6 +26,8 @@ from zmav import wire
 from zmav.errors import BadInput
 from zmav.wire import Vector
 
+ROUND = 49
+"""points of a circle that are looked at, the last one the first"""
 PHASES = 4
 """how many ways of setting in on a patrol's route are compared"""
 
@@ -40,7 +44,7 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
     if static is None:
         static = StaticMap(world_of(scene))
     if isinstance(goal, wire.swarm.GoTo):
-        return _goto(goal, views, scene.downwash)
+        return _circles_fit(_goto(goal, views, scene.downwash), fleet, static.world, "to")
     if isinstance(goal, wire.swarm.Formation):
         return formation(goal, views, scene.downwash, static)
     if isinstance(goal, wire.swarm.Patrol):
@@ -54,7 +58,7 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
     if isinstance(goal, wire.swarm.Land):
         return pads.land(views, goal.at, scene.downwash, _free(static.world))
     if isinstance(goal, wire.swarm.Return):
-        return pads.home(views, scene.downwash)
+        return _circles_fit(pads.home(views, scene.downwash), fleet, static.world, "vehicles")
     return [Stop(tuple(goal.vehicles), "holding")]
 
 
@@ -68,6 +72,26 @@ def _free(world: World) -> pads.Free:
         return inside and bool(clearance(world, x, y, z) >= radius)
 
     return free
+
+
+def _circles_fit(steps: list[Step], fleet: FleetView, world: World, field: str) -> list[Step]:
+    """The steps; raises :class:`BadInput` for a plane whose circle, or straight way to it, is not clear and inside."""
+    for step in (step for step in steps if isinstance(step, Loiter)):
+        for name, centre, radius in zip(step.vehicles, step.centres, step.radii, strict=True):
+            view = fleet.vehicles[name]
+            angles = np.linspace(0.0, math.tau, ROUND)
+            way = np.tile(centre, (ROUND + 1, 1))
+            way[:-1, 0] += radius * np.cos(angles)
+            way[:-1, 1] += radius * np.sin(angles)
+            way[-1, :2] = frames.enu(view.pos_ned)[:2]
+            pieces = [*itertools.pairwise(way[:-1]), (way[-1], centre)]
+            if not all(segment_clear(world, here, there, view.body.radius) for here, there in pieces):
+                at = f"{centre[0]:.0f} m east and {centre[1]:.0f} m north at {centre[2]:.0f} m"
+                text = f"{name} has no room to circle {at} with {abs(radius):.0f} m, or no straight way there"
+                raise BadInput(
+                    text, field=field, value=name, expected="circles inside the fence, clear of all obstacles"
+                )
+    return steps
 
 
 def _follow(goal: wire.swarm.Follow, views: Sequence[VehicleView], fleet: FleetView, downwash: float) -> list[Step]:

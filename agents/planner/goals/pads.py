@@ -164,13 +164,14 @@ def circles(planes: Sequence[VehicleView], places: Sequence[Vector], downwash: f
     ]
     lowest = min(-plane.pos_ned[2] for plane in wanted)
     found = loiter_slots(wanted, min(lowest, 4.0 * STEADY), SKY, downwash)
-    centres = np.array([frames.enu(s.centre_ned) for s in found], dtype=np.float64)
-    via = {}
-    for plane, one in zip(wanted, found, strict=True):
-        north, east, _ = plane.pos_ned
-        via[plane.vehicle] = np.array([frames.enu((north, east, one.centre_ned[2]))], dtype=np.float64)
-    radii = np.array([one.radius for one in found])
-    return Loiter(_names(planes), centres, radii, via, text="circling at heights of their own")
+    return Loiter(
+        vehicles=_names(planes),
+        centres=np.array([frames.enu(each.centre_ned) for each in found], dtype=np.float64),
+        radii=np.array([each.radius for each in found]),
+        speeds=np.array([each.speed for each in found]),
+        first={each.vehicle: each.first for each in found},
+        text="circling at heights of their own",
+    )
 
 
 def down_to(

@@ -130,8 +130,9 @@ def split(area: Ground, sweepers: Sequence[Sweeper], overlap: float, course: flo
             if best is None or rank < best[0]:
                 best = (rank, parts, angle)
     if best is None or not any(len(part.path) for part in best[1]):
-        text = "search: no vehicle gets to the polygon and back within its endurance"
-        raise BadInput(text, field="vehicles", value=len(sweepers), expected="more endurance, or a nearer polygon")
+        text = "search: no vehicle gets to the polygon and back within its endurance, with room there for its turns"
+        expected = "more endurance, a nearer polygon, or more room around it"
+        raise BadInput(text, field="vehicles", value=len(sweepers), expected=expected)
     return _report(area, best[1], best[2])
 
 

@@ -133,7 +133,8 @@ class Orders:
 class Loiter:
     """Planes on their way to circles that they fly from then on: they never hover and need no time tags.
 
-    Each flies over its points in turn, then circles. The heights are such that no two meet, whenever each is where.
+    Each first reaches the height of its circle where it is, then flies over its points in turn, then circles. The
+    heights are such that no two meet, whenever each is where.
     """
 
     vehicles: tuple[str, ...]
@@ -141,11 +142,13 @@ class Loiter:
     """(N, 3) ENU"""
     radii: Floats
     """(N,) m; negative: counter-clockwise seen from above"""
+    speeds: Floats
+    """(N,) m/s"""
     via: Mapping[str, Path] = field(default_factory=dict)
-    """by vehicle: (K, 3) ENU points to fly over before"""
+    """by vehicle: (K, 3) ENU points to fly by before, as near as turns of its circle's radius allow"""
+    first: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """by vehicle: planes that must have reached their heights before this one leaves its own"""
     text: str = ""
-    laps: int = 1
-    """how often the points are flown over; 0: until the goal is cancelled"""
 
 
 @dataclass(frozen=True)

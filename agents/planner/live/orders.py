@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,10 @@ import zmav
 from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.tubes import Tube, tube
+from agents.planner.loiter import STEADY
 from agents.planner.problem import Floats
-from zmav.errors import BadInput, ZmavError
+from zmav import wire
+from zmav.errors import BadInput, Refused, ZmavError
 from zmav.verbs import VERBS
 from zmav.waiting import together
 from zmav.wire import Vector
@@ -25,7 +28,9 @@ if TYPE_CHECKING:
 
 SOON = 0.5
 CIRCLING = 1.5
-"""radii from its circle's centre at which a plane has come to it"""
+"""radii from its circle's centre at which a plane on it may be"""
+SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
+"""s, m/s up or down, and times what the way takes: how long planes are given"""
 
 
 async def carry_out(run: Run, crew: Crew, step: Orders) -> None:
@@ -84,27 +89,64 @@ async def speak_for(run: Run, tubes: Mapping[str, list[Tube]]) -> None:
 
 async def loiter(run: Run, crew: Crew, step: Loiter) -> None:
     """Planes over their points, one after another, and then to their circles; done when all circle."""
-    await speak_for(run, {name: _circle(run, step, i) for i, name in enumerate(step.vehicles)})
-    await together(*(_to_circle(crew.vehicle(name), step, i) for i, name in enumerate(step.vehicles)))
+    await speak_for(run, {name: _around(run, step, i) for i, name in enumerate(step.vehicles)})
+    await circle({name: crew.vehicle(name) for name in step.vehicles}, step)
 
 
-async def _to_circle(vehicle: zmav.Vehicle, step: Loiter, number: int) -> None:
-    for x, y, z in step.via.get(vehicle.name, ()):
-        await vehicle.goto(pos=ned((float(x), float(y), float(z))), tolerance=abs(float(step.radii[number])))
-    centre = ned((float(step.centres[number][0]), float(step.centres[number][1]), float(step.centres[number][2])))
-    await vehicle.goto(pos=centre, tolerance=CIRCLING * abs(float(step.radii[number])))
+async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
+    """Each to the height of its circle where it is, once those before it have reached theirs; then on its way.
+
+    An order to a plane is done when it circles there, at whatever height: the heights are waited for besides.
+    """
+    risen = {name: asyncio.Event() for name in step.vehicles}
+
+    async def one(number: int, name: str) -> None:
+        for other in step.first.get(name, ()):
+            await risen[other].wait()
+        centre = ned(_point(step.centres[number]))
+        vehicle, radius, speed = vehicles[name], float(step.radii[number]), float(step.speeds[number])
+
+        async def to(place: Vector) -> None:
+            late = SLOWEST + SLACK * math.dist(place, _local(vehicle)) / speed
+            there = wire.Reposition(frame="ned", pos=place, radius=radius, speed=speed, timeout=late)
+            await vehicle.order("reposition", there)
+
+        north, east, down = _local(vehicle)
+        if abs(down - centre[2]) > STEADY:
+            await to((north, east, centre[2]))
+            late = SLOWEST + abs(down - centre[2]) / CRAWL
+            await vehicle.wait_until(lambda _: abs(_local(vehicle)[2] - centre[2]) <= STEADY, late)
+        risen[name].set()
+        for point in step.via.get(name, ()):
+            await to(ned(_point(point)))
+        await to(centre)
+
+    await together(*(one(number, name) for number, name in enumerate(step.vehicles)))
 
 
-def _circle(run: Run, step: Loiter, number: int) -> list[Tube]:
-    """The way over its points, and a square around its circle."""
-    name, r = step.vehicles[number], abs(float(step.radii[number]))
+def _local(vehicle: zmav.Vehicle) -> Vector:
+    """NED about the fleet's origin."""
+    local = vehicle.state.local
+    if local is None:
+        raise Refused(f"{vehicle.name} does not know where it is", vehicle=vehicle.name)
+    return local
+
+
+def _around(run: Run, step: Loiter, number: int) -> list[Tube]:
+    """All that it may be off its way over the ground, from where it is over its points to its circle."""
+    name, wide = step.vehicles[number], CIRCLING * abs(float(step.radii[number]))
     seen = run.agent.fleet.seen(name)
     assert seen is not None
-    radius = seen.view.body.radius
-    x, y, z = (float(v) for v in step.centres[number])
-    way = [enu(seen.view.pos_ned), *(tuple(map(float, p)) for p in step.via.get(name, ())), (x, y, z)]
-    around = [(x - CIRCLING * r, y - CIRCLING * r, z), (x + CIRCLING * r, y + CIRCLING * r, z)]
-    return [tube(_array(way), radius + r), Tube(_array([[*around[0], *around[1]]]), radius)]
+    x, y, z = enu(seen.view.pos_ned)
+    centre = _point(step.centres[number])
+    way = [(x, y, centre[2]), *map(_point, step.via.get(name, ())), centre]
+    boxes = tube(_array([(x, y, z), *way]), 0.0).boxes + np.array([-wide, -wide, -STEADY, wide, wide, STEADY])
+    return [Tube(boxes, seen.view.body.radius)]
+
+
+def _point(place: Floats) -> Vector:
+    x, y, z = map(float, place)
+    return (x, y, z)
 
 
 def _columns(run: Run, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:

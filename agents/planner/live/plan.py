@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.planner.errors import PlanError
+from agents.planner.goals.formation import offsets_of
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, unroll
 from agents.planner.live import jobs
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of
 from agents.planner.live.solver import Solver
+from agents.planner.loiter import loiter_radius
 from agents.planner.plans import Sample
 from agents.planner.problem import Floats, Motion
 from agents.planner.scene import Scene
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from agents.planner.live.agent import Agent
 
 Progress = Callable[[str, float], None]
+LAYER = 30.0
+"""m of height for each plane above the one below it"""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ class Planner:
         """What the goal comes down to; raises the typed error of one that cannot be."""
         room = self.room(goal.vehicles)
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
-        points += [enu(point) for point in _points(goal)]
+        points += [enu(point) for point in _points(goal, room.downwash)]
+        points += _circles(goal, view, points)
         terrain = self._terrain(room, view, goal.vehicles)
         return list(await self._solver.do(jobs.Resolve(goal, view, room.empty(points), terrain)))
 
@@ -144,15 +149,28 @@ def _array(rows: Sequence[Sequence[float]]) -> Floats:
     return np.array(rows, dtype=np.float64)
 
 
-def _points(goal: swarm.Goal) -> list[Vector]:
+def _circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> list[Vector]:
+    """Room (ENU) that planes need beyond these places: for their circles, which are above each other, and turns."""
+    planes = [view.vehicles[name] for name in goal.vehicles if not view.vehicles[name].hovers]
+    if not planes:
+        return []
+    homes = [enu(plane.home_ned) for plane in planes if plane.home_ned is not None]
+    wide = 3.0 * max(loiter_radius(plane.body) for plane in planes)
+    x, y, z = np.array([*points, *homes]).T
+    low, high = float(z.min()), float(z.max()) + len(planes) * LAYER
+    return [(float(x.min()) - wide, float(y.min()) - wide, low), (float(x.max()) + wide, float(y.max()) + wide, high)]
+
+
+def _points(goal: swarm.Goal, downwash: float) -> list[Vector]:
     """Every place (NED) that a goal names."""
     found: list[Vector] = []
     for field in ("to", "via", "route"):
         found += getattr(goal, field, [])
     if isinstance(goal, swarm.Formation):
-        n, e, d = goal.at
-        reach = goal.spacing * len(goal.vehicles) + sum(max(map(abs, p)) for p in goal.points[:1])
-        found += [(n - reach, e - reach, d), (n + reach, e + reach, d)]
+        offsets = offsets_of(goal, len(goal.vehicles), downwash)
+        reach, lowest, highest = float(np.abs(offsets).max()), float(offsets[:, 2].max()), float(offsets[:, 2].min())
+        for north, east, down in (goal.at, *goal.via):
+            found += [(north - reach, east - reach, down + highest), (north + reach, east + reach, down + lowest)]
     if isinstance(goal, swarm.Search):
         top = goal.height + goal.layer * len(goal.vehicles)
         found += [(n, e, -height) for n, e in goal.polygon for height in (goal.height, top)]

@@ -4,24 +4,12 @@ from __future__ import annotations
 
 import itertools
 
-import msgspec
 import numpy as np
 import pytest
 
-from agents.planner.loiter import (
-    STEADY,
-    Circling,
-    at_height,
-    loiter,
-    loiter_orders,
-    loiter_radius,
-    loiter_slots,
-    loiter_speed,
-)  # fmt: skip
-from zmav import wire
+from agents.planner.loiter import STEADY, Circling, loiter_radius, loiter_slots, loiter_speed
 from zmav.config import body_of
 from zmav.errors import BadInput
-from zmav.verbs import VERBS
 
 BODY = body_of("plane")
 
@@ -30,13 +18,9 @@ def near(name: str, height: float, wish: float, east: float = 0.0) -> Circling:
     return Circling(name, BODY, (0.0, east, -height), (300.0, east, -wish))
 
 
-def test_a_circle_is_one_round_that_can_go_on_for_ever() -> None:
-    radius, speed = loiter_radius(BODY), loiter_speed(BODY)
-    motion = loiter(np.array([10.0, 20.0, 80.0]), radius, speed, start=1.0)
-    assert motion[0, 1:] == pytest.approx(motion[-1, 1:])
-    assert np.hypot(motion[:, 1] - 10.0, motion[:, 2] - 20.0) == pytest.approx(radius)
-    assert np.diff(motion[:, 0]).max() <= 0.2
-    assert speed**2 / radius <= BODY.accel and BODY.min_speed < speed <= BODY.speed
+def test_a_circle_is_one_that_the_plane_flies_at_ease() -> None:
+    speed = loiter_speed(BODY)
+    assert speed**2 / loiter_radius(BODY) <= BODY.accel and BODY.min_speed < speed <= BODY.speed
 
 
 def test_planes_that_may_meet_get_heights_of_their_own_and_the_others_the_height_they_want() -> None:
@@ -44,8 +28,6 @@ def test_planes_that_may_meet_get_heights_of_their_own_and_the_others_the_height
     heights = {slot.vehicle: -slot.centre_ned[2] for slot in slots}
     assert heights["a"] == 80.0 and heights["c"] == 80.0
     assert heights["b"] - heights["a"] == pytest.approx(1.5 * 8.0 + 2.0 * STEADY)
-    a, b = slots[0].reserved, slots[1].reserved
-    assert a.ceiling <= b.floor
 
 
 def test_nobody_passes_anybody_whatever_the_delays() -> None:
@@ -76,22 +58,3 @@ def test_no_room_is_said() -> None:
     with pytest.raises(BadInput, match="do not fit into 50 m") as raised:
         loiter_slots([near(f"p{k}", 40.0 + 25.0 * k, 60.0) for k in range(4)], 30.0, 80.0, 1.5)
     assert raised.value.detail["field"] == "vehicles"
-
-
-def test_orders_are_those_of_the_wire_and_in_turn() -> None:
-    planes = [near("low", 60, 110), near("high", 90, 120)]
-    slots = loiter_slots(planes, 30.0, 300.0)
-    orders = loiter_orders(planes, slots)
-    assert [(order.vehicle, order.after) for order in orders] == [
-        ("high", ()),
-        ("low", (0,)),
-        ("low", (1,)),
-        ("high", (0,)),
-    ]
-    for order in orders:
-        assert VERBS[order.verb].args is wire.Reposition
-        args = msgspec.convert(dict(order.args), wire.Reposition)
-        assert args.pos is not None and args.radius == loiter_radius(BODY)
-    assert orders[0].args["pos"][:2] == (0.0, 0.0) and orders[3].args["pos"] == slots[1].centre_ned
-    assert at_height(slots[0], (0.0, 0.0, slots[0].centre_ned[2] + 3.0))
-    assert not at_height(slots[0], planes[0].pos_ned)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from agents.planner import verify
 from agents.planner.errors import PlanError
 from agents.planner.paths import dubins, poses
 from agents.planner.paths.flight import Wings, apart, fly
-from agents.planner.planes import plan_planes, variants, wings_of
+from agents.planner.planes import plan_planes
 from agents.planner.problem import PLANE, Floats, Motion, Mover, problem_of
 from agents.planner.scene import Bounds, Box, Fence, Obstacle, Point, Scene, Vehicle
 from agents.planner.world import world_of
@@ -197,16 +196,6 @@ def test_a_plane_that_cannot_turn_away_is_named() -> None:
     with pytest.raises(PlanError) as raised:
         planned(scene)
     assert (raised.value.kind, raised.value.ids) == ("unreachable", ["doomed"])
-
-
-def test_variants_are_different_ways_of_one_plane() -> None:
-    scene = arena(plane("p", (-150.0, 0.0, 70.0), (150.0, 0.0, 70.0)))
-    problem = problem_of(scene)
-    found = variants(problem, world_of(scene), 0, np.random.default_rng(0), count=6)
-    assert len(found) == 6 and found[0][-1, 0] <= found[-1][-1, 0]
-    middles = {tuple(np.round(motion[len(motion) // 2, 1:], 1)) for motion in found}
-    assert len(middles) > 2
-    assert wings_of(replace(problem, vmin=problem.vmin * 2.0), 0).tightest > wings_of(problem, 0).tightest
 
 
 @pytest.mark.parametrize("seed", [0, 1])

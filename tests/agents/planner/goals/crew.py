@@ -81,7 +81,7 @@ def positions(fleet: FleetView, names: Sequence[str]) -> Floats:
     return frames.enu_array(np.array([fleet.vehicles[name].pos_ned for name in names]))
 
 
-def fly_all(steps: Sequence[Step], fleet: FleetView, world: Scene, seconds: float = 20.0) -> float:
+def fly_all(steps: Sequence[Step], fleet: FleetView, world: Scene, seconds: float = 120.0) -> float:
     """Plan and verify every step in turn; gives the time that all take. Raises where one cannot be done."""
     now = {name: positions(fleet, [name])[0] for name in fleet.vehicles}
     took = 0.0

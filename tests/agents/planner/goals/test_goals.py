@@ -10,7 +10,7 @@ import pytest
 
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track, unroll
-from agents.planner.scene import Box, Fence
+from agents.planner.scene import Bounds, Box, Fence
 from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, positions, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm
@@ -91,6 +91,18 @@ def test_planes_circle_where_they_are_sent() -> None:
     assert isinstance(step, PlanTo) and step.vehicles == ("c1",)
     with pytest.raises(BadInput, match="p1 is a plane"):
         resolve(swarm.GoTo(vehicles=["p1", "c1"], to=[(9.0, 0.0, -60.0)] * 2, labelled=False), FLEET, ground())
+
+
+def test_planes_circles_are_inside_and_clear() -> None:
+    wall = Box(min=(-40.0, 60.0, 0.0), max=(40.0, 70.0, 300.0))
+    goal = swarm.GoTo(vehicles=["p1"], to=[(-400.0, 0.0, -60.0)])
+    wide = Bounds(min=(-900.0, -900.0, 0.0), max=(900.0, 900.0, 300.0))
+    (step,) = resolve(goal, FLEET, ground(bounds=wide))
+    assert isinstance(step, Loiter)
+    for world in (ground([wall]), ground(bounds=Bounds(min=(-90.0, -90.0, 0.0), max=(90.0, 90.0, 300.0)))):
+        with pytest.raises(BadInput, match="p1 has no room to circle") as e:
+            resolve(swarm.GoTo(vehicles=["p1"], to=[(90.0, 0.0, -60.0)]), FLEET, world)
+        assert e.value.detail["field"] == "to"
 
 
 def test_unlabelled_rovers_stay_on_the_ground() -> None:

@@ -155,6 +155,7 @@ def test_planes_sweep_above_the_others_each_at_its_own_height() -> None:
     assert isinstance(planes, Loiter) and planes.vehicles == ("p1", "p2")
     heights = [planes.via[name][0, 2] for name in planes.vehicles]
     assert 20.0 + 1.5 * 5.0 < heights[0] < heights[1] - 1.5 * 8.0
+    assert planes.first["p1"] == planes.first["p2"] == (), "both come down, or go up, out of each other's way"
     rows = np.unique(np.round(planes.via["p1"][:, :2], 3), axis=0)
     assert len(rows) == len(planes.via["p1"]), "each lane is flown once"
     assert [type(step) for step in others] in ([], [PlanTo, Fly, PlanTo])

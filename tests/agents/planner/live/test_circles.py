@@ -1,0 +1,111 @@
+"""Planes on their way to circles: nobody leaves its height before those in its way have left theirs."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import Callable
+from typing import Any, cast
+
+import msgspec
+import numpy as np
+import pytest
+
+import zmav
+from agents.planner.goals import pads
+from agents.planner.goals.goals import resolve
+from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo, Step, VehicleView
+from agents.planner.live.frames import enu
+from agents.planner.live.orders import circle
+from agents.planner.live.plan import _circles, _points
+from agents.planner.live.scenes import Room
+from agents.planner.live.world import Pieces
+from agents.planner.loiter import STEADY
+from tests.agents.planner.goals.crew import crew, view
+from zmav import wire
+from zmav.config import body_of
+from zmav.wire import Vector
+
+BODY = body_of("plane")
+
+
+class Glider:
+    """What a plane does of ``reposition``: the order is done as soon as it circles there, at whatever height.
+
+    It gets on by one step each time somebody looks at it.
+    """
+
+    def __init__(self, name: str, place: Vector, sky: list[Glider], steps: int) -> None:
+        self.name, self.place, self.down, self._sky, self._steps = name, place, place[2], sky, steps
+        self.orders: list[wire.Reposition] = []
+        sky.append(self)
+
+    @property
+    def state(self) -> wire.VehicleState:
+        local = (self.place[0], self.place[1], self.down)
+        return cast(wire.VehicleState, msgspec.defstruct("State", ["local"])(local))
+
+    async def order(self, verb: str, args: wire.Reposition) -> dict[str, Any]:
+        assert verb == "reposition" and args.pos is not None
+        self.orders.append(args)
+        self.place = args.pos
+        await asyncio.sleep(0)
+        return {}
+
+    async def wait_until(self, true: Callable[[Any], bool], timeout: float) -> None:
+        for step in range(self._steps):
+            await asyncio.sleep(0)
+            self.down += (self.place[2] - self.down) / (self._steps - step)
+            for one, other in itertools.combinations(self._sky, 2):
+                assert abs(one.down - other.down) >= 1.5 * 2.0 * BODY.radius, "two passed each other"
+        assert true(self.state) and timeout > 60.0
+
+
+async def test_planes_change_their_heights_one_after_another() -> None:
+    """All of them at one place and all higher: the lowest must wait for all, and climbs fastest."""
+    heights = [60.0, 90.0, 120.0, 150.0]
+    views = [
+        VehicleView(f"p{k}", "plane", BODY, (0.0, 0.0, -height), airborne=True, home_ned=(0.0, 0.0, 0.0))
+        for k, height in enumerate(heights)
+    ]
+    step = pads.circles(views, [(200.0, 0.0, -100.0)] * 4, 1.5)
+    sky: list[Glider] = []
+    planes = {view.name: Glider(view.name, view.pos_ned, sky, 4 + 9 * k) for k, view in enumerate(views)}
+    await circle(cast(dict[str, zmav.Vehicle], planes), step)
+    for number, name in enumerate(step.vehicles):
+        *_, last = planes[name].orders
+        assert last.pos == pytest.approx((200.0, 0.0, -step.centres[number, 2])) and last.radius == step.radii[number]
+        assert abs(planes[name].down + step.centres[number, 2]) <= STEADY
+    assert np.ptp(step.centres[:, 2]) >= 3 * 1.5 * 2.0 * BODY.radius
+
+
+def resolved(goal: wire.swarm.Goal, fleet: FleetView) -> list[Step]:
+    """In a world of which nothing is known, whose bounds are those that the agent makes for the goal."""
+    places = [enu(fleet.vehicles[name].pos_ned) for name in goal.vehicles]
+    places += [enu(point) for point in _points(goal, 1.5)]
+    places += _circles(goal, fleet, places)
+    return resolve(goal, fleet, Room((), (), Pieces((), None, None, ()), 1.5).empty(places))
+
+
+def test_bounds_hold_planes_circles_and_all_of_a_shape() -> None:
+    planes = FleetView({f"p{k}": view(f"p{k}", (0.0, 90.0 * k, -60.0 - 30.0 * k), "plane") for k in range(4)})
+    names = list(planes.vehicles)
+    goals: list[wire.swarm.Goal] = [
+        wire.swarm.GoTo(vehicles=names, to=[(300.0, 0.0, -60.0)] * 4),
+        wire.swarm.Return(vehicles=names),
+        wire.swarm.Search(vehicles=names, polygon=[(0.0, 0.0), (0.0, 400.0), (400.0, 0.0)], height=40.0),
+    ]
+    for goal in goals:
+        (step,) = resolved(goal, planes)
+        assert isinstance(step, Loiter) and np.diff(np.sort(step.centres[:, 2])).min() >= 1.5 * 2.0 * BODY.radius
+    assert "100.0 % seen" in step.text
+    copters = crew(12, (0.0, 0.0, -30.0))
+    for shape, points in (
+        ("sphere", []),
+        ("custom", [(200.0 * (k == 3), 4.0 * k, 30.0 * (k == 5)) for k in range(12)]),
+    ):
+        ball = wire.swarm.Formation(
+            vehicles=list(copters.vehicles), shape=cast(wire.swarm.Shape, shape), points=points, spacing=6.0,
+            at=(100.0, 0.0, -40.0), via=[(30.0, 0.0, -40.0)],
+        )  # fmt: skip
+        assert [type(step) for step in resolved(ball, copters)] == [PlanTo, Fly], "there is room to fly it in shape"
