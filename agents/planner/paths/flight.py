@@ -19,8 +19,9 @@ from agents.planner.paths.dubins import advance
 from agents.planner.problem import Floats, Motion
 from agents.planner.world import World
 
-STEP = 0.125
-"""s between samples at most"""
+STEP, BEND, LEAST = 0.125, 0.035, 0.01
+"""between samples: s at most; radians turned at most (the first chord is half as much off the heading); s at least, as
+six decimals would tell too little of the speed"""
 GRAIN = 0.5
 """m along the way between the points at which the speed is worked out"""
 CHORD = 3.0
@@ -200,13 +201,16 @@ def fly(pose: Floats, legs: Floats, wings: Wings, cap: float) -> Motion:
     for k in range(count):
         way = math.hypot(grain, height[k + 1] - height[k])
         times[k + 1] = times[k] + 2.0 * way / (speed[k] + speed[k + 1])
-    return _sample(pose, legs, grain, times, speed, height)
+    step = min(STEP, BEND / max((np.abs(curvature) * speed[:count]).max(), 1e-9))
+    return _sample(pose, legs, grain, times, speed, height, max(step, LEAST))
 
 
 @jit
-def _sample(pose: Floats, legs: Floats, grain: float, times: Floats, speed: Floats, height: Floats) -> Motion:
-    """Where it is at equal steps of time; within a part the acceleration is constant."""
-    steps = max(2, math.ceil(times[-1] / STEP))
+def _sample(
+    pose: Floats, legs: Floats, grain: float, times: Floats, speed: Floats, height: Floats, step: float
+) -> Motion:
+    """Where it is at equal steps of time, of ``step`` s at most; within a part the acceleration is constant."""
+    steps = max(2, math.ceil(times[-1] / step))
     motion = np.empty((steps + 1, 4))
     x, y, z, heading = pose
     part, leg, begin = 0, 0, 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -13,7 +14,7 @@ from agents.planner.errors import PlanError
 from agents.planner.geometry import world_of
 from agents.planner.plans import Plan
 from agents.planner.problem import Mover
-from agents.planner.scene import Box, Scene
+from agents.planner.scene import Bounds, Box, Scene, Vehicle
 from agents.planner.separation import separation
 from agents.planner.solve import solve
 from agents.planner.staticmap import StaticMap
@@ -48,6 +49,18 @@ def test_every_class_of_scene_is_solved(name: str, n: int) -> None:
     assert plan.status == "ok"
     assert list(plan.trajectories) == [v.id for v in scene.vehicles]
     assert not faults(scene, plan)
+
+
+@pytest.mark.parametrize(("vmin", "vmax", "amax"), [(4.0, 8.0, 8.0), (3.0, 5.0, 10.0)])
+def test_a_plane_that_turns_quickly_leaves_on_its_heading(vmin: float, vmax: float, amax: float) -> None:
+    bounds = Bounds(min=(-200.0, -200.0, 0.0), max=(200.0, 200.0, 60.0))
+    plane = Vehicle(
+        id="p", type="plane", start=(0.0, 0.0, 20.0), goal=(-100.0, 30.0, 20.0), radius=0.5, vmin=vmin, vmax=vmax,
+        amax=amax, start_heading_deg=10.0,
+    )  # fmt: skip
+    motion = solve(Scene(vehicles=[plane], bounds=bounds)).motions()["p"]
+    east, north = motion[1, 1:3] - motion[0, 1:3]
+    assert math.degrees(math.atan2(north, east)) == pytest.approx(10.0, abs=1.1)
 
 
 def test_the_same_seed_gives_the_same_plan() -> None:
