@@ -12,12 +12,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 
 from agents.planner.errors import PlanError
 
 Point = tuple[float, float, float]
 Corner = tuple[float, float]
 FORMAT = "swarm-scene/1"
+FARTHEST = 1e7
+"""m from the origin; what is not of this earth makes arithmetic overflow"""
+LEAST, MOST = 1e-3, 1e5
+"""of radii, speeds and accelerations; the least of a downwash, too, and its inverse the most"""
 
 
 class Vehicle(msgspec.Struct, kw_only=True):
@@ -101,6 +106,13 @@ class Scene(msgspec.Struct, kw_only=True):
     lower_bound: dict[str, Any] | None = None
 
 
+def name_of(scene: Scene, obstacle: int) -> str:
+    """What to call an obstacle: its kind, and its place among the obstacles (from 0)."""
+    each = scene.obstacles[obstacle]
+    kind = "no-fly zone" if isinstance(each, NoFly) else type(each).__name__.lower()
+    return f"{kind} {obstacle}"
+
+
 def read_scene(path: str | Path) -> Scene:
     """The scene of a file. Raises :class:`PlanError` (``invalid_scene``) that names the field and what is wrong."""
     try:
@@ -179,8 +191,8 @@ def _wrong_with_scene(scene: Scene) -> Iterator[str]:
     if not scene.vehicles:
         yield "vehicles: there is none"
     yield from _span("bounds: min and max", scene.bounds.min, scene.bounds.max)
-    if not (math.isfinite(scene.downwash) and scene.downwash > 0.0):
-        yield f"downwash: {scene.downwash} is not positive"
+    if not LEAST <= scene.downwash <= 1.0 / LEAST:
+        yield f"downwash: {scene.downwash} is not between {LEAST} and {1.0 / LEAST:g}"
     if not (math.isfinite(scene.goal_tolerance) and scene.goal_tolerance >= 0.0):
         yield f"goal_tolerance: {scene.goal_tolerance} is no distance"
     if scene.time_limit is not None and not scene.time_limit > 0.0:
@@ -192,7 +204,7 @@ def _wrong_with_scene(scene: Scene) -> Iterator[str]:
         if goals is None or len(goals) != count:
             yield f"goals: {len(goals or [])} for {count} vehicles; an unlabelled scene has one for each"
         for k, goal in enumerate(goals or []):
-            if not all(map(math.isfinite, goal)):
+            if not all(map(_near, goal)):
                 yield f"goals[{k}]: {goal} is no place"
 
 
@@ -201,11 +213,11 @@ def _wrong_with_vehicle(v: Vehicle) -> Iterator[str]:
         yield "id: it is empty"
     for name in ("radius", "vmax", "amax", "vz_up", "vz_down", "vmin"):
         value = getattr(v, name)
-        if value is not None and not (math.isfinite(value) and (value > 0.0 or (name == "vmin" and value == 0.0))):
-            yield f"{name}: {value} is not positive"
+        if value is not None and not (LEAST <= value <= MOST or (name == "vmin" and value == 0.0)):
+            yield f"{name}: {value} is not between {LEAST} and {MOST:g}"
     for name in ("start", "goal"):
         place = getattr(v, name)
-        if place is not None and not all(map(math.isfinite, place)):
+        if place is not None and not all(map(_near, place)):
             yield f"{name}: {place} is no place"
     if v.type != "plane":
         return
@@ -221,10 +233,10 @@ def _wrong_with_obstacle(each: Obstacle) -> Iterator[str]:
     if isinstance(each, Box):
         yield from _span("min and max", each.min, each.max)
     elif isinstance(each, Cylinder):
-        if not all(map(math.isfinite, each.center)):
+        if not all(map(_near, each.center)):
             yield f"center: {each.center} is no place"
-        if not (math.isfinite(each.radius) and each.radius > 0.0):
-            yield f"radius: {each.radius} is not positive"
+        if not 0.0 < each.radius <= FARTHEST:
+            yield f"radius: {each.radius} is not positive, or larger than the earth"
         yield from _span("floor and ceiling", (each.floor,), (each.ceiling,))
     else:
         yield from _wrong_with_prism(each)
@@ -233,7 +245,7 @@ def _wrong_with_obstacle(each: Obstacle) -> Iterator[str]:
 def _wrong_with_prism(each: NoFly | Fence) -> Iterator[str]:
     yield from _span("floor and ceiling", (each.floor,), (each.ceiling,))
     corners = [c for k, c in enumerate(each.polygon) if c != each.polygon[k - 1]]
-    if not all(math.isfinite(value) for corner in corners for value in corner):
+    if not all(_near(value) for corner in corners for value in corner):
         yield "polygon: a corner is no place"
     elif len(corners) < 3:
         yield f"polygon: it has {len(corners)} different corners, three or more are needed"
@@ -242,9 +254,13 @@ def _wrong_with_prism(each: NoFly | Fence) -> Iterator[str]:
         yield f"polygon: the sides after corners {corners[one]} and {corners[other]} cross or touch"
 
 
+def _near(value: float) -> bool:
+    return -FARTHEST <= value <= FARTHEST  # so it is no NaN either
+
+
 def _span(name: str, low: Sequence[float], high: Sequence[float]) -> Iterator[str]:
-    if not all(math.isfinite(value) for value in (*low, *high)):
-        yield f"{name}: not all are numbers"
+    if not all(map(_near, (*low, *high))):
+        yield f"{name}: {list(low)} and {list(high)}, but {FARTHEST:g} m is the farthest"
     elif not all(a < b for a, b in zip(low, high, strict=True)):
         yield f"{name}: {list(low)} is not below {list(high)}"
 
@@ -253,8 +269,13 @@ def _crossing(corners: Sequence[Corner]) -> tuple[int, int] | None:
     """Two sides of a polygon that have more in common than a corner between them."""
     n = len(corners)
     sides = [(corners[k], corners[(k + 1) % n]) for k in range(n)]
+    ends = np.array(sides)
+    (left, low), (right, high) = ends.min(axis=1).T, ends.max(axis=1).T
     for i in range(n):
-        for j in range(i + 1, n):
+        # Only sides whose boxes touch can meet: with thousands of corners that matters.
+        near = (left[i + 1 :] <= right[i]) & (right[i + 1 :] >= left[i])
+        near &= (low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])
+        for j in (np.flatnonzero(near) + i + 1).tolist():
             (a, b), (c, d) = sides[i], sides[j]
             if j == i + 1 or (i == 0 and j == n - 1):
                 # Neighbours share a corner; folded back onto each other they share more.

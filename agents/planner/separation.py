@@ -110,30 +110,6 @@ def separation(
     return float(distance), float(when)
 
 
-def least_clearance(
-    candidate: Motion,
-    others: Sequence[Motion],
-    needs: Sequence[float] | Floats,
-    downwash: float,
-    since: float = -np.inf,
-    enough: float = -np.inf,
-) -> tuple[float, int, float]:
-    """How near a motion comes to any of others, less what each pair needs (the sum of their radii).
-
-    Gives the clearance in m (inf: no others), whose it is, and when. All times are on one clock. The search stops at
-    the first that is nearer than ``enough``.
-    """
-    best, which, when = np.inf, -1, since
-    mine = np.ascontiguousarray(candidate)
-    for k, other in enumerate(others):
-        distance, t = least_between(mine, np.ascontiguousarray(other), 1.0 / downwash, False, False, since)
-        if distance - needs[k] < best:
-            best, which, when = distance - needs[k], k, t
-            if best < enough:
-                break
-    return float(best), which, float(when)
-
-
 @jit
 def _boxes(
     samples: Floats, offsets: Ints, leaves: Ints, inverse: float, start: float, width: float, count: int

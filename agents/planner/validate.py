@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from agents.planner.errors import Code, PlanError
-from agents.planner.scene import Box, Corner, Cylinder, NoFly, Obstacle, Point, Scene, check
+from agents.planner.scene import Box, Corner, Cylinder, Obstacle, Point, Scene, check, name_of
 
 TOLERANCE = 0.01
 """m"""
@@ -65,11 +65,10 @@ def _clear(
     for name, place, radius in zip(names, places, radii, strict=True):
         gaps = np.maximum(extents[:, :3] - place, place - extents[:, 3:])
         for k in np.flatnonzero((gaps < radius).all(axis=1)).tolist():
-            obstacle = scene.obstacles[k]
-            away = distance(obstacle, place)
+            away = distance(scene.obstacles[k], place)
             if away < radius - TOLERANCE:
-                kind = "no-fly zone" if isinstance(obstacle, NoFly) else type(obstacle).__name__.lower()
-                where = f"inside {kind} {k}" if away == 0.0 else f"{away:.2f} m from {kind} {k}, {radius:g} are needed"
+                what_is = name_of(scene, k)
+                where = f"inside {what_is}" if away == 0.0 else f"{away:.2f} m from {what_is}, {radius:g} are needed"
                 offenders.append(name)
                 texts.append(f"{_words(what, name)} is {where}")
                 break

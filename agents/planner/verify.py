@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner import exact
 from agents.planner.problem import Floats, Motion, Mover
-from agents.planner.scene import NoFly, Scene, Vehicle
+from agents.planner.scene import Scene, Vehicle, name_of
 from agents.planner.separation import all_pairs
 
 FaultKind = Literal[
@@ -40,22 +40,11 @@ class Fault:
         return self.text
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """How much is let pass; as the format says, unless a stricter one is wanted."""
-
-    distance: float = 0.01
-    """m nearer than the radii to others and to obstacles, or outside of bounds and fence"""
-    speed: float = 0.02
-    """share"""
-    acceleration: float = 0.05
-    """share, and m/s² besides"""
-
-
+DISTANCE, SPEED, ACCELERATION = 0.01, 0.02, 0.05
+"""what the format lets pass: m nearer to others and to obstacles or outside of bounds and fence; a share; a share, and
+m/s² besides"""
 FAR = 1e12
 """no number of a sample is so large"""
-FORMAT = Tolerance()
-STRICT = Tolerance(distance=0.002, speed=0.01, acceleration=0.03)
 
 
 @dataclass(frozen=True)
@@ -101,7 +90,6 @@ def verify(
     trajectories: Mapping[str, Motion | Sequence[Sequence[float]]],
     movers: Sequence[Mover] = (),
     *,
-    tolerance: Tolerance = FORMAT,
     written: bool = False,
 ) -> Report:
     """Judge trajectories by vehicle's id, each (T, 4) t, x, y, z.
@@ -114,12 +102,12 @@ def verify(
     flown = [v for v in scene.vehicles if v.id in motions]
     for vehicle in flown:
         faults += _ends(scene, vehicle, motions[vehicle.id])
-        faults += _limits(vehicle, motions[vehicle.id], tolerance)
-        faults += _inside(scene, vehicle, motions[vehicle.id], tolerance)
+        faults += _limits(vehicle, motions[vehicle.id])
+        faults += _inside(scene, vehicle, motions[vehicle.id])
     goals, wrong = _goals(scene, flown, motions)
     faults += wrong
-    clearance = _obstacles(scene, flown, motions, tolerance, faults)
-    closest = _apart(scene, flown, motions, movers, tolerance, faults)
+    clearance = _obstacles(scene, flown, motions, faults)
+    closest = _apart(scene, flown, motions, movers, faults)
     makespan = max((float(motion[-1, 0]) for motion in motions.values()), default=0.0)
     return Report(tuple(faults), makespan, closest, clearance, goals)
 
@@ -139,7 +127,7 @@ def _motions(
             continue
         try:
             motion = np.ascontiguousarray(trajectories[v.id], dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             motion = np.empty(0)
         if motion.ndim != 2 or motion.shape[1] != 4 or not len(motion) or not (np.abs(motion) < FAR).all():
             faults.append(Fault("samples", (v.id,), None, None, f"{v.id}: samples are numbers t, x, y, z, one or more"))
@@ -180,17 +168,17 @@ def _ends(scene: Scene, v: Vehicle, motion: Motion) -> list[Fault]:
     return faults
 
 
-def _limits(v: Vehicle, motion: Motion, tolerance: Tolerance) -> list[Fault]:
+def _limits(v: Vehicle, motion: Motion) -> list[Fault]:
     """Speed, climb, acceleration, and how densely it is sampled."""
     found = exact.limits(motion, v.type != "plane")
-    more = 1.0 + tolerance.speed
+    more = 1.0 + SPEED
     up = v.vmax if v.vz_up is None else v.vz_up
     down = v.vmax if v.vz_down is None else v.vz_down
     rules: list[tuple[FaultKind, float, float, str]] = [
         ("speed", found[0, 0], v.vmax * more, "flies {:.3f} m/s, {:.3f} are allowed"),
         ("climb", found[1, 0], up * more, "climbs {:.3f} m/s, {:.3f} are allowed"),
         ("descent", found[2, 0], down * more, "descends {:.3f} m/s, {:.3f} are allowed"),
-        ("acceleration", found[3, 0], v.amax * (1.0 + tolerance.acceleration) + tolerance.acceleration,
+        ("acceleration", found[3, 0], v.amax * (1.0 + ACCELERATION) + ACCELERATION,
          "accelerates by {:.3f} m/s², {:.3f} are allowed"),
         ("sampling", found[4, 0], 0.2, "is {:.3f} s without a sample while it moves, {:.3f} are allowed"),
     ]  # fmt: skip
@@ -200,7 +188,7 @@ def _limits(v: Vehicle, motion: Motion, tolerance: Tolerance) -> list[Fault]:
             t = float(motion[int(found[k, 1]), 0])
             text = f"{v.id} " + words.format(value, limit) + f", at {t:.2f} s"
             faults.append(Fault(kind, (v.id,), t, value - limit, text))
-    least = (v.vmin or 0.0) * (1.0 - tolerance.speed)
+    least = (v.vmin or 0.0) * (1.0 - SPEED)
     if v.type == "plane" and (len(motion) < 2 or found[5, 0] < least - 2e-6):
         t = float(motion[int(found[5, 1]), 0])
         slow = float(found[5, 0]) if len(motion) > 1 else 0.0
@@ -208,19 +196,19 @@ def _limits(v: Vehicle, motion: Motion, tolerance: Tolerance) -> list[Fault]:
         faults.append(Fault("slow", (v.id,), t, least - slow, text))
     if v.type == "rover":
         off = np.abs(motion[:, 3] - v.start[2])
-        if off.max() > tolerance.distance:
+        if off.max() > DISTANCE:
             k = int(off.argmax())
             text = f"{v.id} is {off[k]:.3f} m off its height, at {motion[k, 0]:.2f} s"
             faults.append(Fault("height", (v.id,), float(motion[k, 0]), float(off[k]), text))
     return faults
 
 
-def _inside(scene: Scene, v: Vehicle, motion: Motion, tolerance: Tolerance) -> list[Fault]:
+def _inside(scene: Scene, v: Vehicle, motion: Motion) -> list[Fault]:
     """Within the bounds and the fence."""
     faults: list[Fault] = []
 
     def outside(kind: FaultKind, words: str, depth: float, k: int) -> None:
-        if depth > tolerance.distance:
+        if depth > DISTANCE:
             t = float(motion[k, 0])
             text = f"{v.id} is {depth:.3f} m outside of the {words}, at {t:.2f} s"
             faults.append(Fault(kind, (v.id,), t, depth, text))
@@ -249,30 +237,22 @@ def _goals(scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Motion]
                 text = f"{v.id} ends {away:.3f} m from its goal, {scene.goal_tolerance:g} are allowed"
                 faults.append(Fault("goal", (v.id,), t, away - scene.goal_tolerance, text))
         return {}, faults
+    if not flown:
+        return {}, faults
+    from scipy.sparse import csr_matrix  # takes long to import and is seldom needed
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
     ends = np.array([motions[v.id][-1, 1:] for v in flown]).reshape(-1, 3)
     way = np.linalg.norm(ends[:, None] - np.array(scene.goals, dtype=np.float64)[None], axis=2)
-    taken: dict[int, int] = {}
+    got = maximum_bipartite_matching(csr_matrix(way <= reach), perm_type="column").tolist()
     for k, v in enumerate(flown):
-        if not _take(k, way <= reach, taken, set()):
+        if got[k] < 0:
             text = f"{v.id} ends at no goal that is not another's ({way[k].min():.3f} m from the nearest)"
             faults.append(Fault("goal", (v.id,), float(motions[v.id][-1, 0]), float(way[k].min()), text))
-    return {flown[k].id: goal for goal, k in sorted(taken.items())}, faults
+    return {v.id: goal for v, goal in zip(flown, got, strict=True) if goal >= 0}, faults
 
 
-def _take(k: int, near: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], taken: dict[int, int], seen: set[int]) -> bool:
-    """Give a goal to ``k``, moving others to their other ones where need be (augmenting paths)."""
-    for goal in np.flatnonzero(near[k]):
-        if int(goal) not in seen:
-            seen.add(int(goal))
-            if int(goal) not in taken or _take(taken[int(goal)], near, taken, seen):
-                taken[int(goal)] = k
-                return True
-    return False
-
-
-def _obstacles(
-    scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Motion], tolerance: Tolerance, faults: list[Fault]
-) -> float:
+def _obstacles(scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Motion], faults: list[Fault]) -> float:
     """The least clearance from obstacles; those that are hit are added to the faults."""
     if not scene.obstacles:
         return math.inf
@@ -284,30 +264,22 @@ def _obstacles(
         if which < 0:
             continue
         best = min(best, float(distance) - v.radius)
-        if distance < v.radius - tolerance.distance:
+        if distance < v.radius - DISTANCE:
             t = float(motion[piece, 0])
             text = f"{v.id} is {distance:.3f} m from {name_of(scene, which)}, {v.radius:g} are needed, at {t:.2f} s"
             faults.append(Fault("obstacle", (v.id,), t, v.radius - float(distance), text))
     return best
 
 
-def name_of(scene: Scene, obstacle: int) -> str:
-    """What to call an obstacle: its kind, and its place among the obstacles (from 0)."""
-    each = scene.obstacles[obstacle]
-    kind = "no-fly zone" if isinstance(each, NoFly) else type(each).__name__.lower()
-    return f"{kind} {obstacle}"
-
-
 def _apart(
-    scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Motion], movers: Sequence[Mover],
-    tolerance: Tolerance, faults: list[Fault],
-) -> Closest | None:  # fmt: skip
+    scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Motion], movers: Sequence[Mover], faults: list[Fault]
+) -> Closest | None:
     """The pair with the least clearance; those that are too near are added to the faults."""
     names = [*(v.id for v in flown), *(m.id for m in movers)]
     radius: Floats = np.array([*(v.radius for v in flown), *(m.radius for m in movers)], dtype=np.float64)
     tracks = [*(motions[v.id] for v in flown), *(np.ascontiguousarray(m.motion) for m in movers)]
     leaves = [*(v.type == "plane" for v in flown), *(m.leaves for m in movers)]
-    found, (i, j, clearance, when) = all_pairs(tracks, radius, leaves, scene.downwash, len(flown), tolerance.distance)
+    found, (i, j, clearance, when) = all_pairs(tracks, radius, leaves, scene.downwash, len(flown), DISTANCE)
     for a, b, distance, t in found:
         one, other = int(a), int(b)
         need = float(radius[one] + radius[other])
