@@ -9,9 +9,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from agents.planner.picture import colours
+from agents.planner.picture import colours, place_of
 from agents.planner.plans import Plan
-from agents.planner.problem import Floats
 from agents.planner.scene import Box, Cylinder, NoFly, Scene
 from agents.planner.verify import Report
 
@@ -35,14 +34,14 @@ def show(scene: Scene, plan: Plan, report: Report | None, save: Path | None, win
         rr.spawn(connect=False, hide_welcome_screen=True)
         sinks.append(rr.GrpcSink())
     recording.set_sinks(*sinks)
-    recording.send_blueprint(_blueprint(plan.makespan))
+    recording.send_blueprint(_blueprint())
     _log_world(recording, scene)
     _log_vehicles(recording, scene, plan, report)
     recording.flush()
     recording.disconnect()
 
 
-def _blueprint(makespan: float) -> rrb.Blueprint:
+def _blueprint() -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Spatial3DView(origin="/", name="plan", background=[248, 249, 250]),
         rrb.TimePanel(timeline="plan", state="expanded", play_state="playing", loop_mode="all"),
@@ -102,7 +101,7 @@ def _log_vehicles(recording: rr.RecordingStream, scene: Scene, plan: Plan, repor
     recording.log("goals", goals, static=True)
     for t in np.arange(0.0, plan.makespan + 1.0 / RATE, 1.0 / RATE):
         recording.set_time("plan", duration=float(t))
-        here = [place(motions[v.id], float(t)) for v in flown]
+        here = [place_of(motions[v.id], float(t)) for v in flown]
         there = [k for k, v in enumerate(flown) if v.type != "plane" or t <= motions[v.id][-1, 0]]
         labels = [flown[k].id for k in there] if len(flown) <= 64 else None
         points = rr.Points3D(
@@ -111,12 +110,7 @@ def _log_vehicles(recording: rr.RecordingStream, scene: Scene, plan: Plan, repor
         recording.log("vehicles", points)
         if report is not None and report.closest is not None and all(name in motions for name in report.closest.ids):
             near = abs(t - report.closest.time) < 1.0
-            pair = [[place(motions[name], float(t)) for name in report.closest.ids]] if near else []
+            pair = [[place_of(motions[name], float(t)) for name in report.closest.ids]] if near else []
             words = [f"{report.closest.clearance:.2f} m clear"] if near else None
             strip = rr.LineStrips3D(pair, colors=RED, radii=rr.Radius.ui_points(3.0), labels=words)
             recording.log("nearest", strip)
-
-
-def place(motion: Floats, t: float) -> list[float]:
-    """Where a motion is at a time."""
-    return [float(np.interp(t, motion[:, 0], motion[:, k])) for k in (1, 2, 3)]

@@ -17,6 +17,9 @@ from zmav.errors import BadInput
 Sample = tuple[float, float, float, float]
 """t (s from the start of the plan), x, y, z (ENU metres)"""
 
+STAY = 0.1
+"""s"""
+
 
 class ErrorBody(msgspec.Struct, kw_only=True):
     code: Code
@@ -34,10 +37,15 @@ class Plan(msgspec.Struct, kw_only=True, omit_defaults=True):
 
     @classmethod
     def of(cls, motions: Mapping[str, Motion], planning_time_s: float | None = None) -> Plan:
-        """Of motions (T, 4) by vehicle's id, rounded to the file's six decimals."""
+        """Of motions (T, 4) by vehicle's id, rounded to the file's six decimals.
+
+        A vehicle that stays where it is gets a second sample, so that every trajectory has a piece to look at.
+        """
         samples: dict[str, list[Sample]] = {}
         for name, motion in motions.items():
             rounded = np.round(motion, 6) + 0.0  # and no -0.0
+            if len(rounded) == 1:
+                rounded = rounded[[0, 0]] + [[0.0] * 4, [STAY, 0.0, 0.0, 0.0]]
             samples[name] = [(t, x, y, z) for t, x, y, z in rounded.tolist()]
         return cls(status="ok", planning_time_s=planning_time_s, trajectories=samples)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import sys
@@ -70,6 +71,9 @@ def command(
         if len(files) != 2:
             text = "--check takes two files: SCENE.json PLAN.json"
             raise BadConfig(text, field="check", value=[str(f) for f in files], expected="two files")
+        if output is not None:
+            text = "--check plans nothing: there is nothing to write with -o"
+            raise BadConfig(text, field="output", value=str(output), expected="no -o")
         _check_shows(wish, [picture])
         sys.exit(_judge(files[0], files[1], wish))
     targets = targets_of(files, output)
@@ -132,8 +136,11 @@ def targets_of(files: tuple[Path, ...], output: Path | None, suffix: str = ".jso
 
 def _check_writable(target: Path) -> None:
     try:
-        if target.exists() and not target.is_file():
-            target.open("wb").close()  # a device or a pipe
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if target.exists() and not target.is_file():  # a device, or a pipe: opened to try, it would end for its reader
+            if not os.access(target, os.W_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         else:
             with tempfile.TemporaryFile(dir=target.parent):
                 pass
@@ -165,13 +172,12 @@ def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages
 
     try:
         done = _plan(path, wish, stages)
-    except ZmavError:
-        raise
     except Exception as e:
         if not several:
             raise
         stages.end()
-        click.echo(f"zmav: {path}: the planner failed: {type(e).__name__}: {e}", err=True)  # the others are planned
+        text = str(e) if isinstance(e, ZmavError) else f"{path}: the planner failed: {type(e).__name__}: {e}"
+        click.echo(f"zmav: {text}", err=True)  # the others are planned
         return False
     if target is None:
         click.echo(encode(done.plan), nl=False)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from agents.planner.cli.plan import command
+from agents.planner import verify
+from agents.planner.cli.plan import command, targets_of
+from agents.planner.plans import Plan
+from agents.planner.scene import Scene, read_scene
 from tests.agents.planner import checker
 from tests.agents.planner.broken import broken
 from tests.agents.planner.flights import straight_plan
@@ -93,6 +100,36 @@ def test_walled_in_vehicles_are_all_named(tmp_path: Path) -> None:
         assert (error["code"], error["ids"]) == (code, ids)
 
 
+def test_a_pipe_is_not_ended_before_the_plan_is_in_it(scene: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert targets_of((scene,), pipe) == [pipe]  # and does not wait for anyone to read
+
+
+def test_one_that_fails_does_not_keep_others_from_being_planned(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = verify.verify, []
+
+    def first_fails(scene: Scene, *args: Any, **options: Any) -> verify.Report:
+        calls.append(scene)
+        report = real(scene, *args, **options)
+        fault = verify.Fault("late", ("v000",), 0.0, 1.0, "v000 is late")
+        return replace(report, faults=(fault,)) if len(calls) == 1 else report
+
+    monkeypatch.setattr(verify, "verify", first_fails)
+    monkeypatch.setattr("agents.planner.solve.verify", SimpleNamespace(verify=real))
+    again = write(tmp_path / "again.json", json.loads(scene.read_bytes()))
+    done = zmav_plan(scene, again, "-o", tmp_path / "plans", ok=False)
+    assert "does not keep the scene's rules: v000 is late" in done.stderr
+    assert [path.name for path in (tmp_path / "plans").iterdir()] == ["again.json"]
+
+
+def test_who_stays_has_a_piece_of_trajectory() -> None:
+    made = Plan.of({"a": np.array([[0.0, 1.0, 2.0, 3.0]])})
+    assert made.trajectories == {"a": [(0.0, 1.0, 2.0, 3.0), (0.1, 1.0, 2.0, 3.0)]}
+
+
 def test_a_scene_without_a_plan_says_so(tmp_path: Path) -> None:
     done = zmav_plan(tmp_path / "none.json", ok=False)
     body = json.loads(done.stdout)
@@ -117,6 +154,7 @@ def test_a_scene_without_a_plan_says_so(tmp_path: Path) -> None:
         (["SCENE", "--view"], "no display"),
         (["SCENE", "DIR/b.json", "-o", "DIR/plans", "--save", "DIR/x.rrd"], "show one scene"),
         (["SCENE", "--check"], "two files"),
+        (["SCENE", "SCENE", "--check", "-o", "DIR/plan.json"], "nothing to write with -o"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_planning(
@@ -132,8 +170,6 @@ def test_what_cannot_be_written_is_refused_before_planning(
 
 def test_plans_of_anyone_are_judged(scene: Path, tmp_path: Path) -> None:
     body = json.loads(scene.read_bytes())
-    from agents.planner.scene import read_scene
-
     made = straight_plan(read_scene(scene))
     plan = write(tmp_path / "plan.json", {**made, "by": "somebody"})
     done = zmav_plan("--check", scene, plan, "--json", ok=False)
