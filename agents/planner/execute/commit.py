@@ -94,8 +94,8 @@ class Part:
     """s by which its clock may be other than we think"""
     instance: str = ""
     """of its agent: another one counts leases and setpoints from nought again"""
-    refused_since: float = np.inf
-    """when it first said that it did not take a trajectory, and has taken none since"""
+    refused: tuple[float, float] = (-np.inf, -np.inf)
+    """when it first and last said that it did not take a trajectory, of those that it refused one after another"""
 
     @property
     def known(self) -> Entry:

@@ -49,8 +49,8 @@ KEEP, KEEP_LEFT, KEEP_EVERY = 20.0, 10.0, 2.0
 """s that a resting vehicle is told to stay for, and when it is told so again"""
 STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 """s at rest without a way on, after which a new plan is asked for"""
-REFUSES_AFTER = 10.0
-"""s at rest for which one that is heard takes none of its trajectories, until it is given up"""
+REFUSES_AFTER, AT_ONCE = 10.0, 3.0
+"""s for which one at rest refuses what it is sent, no farther apart than the second, until it is given up"""
 SLOW = 0.6
 """pace of the common clock while somebody does not keep up"""
 RECOVER = 5.0
@@ -123,13 +123,17 @@ class Conductor:
             return  # overtaken on the way: a later word is known
         part.said = said
         if part.lost:
-            part.lost, part.refused_since = False, np.inf
+            part.lost = False
             self._say("found", "notice", f"{part.id} is heard again", vehicle=part.id)
         before = part.known
         if part.acknowledge(stamp, said):
             self._tried.clear()
             self._moved = now
-            part.refused_since = np.inf if part.known is not before else min(part.refused_since, now)
+            if part.known is before:
+                first, last = part.refused
+                part.refused = (first if now - last < AT_ONCE else now, now)
+            else:
+                part.refused = (now, -np.inf)
         if part.known.taken and not any(stamp in entry.sent for entry in part.entries):
             self.gone(part, "it flies no trajectory of ours any more", None)
         elif ends is not None and stamp in part.known.sent:
@@ -245,7 +249,7 @@ class Conductor:
                 part.lost = True
                 text = f"{part.id} is not heard: its way and the column at its end stay reserved"
                 self._say("lost", "warning", text, vehicle=part.id)
-            if part.active and part.known.rest_at < now and now - part.refused_since > REFUSES_AFTER:
+            if part.active and part.known.rest_at < now and part.refused[1] - part.refused[0] > REFUSES_AFTER:
                 self.gone(part, f"it is heard, and has taken no trajectory for {REFUSES_AFTER:g} s", None)
         if self.line.pace < 1.0 and now > self._slow_until:
             self._pace(1.0, now)

@@ -14,7 +14,7 @@ import pytest
 
 from agents.planner.execute.executor import Executor, Flight, Trouble
 from agents.planner.problem import Motion
-from tests.agents.planner.execute.fleet import BadClient, airborne
+from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
 from tests.agents.planner.execute.virtual import carousel, crossing
 from zmav.errors import NotHolder, Refused
 
@@ -35,7 +35,7 @@ def starts(motions: dict[str, Motion]) -> list[tuple[float, float]]:
 
 
 async def test_a_swap_over_a_network_that_loses_a_third_and_is_cut_for_two_seconds() -> None:
-    motions = named(crossing(np.random.default_rng(3), 4, 14.0, 2.0 * (RADIUS + 1.2)))
+    motions = named(crossing(np.random.default_rng(4), 3, 8.0, 2.0 * (RADIUS + 1.2)))
     async with airborne(starts(motions), HEIGHT) as fleet, fleet.watch() as watch:
         async with BadClient(fleet.endpoint, 0.3, (0.05, 0.2)) as z:
             await z.wait_for(*fleet.names)
@@ -73,7 +73,7 @@ asyncio.run(main())
 
 
 async def test_a_planner_killed_in_mid_swap_leaves_everybody_at_rest_and_apart(tmp_path: Path) -> None:
-    motions = named(carousel(3, 7.0, speed=3.0))
+    motions = named(carousel(3, 5.0, turn=2.5, speed=3.0))
     plan = tmp_path / "plan.json"
     plan.write_text(json.dumps({name: motion.tolist() for name, motion in motions.items()}))
     async with airborne(starts(motions), HEIGHT) as fleet, fleet.watch() as watch:
@@ -81,7 +81,7 @@ async def test_a_planner_killed_in_mid_swap_leaves_everybody_at_rest_and_apart(t
             sys.executable, "-c", PLANNER, fleet.endpoint, str(plan), cwd=ROOT
         )
         try:
-            await watch.until(lambda: watch.moved() > 3.0, "nobody moves")
+            await watch.until(lambda: watch.moved() > 2.0, "nobody moves")
             planner.send_signal(signal.SIGKILL)
             await planner.wait()
             await watch.until(lambda: watch.still(1.0), "they do not come to rest")
@@ -94,8 +94,8 @@ async def test_a_planner_killed_in_mid_swap_leaves_everybody_at_rest_and_apart(t
     assert modes == {"GUIDED"}
 
 
-async def test_what_a_pilot_takes_is_not_fought_and_the_others_are_planned_anew() -> None:
-    motions = named(carousel(3, 9.0, speed=2.0))
+async def test_what_cannot_begin_is_refused_and_what_a_pilot_takes_is_not_fought_but_planned_anew() -> None:
+    motions = named(carousel(3, 6.0, turn=2.0, speed=2.0))
     said: list[str] = []
     troubles: list[Trouble] = []
 
@@ -112,6 +112,8 @@ async def test_what_a_pilot_takes_is_not_fought_and_the_others_are_planned_anew(
         fleet.watch() as watch,
         Executor(fleet.z, fleet.names, say=say, replan=replan) as executor,
     ):
+        await refused(fleet, executor, motions)
+        assert watch.moved() < 0.5
         flying = asyncio.create_task(executor.run(flight(motions)))
         await watch.until(lambda: watch.moved() > 2.0, "nobody moves")
         fleet.world.call(lambda: fleet.world.vehicles[0].pilot_mode("LOITER"))
@@ -128,20 +130,14 @@ async def test_what_a_pilot_takes_is_not_fought_and_the_others_are_planned_anew(
     assert watch.least(DOWNWASH) > 2.0 * RADIUS
 
 
-async def test_what_cannot_begin_is_refused_before_anything_moves() -> None:
-    motions = named(carousel(2, 6.0, speed=2.0))
-    async with (
-        airborne(starts(motions), HEIGHT) as fleet,
-        fleet.watch() as watch,
-        Executor(fleet.z, fleet.names) as executor,
-    ):
-        with pytest.raises(Refused, match=r"keeps 0\.10 m of margin, and quad1 needs 0\.[4-9]") as refused:
-            await executor.run(flight(motions, margin=0.1))
-        assert executor.needed({"quad1": 2.0}) == pytest.approx(refused.value.detail["needed"], abs=0.005)
-        assert executor.needed({"quad1": 2.0, "quad2": 9.0}) > executor.needed({"quad1": 2.0})
-        swapped = dict(zip(motions, reversed(list(motions.values())), strict=True))
-        with pytest.raises(Refused, match=r"quad1 is 1[12]\.\d m from where its motion begins"):
-            await executor.run(flight(swapped))
-        with pytest.raises(NotHolder, match="planner"):
-            await Executor(fleet.z, ["quad1"], holder="rival").__aenter__()
-    assert watch.moved() < 0.5
+async def refused(fleet: Fleet, executor: Executor, motions: dict[str, Motion]) -> None:
+    """Too little margin, a wrong start, another's lease."""
+    with pytest.raises(Refused, match=r"keeps 0\.10 m of margin, and quad1 needs 0\.[4-9]") as found:
+        await executor.run(flight(motions, margin=0.1))
+    assert executor.needed({"quad1": 2.0}) == pytest.approx(found.value.detail["needed"], abs=0.005)
+    assert executor.needed({"quad1": 2.0, "quad2": 9.0}) > executor.needed({"quad1": 2.0})
+    swapped = dict(zip(motions, reversed(list(motions.values())), strict=True))
+    with pytest.raises(Refused, match=r"quad1 is 10\.\d m from where its motion begins"):
+        await executor.run(flight(swapped))
+    with pytest.raises(NotHolder, match="planner"):
+        await Executor(fleet.z, ["quad1"], holder="rival").__aenter__()
