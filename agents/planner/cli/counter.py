@@ -36,7 +36,7 @@ class Planner:
 
     @property
     def vehicles(self) -> list[str]:
-        """Those that it hears."""
+        """Those that it knows: heard in the last half minute."""
         return [str(name) for name in self.status.get("vehicles", [])]
 
     def names(self, patterns: tuple[str, ...] | list[str]) -> list[str]:
@@ -45,7 +45,7 @@ class Planner:
         for pattern in patterns:
             if not match_names([pattern], self.vehicles):
                 known = ", ".join(self.vehicles) or "none"
-                text = f"no vehicle is called {pattern}; {self.name} hears: {known}"
+                text = f"no vehicle is called {pattern}; {self.name} knows: {known}"
                 raise BadInput(text, field="vehicles", value=pattern, expected=known)
         return found
 

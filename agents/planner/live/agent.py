@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
+import math
 import time
 import uuid
 from collections.abc import Coroutine
@@ -20,7 +21,7 @@ import msgspec
 import zmav
 from agents.planner.goals.steps import FleetView
 from agents.planner.live.charge import Charge
-from agents.planner.live.checks import read_obstacle
+from agents.planner.live.checks import FARTHEST, read_obstacle
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.desk import Desk
 from agents.planner.live.fleet import Fleet
@@ -43,6 +44,10 @@ from zmav.wire import swarm
 TICK = 0.2
 EVENTS = 30
 """what happened last, and is told in the status"""
+SELDOM = 1.0
+"""s between two words on obstacles that come by themselves, and on faults, however many there are"""
+LEAST = 0.1
+"""s between two looks at what is flown in a world that has changed"""
 
 
 class Agent:
@@ -74,8 +79,12 @@ class Agent:
         self._asking: set[asyncio.Task[None]] = set()
         self._held = ""
         """why nothing is begun, so that it is said once"""
-        if settings.geofence is not None:
-            self.world.give(swarm.Obstacle(name=FENCE, t=0.0, what=settings.geofence), time.monotonic())
+        self._changed = False
+        """the world is another one, and what is flown was not looked at since"""
+        self._looked = 0.0
+        self._told: dict[str, tuple[float, int]] = {}
+        """by kind: when something was last said of what comes by itself, and how often nothing was since"""
+        self.fence()
 
     async def __aenter__(self) -> Agent:
         self._loop = asyncio.get_running_loop()
@@ -127,7 +136,7 @@ class Agent:
             "term": self.charge.term or self.charge.highest,
             "ready": self.solver.ready,
             "book": msgspec.to_builtins(self.book()),
-            "vehicles": sorted(hearing.heard),
+            "vehicles": sorted(self.fleet.view().vehicles),
             "unheard": sorted(hearing.unheard),
             "silent": self.fleet.silent(),
             "obstacles": len(self.world.obstacles),
@@ -161,7 +170,10 @@ class Agent:
         if silent:
             text = f"{', '.join(silent)}: heard, but with no place in the fleet's frame: start 'zmav up' with --origin"
             raise BadInput(text, field="vehicles", value=silent, expected="vehicles with a local position")
-        view.pick(goal.vehicles)
+        for seen in view.pick(goal.vehicles):
+            if not max(map(abs, seen.pos_ned)) <= FARTHEST:
+                text = f"{seen.name} is {math.hypot(*seen.pos_ned) / 1e3:.0f} km from the fleet's origin: look at --origin"
+                raise BadInput(text, field="vehicles", value=seen.name, expected=f"within {FARTHEST / 1e3:.0f} km")
         return view
 
     async def preview_solver(self) -> Solver:
@@ -175,29 +187,50 @@ class Agent:
 
     # What is told.
 
-    def take_obstacle(self, obstacle: swarm.Obstacle, by: str = "") -> bool:
-        """Something is there, moved or gone: True where that is news. Raises :class:`BadInput`."""
+    def fence(self) -> None:
+        """The fleet file's geofence, where there is one."""
+        if self.settings.geofence is not None:
+            self.world.give(swarm.Obstacle(name=FENCE, t=0.0, what=self.settings.geofence), time.monotonic())
+
+    def take_obstacle(self, obstacle: swarm.Obstacle, by: str = "") -> str:
+        """Something is there, moved or gone: what became of it, in words; empty: no news. Raises :class:`BadInput`."""
+        if obstacle.t > (now := time.time()):  # or nobody whose clock is right could ever change it
+            obstacle = msgspec.structs.replace(obstacle, t=now)
         known = self.world.find(obstacle.name) is not None
-        moved = known and isinstance(obstacle.what, swarm.Ball)
         if not self.world.give(obstacle, time.monotonic()):
-            return False
-        if not moved:  # or what moves would fill the log
-            word = "gone" if obstacle.what is None else ("changed" if known else "new")
-            self.say("world", "info", f"obstacle {obstacle.name}: {word}{by}")
-        self._world_changed()
-        return True
+            return ""
+        self._changed = True
+        self.wake()
+        word = "gone" if obstacle.what is None else ("changed" if known else "new")
+        return f"obstacle {obstacle.name}: {word}{by}"
+
+    def clear(self) -> int:
+        """Forget all obstacles but the fleet file's fence; how many."""
+        count = self.world.clear()
+        self.fence()
+        self._changed = True
+        self.wake()
+        return count
 
     def on_obstacle(self, data: bytes) -> None:
-        """From the network; what is none is left alone, and said."""
+        """From the network; what is none is left alone, and said. However many come, the log stays short."""
         try:
-            self.take_obstacle(read_obstacle(data))
+            obstacle = read_obstacle(data)
+            moved = isinstance(obstacle.what, swarm.Ball) and self.world.find(obstacle.name) is not None
+            text = self.take_obstacle(obstacle)
         except BadInput as e:
-            self.say("refused", "warning", f"refused: {e}")
+            self._say_seldom("refused", "warning", f"refused: {e}")
+        else:
+            if text and not moved:
+                self._say_seldom("world", "info", text)
 
-    def _world_changed(self) -> None:
-        for run in self.runs.values():
-            run.world_changed()
-        self.wake()
+    def _say_seldom(self, kind: str, severity: wire.Severity, text: str) -> None:
+        (last, unsaid), now = self._told.get(kind, (-SELDOM, 0)), time.monotonic()
+        if now - last < SELDOM:
+            self._told[kind] = (last, unsaid + 1)
+            return
+        self._told[kind] = (now, 0)
+        self.say(kind, severity, text + (f" (and {unsaid} more before)" if unsaid else ""))
 
     def on_map(self, data: bytes) -> None:
         """What the planner in charge keeps clear of: whoever stands by keeps it, too."""
@@ -228,7 +261,9 @@ class Agent:
             try:
                 self._round()
             except ZmavError as e:
-                self.say("fault", "error", str(e))
+                self._say_seldom("fault", "error", str(e))
+            except Exception as e:  # or it would hold its token for ever, and do nothing
+                self._say_seldom("fault", "error", f"the planner's own fault: {e!r}")
             with contextlib.suppress(asyncio.TimeoutError):
                 await within(TICK, self._news.wait())
             self._news.clear()
@@ -241,8 +276,12 @@ class Agent:
         self.clocks.hear()
         if name := self.clocks.due(now):
             self._do(self.clocks.ask(name))
-        if self.world.expire(now):
-            self._world_changed()
+        self._changed |= bool(self.world.expire(now))
+        if self._changed and now - self._looked > LEAST:
+            self._changed, self._looked = False, now
+            for run in self.runs.values():
+                run.world_changed()
+            self.press.changed()
         if not self.charge.in_charge:
             if self.charge.lost(now):
                 self._take_charge(now)
