@@ -198,6 +198,11 @@ def test_a_plane_that_cannot_turn_away_is_named() -> None:
     assert (raised.value.kind, raised.value.ids) == ("unreachable", ["doomed"])
 
 
+def test_a_turn_of_all_that_it_may_is_made_where_no_other_is_left() -> None:
+    """12 m/s and 5 m/s² turn within 28.8 m, and there are 29."""
+    planned(arena(plane("p", (171.0, 0.0, 70.0), (0.0, 0.0, 70.0), 0.0)))
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_planes_of_a_mixed_fleet(seed: int) -> None:
     planned(generate.mixed(60, seed, planes=10, rovers=10))
