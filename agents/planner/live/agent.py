@@ -172,7 +172,8 @@ class Agent:
             raise BadInput(text, field="vehicles", value=silent, expected="vehicles with a local position")
         for seen in view.pick(goal.vehicles):
             if not max(map(abs, seen.pos_ned)) <= FARTHEST:
-                text = f"{seen.name} is {math.hypot(*seen.pos_ned) / 1e3:.0f} km from the fleet's origin: look at --origin"
+                away = math.hypot(*seen.pos_ned) / 1e3
+                text = f"{seen.name} is {away:.0f} km from the fleet's origin: is the --origin of its 'zmav up' right?"
                 raise BadInput(text, field="vehicles", value=seen.name, expected=f"within {FARTHEST / 1e3:.0f} km")
         return view
 

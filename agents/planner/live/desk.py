@@ -113,14 +113,15 @@ class Desk:
 
     async def _obstacle(self, args: swarm.GiveObstacle, report: Report, origin: Origin | None) -> dict[str, Any]:
         check_obstacle(args.obstacle)
-        news = self._agent.take_obstacle(args.obstacle, _by(origin))
-        return {"news": news, "obstacles": len(self._agent.world.obstacles)}
+        text = self._agent.take_obstacle(args.obstacle, _by(origin))
+        if text:
+            self._agent.say("world", "info", text)
+        return {"news": bool(text), "obstacles": len(self._agent.world.obstacles)}
 
     async def _clear(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
-        count = self._agent.world.clear()
+        count = self._agent.clear()
         self._agent.ledger.clear()
         self._agent.say("world", "notice", f"{count} obstacles forgotten{_by(origin)}")
-        self._agent.wake()
         return {"obstacles": count}
 
     # Looking.

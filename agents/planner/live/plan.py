@@ -97,8 +97,8 @@ class Planner:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin), margin)
 
-    async def check(self, step: Fly, view: FleetView, laps: int) -> Planned | None:
-        """Prepared motions as a plan, where the verifier lets them pass among all that is there now."""
+    async def check(self, step: Fly, view: FleetView, laps: int) -> tuple[Planned | None, str]:
+        """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not."""
         motions = unroll(step, laps)
         names = tuple(motions)
         room = self.room(names)
@@ -110,9 +110,9 @@ class Planner:
         judged = await self._judge(scene, trajectories, room)
         if not judged.ok:
             self._agent.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
-            return None
+            return None, judged.faults[0]
         margin = self._agent.settings.margin
-        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin)
+        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin), ""
 
     async def _judge(self, scene: Scene, trajectories: dict[str, list[Sample]], room: Room) -> jobs.Judgement:
         """No plan leaves unverified, and by how much it passes is told."""

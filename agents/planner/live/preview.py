@@ -49,14 +49,12 @@ async def _step(planner: Planner, step: Step, view: FleetView, report: Report) -
     if isinstance(step, PlanTo):
         planned = await planner.plan_to(step, view, progress)
     elif isinstance(step, Fly):
-        planned = await planner.check(step, view, 1)
+        planned, objection = await planner.check(step, view, 1)
         for instead in step.instead if planned is None else ():
             planned = await planner.plan_to(instead, view, progress)
             view = moved(view, _ends(planned))
         if planned is None:
-            raise Refused(
-                f"{step.text or 'what was prepared'} is not clear of what is there, and there is no other way"
-            )
+            raise Refused(f"{step.text or 'what was prepared'}: {objection}; there is no other way")
     elif isinstance(step, Orders):
         return None, _after(step, view)
     return planned, (moved(view, _ends(planned)) if planned is not None else view)

@@ -39,8 +39,8 @@ SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
 """deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
-MANY_LAPS = 20
-"""laps that are planned at once where there is no end to them"""
+MANY_LAPS, MANY_SAMPLES = 20, 50_000
+"""laps that are planned at once, and samples of all vehicles that they may have: between them everybody rests"""
 
 
 class Run:
@@ -226,8 +226,10 @@ class Run:
     async def _fly_prepared(self, crew: Crew, step: Fly, share: tuple[float, float]) -> list[str]:
         laps = 0
         while step.laps == 0 or laps < step.laps:
-            more = MANY_LAPS if step.laps == 0 else step.laps - laps
-            planned = await self.planner.check(step, self._view(), more)
+            more = min(step.laps - laps if step.laps else MANY_LAPS, many_laps(step))
+            if laps and (missing := await self._plan_and_fly(crew, _to_begin(step), share)):
+                return missing
+            planned, why = await self.planner.check(step, self._view(), more)
             if planned is None:
                 break
             landed = await self._flown(crew, planned, step.text, share)
@@ -235,12 +237,13 @@ class Run:
             if not landed.arrived:
                 self.say("replan", "notice", f"{self.entry.id}: planned anew: {landed.why}", goal=self.entry.id)
                 await self._settled()
+                why = landed.why
                 break
             laps += more
         else:
             return []
         if not step.instead:
-            raise Refused("what was prepared is not clear of what is there, and there is no other way")
+            raise Refused(f"{step.text or 'what was prepared'}: {why}; there is no other way")
         for instead in step.instead:
             if missing := await self._plan_and_fly(crew, instead, share):
                 return missing
@@ -398,6 +401,18 @@ def _without(step: PlanTo, gone: set[str]) -> PlanTo:
     keep = [i for i, name in enumerate(step.vehicles) if name not in gone]
     places = step.places[keep] if step.labelled else step.places[: len(keep)]
     return PlanTo(tuple(step.vehicles[i] for i in keep), np.ascontiguousarray(places), step.labelled, step.text)
+
+
+def _to_begin(step: Fly) -> PlanTo:
+    """To where its motions begin: they end farther along the loop."""
+    places = np.array([motion[0, 1:] for motion in step.motions.values()])
+    return PlanTo(tuple(step.motions), places, True, f"{step.text}: to the next laps")
+
+
+def many_laps(step: Fly) -> int:
+    """How many may be planned at once."""
+    each = sum(len(motion) for motion in step.motions.values())
+    return max(1, min(MANY_LAPS, MANY_SAMPLES // each))
 
 
 def _vector(place: Any) -> Vector:
