@@ -12,7 +12,7 @@ import pytest
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.track import Line
 from agents.planner.problem import Motion, Mover
-from tests.agents.planner.execute.virtual import History, carousel, crossing, slower
+from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 
 ENDS = ("done", "stuck", "halted")
 
@@ -37,7 +37,7 @@ def check(history: History) -> None:
     assert max(craft.jump for craft in history.crafts.values()) < 0.25
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_good_network_flies_the_plan_in_its_own_time(seed: int) -> None:
     motions = plan(seed)
     history = History(motions, np.random.default_rng(seed), loss=0.0, delay=(0.01, 0.05))
@@ -48,7 +48,7 @@ def test_a_good_network_flies_the_plan_in_its_own_time(seed: int) -> None:
     check(history)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_loss_and_bursts_delay_and_harm_nobody(seed: int) -> None:
     history = History(plan(seed), np.random.default_rng(seed), loss=0.3 + 0.05 * (seed % 4))
     history.network.cut = lambda now, who: (now + seed) % 9.0 < 2.0
@@ -68,7 +68,7 @@ def test_two_seconds_without_a_network_do_not_stop_a_long_plan() -> None:
     assert history.now - 1000.0 < span(motions) + 7.0
 
 
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", range(1, 7))
 def test_a_planner_that_dies_leaves_everybody_at_rest_and_apart(seed: int) -> None:
     motions = plan(seed)
     rng = np.random.default_rng(seed)
@@ -121,6 +121,32 @@ def test_one_who_follows_no_more_stops_the_others_apart_from_its_way(seed: int) 
     if craft.taken:
         assert conductor.phase(history.now) == "halted"
         assert "v1" in conductor.halting
+
+
+def test_one_who_is_second_by_the_plan_does_not_go_first_however_late_the_first_one_is() -> None:
+    """It would stand in the lane that the first one needs, and neither could go on."""
+    first = line(np.array([0.0, 0.0, 10.0]), np.array([20.0, 0.0, 10.0]))
+    aside = line(np.array([10.0, 5.0, 10.0]), np.array([10.0, 0.0, 10.0]), delay=5.0)
+    back = line(np.array([10.0, 0.0, 10.0]), np.array([0.0, 0.0, 10.0]))
+    back[:, 0] += aside[-1, 0]
+    history = History({"v0": first, "v1": np.vstack((aside, back[1:]))}, np.random.default_rng(0), loss=0.2)
+    history.network.cut = lambda now, who: who == "v0" and 1000.0 < now < 1010.0
+    history.run(60.0, ended)
+    assert history.conductor.phase(history.now) == "done"
+    check(history)
+
+
+def test_nobody_stops_where_one_who_cannot_be_told_will_pass() -> None:
+    """All are to rest, whenever that is asked for; one does not hear of it and flies on across the other's way."""
+    first = line(np.array([0.0, 0.0, 10.0]), np.array([20.0, 0.0, 10.0]))
+    second = line(np.array([10.0, -12.0, 10.0]), np.array([10.0, 8.0, 10.0]), delay=1.0)
+    for k in range(8):
+        history = History({"v0": first, "v1": second}, np.random.default_rng(k), loss=0.1)
+        history.run(2.5 + 0.4 * k)
+        history.network.cut = lambda now, who: who == "v1"
+        history.conductor.pause()
+        history.run(8.0)
+        check(history)
 
 
 @pytest.mark.parametrize("at", [0.0, 2.5])
