@@ -66,6 +66,12 @@ async def test_a_step_of_the_clock_does_not_move_a_segment(bench: StartBench, mo
     await b.peer.count(GLOBAL, 6)
     norths = [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in b.peer.heard(GLOBAL)]
     assert norths[-1] < 10.0
+    points = [wire.SegmentPoint(t=time.time() + k, pos=(20.0, 0.0, -5.0)) for k in range(2)]
+    alice.put(vel=None, segment=points)
+    await b.event("the clock of quad1 was set by +12.00 s")
+    state = await b.state(lambda s: s["lease"] is None, "the lease's end")
+    assert state["lease_end"]["reason"] == "clock"
+    assert state["segment"]["end"] == t + 20.0  # and is flown on
 
 
 async def test_a_mode_that_comes_after_its_stream_has_ended_is_held(bench: StartBench) -> None:

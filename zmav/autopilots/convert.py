@@ -19,7 +19,7 @@ KEEP, FREE_LOW, FREE_HIGH = 65535, 0, 65534
 """RC_CHANNELS_OVERRIDE: leave alone; give back to the radio, channels 1 to 8 and from 9 up"""
 LOW_CHANNELS, MAX_CHANNELS = 8, 18
 VELOCITY_LAG = 0.35
-"""s that ArduCopter's velocity is behind what it is asked for: in a turn at 1.3 m/s² it was 0.8 m off its way without"""
+"""s that ArduCopter's velocity is behind what it is asked for: without it, it was 0.8 m off in a turn at 1.3 m/s²"""
 
 
 def position_target(target: Target) -> Message:

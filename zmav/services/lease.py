@@ -23,6 +23,8 @@ MAX_TTL = 60.0
 MAX_PRIORITY = 100
 REMEMBERED = 32
 """ended leases whose holders are still told why"""
+CLOCK_SET = 0.05
+"""s by which the host's time moves at once where it is set; a clock that is only slewed moves less from tick to tick"""
 INSTANCE = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
@@ -50,6 +52,8 @@ class Leases:
         self._priority = 0
         self._ttl = 0.0
         self._expires = self._committed = 0.0
+        self._ahead = self._set_by = 0.0
+        """UTC less monotonic seconds when last looked at, and by how much it was set since the lease was given"""
         self._present: set[tuple[str, str]] = set()
         self._ended: collections.OrderedDict[str, wire.LeaseEnd] = collections.OrderedDict()
         self._subscriber: Any = None
@@ -90,7 +94,7 @@ class Leases:
             self._token, self._holder, self.origin = token, args.holder, origin
             self.secret, self._answer = secret, answer
             self.number += 1
-            self._committed = 0.0
+            self._committed = self._set_by = 0.0
             proven = {"origin": origin.name} if origin else {}
             words = f"{args.holder} commands"
             self._events.emit("lease", "info", words, holder=args.holder, priority=args.priority, **proven)
@@ -152,8 +156,24 @@ class Leases:
 
     def tick(self) -> None:
         """A few times a second, and before each decision."""
+        self._watch_clock()
         if self._token and time.monotonic() > self._expires:
             self.end("expired", f"lease of {self._holder} ran out")
+
+    def _watch_clock(self) -> None:
+        begun, utc = time.monotonic(), time.time()
+        if time.monotonic() - begun < CLOCK_SET / 5.0:  # we were not held up between the two
+            change, self._ahead = utc - begun - self._ahead, utc - begun
+            self._set_by += change if abs(change) > CLOCK_SET else 0.0
+
+    def check_clock(self) -> None:
+        """Raise :class:`NotHolder` and end the lease where this host's time was set since it was given: its holder
+        measured another clock, and would have its segments flown too early or too late.
+        """
+        if self._set_by:
+            token = self._token
+            self.end("clock", f"the clock of {self._vehicle} was set by {self._set_by:+.2f} s")
+            raise self.refusal(token)
 
     def end(self, reason: wire.LeaseEnding, text: str, by: str | None = None) -> None:
         """The lease is over, and its holder hears ``text`` from now on; nothing where there is none."""

@@ -163,6 +163,7 @@ class Setpoints:
             self._bounds.check(target)
             self._leave_switch(target)
             return target, target, now + self._ladder.failsafe.hold_after
+        self._leases.check_clock()
         segment = Segment(point.segment, self._origin)
         lasts = segment.end - utc
         if not 0.0 < lasts <= MAX_SEGMENT:

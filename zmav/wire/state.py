@@ -63,7 +63,7 @@ class LeaseInfo(Wire, kw_only=True):
     """whose certificate proved the order that took it; None: no proofs are asked for"""
 
 
-LeaseEnding = Literal["expired", "released", "revoked", "preempted", "gone", "pilot", "failsafe"]
+LeaseEnding = Literal["expired", "released", "revoked", "preempted", "gone", "pilot", "failsafe", "clock"]
 
 
 class LeaseEnd(Wire, kw_only=True):
@@ -74,7 +74,8 @@ class LeaseEnd(Wire, kw_only=True):
     holder: str
     reason: LeaseEnding
     """expired: nobody renewed it; gone: its holder's liveliness token went; pilot: the pilot, another station or the
-    autopilot itself changed the mode or disarmed; failsafe: the stream was silent for land_after"""
+    autopilot itself changed the mode or disarmed; failsafe: the stream was silent for land_after; clock: the vehicle's
+    time was set, so that a segment would not be flown when its holder means it"""
     text: str
     by: str | None = None
     """who took it, where somebody did"""
