@@ -25,6 +25,7 @@ from agents.planner.validate import validate
 TOLERATED = 0.006  # m; the format lets 1 cm pass
 LONG = 1.1  # times what the ways take; a plan that takes longer is worth making shorter
 ROOM = 0.1  # radii; with so much more between obstacles, ways can be bent and their corners cut
+CROWDED = 0.5  # share of all; when so many are in each other's way, it is a narrow place that they must pass in turn
 Try = Callable[[], Refined]
 
 
@@ -146,8 +147,8 @@ class Pipeline:
             self.say("shorten", 0.0)
             return squeeze(problem, world, found, FACTORS[0] * least, self.deadline)
 
-        def direct(more: int, factors: tuple[float, ...]) -> Refined:
-            return shorter(refine_paths(problem, world, paths, self.deadline, seed + more, refining, factors))
+        def direct(more: int, factors: tuple[float, ...], deadline: float, hopeless: float = 1.0) -> Refined:
+            return shorter(refine_paths(problem, world, paths, deadline, seed + more, refining, factors, hopeless))
 
         def discrete() -> Refined:
             self.say("spacetime", 0.0)
@@ -158,9 +159,10 @@ class Pipeline:
             self.say("refine", 0.5)
             return shorter(refine(problem, world, motions, self.deadline))
 
-        yield lambda: direct(0, FACTORS[:2])
+        soon = time.monotonic() + (self.deadline - time.monotonic()) / 2.0
+        yield lambda: direct(0, FACTORS[:2], soon, CROWDED)
         yield discrete
-        yield lambda: direct(500, FACTORS[2:])
+        yield lambda: direct(500, FACTORS[2:], self.deadline)
 
 
 def clear_of_movers(problem: Problem) -> None:

@@ -50,8 +50,12 @@ def refine_paths(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
     factors: tuple[float, ...] = FACTORS,
+    hopeless: float = 1.0,
 ) -> Refined:
-    """Motions along ways; ``deadline`` by :func:`time.monotonic`. Tries go from short to long."""
+    """Motions along ways; ``deadline`` by :func:`time.monotonic`. Tries go from short to long.
+
+    No longer ones are made when more than this share of all, ``hopeless``, is stuck in the best of those of a length.
+    """
     least = float(durations(problem, paths).max(initial=0.0))
     if least <= 0.0:
         return Refined([np.array([[0.0, *p]]) for p in problem.start])
@@ -68,6 +72,8 @@ def refine_paths(
                 return result
             if best.place is None or len(result.stuck) < len(best.stuck):
                 best = result
+        if len(best.stuck) > hopeless * len(problem):
+            break
     return best
 
 

@@ -32,6 +32,8 @@ def find(
     deadline, length = begun + seconds, horizon(problem, paths)
     best: Negotiation | None = None
     for order, fine in attempts(problem, paths, rng):
+        if best is not None and fine < 1.0:
+            break  # it takes five times as long, and finds no shorter ways where the first lattice has some
         talk = Negotiation(problem, world, paths, margin=MARGIN, seconds=length, fine=fine)
         now = time.perf_counter()
         talk.start(order.tolist(), now + (deadline - now) / 2.0)
@@ -44,7 +46,7 @@ def find(
         now = time.perf_counter()
         if best is not None and (best.arrival.max() <= QUICK * best.alone.max() + 4 or now - begun > seconds / 4.0):
             break
-        if now > deadline or (best is not None and fine < 1.0):
+        if now > deadline:
             break
     if best is None:
         return None

@@ -9,12 +9,14 @@ import pytest
 
 from agents.planner.geometry import world_of
 from agents.planner.problem import Mover, Problem, problem_of
-from agents.planner.refine import Refined, refine, refine_paths
+from agents.planner.refine import FACTORS, Refined, refine, refine_paths
 from agents.planner.refine.knots import durations, knots_of_paths, ramped, resampled
 from agents.planner.refine.swarm import Swarm
 from agents.planner.scene import Bounds, Cylinder, Scene, Vehicle
 from agents.planner.separation import separation
+from agents.planner.staticmap import StaticMap
 from agents.planner.verify import verify
+from tests.agents.planner.generate import CLASSES
 
 
 def circle(n: int, across: float = 40.0, **more: object) -> Scene:
@@ -118,3 +120,16 @@ def test_finer_knots_lie_on_the_same_curve() -> None:
     assert np.abs(np.cos(fine[inner, 0]) - fine[inner, 1]).max() < 1e-3
     assert np.array_equal(fine[0], place[0, 0])
     assert np.array_equal(fine[-1], place[0, -1])
+
+
+def test_no_longer_try_where_most_are_in_each_others_way() -> None:
+    scene = CLASSES["tunnel"](8, 0)
+    problem, static = problem_of(scene), StaticMap(world_of(scene))
+    for hopeless, tries in ((0.2, 3), (1.0, 6)):
+        told: list[float] = []
+        until = time.monotonic() + 600.0
+        ways = static.paths_for(problem)
+        found = refine_paths(problem, static.world, ways, until, 0, told.append, FACTORS[:2], hopeless)
+        assert found.motions is None
+        assert len(found.stuck) > 0.2 * len(problem)
+        assert len(told) == tries

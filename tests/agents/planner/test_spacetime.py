@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from agents.planner.geometry import segment_clear
 from agents.planner.problem import Floats, Motion, Mover, Path, Problem, problem_of
 from agents.planner.scene import Bounds, Box, Scene, Vehicle
-from agents.planner.spacetime import find, repair
+from agents.planner.spacetime import deconflict, find, repair
+from agents.planner.spacetime.negotiate import Negotiation
 from agents.planner.spacetime.table import Table, empty_table, put, take, trouble, troubles
 from agents.planner.staticmap import StaticMap
 from agents.planner.world import World, world_of
@@ -147,6 +149,22 @@ def test_a_price_is_the_sum_of_the_weights_of_all_in_the_way() -> None:
 def test_tight_places_are_passed(kind: str, count: int) -> None:
     problem, world, paths = ready(getattr(generate, kind)(count, 3))
     judge(problem, world, find(problem, world, paths, 30.0, np.random.default_rng(0)))
+
+
+def test_no_finer_lattice_where_the_first_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    class Noted(Negotiation):
+        def __init__(self, *args: Any, fine: float = 1.0, **more: Any) -> None:
+            asked.append(fine)
+            super().__init__(*args, fine=fine, **more)
+
+    monkeypatch.setattr(deconflict, "Negotiation", Noted)
+    problem, world, paths = ready(generate.gate_opposing(16, 1))
+    motions = find(problem, world, paths, 300.0, np.random.default_rng(0))
+    assert motions is not None
+    assert max(motion[-1, 0] for motion in motions) > 1.3 * max(deconflict.travel(problem, 0, p) for p in paths)
+    assert asked == [1.0, 1.0]
 
 
 def test_two_pass_in_a_bay() -> None:
