@@ -42,9 +42,10 @@ def solve(
     """A verified plan of a scene.
 
     ``static``: what is known of the scene's obstacles from before. ``movers`` are kept clear of. ``seconds``: how long
-    it may search (None: a minute, and half a second for each vehicle). ``margin``: m that two vehicles keep on top of
-    their radii, and half of it to obstacles, as far as starts and goals leave room for it. The same seed gives the same
-    plan unless time runs out. Raises :class:`PlanError`.
+    it may search (None: a minute, and half a second for each vehicle); call :func:`agents.planner.warm.warm` before,
+    for to compile takes a minute of them. ``margin``: m that two vehicles keep on top of their radii, and half of it to
+    obstacles, as far as starts and goals leave room for it. The same seed gives the same plan unless time runs out.
+    Raises :class:`PlanError`.
     """
     return Pipeline(scene, static, movers, seconds, seed, margin, progress).run()
 
@@ -85,7 +86,7 @@ class Pipeline:
         clear_of_movers(problem)
         self.say("paths", 0.0)
         room = ROOM * float(problem.radius[others].min(initial=np.inf))
-        paths = static.paths_for(part(problem, others), room) if len(others) else []
+        paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
         problem = fitted(problem, world, self.margin)
         stuck: list[str] = list(problem.ids)
         for motions in self.candidates(problem, world, planes, others, paths):

@@ -6,6 +6,7 @@ one. Where a search does not soon come through, it is asked whether there can be
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,6 +33,8 @@ MOST_LOOKS = 200_000
 """expansions of one search: half a second"""
 PATIENCE = 2.0
 """s for a vehicle whose way is not found at once"""
+THOROUGH = 10.0
+"""s more for all vehicles of a problem for which there neither is a way nor a proof that there is none"""
 MOST_PATHS = 4_096
 """kept at a time"""
 WEIGHT = 1.1
@@ -140,23 +143,36 @@ class StaticMap:
         world, query = self._query(start, goal, radius, kind, UNHURRIED)
         return self._decide(world, query, seconds)[1]
 
-    def paths_for(self, problem: Problem, room: float = 0.0) -> list[Path]:
-        """A way for each vehicle, in order.
+    def paths_for(self, problem: Problem, room: float = 0.0, until: float = math.inf) -> list[Path]:
+        """A way for each vehicle, in order; all is given up at ``until``, of :func:`time.monotonic`.
 
-        Raises :class:`PlanError`, ``unreachable``, with all vehicles for which there is none: that is proven, or all
-        that can be tried in a second or two was tried.
+        Raises :class:`PlanError`, ``unreachable``, with all vehicles for which there is none: that is proven, or none
+        was found in some seconds; ``timeout``, with all that have none, where there was no time for either.
         """
-        rates = np.stack((problem.vmax, problem.climb, problem.descend), axis=1)
-        paths, patience = [], PATIENCE
-        for i, (start, goal) in enumerate(zip(problem.start, problem.goal, strict=True)):
-            begun, radius, kind = time.monotonic(), float(problem.radius[i]), int(problem.kind[i])
-            paths.append(self.path(start, goal, radius, kind, rates[i].tolist(), room, patience))
-            if paths[-1] is None:  # what makes one search long makes the next one long
-                patience = max(0.1, patience - (time.monotonic() - begun))
-        missing = [name for name, path in zip(problem.ids, paths, strict=True) if path is None]
+        paths = self._ways(problem, room, [None] * len(problem), min(PATIENCE, until - time.monotonic()))
+        missing = [i for i, path in enumerate(paths) if path is None]
+        undecided = [i for i in missing if not self.separated(*_ends(problem, i), seconds=0.0)]
+        if undecided:  # the time was short for many, or for a busy machine
+            paths = self._ways(problem, room, paths, min(THOROUGH, until - time.monotonic()))
+            missing = [i for i in missing if paths[i] is None]
+            undecided = [i for i in undecided if paths[i] is None]
+        names = [problem.ids[i] for i in missing]
+        if undecided and time.monotonic() > until:
+            raise PlanError("timeout", names, f"no way to the goal of {', '.join(names)} was found in time")
         if missing:
-            raise PlanError("unreachable", missing, f"there is no way to the goal of {', '.join(missing)}")
+            raise PlanError("unreachable", names, f"there is no way to the goal of {', '.join(names)}")
         return [path for path in paths if path is not None]
+
+    def _ways(self, problem: Problem, room: float, known: list[Path | None], patience: float) -> list[Path | None]:
+        """Those of ``known`` that are None looked for, for ``patience`` s and a tenth more for each."""
+        rates, paths = np.stack((problem.vmax, problem.climb, problem.descend), axis=1), list(known)
+        for i in [i for i, path in enumerate(known) if path is None]:
+            begun = time.monotonic()
+            start, goal, radius, kind = _ends(problem, i)
+            paths[i] = self.path(start, goal, radius, kind, rates[i].tolist(), room, max(0.1, patience))
+            if paths[i] is None:  # what makes one search long makes the next one long
+                patience -= time.monotonic() - begun
+        return paths
 
     def alternatives(
         self,
@@ -292,6 +308,11 @@ class StaticMap:
                 del self._layers[next(iter(self._layers))]
         self._layers[key] = layer  # the one used last is the last to go
         return layer
+
+
+def _ends(problem: Problem, i: int) -> tuple[Floats, Floats, float, int]:
+    """Start, goal, radius and kind of one vehicle."""
+    return problem.start[i], problem.goal[i], float(problem.radius[i]), int(problem.kind[i])
 
 
 def spacing_of(world: World, height: float | None) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from agents.planner.errors import PlanError
@@ -87,7 +88,7 @@ def test_what_is_no_scene_is_refused(data: bytes, tmp_path: Path) -> None:
 def test_the_field_is_named() -> None:
     for name, words in (
         ("a word for a number", r"vehicles\[3\].vmax: Expected `float`, got `str`"),
-        ("no size", r"vehicles\[3\] \(v003\): radius: 0.0 is not positive"),
+        ("no size", r"vehicles\[3\] \(v003\): radius: 0.0 is not between 0.001 and 100000"),
         ("a box inside out", r"obstacles\[3\]: min and max: .* is not below"),
         ("a zone that crosses itself", r"obstacles\[3\]: polygon: the sides after .* cross"),
         ("too few goals", "goals: 5 for 6 vehicles"),
@@ -109,6 +110,42 @@ def test_numbers_that_are_none_are_refused_in_scenes_made_live() -> None:
     with pytest.raises(PlanError) as caught:
         validate(good)
     assert caught.value.ids == ["v001"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"bounds": {"min": [-1e308] * 3, "max": [1e308] * 3}}, "bounds: .* the farthest"),
+        ({"obstacles": [{"type": "box", "min": [1e300] * 3, "max": [1e301] * 3}]}, r"obstacles\[0\]: .* the farthest"),
+        ({"obstacles": [{"type": "cylinder", "center": [0, 0], "radius": 1e300, "floor": 0, "ceiling": 1}]}, "radius"),
+        (
+            {"obstacles": [{"type": "no_fly", "polygon": [[0, 0], [1e9, 0], [0, 1]], "floor": 0, "ceiling": 1}]},
+            "corner",
+        ),
+        ({"downwash": 1e-300}, "downwash"),
+        ({"downwash": 1e300}, "downwash"),
+        *[({name: 1e300}, rf"vehicles\[0\] \(v000\): {name}: 1e\+300") for name in ("radius", "vmax", "amax", "vz_up")],
+        *[({name: 1e-300}, rf"vehicles\[0\] \(v000\): {name}: 1e-300") for name in ("radius", "vmax", "amax", "vz_up")],
+        ({"start": [1e300, 0, 0]}, r"vehicles\[0\] \(v000\): start"),
+    ],
+)
+def test_numbers_that_arithmetic_does_not_bear_are_refused(change: dict[str, Any], words: str) -> None:
+    raw = as_json(city(3))
+    (raw if change.keys() <= raw.keys() else raw["vehicles"][0]).update(change)
+    with pytest.raises(PlanError, match=words) as caught:
+        parse(raw)
+    assert caught.value.kind == "invalid_scene"
+
+
+def test_a_polygon_of_very_many_corners_is_looked_at_side_by_side_with_its_neighbours_only() -> None:
+    raw = as_json(city(3))
+    angles = np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)
+    corners = (900.0 + 5.0 * np.stack((np.cos(angles), np.sin(angles)), axis=1)).tolist()
+    raw["obstacles"] = [{"type": "no_fly", "polygon": corners, "floor": 0.0, "ceiling": 10.0}]
+    assert len(parse(raw).obstacles) == 1
+    corners[10], corners[3000] = corners[3000], corners[10]
+    with pytest.raises(PlanError, match="cross"):
+        parse(raw)
 
 
 def test_unknown_fields_are_left_alone_and_repeated_corners_dropped() -> None:

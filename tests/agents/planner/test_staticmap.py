@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
-from agents.planner import geometry
+from agents.planner import geometry, staticmap
 from agents.planner.errors import PlanError
 from agents.planner.paths import grid
 from agents.planner.problem import Floats, Problem, problem_of
 from agents.planner.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene, Vehicle
 from agents.planner.staticmap import StaticMap
+from agents.planner.warm import gapped
 from agents.planner.world import changed, world_of
 
 
@@ -186,3 +189,18 @@ def test_a_change_of_a_prism_leaves_the_others_corners() -> None:
     world = changed(world_of(scene(*prisms)), removed=prisms[:1])
     for one, other in zip(world, world_of(scene(*prisms[1:])), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_way_is_missing_for_certain_or_for_lack_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A window that is too narrow by less than can be proven, and one that is wide enough but far off."""
+    monkeypatch.setattr(staticmap, "PATIENCE", 0.0)
+    scene = gapped(2.0 - 1e-6)
+    problem, world = problem_of(scene), world_of(scene)
+    with pytest.raises(PlanError) as caught:
+        StaticMap(world).paths_for(problem, until=time.monotonic())
+    assert (caught.value.kind, caught.value.ids) == ("timeout", ["a"])
+    assert len(StaticMap(world_of(gapped(2.02))).paths_for(problem)) == 1  # with more time where that is needed
+    monkeypatch.setattr(staticmap, "THOROUGH", 0.0)
+    with pytest.raises(PlanError) as caught:
+        StaticMap(world).paths_for(problem)
+    assert (caught.value.kind, caught.value.ids) == ("unreachable", ["a"])
