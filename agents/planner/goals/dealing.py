@@ -6,6 +6,7 @@ model, a few times over.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,6 +31,8 @@ ROUNDS = 6
 """in which the parts' sizes follow the times that their lanes take"""
 
 
+BAND_ROUNDS = 3
+"""in which the bands' sizes follow the times that their parts take"""
 TURNING = 1.2
 """a plane's turn radii that are left free around the ends of its lanes"""
 
@@ -132,6 +135,39 @@ class Dealer:
             if np.abs(change / factors - 1.0).max() < 0.01:
                 break
             factors = 0.3 * factors + 0.7 * change
+        return best
+
+    def banded(self, bands: int) -> list[Part] | None:
+        """Parts as :meth:`deal`'s along the lanes, in so many bands, each dealt out among some of the vehicles.
+
+        Where there are few lanes for each vehicle a part need not be whole ones then. None where a band has no parts.
+        """
+        groups = np.array_split(np.argsort(self._starts[:, 1], kind="stable"), bands)
+        places, below, _ = self._profile(1)
+        weights = np.array([sum(self._sweepers[i].width * self._sweepers[i].speed for i in group) for group in groups])
+        left, _, right, _ = self._wanted.bounds
+        best: list[Part] | None = None
+        for _ in range(BAND_ROUNDS):
+            shares = np.concatenate(([0.0], np.cumsum(weights) / weights.sum()))
+            cuts = np.interp(shares * below[-1], below, places)
+            parts: list[Part] = [Part(sweeper, shapely.Polygon(), np.zeros((0, 3)), 0.0) for sweeper in self._sweepers]
+            lasts = []
+            for group, low, high in zip(groups, cuts[:-1], cuts[1:], strict=True):
+                band = copy.copy(self)
+                band._wanted = self._wanted.intersection(shapely.box(left - 1.0, low, right + 1.0, high))
+                band._sweepers, band._starts = [self._sweepers[i] for i in group], self._starts[group]
+                if band._wanted.area < 1.0:
+                    return best
+                band._middle = band._wanted.centroid.coords[0]
+                dealt = band.deal(along=True)
+                if dealt is None:
+                    return best
+                for i, part in zip(group, dealt, strict=True):
+                    parts[i] = part
+                lasts.append(max(part.seconds for part in dealt))
+            if best is None or _rank(parts) < _rank(best):
+                best = parts
+            weights = weights * np.mean(lasts) / np.maximum(lasts, 1e-6)
         return best
 
     def _profile(self, axis: int) -> tuple[Floats, Floats, Floats]:

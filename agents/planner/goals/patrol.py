@@ -22,6 +22,8 @@ from zmav.errors import BadInput
 STEP = 0.25
 CUT = (2.0, 0.5, 0.1)
 """m by which a corner may be passed, if there is room"""
+SHORTEST = 1.0
+"""m: less around is no route"""
 SPEEDING_UP = 0.5
 """of the acceleration limit, along the route; the corners need the rest"""
 
@@ -84,6 +86,9 @@ def circuit(route: Path, count: int, limits: Limits, radius: float, world: World
 def _paced(loop: Path, count: int, limits: Limits) -> Circuit:
     """Even points, as many for each vehicle, and the speed that all of them allow."""
     length = float(lengths_of(loop)[-1])
+    if length < SHORTEST:
+        text = "patrol: all points of the route are at one place"
+        raise BadInput(text, field="route", value=round(length, 3), expected=f"{SHORTEST:.0f} m around or more")
     each = max(4, math.ceil(length / (STEP * count)))
     points = dense(loop, length / (each * count) * (1.0 + 1e-9))[:-1]
     step = length / len(points)

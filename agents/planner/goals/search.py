@@ -2,7 +2,8 @@
 
 The polygon is cut across one axis into one part for each vehicle, in the order in which they stand along it. All parts
 take the same time: sweeping, turning, the way there and the way back; nobody gets more than its endurance. Cuts along
-the lanes and across them are both tried, for several directions of the lanes, and the quickest split is taken. ENU.
+the lanes and across them are both tried, for several directions of the lanes, and bands cut across where these are
+uneven; the quickest split is taken. ENU.
 """
 
 from __future__ import annotations
@@ -23,8 +24,16 @@ from zmav.errors import BadInput
 
 SPARE = 0.3
 """m more than the radius that lanes keep from obstacles"""
+BANDS = (1.0, 1.6)
+"""numbers of bands that are tried, in times the root of the number of vehicles"""
+UNEVEN = 1.08
+"""the longest time over the mean from which on bands are tried"""
 DIRECTIONS = 2
 """of lanes that are looked at closely"""
+
+
+Choice = tuple[tuple[float, float], list[Part], float, Dealer]
+"""how good, the parts, the lanes' course, who dealt"""
 
 
 @dataclass(frozen=True)
@@ -47,8 +56,7 @@ class Split:
     @property
     def balance(self) -> float:
         """The longest of all times over the mean of those who have a part."""
-        times = [part.seconds for part in self.parts if len(part.path)]
-        return max(times) / (sum(times) / len(times)) if times else 1.0
+        return _balance(self.parts)
 
 
 def ground(polygon: Sequence[Corner], scene: Scene, heights: tuple[float, float], radius: float) -> Ground:
@@ -117,23 +125,34 @@ def split(area: Ground, sweepers: Sequence[Sweeper], overlap: float, course: flo
         text = f"search: an overlap of {overlap} is no share"
         raise BadInput(text, field="overlap", value=overlap, expected="0 to 0.9")
     courses = [course] if course is not None else directions(area.wanted, sweepers, overlap)
-    best: tuple[tuple[float, float], list[Part], float] | None = None
+    best: Choice | None = None
     for angle in courses:
-        turned = Dealer(area, sweepers, overlap, angle)
+        dealer = Dealer(area, sweepers, overlap, angle)
         for along in (False, True):
-            parts = turned.deal(along)
-            if parts is None:
-                continue
-            seen = sum(part.area.area for part in parts if len(part.path))
-            makespan = max(part.seconds for part in parts)
-            rank = (-round(seen / area.wanted.area, 2), makespan)
-            if best is None or rank < best[0]:
-                best = (rank, parts, angle)
+            best = _better(best, area, dealer.deal(along), angle, dealer)
+    if best is not None and _balance(best[1]) > UNEVEN:
+        _, _, angle, dealer = best
+        for bands in sorted({round(math.sqrt(len(sweepers)) * share) for share in BANDS} - {0, 1}):
+            best = _better(best, area, dealer.banded(bands), angle, dealer)
     if best is None or not any(len(part.path) for part in best[1]):
         text = "search: no vehicle gets to the polygon and back within its endurance, with room there for its turns"
         expected = "more endurance, a nearer polygon, or more room around it"
         raise BadInput(text, field="vehicles", value=len(sweepers), expected=expected)
     return _report(area, best[1], best[2])
+
+
+def _better(best: Choice | None, area: Ground, parts: list[Part] | None, angle: float, dealer: Dealer) -> Choice | None:
+    """Whichever sees more; of those that see the same, to a hundredth, whichever is done sooner."""
+    if parts is None:
+        return best
+    seen = sum(part.area.area for part in parts if len(part.path))
+    rank = (-round(seen / area.wanted.area, 2), max(part.seconds for part in parts))
+    return (rank, parts, angle, dealer) if best is None or rank < best[0] else best
+
+
+def _balance(parts: Sequence[Part]) -> float:
+    times = [part.seconds for part in parts if len(part.path)]
+    return max(times) / (sum(times) / len(times)) if times else 1.0
 
 
 def _report(area: Ground, parts: list[Part], angle: float) -> Split:

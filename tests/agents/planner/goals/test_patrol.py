@@ -92,5 +92,7 @@ def test_one_flies_to_and_fro_and_several_do_not() -> None:
     assert report.ok, report.faults[:3]
     with pytest.raises(BadInput, match="to and fro"):
         patrol(2, line)
+    with pytest.raises(BadInput, match="at one place"):
+        patrol(1, [(0.0, 0.0, -15.0), (0.1, 0.0, -15.0), (0.0, 0.05, -15.0)])
     with pytest.raises(BadInput, match="two points"):
         patrol(1, [(0.0, 0.0, -15.0), (0.0, 0.0, -15.0)])

@@ -13,6 +13,7 @@ from agents.planner.goals import search
 from agents.planner.goals.dealing import Part, Sweeper
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo
+from agents.planner.goals.sweeping import sweepers_of
 from agents.planner.scene import Box, Corner, Cylinder, Fence, NoFly, Obstacle
 from tests.agents.planner.goals.crew import crew, fly_all, ground, judge_fly, view
 from zmav import wire
@@ -74,6 +75,17 @@ def test_nearly_everything_is_seen_and_all_are_done_together(
         assert area.free.buffer(search.SPARE / 2.0).covers(shapely.linestrings(curve[:, :2])), (
             "nobody flies through what stands there"
         )
+
+
+def test_few_lanes_each_are_cut_across_so_that_all_end_together() -> None:
+    """Four copters over an L whole lanes apart: 280 s where nobody may have part of a lane."""
+    area = search.ground(ELL, ground(), (20.0, 20.0), 1.0)
+    views = list(crew(4).vehicles.values())
+    goal = wire.swarm.Search(vehicles=[each.name for each in views], polygon=ELL, height=20.0)
+    dealt = search.split(area, sweepers_of(goal, views, 1.5), 0.1, None)
+    assert dealt.balance < 1.06 and dealt.makespan < 260.0
+    assert dealt.covered > 0.99 and seen_share(area, dealt.parts) > 0.98
+    assert sum(part.area.area for part in dealt.parts) == pytest.approx(area.wanted.area, rel=1e-3)
 
 
 def test_shares_go_by_width_times_speed() -> None:
