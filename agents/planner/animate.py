@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ from agents.planner.picture import colours, place_of
 from agents.planner.plans import Plan
 from agents.planner.scene import Box, Cylinder, NoFly, Scene
 from agents.planner.verify import Report
+from zmav.errors import BadConfig
 
 RATE = 10.0
 """pictures a second of the plan"""
@@ -25,20 +29,33 @@ def show(scene: Scene, plan: Plan, report: Report | None, save: Path | None, win
     """Log the plan into a file, a window of Rerun's, or both.
 
     Time 0 is the start of the plan; the red line is the pair that comes nearest to each other, while it is near.
+    Raises :class:`BadConfig` where there is no viewer, or it goes away.
     """
     recording = rr.RecordingStream("zmav plan", recording_id=None)
     sinks: list[Any] = []
     if save is not None:
         sinks.append(rr.FileSink(str(save)))
     if window:
-        rr.spawn(connect=False, hide_welcome_screen=True)
         sinks.append(rr.GrpcSink())
-    recording.set_sinks(*sinks)
-    recording.send_blueprint(_blueprint())
-    _log_world(recording, scene)
-    _log_vehicles(recording, scene, plan, report)
-    recording.flush()
-    recording.disconnect()
+    try:
+        if window:
+            rr.spawn(connect=False, hide_welcome_screen=True, executable_path=program(), recording=recording)
+        recording.set_sinks(*sinks)
+        recording.send_blueprint(_blueprint())
+        _log_world(recording, scene)
+        _log_vehicles(recording, scene, plan, report)
+        recording.flush()
+    except RuntimeError as e:
+        text = f"the plan cannot be shown: {str(e).strip().splitlines()[0]}"
+        raise BadConfig(text, field="view", value=None, expected="Rerun's viewer, of zmav[viz]") from e
+    finally:
+        recording.disconnect()
+
+
+def program() -> str | None:
+    """Rerun's viewer: beside this Python, also where that is not on the path; None: there is none."""
+    places = (str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath))
+    return shutil.which("rerun", path=os.pathsep.join(places))
 
 
 def _blueprint() -> rrb.Blueprint:
@@ -67,7 +84,9 @@ def _log_world(recording: rr.RecordingStream, scene: Scene) -> None:
         fence = edges(scene.geofence.polygon, scene.geofence.floor, scene.geofence.ceiling)
         recording.log("world/fence", rr.LineStrips3D(fence, colors=GREEN, radii=rr.Radius.ui_points(1.5)), static=True)
     low, high = np.array(scene.bounds.min), np.array(scene.bounds.max)
-    bounds = rr.Boxes3D(centers=[(low + high) / 2], half_sizes=[(high - low) / 2], colors=GREY)
+    bounds = rr.Boxes3D(
+        centers=[(low + high) / 2], half_sizes=[(high - low) / 2], colors=GREY, fill_mode="majorwireframe"
+    )
     recording.log("world/bounds", bounds, static=True)
 
 

@@ -168,6 +168,15 @@ def test_what_cannot_be_written_is_refused_before_planning(
     assert scene.read_bytes() == before
 
 
+def test_a_viewer_that_is_not_there_is_named(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    with pytest.raises(BadConfig, match="cannot be shown: Failed to find Rerun Viewer"):
+        zmav_plan(scene, "-o", tmp_path / "out.json", "--view")
+    assert (tmp_path / "out.json").exists()
+
+
 def test_plans_of_anyone_are_judged(scene: Path, tmp_path: Path) -> None:
     body = json.loads(scene.read_bytes())
     made = straight_plan(read_scene(scene))
