@@ -285,7 +285,7 @@ class Agent:
             self.press.changed()
         if not self.charge.in_charge:
             if self.charge.lost(now):
-                self._take_charge(now)
+                self._take_charge()
             return
         self._end_runs()
         if self.solver.ready:
@@ -303,8 +303,8 @@ class Agent:
         self._asking.add(task)
         task.add_done_callback(self._asking.discard)
 
-    def _take_charge(self, now: float) -> None:
-        book = self.charge.take(now)
+    def _take_charge(self) -> None:
+        book = self.charge.take()
         again = self.ledger.take_over(book) if book else []
         self._tokens.in_charge(True)
         text = f"{self.settings.name} is in charge (term {self.charge.term})"

@@ -41,13 +41,13 @@ class Charge:
     def in_charge(self) -> bool:
         return self.term > 0
 
-    def token(self, instance: str, present: bool, now: float) -> None:
+    def token(self, instance: str, present: bool) -> None:
         """Another's token of being in charge came or went."""
         if instance == self.instance:
             return
         if present:
             self._tokens.add(instance)
-        elif instance in self._tokens:
+        else:
             self._tokens.discard(instance)
 
     def hear(self, book: swarm.Book, now: float) -> bool:
@@ -73,7 +73,7 @@ class Charge:
         somebody = held if self.book is not None else bool(self._tokens)
         return silent > (self.patience + SILENCE if somebody else self.patience)
 
-    def take(self, now: float) -> swarm.Book | None:
+    def take(self) -> swarm.Book | None:
         """Take charge: the book to go on from, where there is one."""
         self.term = self.highest = self.highest + 1
         book, self.book = self.book, None

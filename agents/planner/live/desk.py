@@ -22,11 +22,16 @@ if TYPE_CHECKING:
     from agents.planner.live.agent import Agent
 
 
+MOST_PREVIEWS = 3
+"""at a time: they are everybody's, and goals are planned by the same process while nobody flies"""
+
+
 class Desk:
     """The handlers. Without credentials anybody may ask for anything; with them as :mod:`zmav.trust.rights` says."""
 
     def __init__(self, agent: Agent, credentials: Credentials | None) -> None:
         self._agent = agent
+        self._previews = 0
         settings = agent.settings
         self.orders = Orders(
             agent.z.session, settings.fleet, settings.name, keys.SWARM, SWARM_VERBS, most=MOST_BYTES
@@ -80,7 +85,13 @@ class Desk:
     async def _preview(self, args: swarm.Preview, report: Report, origin: Origin | None) -> dict[str, Any]:
         check_goal(args.goal)
         self._agent.check_known(args.goal)
-        return await preview(self._agent, args.goal, report)
+        if self._previews >= MOST_PREVIEWS:
+            raise Refused(f"{MOST_PREVIEWS} previews are being made: ask again a little later")
+        self._previews += 1
+        try:
+            return await preview(self._agent, args.goal, report)
+        finally:
+            self._previews -= 1
 
     async def _pause(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
         entries = self._agent.ledger.find(args.goal)

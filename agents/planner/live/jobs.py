@@ -49,6 +49,8 @@ class Judge:
     scene: Scene
     trajectories: Mapping[str, list[Sample]]
     movers: tuple[Mover, ...] = ()
+    terrain: tuple[float, float, float, float] | None = None
+    """height at the origin, rise per metre east and north, clearance"""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ class Ledger:
 
     def __init__(self) -> None:
         self.goals: list[swarm.GoalEntry] = []
-        self.paused = False
         self._count = 0
 
     # What is asked.
@@ -92,7 +91,6 @@ class Ledger:
     def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
         """Go on from another planner's book; the goals that are to be begun anew, from wherever their vehicles are."""
         self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
-        self.paused = book.paused
         again = [entry for entry in self.goals if entry.state not in ENDED]
         for entry in again:
             entry.state = "paused" if entry.state == "paused" else "queued"

@@ -92,7 +92,7 @@ class Planner:
         plan = await self._solver.solve(jobs.Solve(scene, room.movers, terrain, seconds), progress)
         if plan.error is not None:
             raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
-        judged = await self._judge(scene, plan.trajectories, room)
+        judged = await self._judge(scene, plan.trajectories, room, terrain)
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin), margin)
@@ -107,16 +107,19 @@ class Planner:
         starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
         corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
         scene = scene_of(moved(view, starts).pick(names), places, True, room, corners)
-        judged = await self._judge(scene, trajectories, room)
+        judged = await self._judge(scene, trajectories, room, self._terrain(room, view, names))
         if not judged.ok:
             self._agent.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
             return None, judged.faults[0]
         margin = self._agent.settings.margin
         return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin), ""
 
-    async def _judge(self, scene: Scene, trajectories: dict[str, list[Sample]], room: Room) -> jobs.Judgement:
+    async def _judge(
+        self, scene: Scene, trajectories: dict[str, list[Sample]], room: Room,
+        terrain: tuple[float, float, float, float] | None,
+    ) -> jobs.Judgement:  # fmt: skip
         """No plan leaves unverified, and by how much it passes is told."""
-        judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
+        judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers, terrain))
         assert isinstance(judged, jobs.Judgement)
         return judged
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -76,4 +75,4 @@ class Tokens:
         except BadKey:
             return
         present = sample.kind == zenoh.SampleKind.PUT
-        self._agent.charge.token(parts["instance"], present, time.monotonic())
+        self._agent.charge.token(parts["instance"], present)

@@ -63,9 +63,12 @@ class Tracking:
                 doing = self._doing(now)
                 if doing in ("return", "land"):
                     return doing
-                if doing != "hold" and self._run.goes:
+                hearing = self._run.agent.fleet.hearing()
+                if doing != "hold" and self._run.goes and hearing.may_move(self._run.vehicles):
                     self._lead(now)
                     self._check_blocked(now)
+                else:
+                    self._told.clear()  # who is not led is not blocked
                 await asyncio.sleep(TICK)
             return "hold"
         finally:

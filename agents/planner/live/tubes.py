@@ -47,12 +47,6 @@ def tube(path: Floats, radius: float) -> Tube:
     return Tube(np.array(rows), radius)
 
 
-def column(place: Floats, radius: float, bottom: float, top: float) -> Tube:
-    """All heights from ``bottom`` to ``top`` over a place."""
-    x, y = float(place[0]), float(place[1])
-    return Tube(np.array([[x, y, bottom, x, y, top]]), radius)
-
-
 def _dense(points: Floats) -> Floats:
     """With more points in between, so that no piece is longer than a box may be."""
     rows = [points[:1]]
@@ -73,9 +67,6 @@ class Tubes:
         held = self._held.setdefault(goal, {})
         for vehicle, each in tubes.items():
             held[vehicle] = list(each)
-
-    def add(self, goal: str, vehicle: str, more: Tube) -> None:
-        self._held.setdefault(goal, {}).setdefault(vehicle, []).append(more)
 
     def drop(self, goal: str) -> dict[str, list[Tube]]:
         """It needs no room any more; what it held."""

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -25,12 +26,14 @@ from agents.planner.geometry import world_of
 from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
-from agents.planner.plans import Plan
+from agents.planner.plans import Plan, Sample
 from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle
 from agents.planner.staticmap import StaticMap
 from zmav.errors import ZmavError
 
 Terrain = tuple[float, float, float, float]
+TOLERANCE = 0.01
+"""m"""
 
 
 class Worker:
@@ -67,9 +70,9 @@ class Worker:
             return self.solve(job)
         if isinstance(job, jobs.Judge):
             report = verify.verify(job.scene, job.trajectories, job.movers)
-            words = tuple(str(fault) for fault in report.faults[:20])
+            words = (*(str(fault) for fault in report.faults[:20]), *too_low(job.trajectories, job.terrain))
             clearance = report.clearance if math.isfinite(report.clearance) else None
-            return jobs.Judgement(report.ok, clearance, report.makespan, words)
+            return jobs.Judgement(not words, clearance, report.makespan, words)
         return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene, job.terrain)))
 
     def solve(self, job: jobs.Solve) -> Plan:
@@ -99,6 +102,17 @@ class Worker:
         if now - self._said > 0.1:
             self._said = now
             jobs.write(self._out, jobs.News(stage, share))
+
+
+def too_low(trajectories: Mapping[str, list[Sample]], terrain: Terrain | None) -> list[str]:
+    """Who comes nearer to the terrain than its clearance: over a plane, straight pieces are lowest at their ends."""
+    found = []
+    height, east, north, clearance = terrain or (-math.inf, 0.0, 0.0, 0.0)
+    for name, samples in trajectories.items():
+        depth, t = max((height + east * x + north * y + clearance - z, t) for t, x, y, z in samples)
+        if depth > TOLERANCE:
+            found.append(f"{name} is {clearance - depth:.2f} m above the terrain at {t:.2f} s, {clearance:g} are kept")
+    return found
 
 
 def _example() -> Scene:

@@ -21,14 +21,14 @@ def test_nobody_heard_for_a_while_and_it_takes_charge() -> None:
     assert not one.lost(100.0)
     assert not one.lost(100.0 + PATIENCE)
     assert one.lost(100.1 + PATIENCE)
-    assert one.take(104.0) is None
+    assert one.take() is None
     assert one.in_charge
     assert (one.term, one.of) == (1, "a")
 
 
 def test_the_book_alone_keeps_a_standby_waiting() -> None:
     chief, other = Charge("a", "1"), Charge("b", "2")
-    chief.take(0.0)
+    chief.take()
     for now in range(10):
         assert not other.hear(book(chief, now), float(now))
         assert not other.lost(now + PATIENCE)
@@ -38,22 +38,22 @@ def test_the_book_alone_keeps_a_standby_waiting() -> None:
 
 def test_a_token_without_a_book_is_believed_for_a_while() -> None:
     chief, other = Charge("a", "1"), Charge("b", "2")
-    chief.take(0.0)
+    chief.take()
     assert not other.lost(0.0)
-    other.token("1", True, 0.0)
+    other.token("1", True)
     other.hear(book(chief, 0.0), 0.0)
     assert not other.lost(PATIENCE + SILENCE)
     assert other.lost(PATIENCE + SILENCE + 0.1)
-    other.token("1", False, 1.0)
+    other.token("1", False)
     assert other.lost(PATIENCE + 0.1)
 
 
 def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
     chief, other = Charge("a", "1"), Charge("b", "2")
-    chief.take(0.0)
+    chief.take()
     told = book(chief, 0.0)
     other.hear(told, 0.0)
-    assert other.take(10.0) is told
+    assert other.take() is told
     assert other.term == 2
     assert chief.hear(book(other, 10.0), 10.0)
     assert not chief.in_charge
@@ -62,7 +62,7 @@ def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
 
 def test_of_two_with_the_same_term_one_stands_by() -> None:
     one, two = Charge("a", "1"), Charge("b", "2")
-    one.take(0.0), two.take(0.0)
+    one.take(), two.take()
     first, second = book(one, 0.0), book(two, 0.0)
     assert one.hear(second, 0.1) != two.hear(first, 0.1)
     assert one.in_charge != two.in_charge
@@ -70,7 +70,7 @@ def test_of_two_with_the_same_term_one_stands_by() -> None:
 
 def test_an_overtaken_book_of_a_lower_term_changes_nothing() -> None:
     old, new, third = Charge("a", "1"), Charge("b", "2", highest=1), Charge("c", "3")
-    old.take(0.0), new.take(0.0)
+    old.take(), new.take()
     third.hear(book(new, 0.0), 0.0)
     third.hear(book(old, 0.5), 0.5)
     assert third.of == "b"
@@ -97,7 +97,7 @@ def test_any_history_ends_with_exactly_one(seed: int) -> None:
                 planners[j].hear(book(planners[i], now), now)
         for i in sorted(alive):
             if not planners[i].in_charge and planners[i].lost(now):
-                planners[i].take(now)
+                planners[i].take()
     chiefs = [planners[i] for i in alive if planners[i].in_charge]
     assert len(chiefs) == 1
     assert {planners[i].of for i in alive} == {chiefs[0].name}

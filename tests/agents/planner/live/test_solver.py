@@ -46,6 +46,9 @@ async def test_it_plans_dies_and_plans_again() -> None:
         judged = await solver.do(jobs.Judge(over, through))
         assert not judged.ok
         assert judged.faults
+        for clearance, ok in ((5.0, True), (7.0, False)):  # above ground that is 4 m high
+            judged = await solver.do(jobs.Judge(over, plan.trajectories, terrain=(4.0, 0.0, 0.0, clearance)))
+            assert (judged.ok, "terrain" not in str(judged.faults)) == (ok, ok)
 
         bad = await solver.solve(jobs.Solve(scene((0.0, 12.0, 10.0))))
         assert bad.error is not None

@@ -17,7 +17,7 @@ from agents.planner.live.fleet_names import match_names
 from agents.planner.live.run import MANY_LAPS, many_laps
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
 from agents.planner.live.settings import Settings, check, fence_of
-from agents.planner.live.tubes import Tube, Tubes, column, meet, tube
+from agents.planner.live.tubes import Tube, Tubes, meet, tube
 from agents.planner.live.world import Pieces, World
 from zmav import wire
 from zmav.config import FleetConfig, Geofence, body_of
@@ -188,7 +188,7 @@ def test_a_tube_holds_its_way() -> None:
 
 
 def test_tubes_meet_where_vehicles_might() -> None:
-    one = column(np.array([0.0, 0.0, 0.0]), 1.0, 0.0, 20.0)
+    one = Tube(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 20.0]]), 1.0)
     assert meet(one, tube(np.array([[1.9, 0.0, 10.0]]), 1.0), 1.5)
     assert not meet(one, tube(np.array([[2.1, 0.0, 10.0]]), 1.0), 1.5)
     assert meet(one, tube(np.array([[0.0, 0.0, 22.9]]), 1.0), 1.5)
