@@ -19,6 +19,8 @@ from agents.planner.errors import PlanError
 Point = tuple[float, float, float]
 Corner = tuple[float, float]
 FORMAT = "swarm-scene/1"
+LARGEST = 1 << 28
+"""bytes of a file: a device may have no end"""
 FARTHEST = 1e7
 """m from the origin; what is not of this earth makes arithmetic overflow"""
 LEAST, MOST = 1e-3, 1e5
@@ -116,9 +118,12 @@ def name_of(scene: Scene, obstacle: int) -> str:
 def read_scene(path: str | Path) -> Scene:
     """The scene of a file. Raises :class:`PlanError` (``invalid_scene``) that names the field and what is wrong."""
     try:
-        data = Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            data = file.read(LARGEST + 1)
     except OSError as e:
         raise PlanError("invalid_scene", [], f"cannot read {path}: {e.strerror}") from e
+    if len(data) > LARGEST:
+        raise PlanError("invalid_scene", [], f"{path} has more than {LARGEST >> 20} MB")
     return parse_scene(data.removeprefix(b"\xef\xbb\xbf"))
 
 

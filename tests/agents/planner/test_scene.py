@@ -85,6 +85,12 @@ def test_what_is_no_scene_is_refused(data: bytes, tmp_path: Path) -> None:
         read_scene(tmp_path)
 
 
+def test_a_file_without_end_is_not_read_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.planner.scene.LARGEST", 1 << 20)
+    with pytest.raises(PlanError, match="more than 1 MB"):
+        read_scene("/dev/zero")
+
+
 def test_the_field_is_named() -> None:
     for name, words in (
         ("a word for a number", r"vehicles\[3\].vmax: Expected `float`, got `str`"),
