@@ -1,0 +1,16 @@
+"""Before the planner's first test: compile its kernels, once on a machine, while no test's clock runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from agents.planner import jit
+from agents.planner.warm import warm
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    ours = any(Path(__file__).parent in item.path.parents for item in session.items)
+    if ours and not session.config.option.collectonly and not jit.compiled():
+        warm()
