@@ -91,7 +91,7 @@ def test_several_are_planned_and_the_broken_one_is_named(scene: Path, tmp_path: 
 
 
 def test_walled_in_vehicles_are_all_named(tmp_path: Path) -> None:
-    names = ("a goal in a cell", "a start in a cell", "a wall from end to end")
+    names = ("a goal in a cell and a start in another", "a wall from end to end")
     cases = {name.replace(" ", "_"): broken(name) for name in names}
     paths = [write(tmp_path / f"{name}.json", scene) for name, (scene, _, _) in cases.items()]
     zmav_plan(*paths, "-o", tmp_path / "plans", ok=False)
