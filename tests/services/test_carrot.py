@@ -6,13 +6,14 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
-from zmav.services.carrot import AHEAD_M, AHEAD_S, within_reach
+from zmav.services.carrot import AHEAD_M, AHEAD_S, pursuit, within_reach
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench
@@ -128,3 +129,19 @@ async def test_a_command_beside_a_goto_leaves_it_led(bench: StartBench) -> None:
         b.peer.send("GLOBAL_POSITION_INT", **at())
         await b.state(lambda s: True, "a moment")
     assert max(norths(t) for t in b.peer.heard(GLOBAL)) < 2 * AHEAD_M
+
+
+def test_a_rover_is_brought_back_to_a_moving_place_and_never_turns_round_for_it() -> None:
+    """ArduRover goes to positions in its own way: it is given the velocity that takes it there."""
+    here = at()
+
+    def told(metres: float, speed: float) -> tuple[float, float, float] | None:
+        return pursuit(msgspec.structs.replace(target(metres, 0.0), vel=(speed, 0.0, 0.0)), here).vel
+
+    assert told(0.0, 2.0) == pytest.approx((2.0, 0.0, 0.0), abs=1e-3)
+    assert told(2.0, 1.0) == pytest.approx((2.4, 0.0, 0.0), abs=0.01)
+    assert told(-1.0, 1.0) == pytest.approx((0.3, 0.0, 0.0), abs=0.01)
+    assert told(-3.0, 1.0) == (0.0, 0.0, 0.0)
+    assert told(0.2, 0.0) == (0.0, 0.0, 0.0)
+    assert told(-1.0, 0.0) == pytest.approx((-0.7, 0.0, 0.0), abs=0.01)
+    assert pursuit(place := target(90.0, 0.0), here) is place

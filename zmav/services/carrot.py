@@ -25,6 +25,8 @@ AHEAD_M = 15.0
 AHEAD_S = 3.0
 """how far ahead: metres, and seconds at the present speed; measured: a copter keeps its 10 m/s, and stops in 45 m"""
 RENEW_HZ = 4.0
+CATCH_UP, SLOW, THERE_M = 0.7, 0.1, 0.3
+"""1/s of what is missing that is added to the velocity; m/s below which a place stands; m within which it is reached"""
 FRESH_S = 2.0
 """age up to which a position says where the vehicle is"""
 
@@ -48,6 +50,21 @@ def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
     return msgspec.structs.replace(target, **changes) if changes else target
 
 
+def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
+    """The velocity over the ground that brings a vehicle which does not follow a moving place back to it: the target's
+    own, and a share of what is missing. It never turns round for a place that it has passed, but waits for it.
+    """
+    if target.lat_deg is None or target.lon_deg is None or target.vel is None:
+        return target
+    here = wire.Origin(lat_deg=position["lat"] / 1e7, lon_deg=position["lon"] / 1e7, alt_amsl=0.0)
+    north, east, _ = geo.to_ned(here, target.lat_deg, target.lon_deg, 0.0)
+    vn, ve, _ = target.vel
+    speed = math.hypot(vn, ve)
+    n, e = vn + CATCH_UP * north, ve + CATCH_UP * east
+    passed = n * vn + e * ve < 0.0 if speed > SLOW else math.hypot(north, east) < THERE_M
+    return Target(vel=(0.0, 0.0, 0.0) if passed else (n, e, 0.0))
+
+
 class Carrot:
     """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop."""
 
@@ -56,13 +73,16 @@ class Carrot:
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
-        """What to give the autopilot now for ``target``."""
+        """What to give the autopilot now for ``target``: a carrot, or for a moving one on the ground a velocity."""
         if target.lat_deg is None or not flies_on(autopilot):
             return target
         heard = self._port.latest("GLOBAL_POSITION_INT", source)
         if heard is None or heard.age > FRESH_S:
             return target
-        return within_reach(target, decode(heard.frame, self._port.dialect))
+        position = decode(heard.frame, self._port.dialect)
+        if autopilot.on_surface and target.vel is not None:
+            return pursuit(target, position)
+        return within_reach(target, position)
 
     def lead(self, target: Target) -> bool:
         """Send the carrot now, and keep moving it; False where the autopilot needs none, and nothing was done."""
