@@ -43,7 +43,7 @@ RETRY = 0.25
 """s before what was refused is looked at again"""
 AWAY = 1.0
 """s ahead of the common clock from which a vehicle is slowed in mid-way"""
-LOST_AFTER = 3.0
+LOST_AFTER = 5.0
 """s without a word after which a vehicle is lost"""
 KEEP, KEEP_LEFT, KEEP_EVERY = 20.0, 10.0, 2.0
 """s that a resting vehicle is told to stay for, and when it is told so again"""

@@ -26,7 +26,7 @@ TICK = 0.1
 """s between two looks at everything"""
 TRACKING = 0.4
 """m by which a vehicle may be off its trajectory: see docs/planner-execution.md"""
-MAX_CLOCK = 0.15
+MAX_CLOCK = 0.2
 """s by which a vehicle's clock may be other than measured"""
 SLACK = 0.05
 """m of a plan's margin that goes to the difference of its samples and the curve that is flown"""

@@ -19,6 +19,8 @@ FRESH = keys.STATE.stale_after or 2.0
 """s after which a state is not relied upon"""
 KNOWN = 30.0
 """s for which goals know a vehicle that is not heard: a bad link silences it for seconds, and it is waited for"""
+TORN = 5.0
+"""s of silence after which a vehicle counts as one on the far side of a torn network: longer than storms last"""
 FORGOTTEN = 3600.0
 """s after which a vehicle that was last heard in the air is no longer reckoned with"""
 
@@ -115,7 +117,7 @@ class Fleet:
 
     def hearing(self) -> Hearing:
         airborne = frozenset(seen.view.name for seen in self.all() if seen.view.airborne)
-        heard = frozenset(seen.view.name for seen in self.all() if seen.age < FRESH)
+        heard = frozenset(seen.view.name for seen in self.all() if seen.age < TORN)
         return Hearing(airborne, heard)
 
 
