@@ -81,6 +81,8 @@ class Agent:
         """why nothing is begun, so that it is said once"""
         self._changed = False
         """the world is another one, and what is flown was not looked at since"""
+        self._namesake = ""
+        """the instance of another planner of our name"""
         self._looked = 0.0
         self._told: dict[str, tuple[float, int]] = {}
         """by kind: when something was last said of what comes by itself, and how often nothing was since"""
@@ -247,6 +249,10 @@ class Agent:
             book = wire.decode(data, swarm.Book, "book")
         except BadInput:
             return  # a newer or a broken planner: its token is what we go by
+        if book.planner == self.settings.name and book.instance not in {self.instance, self._namesake}:
+            self._namesake = book.instance
+            text = f"another planner is called {book.planner}, too, and either answers orders: give each its --name"
+            self.say("name", "error", text)
         if self.charge.hear(book, time.monotonic()):
             who = f"{book.planner} is in charge (term {book.term})"
             self.say("charge", "warning", f"{who}: {self.settings.name} stands by, and commands nobody")

@@ -278,6 +278,13 @@ async def test_a_fault_of_its_own_does_not_end_its_life(field: Field, monkeypatc
     await field.until(name, lambda entry: entry.state == "done")
 
 
+async def test_a_namesake_is_told_of_once(field: Field) -> None:
+    field.agent.on_book(b"{")
+    for _ in range(2):
+        field.agent.on_book(wire.encode(swarm.Book(t=0.0, planner="ground", instance="another", term=0)))
+    assert sum("is called ground, too" in event.text for event in field.agent.events) == 1
+
+
 async def test_the_fleet_files_fence_stays_and_a_wrong_origin_is_named(field: Field) -> None:
     fence = swarm.Geofence(polygon=[(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)], floor=0.0, ceiling=50.0)
     aside = Agent(field.me, Settings(name="aside", geofence=fence))
