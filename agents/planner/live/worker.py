@@ -27,7 +27,7 @@ from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
 from agents.planner.plans import Plan, Sample
-from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle
+from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle, check
 from agents.planner.staticmap import StaticMap
 from zmav.errors import ZmavError
 
@@ -77,8 +77,9 @@ class Worker:
 
     def solve(self, job: jobs.Solve) -> Plan:
         start = time.monotonic()
-        static = self._map(job.scene, job.terrain)
         try:
+            check(job.scene)  # before anything is counted by its numbers
+            static = self._map(job.scene, job.terrain)
             return solve.solve(
                 job.scene, static=static, movers=job.movers, seconds=job.seconds, seed=job.seed, progress=self._news
             )  # fmt: skip

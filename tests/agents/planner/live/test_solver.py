@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import os
 import signal
 
+import msgspec
 import pytest
 
 from agents.planner.errors import PlanError
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live import jobs
 from agents.planner.live.solver import GRACE, Solver, SolverDied
+from agents.planner.live.worker import Worker
 from agents.planner.plans import Plan
 from agents.planner.scene import Bounds, Box, Scene, Vehicle
 from zmav.config import body_of
@@ -88,3 +91,10 @@ def test_typed_errors_cross_the_pipe() -> None:
     error = _error(jobs.Failed(1, "plan", "no way", {"kind": "unreachable", "ids": ["a"]}))
     assert isinstance(error, PlanError)
     assert (error.kind, error.ids, error.message) == ("unreachable", ["a"], "no way")
+
+
+def test_numbers_of_no_world_are_a_typed_error_before_a_map_is_made_of_them() -> None:
+    there = Worker(io.BytesIO())
+    wrong = msgspec.structs.replace(scene((0.0, 30.0, 10.0)), bounds=Bounds(min=(-1e308,) * 3, max=(1e308,) * 3))
+    error = there.solve(jobs.Solve(wrong, seconds=2.0)).error
+    assert error is not None and error.code == "invalid_scene" and "bounds" in error.message
