@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.planner.geometry import World, segment_clear
 from agents.planner.problem import ROVER, Floats, Ints, problem_of
 from agents.planner.scene import Scene
 
+Bools = NDArray[np.bool_]
 SLACK = 1.02  # a last arrival this much later is taken for fewer crossings
 DETOUR = 1.25  # a way whose straight line is blocked is taken to be this much longer
 
 
-def assign(scene: Scene, world: World) -> list[int] | None:
+def assign(scene: Scene, world: World, never: Bools | None = None) -> list[int] | None:
     """Which of the scene's ``goals`` each vehicle gets; None where the vehicles have goals of their own.
 
     The last arrival is the earliest possible (bottleneck assignment: a threshold on single times, halved), and among
     these the sum of squared distances is least, which leaves straight ways that hardly cross (Turpin, Michael, Kumar
-    2014: CAPT).
+    2014: CAPT). ``never`` (N, N): pairs of vehicle and goal to be left out, as far as can be.
     """
     if scene.assignment != "unlabelled":
         return None
@@ -27,6 +29,8 @@ def assign(scene: Scene, world: World) -> list[int] | None:
     from scipy.optimize import linear_sum_assignment  # takes long to import and is seldom needed
 
     times, squares = costs(scene, world, goals)
+    if never is not None:
+        times, squares = np.where(never, 1e9, times), np.where(never, 1e12, squares)
     rows, columns = linear_sum_assignment(squares)
     limit = SLACK * bottleneck(times)
     if times[rows, columns].max() > limit:

@@ -78,15 +78,7 @@ class Pipeline:
         self.say("map", 0.0)
         static = self.static or StaticMap(world_of(self.scene))
         world = static.world
-        self.say("assign", 0.0)
-        chosen = assign(self.scene, world)
-        problem = problem_of(self.scene, chosen, self.movers)
-        planes = np.flatnonzero(problem.kind == PLANE)
-        others = np.flatnonzero(problem.kind != PLANE)
-        clear_of_movers(problem)
-        self.say("paths", 0.0)
-        room = ROOM * float(problem.radius[others].min(initial=np.inf))
-        paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
+        problem, planes, others, paths = self.dealt(static)
         problem = fitted(problem, world, self.margin)
         stuck: list[str] = list(problem.ids)
         for motions in self.candidates(problem, world, planes, others, paths):
@@ -106,6 +98,32 @@ class Pipeline:
         spent = time.monotonic() - self.begun
         text = f"no plan was found in {spent:.1f} s that keeps {', '.join(stuck[:5])} apart from all else"
         raise PlanError("timeout", stuck, f"{text}; allow more time, or more room")
+
+    def dealt(self, static: StaticMap) -> tuple[Problem, Ints, Ints, list[Path]]:
+        """Goals and ways for all, and who is a plane and who not; goals that can be chosen go to who can get there."""
+        count = len(self.scene.vehicles)
+        never = np.zeros((count, count), dtype=np.bool_)
+        while True:
+            self.say("assign", 0.0)
+            chosen = assign(self.scene, static.world, never if never.any() else None)
+            problem = problem_of(self.scene, chosen, self.movers)
+            planes = np.flatnonzero(problem.kind == PLANE)
+            others = np.flatnonzero(problem.kind != PLANE)
+            clear_of_movers(problem)
+            self.say("paths", 0.0)
+            room = ROOM * float(problem.radius[others].min(initial=np.inf))
+            try:
+                paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
+                return problem, planes, others, paths
+            except PlanError as e:
+                known = never.sum()
+                for i in (problem.ids.index(name) for name in e.ids if chosen is not None):
+                    for k in others:
+                        who = float(problem.radius[k]), int(problem.kind[k])
+                        if static.separated(problem.start[k], problem.goal[i], *who, seconds=0.0):
+                            never[k, (chosen or [])[i]] = True
+                if e.kind != "unreachable" or never.sum() == known or time.monotonic() > self.deadline:
+                    raise
 
     def candidates(
         self, problem: Problem, world: World, planes: Ints, others: Ints, paths: list[Path]

@@ -14,7 +14,7 @@ from agents.planner.errors import PlanError
 from agents.planner.geometry import world_of
 from agents.planner.plans import Plan
 from agents.planner.problem import Mover
-from agents.planner.scene import Bounds, Box, Scene, Vehicle
+from agents.planner.scene import Bounds, Box, Obstacle, Scene, Vehicle
 from agents.planner.separation import separation
 from agents.planner.solve import solve
 from agents.planner.staticmap import StaticMap
@@ -118,6 +118,29 @@ def test_a_goal_behind_walls_is_named() -> None:
     with pytest.raises(PlanError) as caught:
         solve(scene)
     assert (caught.value.kind, caught.value.ids) == ("unreachable", [scene.vehicles[2].id])
+
+
+def test_a_goal_behind_walls_goes_to_who_is_there() -> None:
+    walls: list[Obstacle] = [
+        Box(min=(-10.0, -10.0, 0.0), max=(10.0, -9.0, 40.0)),
+        Box(min=(-10.0, 9.0, 0.0), max=(10.0, 10.0, 40.0)),
+        Box(min=(-10.0, -9.0, 0.0), max=(-9.0, 9.0, 40.0)),
+        Box(min=(9.0, -9.0, 0.0), max=(10.0, 9.0, 40.0)),
+    ]
+    starts = [(-7.0, 0.0, 5.0), (12.0, 0.0, 5.0), (12.0, 8.0, 5.0)]
+    vehicles = [
+        Vehicle(id=f"v{i}", type="copter", start=at, radius=1.0, vmax=5.0, amax=2.5) for i, at in enumerate(starts)
+    ]
+    goals = [(-12.0, 0.0, 5.0), (14.0, 14.0, 5.0), (7.0, 0.0, 5.0)]
+    bounds = Bounds(min=(-30.0, -30.0, 0.0), max=(30.0, 30.0, 40.0))
+    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=goals, obstacles=walls, bounds=bounds)
+    plan = solve(scene)
+    assert not faults(scene, plan)
+    assert plan.trajectories["v0"][-1][1:] == (7.0, 0.0, 5.0)
+    scene.goals = [goals[0], (3.0, 5.0, 5.0), goals[2]]
+    with pytest.raises(PlanError) as caught:
+        solve(scene)
+    assert caught.value.kind == "unreachable"
 
 
 def test_a_spent_budget_is_said_with_the_vehicles() -> None:
