@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any
 
@@ -28,6 +29,8 @@ from zmav.trust.credentials import Credentials
               help="How much farther above each other than beside each other.")  # fmt: skip
 @click.option("--patience", type=click.FloatRange(1.0, 600.0), default=3.0, show_default=True,
               help="Seconds without a planner after which it takes charge.")  # fmt: skip
+@click.option("--clock-error", type=click.FloatRange(0.001), default=math.inf, show_default="they are measured",
+              help="Seconds within which all hosts' clocks agree: chrony or GPS keeps them so.")  # fmt: skip
 @click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of its leases.")
 @zenoh_options
 def planner(

@@ -20,9 +20,13 @@ FEW = 0.001
 class Offset:
     """Vehicle's clock minus ours, seconds. ``value`` is what times are converted by: it stays as it was first taken for
     as long as it can be right, for a trajectory must not jump while it is flown.
+
+    ``within``: s by which the two can differ at most, because something else keeps them in step (chrony, GPS); believed
+    unless what is measured proves otherwise.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, within: float = math.inf) -> None:
+        self._within = within
         self._low, self._high = -math.inf, math.inf
         self._at = -math.inf
         self.value = 0.0
@@ -49,8 +53,15 @@ class Offset:
             self._settle()
 
     def _settle(self) -> None:
-        if math.isfinite(self._low) and math.isfinite(self._high):
-            self.value = 0.5 * (self._low + self._high)
+        low, high = self._bounds
+        if math.isfinite(low) and math.isfinite(high):
+            self.value = 0.5 * (low + high)
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        """What is measured, within what is known beforehand where that can be true."""
+        low, high = max(self._low, -self._within), min(self._high, self._within)
+        return (low, high) if low <= high else (self._low, self._high)
 
     def _widen(self, now: float) -> None:
         if math.isfinite(self._at) and now > self._at:
@@ -70,8 +81,10 @@ class Offset:
 
     def error(self, now: float) -> float:
         """Seconds by which ``value`` may be wrong; inf while too little is known."""
-        spread = DRIFT * max(0.0, now - self._at) if math.isfinite(self._at) else 0.0
-        return max(self._high + spread - self.value, self.value - self._low + spread)
+        if not math.isfinite(self._at):
+            return math.inf
+        spread, (low, high) = DRIFT * max(0.0, now - self._at), self._bounds
+        return max(high - self.value, self.value - low) + spread
 
     def vehicle(self, t: float) -> float:
         """Our time as the vehicle's."""

@@ -62,7 +62,7 @@ class Agent:
         self.instance = uuid.uuid4().hex
         self.charge = Charge(settings.name, self.instance, settings.patience * (2.0 if settings.standby else 1.0))
         self.fleet = Fleet(z, settings.downwash)
-        self.clocks = Clocks(z)
+        self.clocks = Clocks(z, settings.clock_error)
         self.world = World()
         self.ledger = Ledger()
         self.tubes = Tubes()

@@ -37,6 +37,8 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """s that the solver may take"""
     priority: int = 0
     """of the leases"""
+    clock_error: float = math.inf
+    """s by which all hosts' clocks agree, because something else keeps them so (chrony, GPS); inf: they are measured"""
     geofence: swarm.Geofence | None = None
 
 
@@ -44,7 +46,8 @@ def check(settings: Settings) -> None:
     """Raises :class:`BadConfig` naming what cannot be."""
     keys.check_name(settings.name, "name")
     keys.check_name(settings.fleet, "fleet")
-    for field, least, most in (("margin", 0.0, 20.0), ("downwash", 1.0, 10.0), ("patience", 1.0, 600.0)):
+    for field, least, most in (("margin", 0.0, 20.0), ("downwash", 1.0, 10.0), ("patience", 1.0, 600.0),
+                               ("clock_error", 0.001, math.inf)):  # fmt: skip
         value = getattr(settings, field)
         if not least <= value <= most:
             text = f"{field} is {value}; expected {least} to {most}"
