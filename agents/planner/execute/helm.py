@@ -27,7 +27,8 @@ UNSURE = 0.05
 PING_TIMEOUT = 2.0
 AGAIN = ("gone", "expired")
 """how a lease ends that nobody took: it is asked for again"""
-TTL = 5.0
+TTL = 12.0
+"""s of a lease: renewed thrice, it outlasts storms; a holder that died is known by its token, long before"""
 
 
 class Clock:

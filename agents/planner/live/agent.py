@@ -282,7 +282,7 @@ class Agent:
             self._ask(name)
         self.clocks.hear()
         if name := self.clocks.due(now):
-            self._do(self.clocks.ask(name))
+            self.later(self.clocks.ask(name))
         self._changed |= bool(self.world.expire(now))
         if self._changed and now - self._looked > LEAST:
             self._changed, self._looked = False, now
@@ -299,11 +299,11 @@ class Agent:
 
     def _ask(self, name: str) -> None:
         """What a vehicle can do, and where its home is where we did not see it take off."""
-        self._do(self.fleet.bodies.ask(name))
+        self.later(self.fleet.bodies.ask(name))
         if name in self.fleet.homeless:
-            self._do(self.fleet.ask_home(name))
+            self.later(self.fleet.ask_home(name))
 
-    def _do(self, work: Coroutine[Any, Any, None]) -> None:
+    def later(self, work: Coroutine[Any, Any, None]) -> None:
         """Beside everything else, until it is done or we are."""
         task = asyncio.create_task(work)
         self._asking.add(task)

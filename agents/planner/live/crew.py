@@ -32,7 +32,7 @@ ROOM, MOST_MARGIN = 0.5, 1.5
 """m that plans keep beyond what must be kept, where there is room: then nobody waits until another has passed for
 sure; and that a margin may be at most"""
 SPARE, TIGHT = 0.02, 3.0
-"""m more than the clocks need just now; how much nearer vehicles must stay to their ways where it is tight"""
+"""m more than the clocks need now; how much nearer to their ways, and slower, vehicles fly where it is tight"""
 CLOCK_PATIENCE = 60.0
 """s for the clocks to be known well enough"""
 TAKE = 60.0
@@ -101,8 +101,9 @@ class Crew:
         assert self._executor is not None
         return self._executor.clock.now()
 
-    async def margins(self) -> tuple[float, ...]:
-        """m by which plans should widen radii, best first, by how well the clocks are known now.
+    async def margins(self) -> tuple[tuple[float, float], ...]:
+        """m by which plans should widen radii, and the share of their speed that vehicles may have with that; best
+        first, by how well the clocks are known now.
 
         Waits for the clocks; raises :class:`~zmav.errors.Refused` where they stay too bad.
         """
@@ -119,15 +120,16 @@ class Crew:
                 self._run.text(f"waits: {e.message}")
             await asyncio.sleep(LOOK)
         least = max(needed, self._run.agent.settings.margin)
-        tight = needed - self.tracking * (1.0 - 1.0 / TIGHT)
-        return (max(least, min(least + ROOM, MOST_MARGIN)), least, tight)
+        tight = self._needed(1.0 / TIGHT) + SPARE - self.tracking * (1.0 - 1.0 / TIGHT)
+        return (max(least, min(least + ROOM, MOST_MARGIN)), 1.0), (least, 1.0), (tight, 1.0 / TIGHT)
 
-    def _needed(self) -> float:
-        """m of margin that the executor asks for now, at each vehicle's full speed (plans may be 2 % over it)."""
+    def _needed(self, share: float = 1.0) -> float:
+        """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
         executor, fleet = self._executor, self._run.agent.fleet
         assert executor is not None
         seen = {name: fleet.seen(name) for name in executor.helms}
-        return executor.needed({name: 1.02 * each.view.body.speed for name, each in seen.items() if each is not None})
+        speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
+        return executor.needed({name: 1.02 * share * speed for name, speed in speeds.items()})
 
     # Flying.
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from agents.planner.live.agent import Agent
 
 Progress = Callable[[str, float], None]
+Margins = Sequence[tuple[float, float]]
+"""m by which radii are widened, and the share of their speed that vehicles may have; best first"""
 LAYER = 30.0
 """m of height for each plane above the one below it"""
 
@@ -69,17 +71,17 @@ class Planner:
         return list(await self._solver.do(jobs.Resolve(goal, view, room.empty(points), terrain)))
 
     async def plan_to(
-        self, step: PlanTo, view: FleetView, progress: Progress | None = None, margins: Sequence[float] = ()
+        self, step: PlanTo, view: FleetView, progress: Progress | None = None, margins: Margins = ()
     ) -> Planned:
-        """With the first of ``margins`` (m) for which there is a plan: where it is tight, with less. None given: the
-        settings', or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver may fail with.
+        """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
+        or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with.
         """
         own = self._agent.settings.margin
-        tries = list(margins) or [own, own / 2.0]
+        tries = list(margins) or [(own, 1.0), (own / 2.0, 1.0)]
         while True:
-            margin = tries.pop(0)
+            margin, share = tries.pop(0)
             try:
-                return await self._plan(step, narrower(view, own - margin), margin, progress)
+                return await self._plan(step, narrower(view, own - margin, share), margin, progress)
             except PlanError as e:
                 if not tries or e.kind == "invalid_scene":
                     raise

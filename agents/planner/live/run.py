@@ -216,8 +216,9 @@ class Run:
             except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
                 if not left:
                     raise
+                self.say("replan", "notice", f"{self.entry.id}: planned anew: {e.message}", goal=self.entry.id)
                 self._state("planning", f"planned anew: {e.message}")
-            await self._settled()
+            await asyncio.sleep(SOON)  # by now everybody rests
         if not landed.arrived:
             self.check_stopped()
             raise self.failure or Refused(landed.why)
@@ -327,7 +328,14 @@ class Run:
         lost = {vehicle: tubes for vehicle, tubes in held.items() if vehicle in agent.fleet.hearing().unheard}
         if lost:
             agent.tubes.hold(name, lost)
-            asyncio.get_running_loop().call_later(LASTING, agent.tubes.drop, name)
+            agent.later(self._leave_more(name, set(lost)))
+
+    async def _leave_more(self, name: str, lost: set[str]) -> None:
+        """Who is heard to rest flies none of it any more; after a while nobody does."""
+        begun = time.monotonic()
+        while time.monotonic() < begun + LASTING and any(self._unrest(vehicle, begun) for vehicle in lost):
+            await asyncio.sleep(SOON)
+        self.agent.tubes.drop(name)
 
     # What it stands on.
 

@@ -16,6 +16,7 @@ from agents.planner.live.frames import enu
 from agents.planner.live.world import Pieces
 from agents.planner.problem import Floats, Mover
 from zmav.wire import Vector
+from zmav.wire.swarm import Body
 
 DEPTH = 50.0
 """m below the lowest vehicle to which the column below one that is not heard goes"""
@@ -113,13 +114,13 @@ def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Veh
     )  # fmt: skip
 
 
-def narrower(view: FleetView, by: float) -> FleetView:
-    """The fleet with radii less by so many metres."""
-    vehicles = {
-        name: replace(each, body=msgspec.structs.replace(each.body, radius=each.body.radius - by))
-        for name, each in view.vehicles.items()
-    }  # fmt: skip
-    return FleetView(vehicles)
+def narrower(view: FleetView, by: float, share: float = 1.0) -> FleetView:
+    """The fleet with radii less by so many metres, and that share of its speed."""
+
+    def less(body: Body) -> Body:
+        return msgspec.structs.replace(body, radius=body.radius - by, speed=body.speed * share)
+
+    return FleetView({name: replace(each, body=less(each.body)) for name, each in view.vehicles.items()})
 
 
 def moved(view: FleetView, places: Mapping[str, Vector], airborne: bool | None = None) -> FleetView:
