@@ -17,6 +17,7 @@ import pytest_asyncio
 
 import zmav
 from agents.planner.cli.counter import Planner, books, find
+from agents.planner.live import fleet as heard
 from agents.planner.live.agent import Agent
 from agents.planner.live.crew import Crew
 from agents.planner.live.desk import MOST_PREVIEWS
@@ -138,6 +139,21 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     assert field.away("quad1", there.to[0]) > 1.0
     queued = await field.submit(swarm.Hold(vehicles=["quad2"]), "queue")
     await field.until(queued, lambda entry: entry.state == "done")
+
+
+async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field) -> None:
+    """By a planner that was started when they were in the air already."""
+    fleet = heard.Fleet(field.me)
+    fleet.watch()
+    assert "quad2" in fleet.homeless
+    await fleet.ask_home("quad2")
+    assert "quad2" not in fleet.homeless
+    seen = fleet.seen("quad2")
+    assert seen is not None
+    assert seen.view.home_ned == pytest.approx((*PLACES["quad2"], 0.0), abs=1.5)
+    for silent, known, near in ((0.0, True, True), (heard.TORN + 1.0, True, False), (heard.KNOWN + 1.0, False, False)):
+        fleet._last["quad2"] = (seen.state, time.monotonic() - silent)
+        assert ("quad2" in fleet.view().vehicles, "quad2" in fleet.hearing().heard) == (known, near)
 
 
 async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
