@@ -49,7 +49,7 @@ KEEP, KEEP_LEFT, KEEP_EVERY = 20.0, 10.0, 2.0
 """s that a resting vehicle is told to stay for, and when it is told so again"""
 STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 """s at rest without a way on, after which a new plan is asked for"""
-REFUSES_AFTER, AT_ONCE = 10.0, 3.0
+REFUSES_AFTER, AT_ONCE = 30.0, 3.0
 """s for which one at rest refuses what it is sent, no farther apart than the second, until it is given up"""
 SLOW = 0.6
 """pace of the common clock while somebody does not keep up"""
