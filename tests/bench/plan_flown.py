@@ -241,8 +241,7 @@ async def _runs(
         tree = swarm.Cylinder(center=(north, east), radius=TRUNK, floor=0.0, ceiling=40.0)
         obstacle = swarm.Obstacle(name=f"tree{i}", t=time.time(), what=tree)
         await desk.order("obstacle", swarm.GiveObstacle(id=f"tree{i}", obstacle=obstacle))
-    while not set(names) <= set((await desk.order("status", wire.Order()))["vehicles"]):
-        await asyncio.sleep(0.5)
+    await _known(desk, names)
     weather = asyncio.create_task(storms(lab, rng))
     try:
         return [
@@ -250,6 +249,12 @@ async def _runs(
         ]
     finally:
         weather.cancel()
+
+
+async def _known(desk: Planners, names: list[str]) -> None:
+    """The planner has heard of all, and not long ago: it takes goals for them."""
+    while not set(names) <= set((await desk.order("status", wire.Order()))["vehicles"]):
+        await asyncio.sleep(0.5)
 
 
 def _logs(lab: Lab) -> None:
@@ -268,6 +273,7 @@ async def swapped(
     lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
 ) -> dict[str, Any]:
     """One swap to its end."""
+    await _known(desk, names)
     truth.reset()
     start = time.monotonic()
     given = await desk.order("submit", _swap(names, rng, run))
@@ -278,6 +284,7 @@ async def killed(
     lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
 ) -> dict[str, Any]:
     """One swap whose planner dies somewhere on the way; the other goes on with it, and the dead one comes again."""
+    await _known(desk, names)
     truth.reset()
     start = time.monotonic()
     book = desk.book
