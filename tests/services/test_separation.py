@@ -131,6 +131,13 @@ async def test_what_a_beacon_says_and_that_none_is_believed_that_cannot_be(net: 
             await pair.z.vehicle("quad1").wait_until(lambda state: state.segment is not None, PATIENCE_S)
             for k, text in enumerate((b"{}", b"x", many, endless, vast, negative)):
                 pair.z.put(keys.BEACON, keys.BEACON.key("demo", f"ghost{k}"), text)
+            late = keys.BEACON.key("demo", "late")
+            pair.z.put(keys.BEACON, late, wire.encode(msgspec.structs.replace(coming, t=now, pos=(500.0, 0.0, 0.0))))
+            while (held := time.time() - now) < 2.5:
+                await beacons.get()
+            # It came by long ago: only its word of that was held up.
+            gone = msgspec.structs.replace(coming, t=now + 0.1, vel=(-3.0 - 8.0 / held, 0.0, 0.0))
+            pair.z.put(keys.BEACON, late, wire.encode(gone))
             for _ in range(3):
                 await beacons.get()
             assert pair.z.vehicle("quad1").state.segment is not None

@@ -34,8 +34,9 @@ FORGET = 3.0
 """s without a beacon after which a neighbour is not reckoned with: a burst of loss is shorter"""
 FRESH = 1.0
 """age in s up to which our own position is where we are"""
-SKEW = 1.0
-"""s by which two clocks may differ before the time of arrival counts instead"""
+GAIN, SET = 0.001, 10.0
+"""s by which a neighbour's clock may seem to fall behind from beacon to beacon: more is a beacon that was held up; and
+from which on its clock was set"""
 AROUND = 25.0
 """m within which a neighbour counts for the way out"""
 MOST, NEAREST = 500, 12
@@ -60,7 +61,7 @@ class Separation:
         """what is flown at present: the ladder's"""
         self._lock = threading.Lock()
         self._heard: dict[str, tuple[float, wire.swarm.Beacon]] = {}
-        """by name: monotonic seconds of "now" in the beacon, and the beacon"""
+        """by name: our monotonic time less its clock's, by the beacon that came soonest of all, and the last beacon"""
         self._moving = False
         """it moves aside at present"""
         self._held: list[Any] = []
@@ -109,11 +110,15 @@ class Separation:
             return
         if not 0.0 <= beacon.radius <= LARGEST:
             return
-        now = time.monotonic()
-        late = time.time() - beacon.t
+        shift = time.monotonic() - beacon.t
         with self._lock:
-            if len(self._heard) < MOST or name in self._heard:
-                self._heard[name] = (now - late if 0.0 <= late < SKEW else now, beacon)
+            before = self._heard.get(name)
+            if before is not None and abs(shift - before[0]) < SET:
+                if beacon.t <= before[1].t:
+                    return  # overtaken
+                shift = min(shift, before[0] + GAIN)
+            if len(self._heard) < MOST or before is not None:
+                self._heard[name] = (shift, beacon)
 
     # Moving aside.
 
@@ -147,12 +152,12 @@ class Separation:
     def _neighbours(self) -> list[Other]:
         now, radius = time.monotonic(), self._body().radius
         with self._lock:
-            for name in [name for name, (at, _) in self._heard.items() if now - at > FORGET]:
+            for name in [name for name, (shift, beacon) in self._heard.items() if now - beacon.t - shift > FORGET]:
                 del self._heard[name]
             heard = list(self._heard.items())
         return [
-            Other(name, _ahead(beacon, now - at), self._settings.share * (radius + beacon.radius))
-            for name, (at, beacon) in heard
+            Other(name, _ahead(beacon, now - beacon.t - shift), self._settings.share * (radius + beacon.radius))
+            for name, (shift, beacon) in heard
         ]
 
     def _track(self, future: Future, pos: wire.Vector) -> Track:
@@ -192,9 +197,9 @@ class Separation:
         if heard is None or heard.age > FRESH or self._origin is None:
             return None
         p: Mapping[str, Any] = decode(heard.frame, self._port.dialect)
-        pos = geo.to_ned(self._origin, p["lat"] / 1e7, p["lon"] / 1e7, p["alt"] / 1e3)
-        vel = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0)
-        return pos, vel, p["relative_alt"] / 1e3
+        n, e, d = geo.to_ned(self._origin, p["lat"] / 1e7, p["lon"] / 1e7, p["alt"] / 1e3)
+        vel, age = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0), heard.age
+        return (n + vel[0] * age, e + vel[1] * age, d + vel[2] * age), vel, p["relative_alt"] / 1e3
 
 
 def _ahead(beacon: wire.swarm.Beacon, age: float) -> Track:
