@@ -68,7 +68,7 @@ class Recorder:
         for number, pattern in enumerate(patterns(self._wanted.vehicles)):
             self._subscribe(number, pattern)
         for channel in shared_channels():
-            key = channel.key(self._fleet, topic="*", group="*")
+            key = channel.key(self._fleet, topic="*", group="*", name="*")
             self._held.append(session.declare_subscriber(key, self._take))
         if await self._is_first():
             self._answers = Answers(session, self.storage, self._folder, self._fleet, self.name)
