@@ -2,7 +2,7 @@
 
     python tests/bench/plan_partition.py [--vehicles 8] [--runs 3] [--seconds 40] [--seed 0]
 
-The lab of plan_flown.py without its loss: copters on a ring, a planner on the ground, a standby on a van. At a random
+The lab of plan_flown.py, without its loss and storms: copters on a ring, a planner on the ground, a standby on a van. At a random
 moment of a swap every link between the half that hears the ground and the half that hears the van is cut, and healed
 later. Prints who was in charge where, and the least separation by the simulator; ends with 1 where it was below the sum
 of the radii, or the goal was not done in the end.
@@ -27,7 +27,7 @@ from zmav.errors import ZmavError
 
 async def runs(args: argparse.Namespace) -> bool:
     rng, good = random.Random(args.seed), True
-    async with fleet(args.vehicles, 0.0, True) as (lab, z, names, truth):
+    async with fleet(args, True) as (lab, z, names, truth):
         planner(lab, "ground")
         desk = Planners(z)
         await desk.until(lambda book: book.planner == "ground")
@@ -71,6 +71,8 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--loss", type=float, default=0.0)
+    parser.add_argument("--alone", action="store_true", help="without the vehicles' own last resort")
     args = parser.parse_args()
     try:
         check_able()

@@ -35,6 +35,8 @@ RESTING = 0.5
 """m/s below which a vehicle rests"""
 LASTING = 60.0
 """s that a segment may last"""
+SILENCE = 60.0
+"""s that a plan waits for vehicles in the air that are not heard, where there is no room beside them"""
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
@@ -283,16 +285,20 @@ class Run:
         self._state("flying", "follows")
 
     async def _planned(self, crew: Crew, step: PlanTo, view: FleetView) -> Planned:
-        """A plan, where there is room for one: what other goals have spoken for is waited for."""
-        tries = 0
+        """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while those that
+        are not heard where they are in the way.
+        """
+        tries, begun = 0, time.monotonic()
         while True:
             try:
                 return await self.planner.plan_to(step, view, self._stage, await crew.margins())
             except PlanError as e:
                 others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.agent.kin(self.entry.id))})
-                if not others or e.kind == "invalid_scene":
+                patient = time.monotonic() < begun + SILENCE
+                silent = sorted(self.agent.fleet.hearing().unheard) if patient else []
+                if not (others or silent) or e.kind == "invalid_scene":
                     raise
-                self.text(f"waits for room beside {', '.join(others)}: {e.message}")
+                self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")
             except SolverDied as e:
                 tries += 1
                 if tries > MOST_TRIES:
