@@ -285,8 +285,8 @@ class Run:
         self._state("flying", "follows")
 
     async def _planned(self, crew: Crew, step: PlanTo, view: FleetView) -> Planned:
-        """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while those that
-        are not heard where they are in the way.
+        """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
+        not heard and in the way.
         """
         tries, begun = 0, time.monotonic()
         while True:
