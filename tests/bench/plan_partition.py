@@ -2,8 +2,8 @@
 
     python tests/bench/plan_partition.py [--vehicles 8] [--runs 3] [--seconds 40] [--seed 0]
 
-The lab of plan_flown.py, without its loss and storms: copters on a ring, a planner on the ground, a standby on a van. At
-a random moment of a swap every link between the half that hears the ground and the half that hears the van is cut, and
+The lab of plan_flown.py without loss and storms: copters on a ring, a planner on the ground, a standby on a van. At a
+random moment of a swap every link between the half that hears the ground and the half that hears the van is cut, and
 healed later. Prints who was in charge where, and the least separation by the simulator; ends with 1 where it was below
 the sum of the radii, or the goal was not done in the end.
 """
