@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.planner.geometry import clearance, outside, polygon_side, segment_clear
+from agents.planner.heap import pop, push
 from agents.planner.jit import jit
-from agents.planner.paths.grid import pop, push
 from agents.planner.problem import Floats, Ints, Path
 from agents.planner.world import World
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.planner.geometry import clearance, outside, segment_clear
+from agents.planner.heap import pop, push
 from agents.planner.jit import jit
 from agents.planner.paths.lattice import Lattice
 from agents.planner.problem import Floats, Ints, Path
@@ -55,38 +56,6 @@ def longer(keys: Floats, items: Ints) -> tuple[Floats, Ints]:
     for n in range(len(keys)):
         more[n], of[n] = keys[n], items[n]
     return more, of
-
-
-@jit
-def push(keys: Floats, items: Ints, size: int, key: float, item: int) -> None:
-    """Put into a binary heap of ``size``, least key first."""
-    at = size
-    while at > 0:
-        above = (at - 1) // 2
-        if keys[above] <= key:
-            break
-        keys[at], items[at] = keys[above], items[above]
-        at = above
-    keys[at], items[at] = key, item
-
-
-@jit
-def pop(keys: Floats, items: Ints, size: int) -> int:
-    """Take the least out of a binary heap of ``size``."""
-    taken, key, item = items[0], keys[size - 1], items[size - 1]
-    at = 0
-    while True:
-        below = 2 * at + 1
-        if below >= size - 1:
-            break
-        if below + 1 < size - 1 and keys[below + 1] < keys[below]:
-            below += 1
-        if keys[below] >= key:
-            break
-        keys[at], items[at] = keys[below], items[below]
-        at = below
-    keys[at], items[at] = key, item
-    return int(taken)
 
 
 @jit

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.planner.heap import pop, push
 from agents.planner.jit import jit
 from agents.planner.problem import Floats, Ints
 from agents.planner.spacetime.lattice import FAR, Lattice
@@ -43,38 +44,6 @@ class Roads(NamedTuple):
     entry_steps: Ints
     ahead: Ints
     """(nodes + E,): fewest steps to the goal"""
-
-
-@jit
-def push(keys: Floats, labels: Ints, size: int, key: float, label: int) -> None:
-    """Add to a binary heap of ``size`` entries."""
-    at = size
-    while at > 0:
-        parent = (at - 1) >> 1
-        if keys[parent] <= key:
-            break
-        keys[at], labels[at] = keys[parent], labels[parent]
-        at = parent
-    keys[at], labels[at] = key, label
-
-
-@jit
-def pop(keys: Floats, labels: Ints, size: int) -> int:
-    """Take the least of a binary heap of ``size`` entries."""
-    least, key, label = labels[0], keys[size - 1], labels[size - 1]
-    at, size = 0, size - 1
-    while True:
-        child = 2 * at + 1
-        if child >= size:
-            break
-        if child + 1 < size and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[at], labels[at] = keys[child], labels[child]
-        at = child
-    keys[at], labels[at] = key, label
-    return int(least)
 
 
 @jit
