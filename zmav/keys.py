@@ -65,7 +65,8 @@ class Channel:
     ``writers`` are the roles that may put or ask (of ``do``, :data:`zmav.verbs.VERBS` says it verb by verb, of
     ``fleet``, :data:`TOPICS` topic by topic: see :mod:`zmav.trust.rights`); ``rate_hz`` is nominal; older than
     ``stale_after`` seconds is stale. ``proven``: the vehicle takes it with a proof of origin only, where it has
-    credentials: see :mod:`zmav.trust.proof`.
+    credentials: see :mod:`zmav.trust.proof`. ``repeated``: what a link loses is sent again; else nothing waits for it,
+    which is better for what comes again soon (docs/qos.md).
     """
 
     name: str
@@ -80,6 +81,12 @@ class Channel:
     stale_after: float | None = None
     recorded: bool = False
     proven: bool = False
+    repeated: bool = True
+
+    def publishing(self) -> dict[str, Any]:
+        """Keyword arguments for ``declare_publisher``."""
+        lane = zenoh.Reliability.RELIABLE if self.repeated else zenoh.Reliability.BEST_EFFORT
+        return {"encoding": self.encoding, "reliability": lane, **self.qos.options()}
 
     def key(self, fleet: str, vehicle: str = "", **chunks: object) -> str:
         """The key (or key expression, with ``*`` for any part) of this channel."""
@@ -101,7 +108,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "state", "{fleet}/{vehicle}/state", "pub", wire.VehicleState, Qos.LATEST_WINS,
             "what the vehicle is and does; also its heartbeat of presence; answers queries too",
-            rate_hz=5.0, stale_after=2.0, recorded=True,
+            rate_hz=5.0, stale_after=2.0, recorded=True, repeated=False,
         ),
         Channel(
             "event", "{fleet}/{vehicle}/event", "pub", wire.Event, Qos.MUST_ARRIVE,
@@ -119,7 +126,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "setpoint", "{fleet}/{vehicle}/setpoint/{agent}", "put", wire.Setpoint, Qos.REALTIME,
             "one point of an outer-loop command stream", (PLANNER, AGENT, OPERATOR),
-            rate_hz=10.0, stale_after=0.5, recorded=True,
+            rate_hz=10.0, stale_after=0.5, recorded=True, repeated=False,
         ),
         Channel(
             "body", "{fleet}/{vehicle}/body", "query", wire.swarm.BodyReport, Qos.MUST_ARRIVE,
@@ -128,7 +135,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "beacon", "{fleet}/{vehicle}/beacon", "pub", wire.swarm.Beacon, Qos.LATEST_WINS,
             "in flight: where the vehicle is about to be, for its neighbours' last resort against a collision",
-            rate_hz=5.0, stale_after=3.0,
+            rate_hz=2.0, stale_after=3.0, repeated=False,
         ),
         Channel(
             "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,

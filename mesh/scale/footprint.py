@@ -63,7 +63,7 @@ class Copter:
         self._seldom = [
             declare(keys.RX.key(fleet, name, **_WHO, msg=msg), **keys.RX.qos.options()) for msg in SAID_SELDOM
         ]
-        self._states = declare(keys.STATE.key(fleet, name), encoding=keys.STATE.encoding, **keys.STATE.qos.options())
+        self._states = declare(keys.STATE.key(fleet, name), **keys.STATE.publishing())
         link = keys.LINK.key(fleet, name, link="autopilot")
         self._links = declare(link, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
         self._held = [*self._listen(session), *self._answers(session), self._events(session)]

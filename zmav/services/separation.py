@@ -30,6 +30,8 @@ from zmav.services.port import Port
 
 AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
+SILENT, DIFFERS = 0.55, 0.25
+"""s after which the next beacon is sent in any case; m by which it must differ from the last to be sent sooner"""
 FORGET = 3.0
 """s without a beacon after which a neighbour is not reckoned with: a burst of loss is shorter"""
 FRESH = 1.0
@@ -65,7 +67,8 @@ class Separation:
         self._moving = False
         """it moves aside at present"""
         self._held: list[Any] = []
-        self._key = keys.BEACON.key(port.fleet, port.name)
+        self._said: wire.swarm.Beacon | None = None
+        self._publisher = session.declare_publisher(keys.BEACON.key(port.fleet, port.name), **keys.BEACON.publishing())
 
     @property
     def on(self) -> bool:
@@ -78,15 +81,18 @@ class Separation:
             self._held.append(self._session.declare_subscriber(all_of_them, self._on_beacon))
 
     def close(self) -> None:
-        for each in self._held:
+        for each in (*self._held, self._publisher):
             each.undeclare()
 
     # Telling the others.
 
     def tick(self) -> None:
-        """Five times a second: in flight, say where we are and will be."""
+        """Five times a second: in flight, say where we are and will be, where the neighbours could not know it by what
+        was said last (dead reckoning as in IEEE 1278), or that was a while ago.
+        """
         here = self._here() if self.on and self._identity.armed else None
         if here is None:
+            self._said = None
             return
         pos, vel, _ = here
         future = self.future()
@@ -95,7 +101,9 @@ class Separation:
             t=time.time(), pos=_rounded(pos), vel=_rounded(vel), radius=self._body().radius,
             ahead=[_rounded(p) for p in ahead],
         )  # fmt: skip
-        self._session.put(self._key, wire.encode(beacon), encoding=keys.JSON, **keys.BEACON.qos.options())
+        if self._said is None or abs(beacon.t - self._said.t) > SILENT or _differ(self._said, beacon) > DIFFERS:
+            self._said = beacon
+            self._publisher.put(wire.encode(beacon))
 
     def _on_beacon(self, sample: zenoh.Sample) -> None:
         name = str(sample.key_expr).split("/")[2]
@@ -216,6 +224,11 @@ def _ahead(beacon: wire.swarm.Beacon, age: float) -> Track:
         share = (t - times[i]) / (AHEAD[0])
         track.append((a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share))
     return track
+
+
+def _differ(said: wire.swarm.Beacon, new: wire.swarm.Beacon) -> float:
+    """m by which the place that follows from what was said is wrong at most."""
+    return max(map(math.dist, _ahead(said, new.t - said.t), _ahead(new, 0.0)))
 
 
 def _within(v: wire.Vector, speed: float) -> wire.Vector:

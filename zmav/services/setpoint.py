@@ -121,8 +121,8 @@ class Setpoints:
         self._leases.commit(until if isinstance(what, Segment) else 0.0)
         if isinstance(what, Segment):
             self._segment = wire.swarm.SegmentInfo(
-                lease=flown.lease, seq=point.seq, start=what.start, end=what.end
-            )  # fmt: skip
+                lease=flown.lease, seq=point.seq, start=what.start, rests=what.rests, end=what.end
+            )
             self.on_segment()
         return engaged
 

@@ -31,7 +31,7 @@ class StateService:
         self.extras: list[Callable[[wire.VehicleState], None]] = []
         """other services' additions: link, lease, clash"""
         self._key = keys.STATE.key(port.fleet, port.name)
-        self._publisher = session.declare_publisher(self._key, encoding=keys.STATE.encoding, **keys.STATE.qos.options())
+        self._publisher = session.declare_publisher(self._key, **keys.STATE.publishing())
         self._queryables: list[Any] = []
 
     def start(self) -> None:
@@ -96,6 +96,7 @@ class StateService:
             self._add_health(state)
         for add in self.extras:
             add(state)
+        state.ages = {name: round(age, 3) for name, age in state.ages.items()}
         return state
 
     def _add_motion(self, state: wire.VehicleState) -> None:
@@ -108,10 +109,11 @@ class StateService:
             state.velocity = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0)
             if self.origin:
                 g = state.position
-                state.local = geo.to_ned(self.origin, g.lat_deg, g.lon_deg, g.alt_amsl)
+                north, east, down = geo.to_ned(self.origin, g.lat_deg, g.lon_deg, g.alt_amsl)
+                state.local = round(north, 3), round(east, 3), round(down, 3)  # as exact as the position itself
         if attitude := self._heard("ATTITUDE"):
             a, state.ages["attitude"] = attitude
-            state.attitude = wire.Attitude(roll=a["roll"], pitch=a["pitch"], yaw=a["yaw"])
+            state.attitude = wire.Attitude(roll=round(a["roll"], 5), pitch=round(a["pitch"], 5), yaw=round(a["yaw"], 5))
         if extended := self._heard("EXTENDED_SYS_STATE"):
             landed = extended[0]["landed_state"]
             state.landed = None if landed == 0 else landed == 1

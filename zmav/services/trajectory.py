@@ -76,6 +76,7 @@ class Segment:
         assert origin is not None
         self.origin = origin
         self.start, self.end = points[0].t, points[-1].t
+        self.rests = _rests(points)
         self._times = [point.t for point in points]
         self._yaws = [point.yaw for point in points]
         velocities = _velocities(points)
@@ -192,6 +193,16 @@ def _check_time(points: list[wire.SegmentPoint], index: int, now: float) -> None
     elif not MIN_STEP <= t - points[index - 1].t <= MAX_STEP:
         text = f"{field} is {t - points[index - 1].t:g} s after the point before it"
         raise BadInput(text, field=field, value=t, expected=f"{MIN_STEP} to {MAX_STEP:.0f} s after the point before it")
+
+
+def _rests(points: list[wire.SegmentPoint]) -> float:
+    """The time from which all points are in one place."""
+    rests = points[-1].t
+    for point in reversed(points):
+        if point.pos != points[-1].pos:
+            break
+        rests = point.t
+    return rests
 
 
 def _velocities(points: list[wire.SegmentPoint]) -> list[wire.Vector]:

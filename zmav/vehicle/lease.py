@@ -43,6 +43,7 @@ class Lease:
         """by the vehicle's clock: what it said until then is of leases before this one"""
         self._lost: ZmavError | None = None
         self._key = keys.SETPOINT.key(vehicle.fleet, vehicle.name, agent=args.holder)
+        self._points = client.session.declare_publisher(self._key, **keys.SETPOINT.publishing())
 
     @property
     def lost(self) -> ZmavError | None:
@@ -89,23 +90,33 @@ class Lease:
         )  # fmt: skip
 
     def segment(
-        self, points: Sequence[wire.SegmentPoint], *, valid: float = 0.5, deadline: float | None = None
-    ) -> None:
+        self, points: Sequence[wire.SegmentPoint], *, valid: float = 0.5, deadline: float | None = None,
+        repeated: bool = True,
+    ) -> None:  # fmt: skip
         """Commit the vehicle to a trajectory that ends at rest; it flies it by itself, however bad the network gets.
 
         ``valid``: seconds within which it must have arrived there; ``deadline``: the same as UTC seconds by the
-        vehicle's own clock. The next segment or setpoint takes its place.
+        vehicle's own clock. The next segment or setpoint takes its place. ``repeated``: links send again what they
+        lose, and later ones wait behind it; without, put it again until the vehicle's state names it.
         """
-        self._put(valid, deadline, segment=list(points))
+        self._put(valid, deadline, repeated, segment=list(points))
 
-    def _put(self, valid: float, deadline: float | None = None, **fields: Any) -> None:
+    def close(self) -> None:
+        """Nothing is put any more."""
+        self._points.undeclare()
+
+    def _put(self, valid: float, deadline: float | None = None, repeated: bool = False, **fields: Any) -> None:
         if self.lost is not None:
             raise self.lost
         self._seq += 1
         until = time.time() + valid if deadline is None else deadline
         point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=until, **fields)
         data = wire.encode(point)
-        self._client.put(keys.SETPOINT, self._key, data, seal(self._secret, self._key, data) if self._secret else None)
+        proof = seal(self._secret, self._key, data) if self._secret else None
+        if repeated:
+            self._client.put(keys.SETPOINT, self._key, data, proof)
+        else:
+            self._points.put(data, attachment=proof)
 
     def _ended(self) -> ZmavError | None:
         """What the vehicle's state says of it."""
@@ -161,5 +172,6 @@ async def held(vehicle: Vehicle, client: Client, holder: str, ttl: float, priori
             renewer.cancel()
             with contextlib.suppress(ZmavError, asyncio.TimeoutError):  # where it does not arrive, the token's end does
                 await within(RELEASE_TIMEOUT, vehicle.order("release", wire.DropLease(lease=lease.token)))
+            lease.close()
     finally:
         token.undeclare()

@@ -56,7 +56,9 @@ class SegmentInfo(Wire, kw_only=True):
     seq: int
     """of the setpoint that brought it"""
     start: float
-    """UTC seconds by the vehicle's clock; so is ``end``"""
+    """UTC seconds by the vehicle's clock; so are ``rests`` and ``end``"""
+    rests: float
+    """from then on it stays where it is"""
     end: float
 
 

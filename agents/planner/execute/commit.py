@@ -28,6 +28,9 @@ ABREAST = 2
 TOUCH = 0.002
 """m: rounding on the wire, and what the curve does between its samples"""
 
+TAKING = 0.3
+"""s that a busy vehicle may need from the look at a deadline until its state names the trajectory"""
+
 Stamp = tuple[int, int]
 """lease number and sequence number of a setpoint"""
 
@@ -86,6 +89,8 @@ class Part:
     lost: bool = False
     off: str = ""
     """why it follows us no more; empty: it does"""
+    strays: bool = False
+    """it left our trajectory by itself: its last resort moved it aside"""
     place: Floats | None = None
     """where it was last seen, once it follows us no more"""
     hinder: float = np.inf
@@ -139,7 +144,7 @@ class Part:
         if stamp is not None and stamp in pending.sent:
             self.entries, pending.taken = [pending], True
             return True
-        if said > pending.deadline:  # refused, or lost on the way, and too late by now
+        if said > pending.deadline + TAKING:  # refused, or lost on the way, and too late by now
             self.entries.pop()
             return True
         return False

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
-from agents.planner.execute.track import KNOT_EVERY, Line, Profile, behind, braked, crept, knots, onward
+from agents.planner.execute.track import REST_EVERY, Line, Profile, behind, braked, crept, knots, onward
 from agents.planner.problem import Floats
 from zmav.wire.state import Severity
 
@@ -38,14 +38,16 @@ REACHES = (20.0, 16.0, 12.0, 9.0, 7.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0
 """s of the plan by which a vehicle is sent farther, tried one after another"""
 WORTH = 2.0
 """s of progress for which it is told while there is time"""
-RESEND = 0.2
+RESEND, RESEND_SILENT, SILENT = 0.5, 1.0, 1.0
+"""s after which what is not acknowledged is put again, for a link that loses much carries little; and for one that was
+not heard for the last"""
 RETRY = 0.25
 """s before what was refused is looked at again"""
 AWAY = 1.0
 """s ahead of the common clock from which a vehicle is slowed in mid-way"""
 LOST_AFTER = 5.0
 """s without a word after which a vehicle is lost"""
-KEEP, KEEP_LEFT, KEEP_EVERY = 20.0, 10.0, 2.0
+KEEP, KEEP_LEFT, KEEP_EVERY = 45.0, 25.0, 2.0
 """s that a resting vehicle is told to stay for, and when it is told so again"""
 STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 """s at rest without a way on, after which a new plan is asked for"""
@@ -135,6 +137,7 @@ class Conductor:
             else:
                 part.refused = (now, -np.inf)
         if part.known.taken and not any(stamp in entry.sent for entry in part.entries):
+            part.strays = part.strays or not part.off
             self.gone(part, "it flies no trajectory of ours any more", None)
         elif ends is not None and stamp in part.known.sent:
             part.kept_until = max(part.kept_until, part.offset.ours(ends))
@@ -348,7 +351,8 @@ class Conductor:
         """What was sent is sent again until it is acknowledged or too late."""
         entry = part.latest
         deadline = self._deadline(part, entry, now)
-        if now - entry.last_sent < RESEND or deadline < now + 0.1:
+        wait = RESEND if now - part.heard < SILENT else RESEND_SILENT
+        if now - entry.last_sent < wait or deadline < now + 0.1:
             return None
         return Send(part, entry, _from(entry.rows, now), deadline)
 
@@ -409,7 +413,7 @@ def _head(before: Entry, d: float, now: float) -> Floats:
     rest = rows[-1].copy()
     rest[4:] = 0.0
     if not len(moving):
-        times = np.arange(now - 0.3, d - 0.1, KNOT_EVERY * 4)
+        times = np.arange(now - 0.3, d - 0.1, REST_EVERY)
         head = np.array([rest] * (len(times) + 1))
         head[:, 0] = np.round([*times, d], 6)
         return head

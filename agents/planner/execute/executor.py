@@ -34,6 +34,8 @@ NEAR_START = 1.0
 """m that a vehicle may be away from where its motion begins"""
 SETTLE = 5.0
 """s for vehicles to come to their places at the end"""
+PATIENCE = 20.0
+"""s for which those who are not heard, or were moved aside, are waited for before a new plan is made without them"""
 PER_TICK = 25
 """trajectories that are made in one look, so that the loop is not held up"""
 
@@ -105,9 +107,10 @@ class Executor:
     def __init__(
         self, z: zmav.Client, names: Iterable[str], *, holder: str = "planner", priority: int = 0,
         tracking: float = TRACKING, say: Say = lambda kind, severity, text, detail: None, replan: Replan | None = None,
-        clock: Clock | None = None, offsets: Mapping[str, Offset] | None = None,
+        clock: Clock | None = None, offsets: Mapping[str, Offset] | None = None, patience: float = PATIENCE,
     ) -> None:  # fmt: skip
         self.clock, known = clock or Clock(), offsets or {}
+        self._patience, self._hurry = patience, False
         self.helms = {name: Helm(z, name, self.clock, holder, priority, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
@@ -185,7 +188,8 @@ class Executor:
             self._conductor.resume()
 
     def halt(self, why: str) -> None:
-        """As :meth:`pause`, for good: :meth:`run` asks for a new plan, or ends."""
+        """As :meth:`pause`, for good: :meth:`run` asks for a new plan at once, or ends."""
+        self._hurry = True
         if self._conductor:
             self._conductor.halt(why)
 
@@ -216,7 +220,7 @@ class Executor:
         where a vehicle is not at its start, its clock is not known well enough, or the plan has too little margin.
         """
         begun, replans = self.clock.now(), 0
-        self._ghosts = []
+        self._ghosts, self._hurry = [], False
         try:
             while True:
                 conductor = self._prepare(flight)
@@ -236,8 +240,9 @@ class Executor:
     # Before.
 
     def _prepare(self, flight: Flight) -> Conductor:
-        now = self.clock.now()
-        parts = [self._part(name, flight, now) for name in flight.motions]
+        now, before = self.clock.now(), self._conductor
+        led = {part.id for part in before.parts if part.active} if before else set[str]()
+        parts = [self._part(name, flight, now, led) for name in flight.motions]
         conductor = Conductor(parts, flight.downwash, now)
         conductor.reserved.movers, conductor.reserved.ghosts = list(flight.movers), list(self._ghosts)
         if self._paused:
@@ -245,17 +250,18 @@ class Executor:
         self._conductor = conductor
         return conductor
 
-    def _part(self, name: str, flight: Flight, now: float) -> Part:
+    def _part(self, name: str, flight: Flight, now: float, led: set[str]) -> Part:
         track = Track(flight.motions[name])
         tracking = self._tracking if flight.tracking is None else flight.tracking
         needed = self._needed(name, track.speed, tracking)
         helm = self.helms[name]
         place, error = helm.place, helm.offset.error(now)
-        if place is None:
-            raise Refused(f"{name} does not say where it is", vehicle=name)
-        away = float(np.linalg.norm(place - track.pos[0]))
-        if away > NEAR_START:
-            raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
+        if name not in led:  # else it rests where the plan before has brought it, heard just now or not
+            if place is None or not helm.rests:
+                raise Refused(f"{name} does not say where it rests", vehicle=name)
+            away = float(np.linalg.norm(place - track.pos[0]))
+            if away > NEAR_START:
+                raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
         if needed > flight.margin + 1e-6:
             text = (
                 f"the plan keeps {flight.margin:.2f} m of margin, and {name} needs {needed:.2f} m: "
@@ -330,15 +336,15 @@ class Executor:
         """A new plan from where everybody rests; meanwhile they are kept there."""
         if self._replan is None:
             return None
-        active = [part for part in conductor.parts if part.active]
-        self._ghosts += [part for part in conductor.parts if not part.active]
-        places = {part.id: part.known.rows[-1, 1:4].copy() for part in active}
+        conductor.halt(reason)
+        back = await self._gathered(conductor)
+        self._ghosts += [part for part in conductor.parts if not part.active and part.id not in back]
+        places = {part.id: part.known.rows[-1, 1:4].copy() for part in conductor.parts if part.active} | back
         gone = {}
         for part in self._ghosts:
             part.off = part.off or "lost"
             place = part.place if part.place is not None else part.latest.rows[-1, 1:4]
             gone[part.id] = (part.latest.samples, place)
-        conductor.halt(reason)
         asking = asyncio.ensure_future(self._replan(Trouble(reason, places, gone)))
         try:
             while not asking.done():
@@ -347,6 +353,36 @@ class Executor:
             return asking.result()
         finally:
             asking.cancel()
+
+    async def _gathered(self, conductor: Conductor) -> dict[str, Floats]:
+        """Everybody rests, and for a while those who are not heard are waited for, or who were moved aside: these are
+        taken along from where they hold then, and their places given.
+        """
+        until, said = self.clock.now() + self._patience, False
+        while True:
+            flying = self._look(conductor) == "flying"
+            strays = [part for part in conductor.parts if part.strays and not self.helms[part.id].taken]
+            back = {part.id: place for part in strays if (place := self._held(part)) is not None}
+            waits = [part.id for part in conductor.parts if part.lost and not part.off]
+            waits += [part.id for part in strays if part.id not in back]
+            over = self._hurry or not waits or self.clock.now() > until
+            if over and not flying:
+                return back
+            if waits and not said:
+                said = True
+                text = f"waits for {', '.join(waits)} before there is another plan"
+                self._say("wait", "notice", text, {"vehicles": waits})
+            await asyncio.sleep(TICK)
+
+    def _held(self, part: Part) -> Floats | None:
+        """Where a vehicle holds that left our trajectory by itself; None while it moves, or could take one of ours."""
+        helm = self.helms[part.id]
+        state = helm.vehicle.last_state
+        if state is None or state.instance != part.instance:
+            return None
+        if state.t <= max(entry.deadline for entry in part.entries):
+            return None
+        return helm.place if helm.rests else None
 
     async def _arrived(self, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
         """Wait until they are at their goals by what they say themselves."""

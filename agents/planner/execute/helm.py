@@ -27,6 +27,8 @@ UNSURE = 0.05
 PING_TIMEOUT = 2.0
 AGAIN = ("gone", "expired")
 """how a lease ends that nobody took: it is asked for again"""
+RESTING = 0.5
+"""m/s below which a vehicle rests"""
 TTL = 12.0
 """s of a lease: renewed thrice, it outlasts storms; a holder that died is known by its token, long before"""
 
@@ -101,6 +103,14 @@ class Helm:
         return None if state is None or state.local is None else np.array(enu(state.local))
 
     @property
+    def rests(self) -> bool:
+        """By what it said last it stands still, and is on no segment that moves it on."""
+        state = self.vehicle.last_state
+        if state is None or state.velocity is None or float(np.linalg.norm(state.velocity)) > RESTING:
+            return False
+        return state.segment is None or state.segment.rests <= state.t
+
+    @property
     def instance(self) -> str:
         """Of its agent; empty while nothing was heard of it."""
         state = self.vehicle.last_state
@@ -119,7 +129,7 @@ class Helm:
         points = [_point(row, self.offset) for row in rows.tolist()]
         until = self.offset.vehicle(deadline)
         try:
-            lease.segment(points, deadline=until)
+            lease.segment(points, deadline=until, repeated=False)
         except NotHolder:
             self._lost(lease)
             return None
@@ -195,4 +205,4 @@ async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> N
 
 def _point(row: Sequence[float], offset: Offset) -> wire.SegmentPoint:
     t, x, y, z, vx, vy, vz = row
-    return wire.SegmentPoint(t=round(offset.vehicle(t), 6), pos=ned((x, y, z)), vel=ned((vx, vy, vz)))
+    return wire.SegmentPoint(t=round(offset.vehicle(t), 4), pos=ned((x, y, z)), vel=ned((vx, vy, vz)))

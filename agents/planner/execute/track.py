@@ -14,18 +14,18 @@ import numpy as np
 
 from agents.planner.problem import Floats, Motion
 
-KNOT_EVERY, REST_EVERY, CLOSEST = 0.5, 2.5, 0.06
+KNOT_EVERY, REST_EVERY, CLOSEST = 1.0, 2.5, 0.06
 """s between two points of a segment while moving and at rest, and at least"""
-NEAR = 0.01
+NEAR = 0.02
 """m by which the curve between two points may leave the track's"""
 DENSE = 0.1
 """s between the samples by which what will be flown is checked"""
 EASE = 0.5
 """s over which a plan's places are averaged, so that no acceleration comes at once: its curve leaves the samples by
 at most a · EASE² / 24 where these accelerate by a"""
-ROUND_M = 5
+ROUND_M = 3
 """decimals of places and velocities on the wire"""
-ROUND_S = 6
+ROUND_S = 4
 
 
 Piece = tuple[float, float, float, float]

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.planner.errors import PlanError
 from agents.planner.goals.formation import offsets_of
-from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, unroll
+from agents.planner.goals.steps import GROUND, FleetView, Fly, PlanTo, Step, unroll
 from agents.planner.live import jobs
+from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.frames import enu, ned
-from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of
+from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of, with_radii
 from agents.planner.live.solver import Solver
 from agents.planner.loiter import loiter_radius
 from agents.planner.plans import Sample
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 Progress = Callable[[str, float], None]
 Margins = Sequence[tuple[float, float]]
 """m by which radii are widened, and the share of their speed that vehicles may have; best first"""
+CLEARLY, NARROW, SMALLEST = 0.15, 0.01, 0.2
+"""m more than needed that vehicles draw apart, for they do not rest exactly where they should; m less than there is
+that their plan reckons with; and the share of its own radius that each has at least in it, however near another is"""
 LAYER = 30.0
 """m of height for each plane above the one below it"""
 
@@ -44,6 +49,8 @@ class Planned:
     clearance: float | None
     margin: float
     """m by which every vehicle's radius in the scene is larger than its own"""
+    before: bool = False
+    """it only makes room: what is to be flown is planned from where it ends"""
 
 
 class Planner:
@@ -85,6 +92,32 @@ class Planner:
             except PlanError as e:
                 if not tries or e.kind == "invalid_scene":
                     raise
+
+    async def make_room(self, step: PlanTo, view: FleetView, margins: Margins) -> Planned | None:
+        """Apart with those who rest too near to each other, or to an obstacle, for a plan with even the last of
+        ``margins``: as slowly as that says, with what room there is. None where nobody does, or there is no way apart.
+        """
+        room, views = self.room(step.vehicles), view.pick(step.vehicles)
+        if not all(each.hovers for each in views):
+            return None
+        around = Surroundings(room.obstacles, room.movers, room.downwash)
+        places, flat = _array([enu(each.pos_ned) for each in views]), [each.kind in GROUND for each in views]
+        radii = np.array([each.body.radius for each in views]) - self._agent.settings.margin
+        (margin, share), spare = margins[-1], await asyncio.to_thread(free, places, radii, around)
+        if float(spare.min()) >= margin:
+            return None
+        for wanted in sorted({wider for wider, _ in margins[1:]}, reverse=True):
+            goals = await asyncio.to_thread(apart, places, radii + wanted + CLEARLY, flat, around)
+            if goals is None:
+                continue
+            widths = np.maximum(radii * SMALLEST, radii + np.minimum(margin, spare - NARROW))
+            slow = with_radii(narrower(view, 0.0, share), dict(zip(step.vehicles, widths.tolist(), strict=True)))
+            try:
+                found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin, None)
+            except (PlanError, Refused):
+                continue
+            return replace(found, before=True)
+        return None
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float, progress: Progress | None) -> Planned:
         room = self.room(step.vehicles)

@@ -11,6 +11,7 @@ import numpy as np
 
 from agents.planner.errors import PlanError
 from agents.planner.execute.executor import Trouble
+from agents.planner.execute.helm import RESTING
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
 from agents.planner.live.crew import Again, Crew, Landed
 from agents.planner.live.frames import enu, ned
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 SETTLE = 90.0
 """s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
-RESTING = 0.5
-"""m/s below which a vehicle rests"""
 LASTING = 60.0
 """s that a segment may last"""
 SILENCE = 60.0
@@ -41,6 +40,8 @@ SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
 """deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
+CLOSE = ("starts_overlap", "start_in_obstacle")
+"""kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
 MANY_LAPS, MANY_SAMPLES = 20, 50_000
 """laps that are planned at once, and samples of all vehicles that they may have: between them everybody rests"""
 
@@ -198,33 +199,42 @@ class Run:
         """Plan from where they are, fly; what goes wrong on the way is planned anew from where everybody rests."""
         self._state("planning", step.text or "plans")
 
+        rest, flown, refused, made, missing = step, None, 0, 0, set[str]()
+
         async def again(trouble: Trouble) -> Planned | None:
+            nonlocal rest, flown
             await self._goes.wait()
-            left = _without(step, set(trouble.gone))
-            if not left.vehicles or self.stopping:
+            rest = _without(rest, set(trouble.gone))
+            if not rest.vehicles or self.stopping:
                 return None
             self._state("planning", f"planned anew: {trouble.reason}")
             places = {name: _vector(place) for name, place in trouble.places.items()}
-            found = await self._planned(crew, left, moved(self._view(left.vehicles), places, airborne=None))
-            self._speak_for(found)
+            flown = await self._planned(crew, rest, moved(self._view(rest.vehicles), places, airborne=None))
+            self._speak_for(flown)
             self._state("flying", step.text or "flies")
-            return found
+            return flown
 
-        for left in reversed(range(MOST_TRIES)):
-            planned = await self._planned(crew, step, self._view())
+        while True:
+            flown = await self._planned(crew, rest, self._view(rest.vehicles))
             try:
-                landed = await self._flown(crew, planned, step.text, share, again)
-                break
+                landed = await self._flown(crew, flown, step.text, share, again)
             except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
-                if not left:
+                refused += 1
+                if refused == MOST_TRIES:
                     raise
                 self.say("replan", "notice", f"{self.entry.id}: planned anew: {e.message}", goal=self.entry.id)
                 self._state("planning", f"planned anew: {e.message}")
-            await asyncio.sleep(SOON)  # by now everybody rests
-        if not landed.arrived:
-            self.check_stopped()
-            raise self.failure or Refused(landed.why)
-        return landed.missing
+                await self._settled(rest.vehicles)
+                continue
+            if not landed.arrived:
+                self.check_stopped()
+                raise self.failure or Refused(landed.why)
+            missing |= set(landed.missing)
+            if not flown.before:
+                return sorted(missing)
+            made += 1
+            if made > MOST_TRIES:
+                raise Refused("they drew apart again and again, and still rest too near to each other")
 
     async def _fly_prepared(self, crew: Crew, step: Fly, share: tuple[float, float]) -> list[str]:
         laps = 0
@@ -290,9 +300,14 @@ class Run:
         """
         tries, begun = 0, time.monotonic()
         while True:
+            margins = await crew.margins()
             try:
-                return await self.planner.plan_to(step, view, self._stage, await crew.margins())
+                return await self.planner.plan_to(step, view, self._stage, margins)
             except PlanError as e:
+                if e.kind in CLOSE and (first := await self.planner.make_room(step, view, margins)):
+                    text = f"{self.entry.id}: first they draw apart: {e.message}"
+                    self.say("room", "notice", text, goal=self.entry.id)
+                    return first
                 others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.agent.kin(self.entry.id))})
                 patient = time.monotonic() < begun + SILENCE
                 silent = sorted(self.agent.fleet.hearing().unheard) if patient else []
@@ -366,11 +381,11 @@ class Run:
         if self.stopping:
             raise asyncio.CancelledError
 
-    async def _settled(self) -> None:
-        """Wait until all of ours have said that they rest, or circle, and that nobody else commands them."""
+    async def _settled(self, names: tuple[str, ...] = ()) -> None:
+        """Wait until these (all of ours) have said that they rest, or circle, and that nobody else commands them."""
         begun = time.monotonic()
         deadline = begun + SETTLE
-        while waits := [why for name in self.vehicles if (why := self._unrest(name, begun))]:
+        while waits := [why for name in names or self.vehicles if (why := self._unrest(name, begun))]:
             if time.monotonic() > deadline:
                 raise TimedOut(f"not at rest after {SETTLE:.0f} s: {'; '.join(waits[:5])}")
             self.text(f"waits: {'; '.join(waits[:3])}" + (" ..." if len(waits) > 3 else ""))
@@ -403,7 +418,7 @@ class Run:
 def _committed(state: wire.VehicleState) -> bool:
     """It flies a segment to its end, under a lease or since that was lost; it may rest on its way and go on."""
     segment, lease, end = state.segment, state.lease, state.lease_end
-    if segment is None or segment.end <= state.t:
+    if segment is None or segment.rests <= state.t:
         return False
     if lease is not None:
         return lease.number == segment.lease

@@ -123,6 +123,15 @@ def narrower(view: FleetView, by: float, share: float = 1.0) -> FleetView:
     return FleetView({name: replace(each, body=less(each.body)) for name, each in view.vehicles.items()})
 
 
+def with_radii(view: FleetView, radii: Mapping[str, float]) -> FleetView:
+    """The fleet with these radii."""
+    vehicles = dict(view.vehicles)
+    for name, radius in radii.items():
+        old = vehicles[name]
+        vehicles[name] = replace(old, body=msgspec.structs.replace(old.body, radius=radius))
+    return FleetView(vehicles)
+
+
 def moved(view: FleetView, places: Mapping[str, Vector], airborne: bool | None = None) -> FleetView:
     """The fleet as it will be when these have come to places (NED), at rest."""
     vehicles = dict(view.vehicles)

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from agents.planner import solve, verify
+from agents.planner import solve, verify, warm
 from agents.planner.errors import PlanError
 from agents.planner.execute.commit import Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
@@ -27,7 +27,7 @@ from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
 from agents.planner.plans import Plan, Sample
-from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle, check
+from agents.planner.scene import Bounds, Fence, Obstacle, Scene, check
 from agents.planner.staticmap import StaticMap
 from zmav.errors import ZmavError
 
@@ -49,8 +49,8 @@ class Worker:
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles."""
         start = time.monotonic()
-        plan = self.solve(jobs.Solve(_example(), seconds=20.0))
-        _warm_execution(plan)
+        warm.warm()
+        _warm_execution(solve.solve(warm.example(planes=False), seconds=warm.PATIENCE))
         jobs.write(self._out, jobs.Ready(time.monotonic() - start))
 
     def serve(self, number: int, job: jobs.Job) -> None:
@@ -114,23 +114,6 @@ def too_low(trajectories: Mapping[str, list[Sample]], terrain: Terrain | None) -
         if depth > TOLERANCE:
             found.append(f"{name} is {clearance - depth:.2f} m above the terrain at {t:.2f} s, {clearance:g} are kept")
     return found
-
-
-def _example() -> Scene:
-    """Something of everything that has a kernel."""
-    vehicles = [
-        Vehicle(id=f"v{i}", type="copter", start=(20.0 * i, y, 10.0), goal=(20.0 * i, -y, 10.0), radius=1.0, vmax=5.0,
-                amax=2.5)
-        for i in range(2) for y in (-15.0, 15.0)
-    ]  # fmt: skip
-    obstacles: list[Obstacle] = [
-        Box(min=(-3.0, -2.0, 0.0), max=(3.0, 2.0, 30.0)),
-        Cylinder(center=(20.0, 0.0), radius=3.0, floor=0.0, ceiling=30.0),
-        NoFly(polygon=[(30.0, -5.0), (35.0, -5.0), (35.0, 5.0)], floor=0.0, ceiling=30.0),
-    ]
-    fence = Fence(polygon=[(-40.0, -40.0), (60.0, -40.0), (60.0, 40.0), (-40.0, 40.0)], floor=1.0, ceiling=40.0)
-    bounds = Bounds(min=(-40.0, -40.0, 0.0), max=(60.0, 40.0, 40.0))
-    return Scene(vehicles=vehicles, obstacles=obstacles, bounds=bounds, geofence=fence, downwash=1.5)
 
 
 def _warm_execution(plan: Plan) -> None:
