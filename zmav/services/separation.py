@@ -32,8 +32,8 @@ AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
 SILENT, DIFFERS = 0.55, 0.25
 """s after which the next beacon is sent in any case; m by which it must differ from the last to be sent sooner"""
-FORGET = 3.0
-"""s without a beacon after which a neighbour is not reckoned with: a burst of loss is shorter"""
+FORGET = AHEAD[-1] - STEPS * STEP
+"""s without a beacon after which a neighbour is not reckoned with: what comes after is not in what it said last"""
 FRESH = 1.0
 """age in s up to which our own position is where we are"""
 GAIN, SET = 0.001, 10.0

@@ -22,6 +22,8 @@ START = 2.0
 """s from the first commit until the plan begins: for everybody to hear it"""
 LEAD = 0.8
 """s before a trajectory departs from the one before, at which it is not sent any more for the first time"""
+SAME = 0.01
+"""s within which two points of a trajectory are one: they are rounded on the wire"""
 GUARD = 0.05
 """s between a deadline and the departure"""
 AHEAD = 4.5
@@ -310,9 +312,13 @@ class Conductor:
         return None
 
     def _retime(self, part: Part, now: float) -> Send | None:
-        """Slow down one who is ahead of the common clock, where that is clear."""
+        """Slow down one who is ahead of the common clock, where that is clear; not who is on its last way: its goal is
+        nobody's way, and the clock may be standing.
+        """
         entry = part.known
-        if now < self._retimed.get(part.id, -np.inf) or entry.rest_at < now + 2.0 * LEAD:
+        if entry.stop >= part.track.end or entry.rest_at < now + 2.0 * LEAD:
+            return None
+        if now < self._retimed.get(part.id, -np.inf):
             return None
         d = _knot(entry, now + LEAD)
         (s,), (rate,) = entry.profile.at(np.array([d]))
@@ -322,7 +328,7 @@ class Conductor:
         profile = onward(entry.profile, d, self.line, entry.stop, part.track.end, self._slope)
         if profile is None:
             return None
-        return self._made(part, profile, d, now, entry.stop >= part.track.end)
+        return self._made(part, profile, d, now, False)
 
     def _brake(self, part: Part, now: float) -> Send | None:
         entry = part.known
@@ -369,7 +375,9 @@ class Conductor:
             return None
         onto = knots(part.track, profile, d)
         head = _head(before, d, now)
-        entry = Entry(profile, np.vstack((head, onto[1:])), d, np.inf if whole else float(profile.t[-2]))
+        joined = abs(float(head[-1, 0]) - d) < SAME
+        rows = np.vstack((head, onto[1:] if joined else onto))
+        entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]))
         blocker = self.reserved.blocker(part, entry, now - 0.5)
         if blocker is not None:
             self.blocked[part.id] = blocker
@@ -408,7 +416,7 @@ def _head(before: Entry, d: float, now: float) -> Floats:
     """The points of what is known up to ``d``, from just before now; where it rests by then, its place."""
     rows = before.rows
     if d <= rows[-1, 0]:
-        return _from(rows[rows[:, 0] <= d + 1e-9], now)
+        return _from(rows[rows[:, 0] < d + SAME], now)
     moving = rows[rows[:, 0] > now - 0.3]
     rest = rows[-1].copy()
     rest[4:] = 0.0
