@@ -51,7 +51,7 @@ CLOCKS = 0.02
 """s that planners reckon with: all hosts of a lab share one clock, as hosts with GPS and chrony nearly do"""
 LINK_LEASE = 8.0
 """s without a word after which a link is given up"""
-PATIENCE = 240.0
+PATIENCE = 400.0
 """s for one swap, with all its storms"""
 
 
