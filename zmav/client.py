@@ -406,15 +406,19 @@ class Client:
         return answers
 
     def put(
-        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None
-    ) -> None:
+        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None,
+        publisher: zenoh.Publisher | None = None,
+    ) -> None:  # fmt: skip
         """Put on a channel's key with its encoding and class of service, and with a proof of origin where it needs one.
 
-        ``attachment``: what goes with it instead.
+        ``attachment``: what goes with it instead. ``publisher``: the key's, where links are not to repeat it.
         """
         data = payload if isinstance(payload, bytes) else wire.encode(payload)
         proof = attachment if attachment is not None else self._proof(key, data)
-        self.session.put(key, data, encoding=channel.encoding, attachment=proof, **channel.qos.options())
+        if publisher is not None:
+            publisher.put(data, attachment=proof)
+        else:
+            self.session.put(key, data, encoding=channel.encoding, attachment=proof, **channel.qos.options())
 
     def _proof(self, key: str, payload: bytes) -> bytes | None:
         return None if self.member is None else self.member.proof(key, payload)

@@ -6,9 +6,10 @@ A lab of its own: namespaces, a radio that over two hops delays frames by 50 to 
 them, two in a row on average; storms that cut one to three vehicles off from everybody for 2 s, every 4 to 8 s;
 'zmav up' for every copter, 'zmav swarm planner' on the ground. Obstacles stand in the middle.
 
-swap: all change places at once, at random, again and again. kill: the planner is killed at a random moment of each such
-swap, a standby on a vehicle goes on with it. Ends with 1 where two vehicles came nearer than the sum of their radii, or
-one nearer to an obstacle than its own.
+swap: all change places at once, at random, again and again. kill: the planner is killed at random moments of such
+swaps, its standby goes on with them and is killed in turn, until there were so many deaths as ``--runs`` says. Ends
+with 1 where two vehicles came nearer than the sum of their radii, one nearer to an obstacle than its own, or a swap was
+not done.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ CLOCKS = 0.02
 """s that planners reckon with: all hosts of a lab share one clock, as hosts with GPS and chrony nearly do"""
 LINK_LEASE = 8.0
 """s without a word after which a link is given up"""
+MOMENTS = (2.0, 20.0)
+"""s that a planner flies a swap, or goes on with it, until it is killed: by then its standby is ready"""
 PATIENCE = 400.0
 """s for one swap, with all its storms"""
 
@@ -224,7 +227,9 @@ async def campaign(args: argparse.Namespace, kill: bool) -> bool:
         if not good:
             _logs(lab)
     took = [row["took"] for row in rows]
-    print(f"{len(rows)} runs: least separation {min(row['apart'] for row in rows):.2f} m (must be {2 * RADIUS:.2f}), "
+    deaths = f", {sum(row['kills'] for row in rows)} planners killed" if kill else ""
+    print(f"{sum(row['good'] for row in rows)} of {len(rows)} good{deaths}: "
+          f"least separation {min(row['apart'] for row in rows):.2f} m (must be {2 * RADIUS:.2f}), "
           f"least clearance {min(row['clear'] for row in rows):.2f} m (must be {RADIUS:.2f}); "
           f"took {statistics.median(took):.0f} s in the median, {max(took):.0f} s at most")  # fmt: skip
     return good
@@ -243,10 +248,11 @@ async def _runs(
         await desk.order("obstacle", swarm.GiveObstacle(id=f"tree{i}", obstacle=obstacle))
     await _known(desk, names)
     weather = asyncio.create_task(storms(lab, rng))
+    rows: list[dict[str, Any]] = []
     try:
-        return [
-            await (killed if kill else swapped)(lab, desk, names, truth, rng, running, run) for run in range(args.runs)
-        ]
+        while (sum(row["kills"] for row in rows) if kill else len(rows)) < args.runs:
+            rows.append(await (killed if kill else swapped)(lab, desk, names, truth, rng, running, len(rows)))
+        return rows
     finally:
         weather.cancel()
 
@@ -283,25 +289,29 @@ async def swapped(
 async def killed(
     lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
 ) -> dict[str, Any]:
-    """One swap whose planner dies somewhere on the way; the other goes on with it, and the dead one comes again."""
+    """One swap whose planner dies again and again on the way; the other goes on with it, the dead one comes again."""
     await _known(desk, names)
     truth.reset()
     start = time.monotonic()
-    book = desk.book
-    assert book is not None
     given = await desk.order("submit", _swap(names, rng, run))
-    goal = str(given["goal"])
-    await desk.until(
-        lambda book: any(e.id == goal and e.state != "queued" and e.state != "planning" for e in book.goals)
-    )
-    await asyncio.sleep(rng.uniform(0.0, 15.0))
-    victim, moment = desk.book.planner if desk.book else book.planner, time.monotonic() - start
-    running[victim].kill()
-    running[victim].wait()
-    row = await _ended(desk, goal, truth, start, run, f"killed {victim} after {moment:.0f} s")
-    running[victim] = planner(lab, victim, "--standby")
-    await asyncio.sleep(8.0)  # it warms its solver, and hears the book
-    return row
+    goal, deaths = str(given["goal"]), []
+    while True:
+        book = await desk.until(
+            lambda book: any(e.id == goal and e.state in ("flying", "done", "failed", "cancelled") for e in book.goals)
+        )
+        await asyncio.sleep(rng.uniform(*MOMENTS))
+        if desk.book is not None:
+            book = desk.book
+        if any(e.id == goal and e.state in ("done", "failed", "cancelled") for e in book.goals):
+            break
+        victim = book.planner
+        deaths.append(f"{victim} after {time.monotonic() - start:.0f} s")
+        running[victim].kill()
+        running[victim].wait()
+        running[victim] = planner(lab, victim, "--standby")
+        await desk.until(lambda book, victim=victim: book.planner != victim)
+    row = await _ended(desk, goal, truth, start, run, f"{len(deaths)} killed: {', '.join(deaths)};")
+    return {**row, "kills": len(deaths)}
 
 
 async def _ended(desk: Planners, goal: str, truth: Truth, start: float, run: int, more: str) -> dict[str, Any]:

@@ -113,10 +113,7 @@ class Lease:
         point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=until, **fields)
         data = wire.encode(point)
         proof = seal(self._secret, self._key, data) if self._secret else None
-        if repeated:
-            self._client.put(keys.SETPOINT, self._key, data, proof)
-        else:
-            self._points.put(data, attachment=proof)
+        self._client.put(keys.SETPOINT, self._key, data, proof, None if repeated else self._points)
 
     def _ended(self) -> ZmavError | None:
         """What the vehicle's state says of it."""

@@ -143,11 +143,12 @@ class BadClient(zmav.Client):
         return None if gone else self._random.uniform(*self._delay)
 
     def put(
-        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None
-    ) -> None:
+        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None,
+        publisher: zenoh.Publisher | None = None,
+    ) -> None:  # fmt: skip
         late = self._late()
         if late is not None:
-            asyncio.get_running_loop().call_later(late, super().put, channel, key, payload, attachment)
+            asyncio.get_running_loop().call_later(late, super().put, channel, key, payload, attachment, publisher)
 
     async def ask(
         self,

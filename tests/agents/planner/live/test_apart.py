@@ -1,0 +1,137 @@
+"""Room for those who rest too near to each other: where they go, and that goals begin with it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import AsyncIterator
+
+import numpy as np
+import pytest
+import pytest_asyncio
+
+import zmav
+from agents.planner.cli.counter import find
+from agents.planner.live.agent import Agent
+from agents.planner.live.apart import Surroundings, apart, free
+from agents.planner.live.settings import Settings
+from agents.planner.problem import Floats, Mover
+from agents.planner.scene import Box
+from tests.agents.planner.execute.fleet import Fleet, airborne
+from zmav import keys, wire
+from zmav.waiting import within
+from zmav.wire import swarm
+from zmav.wire.swarm import Beacon
+
+PATIENCE_S = 60.0
+PILLAR = Box(min=(-1.0, -1.0, 0.0), max=(1.0, 1.0, 30.0))
+
+
+def least(places: Floats, downwash: float) -> float:
+    at = places / np.array([1.0, 1.0, downwash])
+    gaps = np.linalg.norm(at[:, None, :] - at[None, :, :], axis=2)
+    np.fill_diagonal(gaps, np.inf)
+    return float(gaps.min())
+
+
+def test_a_heap_of_vehicles_draws_apart_and_the_others_stay() -> None:
+    rng = np.random.default_rng(0)
+    heap, far = rng.uniform(18.5, 21.5, (8, 3)), np.array([[50.0, 20.0, 20.0]])
+    places, radii = np.vstack((heap, far)), np.full(9, 1.3)
+    around = Surroundings([], [], 1.5)
+    assert free(places, radii, around).min() < 0.0
+    found = apart(places, radii, [False] * 9, around)
+    assert found is not None
+    assert least(found, 1.5) >= 2.6
+    assert np.linalg.norm(found - places, axis=1).max() < 6.0
+    assert np.array_equal(found[8], far[0])
+
+
+def test_in_one_place_level_ones_leave_it_on_their_level_and_walls_and_movers_are_kept_clear_of() -> None:
+    places = np.array([[2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.1, 0.1, 5.0]])
+    radii = np.full(3, 1.5)
+    around = Surroundings([PILLAR], [Mover("guest", np.array([[0.0, 4.0, 0.0, 5.0]]), 0.5)], 1.5)
+    found = apart(places, radii, [True] * 3, around)
+    assert found is not None
+    assert free(found, radii, around).min() >= 0.0
+    assert np.array_equal(found[:, 2], places[:, 2])
+
+
+def test_where_there_is_no_room_there_are_no_places() -> None:
+    cell = [
+        Box(min=low, max=high)
+        for low, high in (
+            ((-30.0, 2.0, 0.0), (30.0, 30.0, 30.0)), ((-30.0, -30.0, 0.0), (30.0, -2.0, 30.0)),
+            ((2.0, -30.0, 0.0), (30.0, 30.0, 30.0)), ((-30.0, -30.0, 0.0), (-2.0, 30.0, 30.0)),
+        )
+    ]  # fmt: skip
+    places = np.array([[0.0, 0.5, 5.0], [0.0, -0.5, 5.0]])
+    assert apart(places, np.full(2, 1.5), [True, True], Surroundings(cell, [], 1.5)) is None
+
+
+def test_room_is_half_of_what_two_share_and_all_of_what_a_wall_leaves() -> None:
+    places = np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0], [9.0, 0.0, 5.0]])
+    around = Surroundings([Box(min=(10.2, -5.0, 0.0), max=(11.0, 5.0, 30.0))], [], 1.0)
+    assert free(places, np.ones(3), around) == pytest.approx([0.5, 0.5, 0.2])
+    assert free(places[:1], np.ones(1), Surroundings([], [], 1.0)) == pytest.approx([math.inf])
+
+
+# Flown.
+
+
+class Pair:
+    def __init__(self, fleet: Fleet, agent: Agent, me: zmav.Client) -> None:
+        self.fleet, self.agent, self.me = fleet, agent, me
+
+    async def submit(self, *to: wire.Vector) -> swarm.GoalEntry:
+        goal = swarm.GoTo(vehicles=[f"quad{i + 1}" for i in range(len(to))], to=list(to))
+        given = await (await find(self.me)).order("submit", swarm.Submit(goal=goal))
+        return self.agent.ledger.find(str(given["goal"]))[0]
+
+    async def done(self, entry: swarm.GoalEntry) -> None:
+        async def ended() -> None:
+            while entry.state not in ("done", "failed", "cancelled"):
+                await asyncio.sleep(0.05)
+
+        await within(PATIENCE_S, ended())
+        assert entry.state == "done", entry.text
+
+    def said(self, kind: str) -> list[str]:
+        return [event.text for event in self.agent.events if event.kind == kind]
+
+
+@pytest_asyncio.fixture
+async def pair() -> AsyncIterator[Pair]:
+    """Two copters in the air, 2.2 m apart: fewer than even a slow plan keeps."""
+    async with contextlib.AsyncExitStack() as stack:
+        fleet = await stack.enter_async_context(airborne([(0.0, 0.0), (0.0, 2.2)], 10.0))
+        agent = await stack.enter_async_context(Agent(fleet.z, Settings(name="ground", patience=1.0)))
+        await agent.solver.until_ready(PATIENCE_S)
+        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
+        yield Pair(fleet, agent, me)
+
+
+async def test_two_that_rest_too_near_to_each_other_draw_apart_and_then_fly(pair: Pair) -> None:
+    async with pair.fleet.watch() as watch:
+        await pair.done(await pair.submit((12.0, 8.0, -10.0), (12.0, 0.0, -10.0)))
+        assert watch.least(1.5) > 2.1, "never nearer than they were"
+    (text,) = pair.said("room")
+    assert "draw apart" in text
+    assert math.dist(pair.fleet.places()["quad1"], (12.0, 8.0, -10.0)) < 1.0
+
+
+async def test_who_was_moved_aside_by_itself_is_taken_along_again(pair: Pair) -> None:
+    """Its last resort sees somebody in its way whom no planner knows."""
+    entry = await pair.submit((0.0, -40.0, -10.0))
+    async with pair.fleet.watch() as watch:
+        await watch.until(lambda: pair.fleet.places()["quad1"][1] < -6.0, "it flies")
+        north, east, down = pair.fleet.places()["quad1"]
+        while not pair.said("halt"):
+            ghost = Beacon(t=time.time(), pos=(north, east - 9.0, down), vel=(0.0, 0.0, 0.0), radius=1.0)
+            pair.me.session.put(keys.BEACON.key("demo", "ghost"), wire.encode(ghost))
+            await asyncio.sleep(0.1)
+    assert "flies no trajectory of ours" in pair.said("halt")[0]
+    await pair.done(entry)
+    assert math.dist(pair.fleet.places()["quad1"], (0.0, -40.0, -10.0)) < 1.0
