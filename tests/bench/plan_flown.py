@@ -25,7 +25,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,17 +90,25 @@ def ring(count: int) -> list[tuple[float, float]]:
 
 
 class Truth:
-    """Where the simulated vehicles really are, twenty times a second; straight on between two looks."""
+    """Where the simulated vehicles really are, twenty times a second; straight on between two looks.
 
-    def __init__(self, control: Path, names: list[str]) -> None:
-        self._remote, self._names = Remote(control), names
+    ``radii``: of each (:data:`RADIUS`); ``trees``: (m north, m east) of what stands there.
+    """
+
+    def __init__(
+        self, control: Path, names: list[str], radii: Sequence[float] = (), trees: Sequence[tuple[float, float]] = TREES
+    ) -> None:
+        self._remote, self.names, self._trees = Remote(control), names, trees
+        self._radii = radii or [RADIUS] * len(names)
         self._stop = threading.Event()
+        self.places: list[wire.Vector] = []
         self.reset()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def reset(self) -> None:
         self.apart, self.pair, self.clear, self.looks = math.inf, ("", ""), math.inf, 0
+        """m of the nearest two, of larger ones so much less as their radii are larger; who; m to a tree; how often"""
         self._last: list[wire.Vector] | None = None
 
     def close(self) -> None:
@@ -113,12 +121,13 @@ class Truth:
             places = [vehicle.ned_m for vehicle in self._remote.status().vehicles]
             before = self._last or places
             for i, j in itertools.combinations(range(len(places)), 2):
-                away = _nearest(before[i], places[i], before[j], places[j])
+                away = _nearest(before[i], places[i], before[j], places[j]) + 2 * RADIUS
+                away -= self._radii[i] + self._radii[j]
                 if away < self.apart:
-                    self.apart, self.pair = away, (self._names[i], self._names[j])
-            for place, (north, east) in itertools.product(places, TREES):
+                    self.apart, self.pair = away, (self.names[i], self.names[j])
+            for place, (north, east) in itertools.product(places, self._trees):
                 self.clear = min(self.clear, math.hypot(place[0] - north, place[1] - east) - TRUNK)
-            self._last, self.looks = places, self.looks + 1
+            self._last, self.places, self.looks = places, places, self.looks + 1
 
 
 def _nearest(p0: wire.Vector, p1: wire.Vector, q0: wire.Vector, q1: wire.Vector) -> float:

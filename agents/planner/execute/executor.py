@@ -32,8 +32,8 @@ SLACK = 0.05
 """m of a plan's margin that goes to the difference of its samples and the curve that is flown"""
 NEAR_START = 1.0
 """m that a vehicle may be away from where its motion begins"""
-SETTLE = 5.0
-"""s for vehicles to come to their places at the end"""
+SETTLE, MISSES = 5.0, 3
+"""s for vehicles to come to their places at the end; how often a new plan is made for those who did not"""
 PATIENCE = 20.0
 """s for which those who are not heard, or were moved aside, are waited for before a new plan is made without them"""
 PER_TICK = 25
@@ -219,14 +219,17 @@ class Executor:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves
         where a vehicle is not at its start, its clock is not known well enough, or the plan has too little margin.
         """
-        begun, replans = self.clock.now(), 0
+        begun, replans, missed = self.clock.now(), 0, 0
         self._ghosts, self._hurry = [], False
         try:
             while True:
                 conductor = self._prepare(flight)
                 reason = await self._fly(conductor)
                 if not reason:
-                    return await self._arrived(flight, conductor, begun, replans)
+                    reason = await self._arrived(flight, conductor)
+                    missed += 1
+                    if not reason or missed > MISSES:
+                        return self._ended(reason, flight, conductor, begun, replans)
                 again = await self._ask(conductor, reason)
                 if again is None:
                     return Outcome(
@@ -384,17 +387,24 @@ class Executor:
             return None
         return helm.place if helm.rests else None
 
-    async def _arrived(self, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
-        """Wait until they are at their goals by what they say themselves."""
-        until = self.clock.now() + SETTLE
+    async def _arrived(self, flight: Flight, conductor: Conductor) -> str:
+        """Wait until they are at their goals by what they say themselves. Who is not, after a while in which it was
+        heard, has left its way, and why the plan is not flown to its end is given; empty: it is.
+        """
+        begun = self.clock.now()
         while True:
             away = self._away(flight)
-            late = [name for name, metres in away.items() if not metres <= flight.tolerance]
+            late = [part for part in conductor.parts if not away[part.id] <= flight.tolerance]
             if not late:
-                return self._ended("", flight, conductor, begun, replans)
-            if self.clock.now() > until:
-                text = f"{', '.join(late)}: not within {flight.tolerance:g} m of the goal {SETTLE:g} s after the end"
-                return self._ended(text, flight, conductor, begun, replans)
+                return ""
+            now = self.clock.now()
+            heard = all(part.heard > begun + SETTLE for part in late)
+            if (heard and now > begun + SETTLE) or now > begun + SETTLE + self._patience:
+                text = f"not within {flight.tolerance:g} m of the goal {now - begun:.0f} s after the end"
+                for part in late:
+                    part.strays = part.strays or not part.off
+                    conductor.gone(part, text, None)
+                return f"{', '.join(part.id for part in late)}: {text}"
             self._look(conductor)
             await asyncio.sleep(TICK)
 
