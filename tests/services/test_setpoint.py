@@ -327,7 +327,7 @@ async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench
     points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 1.2, pos=(3.0, 0.0, -5.0))]
     alice.put(vel=None, segment=points)
     state = await b.state(lambda s: s["segment"] is not None, "the commitment")
-    assert state["segment"] == {"lease": 1, "seq": alice.seq, "start": t, "end": t + 1.2}
+    assert state["segment"] == {"lease": 1, "seq": alice.seq, "start": t, "rests": t + 1.2, "end": t + 1.2}
     await b.state(lambda s: s["setpoints"] == {"flown": 1, "held": 1} and s["segment"], "hold at its end")
     told = b.peer.heard(GLOBAL)
     norths = [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in told]

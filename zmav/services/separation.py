@@ -32,8 +32,9 @@ AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
 SILENT, DIFFERS = 0.55, 0.25
 """s after which the next beacon is sent in any case; m by which it must differ from the last to be sent sooner"""
-FORGET = AHEAD[-1] - STEPS * STEP
-"""s without a beacon after which a neighbour is not reckoned with: what comes after is not in what it said last"""
+SILENCE, FORGET = AHEAD[-1] - STEPS * STEP, 60.0
+"""s without a beacon after which a neighbour is not reckoned with, for what comes after is not in what it said; and
+after which it is not known any more how late its beacons are"""
 FRESH = 1.0
 """age in s up to which our own position is where we are"""
 GAIN, SET = 0.001, 10.0
@@ -160,13 +161,13 @@ class Separation:
     def _neighbours(self) -> list[Other]:
         now, radius = time.monotonic(), self._body().radius
         with self._lock:
-            for name in [name for name, (shift, beacon) in self._heard.items() if now - beacon.t - shift > FORGET]:
+            aged = [(name, now - beacon.t - shift, beacon) for name, (shift, beacon) in self._heard.items()]
+            for name in [name for name, age, _ in aged if age > FORGET]:
                 del self._heard[name]
-            heard = list(self._heard.items())
         return [
-            Other(name, _ahead(beacon, now - beacon.t - shift), self._settings.share * (radius + beacon.radius))
-            for name, (shift, beacon) in heard
-        ]
+            Other(name, _ahead(beacon, age), self._settings.share * (radius + beacon.radius))
+            for name, age, beacon in aged if age <= SILENCE
+        ]  # fmt: skip
 
     def _track(self, future: Future, pos: wire.Vector) -> Track:
         """Where the vehicle will be: as it was told to, from where it really is."""

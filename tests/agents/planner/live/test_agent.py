@@ -116,7 +116,7 @@ async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
 
 async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     planner = await field.planner()
-    there = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(20.0, 22.0, -10.0), (20.0, 14.0, -10.0)])
+    there = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(45.0, 22.0, -10.0), (45.0, 14.0, -10.0)])
     name = await field.submit(there)
     await field.until(name, lambda entry: entry.state == "flying" and entry.progress > 0.05)
     assert (await planner.order("pause", swarm.GoalId(goal=name)))["goals"] == [name]

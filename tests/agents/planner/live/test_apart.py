@@ -21,11 +21,13 @@ from agents.planner.problem import Floats, Mover
 from agents.planner.scene import Box
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from zmav import keys, wire
+from zmav.config import Separation
 from zmav.waiting import within
 from zmav.wire import swarm
 from zmav.wire.swarm import Beacon
 
 PATIENCE_S = 60.0
+PLACES = [(0.0, 0.0), (0.0, 2.2)]
 PILLAR = Box(min=(-1.0, -1.0, 0.0), max=(1.0, 1.0, 30.0))
 
 
@@ -106,7 +108,7 @@ class Pair:
 async def pair() -> AsyncIterator[Pair]:
     """Two copters in the air, 2.2 m apart: fewer than even a slow plan keeps."""
     async with contextlib.AsyncExitStack() as stack:
-        fleet = await stack.enter_async_context(airborne([(0.0, 0.0), (0.0, 2.2)], 10.0))
+        fleet = await stack.enter_async_context(airborne(PLACES, 10.0, separation=Separation(on=True)))
         agent = await stack.enter_async_context(Agent(fleet.z, Settings(name="ground", patience=1.0)))
         await agent.solver.until_ready(PATIENCE_S)
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
