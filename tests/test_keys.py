@@ -162,6 +162,14 @@ def test_every_channel_is_of_the_four_classes_and_never_blocks() -> None:
     assert keys.RX.qos.priority == keys.STATE.qos.priority == zenoh.Priority.DATA
 
 
+def test_links_repeat_all_but_what_comes_again_soon() -> None:
+    lanes = {name: channel.publishing()["reliability"] for name, channel in keys.CHANNELS.items()}
+    once = {name for name, lane in lanes.items() if lane == zenoh.Reliability.BEST_EFFORT}
+    assert once == {"state", "beacon", "setpoint"}
+    for name in once:
+        assert (keys.CHANNELS[name].rate_hz or 0.0) >= 2.0, name
+
+
 def test_no_two_channels_share_a_key() -> None:
     samples = {
         channel.name: channel.key(**{part: "x" for _, part, _, _ in Formatter().parse(channel.template) if part})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -145,3 +146,25 @@ async def test_what_a_beacon_says_and_that_none_is_believed_that_cannot_be(net: 
                 keys.BEACON, keys.BEACON.key("demo", "ghost"), wire.encode(msgspec.structs.replace(coming, t=0.0))
             )
             await pair.z.vehicle("quad1").wait_until(lambda state: state.segment is None, PATIENCE_S)
+
+
+async def test_a_beacon_is_sent_where_the_last_one_does_not_tell_it_already(net: Net, hover: StartPair) -> None:
+    pair = await hover(True)
+    key, came = keys.BEACON.key("demo", "quad1"), list[float]()
+    async with pair.z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), Beacon, "beacon")) as beacons:
+        await beacons.get()
+        for _ in range(4):  # it hovers: that is known
+            came.append((await beacons.get()).t)
+        gaps = [b - a for a, b in itertools.pairwise(came)]
+        assert min(gaps) > 0.5
+        async with pair.z.vehicle("quad1").lease("test") as lease:
+            pos, start = pair.places[0], time.time()
+            lease.segment([wire.SegmentPoint(t=start, pos=pos), wire.SegmentPoint(t=start + 9.0, pos=_up(pos, 10.0))])
+            while (beacon := await beacons.get()).ahead == []:
+                pass
+            assert beacon.ahead[-1][2] < pos[2] - 1.5
+            assert beacon.t - start < 0.5, "at once: its neighbours could not know"
+
+
+def _up(pos: wire.Vector, metres: float) -> wire.Vector:
+    return pos[0], pos[1], pos[2] - metres

@@ -268,3 +268,10 @@ def within(target: Target, around: Fence) -> bool:
     except BadInput:
         return False
     return True
+
+
+def test_it_rests_from_the_first_point_of_its_last_place_on() -> None:
+    here, there = (0.0, 0.0, -10.0), (6.0, 0.0, -10.0)
+    assert segment(point(0.0, here), point(4.0, there), point(9.0, there), point(12.0, there)).rests == NOW + 4.0
+    assert segment(point(0.0, here), point(4.0, there), point(9.0, here)).rests == NOW + 9.0
+    assert segment(point(0.0, here), point(5.0, here)).rests == NOW

@@ -12,13 +12,18 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 import pytest_asyncio
 
 import zmav
 from agents.planner.cli.counter import Planner, books, find
+from agents.planner.errors import PlanError
+from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
+from agents.planner.live import plan as planning
 from agents.planner.live.agent import Agent
+from agents.planner.live.clocks import Clocks
 from agents.planner.live.crew import Crew
 from agents.planner.live.desk import MOST_PREVIEWS
 from agents.planner.live.settings import Settings
@@ -154,6 +159,47 @@ async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field
     for silent, known, near in ((0.0, True, True), (heard.TORN + 1.0, True, False), (heard.KNOWN + 1.0, False, False)):
         fleet._last["quad2"] = (seen.state, time.monotonic() - silent)
         assert ("quad2" in fleet.view().vehicles, "quad2" in fleet.hearing().heard) == (known, near)
+
+
+async def test_clocks_are_learnt_one_after_another_and_the_gone_are_forgotten(field: Field) -> None:
+    clocks = Clocks(field.me)
+    assert clocks.due(100.0) == "", "nobody was heard"
+    clocks.hear()
+    offsets = clocks.of(PLACES)
+    now = clocks.clock.now()
+    assert all(offset.error(now) == math.inf for offset in offsets.values()), "one bound is none"
+    asked = []
+    while who := clocks.due(time.monotonic()):
+        asked.append(who)
+        await clocks.ask(who)
+    assert sorted(asked) == list(PLACES), "each once, within so short a time"
+    now = clocks.clock.now()
+    assert all(offset.error(now) < 0.2 for offset in offsets.values())
+    assert all(abs(offset.value) <= offset.error(now) for offset in offsets.values()), "it is the same host's clock"
+    clocks.of(["ghost"])
+    await clocks.ask("ghost")
+    clocks.hear()
+    assert clocks.of(["quad1"])["quad1"] is offsets["quad1"]
+    assert "ghost" not in clocks._offsets
+
+
+async def test_where_it_is_tight_plans_have_less_margin_and_less_speed(field: Field) -> None:
+    """The first margin for which there is a plan is taken."""
+    planner, view = planning.Planner(field.agent, "test", field.agent.solver), field.agent.fleet.view(0.5)
+    n, e, d = view.vehicles["quad2"].pos_ned
+    margins = ((0.9, 1.0), (0.5, 1.0), (0.1, 1.0 / 3.0))
+
+    def beside(metres: float) -> PlanTo:
+        places = np.array([(e + 20.0, n + 30.0, -d), (e + 20.0 + metres, n + 30.0, -d)])
+        return PlanTo(("quad1", "quad2"), places, True)
+
+    wide, tight = [await planner.plan_to(beside(metres), view, None, margins) for metres in (5.0, 2.3)]
+    assert (wide.margin, tight.margin) == (0.9, 0.1)
+    assert tight.makespan > 2.0 * wide.makespan
+    assert tight.clearance is not None
+    assert 0.2 < tight.clearance <= 0.31, "between the vehicles themselves"
+    with pytest.raises(PlanError, match="goals"):
+        await planner.plan_to(beside(2.1), view, None, margins)
 
 
 async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
