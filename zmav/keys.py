@@ -135,7 +135,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "beacon", "{fleet}/{vehicle}/beacon", "pub", wire.swarm.Beacon, Qos.LATEST_WINS,
             "in flight: where the vehicle is about to be, for its neighbours' last resort against a collision",
-            rate_hz=2.0, stale_after=1.5, repeated=False,
+            rate_hz=1.0, stale_after=1.5, repeated=False,
         ),
         Channel(
             "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,

@@ -30,7 +30,7 @@ from zmav.services.port import Port
 
 AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
-SILENT, DIFFERS = 0.55, 0.25
+SILENT, DIFFERS = 0.95, 0.25
 """s after which the next beacon is sent in any case; m by which it must differ from the last to be sent sooner"""
 SILENCE, FORGET = AHEAD[-1] - STEPS * STEP, 60.0
 """s without a beacon after which a neighbour is not reckoned with, for what comes after is not in what it said; and

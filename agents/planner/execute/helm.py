@@ -25,8 +25,8 @@ PING_EVERY, PING_UNSURE, PING_SOON = 3.0, 0.5, 0.12
 UNSURE = 0.05
 """s of error from which the time is asked for more often"""
 PING_TIMEOUT = 2.0
-AGAIN = ("gone", "expired")
-"""how a lease ends that nobody took: it is asked for again"""
+AGAIN = ("gone", "expired", "failsafe")
+"""how a lease ends that nobody took: it is asked for again; failsafe: nothing came for so long that the vehicle held"""
 RESTING = 0.5
 """m/s below which a vehicle rests"""
 TTL = 12.0
