@@ -49,24 +49,28 @@ class Vehicle(msgspec.Struct, kw_only=True):
     """planes only"""
 
 
-class Box(msgspec.Struct, kw_only=True, tag="box"):
+class Box(msgspec.Struct, kw_only=True, tag="box", omit_defaults=True):
     min: Point
     max: Point
+    name: str = ""
+    """what errors call it; its kind and number where it has none"""
 
 
-class Cylinder(msgspec.Struct, kw_only=True, tag="cylinder"):
+class Cylinder(msgspec.Struct, kw_only=True, tag="cylinder", omit_defaults=True):
     center: Corner
     radius: float
     floor: float
     ceiling: float
+    name: str = ""
 
 
-class NoFly(msgspec.Struct, kw_only=True, tag="no_fly"):
+class NoFly(msgspec.Struct, kw_only=True, tag="no_fly", omit_defaults=True):
     """A prism: any simple polygon, either way round."""
 
     polygon: list[Corner]
     floor: float
     ceiling: float
+    name: str = ""
 
 
 Obstacle = Box | Cylinder | NoFly
@@ -109,8 +113,10 @@ class Scene(msgspec.Struct, kw_only=True):
 
 
 def name_of(scene: Scene, obstacle: int) -> str:
-    """What to call an obstacle: its kind, and its place among the obstacles (from 0)."""
+    """What to call an obstacle: by its name, or its kind and its place among the obstacles (from 0)."""
     each = scene.obstacles[obstacle]
+    if each.name:
+        return each.name
     kind = "no-fly zone" if isinstance(each, NoFly) else type(each).__name__.lower()
     return f"{kind} {obstacle}"
 

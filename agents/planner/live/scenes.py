@@ -55,7 +55,8 @@ def room_of(
         if view.name not in vehicles and _lost(seen):
             x, y, z = enu(view.pos_ned)
             radius, top = view.body.radius, z + view.body.radius * downwash
-            obstacles.append(scene.Cylinder(center=(x, y), radius=radius, floor=z - DEPTH, ceiling=top))
+            name = f"what {view.name} may need, which is not heard"
+            obstacles.append(scene.Cylinder(center=(x, y), radius=radius, floor=z - DEPTH, ceiling=top, name=name))
     return Room(tuple(obstacles), tuple(moving(vehicles, fleet, pieces, spoken_for)), pieces, downwash)
 
 

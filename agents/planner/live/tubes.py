@@ -87,10 +87,11 @@ class Tubes:
     def walls(self, but: Collection[str], downwash: float) -> list[scene.Obstacle]:
         """The tubes of the other goals as boxes to keep out of: a centre stays its own radius away from each."""
         found: list[scene.Obstacle] = []
-        for _, _, each in self.others(but):
+        for goal, vehicle, each in self.others(but):
             r, up = each.radius, each.radius * downwash
             for x0, y0, z0, x1, y1, z1 in each.boxes.tolist():
-                found.append(scene.Box(min=(x0 - r, y0 - r, z0 - up), max=(x1 + r, y1 + r, z1 + up)))
+                name = f"the way of {vehicle} in {goal}"
+                found.append(scene.Box(min=(x0 - r, y0 - r, z0 - up), max=(x1 + r, y1 + r, z1 + up), name=name))
         return found
 
     def blocker(self, but: Collection[str], wanted: Mapping[str, Iterable[Tube]], downwash: float) -> str:

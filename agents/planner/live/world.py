@@ -157,7 +157,7 @@ class World:
             elif isinstance(what, swarm.Ball) and any(what.velocity):
                 movers.append(_mover(obstacle.name, what, t - obstacle.t))
             elif what is not None:
-                still.append(_still(what))
+                still.append(_still(obstacle.name, what))
         return Pieces(tuple(still), fence, terrain, tuple(movers))
 
     def ball(self, name: str, t: float) -> tuple[Vector, Vector] | None:
@@ -175,18 +175,21 @@ def _corner(corner: swarm.Corner) -> scene.Corner:
     return (east, north)
 
 
-def _still(what: swarm.Box | swarm.Cylinder | swarm.NoFly | swarm.Ball | object) -> scene.Obstacle:
+def _still(name: str, what: swarm.Box | swarm.Cylinder | swarm.NoFly | swarm.Ball | object) -> scene.Obstacle:
     if isinstance(what, swarm.Box):
         one, other = enu(what.low), enu(what.high)
         low = (min(one[0], other[0]), min(one[1], other[1]), min(one[2], other[2]))
-        return scene.Box(min=low, max=(max(one[0], other[0]), max(one[1], other[1]), max(one[2], other[2])))
+        high = (max(one[0], other[0]), max(one[1], other[1]), max(one[2], other[2]))
+        return scene.Box(min=low, max=high, name=name)
     if isinstance(what, swarm.Cylinder):
-        return scene.Cylinder(center=_corner(what.center), radius=what.radius, floor=what.floor, ceiling=what.ceiling)
+        center = _corner(what.center)
+        return scene.Cylinder(center=center, radius=what.radius, floor=what.floor, ceiling=what.ceiling, name=name)
     if isinstance(what, swarm.NoFly):
-        return scene.NoFly(polygon=[_corner(c) for c in what.polygon], floor=what.floor, ceiling=what.ceiling)
+        corners = [_corner(c) for c in what.polygon]
+        return scene.NoFly(polygon=corners, floor=what.floor, ceiling=what.ceiling, name=name)
     assert isinstance(what, swarm.Ball)
-    x, y, z = enu(what.center)
-    return scene.Cylinder(center=(x, y), radius=what.radius, floor=z - what.radius, ceiling=z + what.radius)
+    (x, y, z), r = enu(what.center), what.radius
+    return scene.Cylinder(center=(x, y), radius=r, floor=z - r, ceiling=z + r, name=name)
 
 
 def _mover(name: str, what: swarm.Ball, age: float) -> Mover:

@@ -91,9 +91,9 @@ def test_obstacles_stand_where_they_were_told_to() -> None:
     world.give(told("bird", swarm.Ball(center=(0.0, 0.0, -10.0), radius=1.0, velocity=(1.0, 0.0, -2.0)), t=100.0), 0.0)
     pieces = world.pieces(103.0)
     assert pieces.obstacles == (
-        scene.Box(min=(10.0, 0.0, 0.0), max=(20.0, 5.0, 30.0)),
-        scene.Cylinder(center=(2.0, 1.0), radius=3.0, floor=0.0, ceiling=9.0),
-        scene.Cylinder(center=(5.0, 4.0), radius=1.0, floor=5.0, ceiling=7.0),
+        scene.Box(min=(10.0, 0.0, 0.0), max=(20.0, 5.0, 30.0), name="box"),
+        scene.Cylinder(center=(2.0, 1.0), radius=3.0, floor=0.0, ceiling=9.0, name="mast"),
+        scene.Cylinder(center=(5.0, 4.0), radius=1.0, floor=5.0, ceiling=7.0, name="stone"),
     )
     (bird,) = pieces.movers
     assert bird.motion[0].tolist() == [0.0, 0.0, 3.0, 16.0]
@@ -160,7 +160,8 @@ def test_a_scene_has_everybody_in_it() -> None:
     room = room_of(["a", "r"], fleet, Pieces(), [wall], {"t"}, 1.5)
     assert [mover.id for mover in room.movers] == ["b"]
     lost = scene.Cylinder(center=(9.0, 0.0), radius=1.0, floor=12.0 - DEPTH, ceiling=13.5)
-    assert room.obstacles == (wall, lost)
+    assert [msgspec.structs.replace(each, name="") for each in room.obstacles] == [wall, lost]
+    assert "not heard" in room.obstacles[1].name
     made = scene_of([fleet[0].view, fleet[3].view], np.array([[0.0, 30.0, 15.0], [20.0, 5.0, 7.0]]), True, room)
     assert [(v.id, v.type, v.start, v.goal) for v in made.vehicles] == [
         ("a", "copter", (0.0, 0.0, 10.0), (0.0, 30.0, 15.0)),
@@ -201,7 +202,8 @@ def test_a_goal_keeps_out_of_what_others_speak_for_and_not_of_its_own() -> None:
     tubes.hold("g1", {"a": [one]})
     tubes.hold("g2", {"b": [other]})
     assert tubes.vehicles({"g1"}) == {"b"}
-    assert tubes.walls({"g1"}, 1.5) == [scene.Box(min=(29.0, -1.0, 8.5), max=(31.0, 1.0, 11.5))]
+    wall = scene.Box(min=(29.0, -1.0, 8.5), max=(31.0, 1.0, 11.5), name="the way of b in g2")
+    assert tubes.walls({"g1"}, 1.5) == [wall]
     near: Tube = tube(np.array([[28.5, 0.0, 10.0]]), 1.0)
     assert tubes.blocker({"g1"}, {"a": [near]}, 1.5) == "g2"
     assert tubes.blocker({"g2"}, {"b": [near]}, 1.5) == ""
