@@ -30,11 +30,12 @@ from zmav.services.port import Port
 
 AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
-SILENT, DIFFERS = 0.95, 0.25
-"""s after which the next beacon is sent in any case; m by which it must differ from the last to be sent sooner"""
-SILENCE, FORGET = AHEAD[-1] - STEPS * STEP, 60.0
-"""s without a beacon after which a neighbour is not reckoned with, for what comes after is not in what it said; and
-after which it is not known any more how late its beacons are"""
+SILENT, SILENT_AT_REST, DIFFERS = 0.95, 2.95, 0.25
+"""s after which the next beacon is sent in any case, and of a vehicle that stays where it is; m by which it must differ
+from the last to be sent sooner"""
+SILENCE, SILENCE_AT_REST, FORGET = AHEAD[-1] - STEPS * STEP, 7.0, 60.0
+"""s without a beacon after which a neighbour is not reckoned with, for what comes after is not in what it said; of one
+that stays where it is; and after which it is not known any more how late its beacons are"""
 FRESH = 1.0
 """age in s up to which our own position is where we are"""
 GAIN, SET = 0.001, 10.0
@@ -102,7 +103,8 @@ class Separation:
             t=time.time(), pos=_rounded(pos), vel=_rounded(vel), radius=self._body().radius,
             ahead=[_rounded(p) for p in ahead],
         )  # fmt: skip
-        if self._said is None or abs(beacon.t - self._said.t) > SILENT or _differ(self._said, beacon) > DIFFERS:
+        quiet = SILENT if _moves(beacon) else SILENT_AT_REST
+        if self._said is None or abs(beacon.t - self._said.t) > quiet or _differ(self._said, beacon) > DIFFERS:
             self._said = beacon
             self._publisher.put(wire.encode(beacon))
 
@@ -166,7 +168,7 @@ class Separation:
                 del self._heard[name]
         return [
             Other(name, _ahead(beacon, age), self._settings.share * (radius + beacon.radius))
-            for name, age, beacon in aged if age <= SILENCE
+            for name, age, beacon in aged if age <= (SILENCE if _moves(beacon) else SILENCE_AT_REST)
         ]  # fmt: skip
 
     def _track(self, future: Future, pos: wire.Vector) -> Track:
@@ -225,6 +227,11 @@ def _ahead(beacon: wire.swarm.Beacon, age: float) -> Track:
         share = (t - times[i]) / (AHEAD[0])
         track.append((a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share))
     return track
+
+
+def _moves(beacon: wire.swarm.Beacon) -> bool:
+    """It is, or will be, somewhere else than it is."""
+    return math.hypot(*beacon.vel) > DIFFERS or any(math.dist(place, beacon.pos) > DIFFERS for place in beacon.ahead)
 
 
 def _differ(said: wire.swarm.Beacon, new: wire.swarm.Beacon) -> float:
