@@ -52,7 +52,7 @@ CLOCKS = 0.02
 """s that planners reckon with: all hosts of a lab share one clock, as hosts with GPS and chrony nearly do"""
 LINK_LEASE = 8.0
 """s without a word after which a link is given up"""
-MOMENTS = (2.0, 20.0)
+MOMENTS = (0.0, 40.0)
 """s that a planner flies a swap, or goes on with it, until it is killed: by then its standby is ready"""
 PATIENCE = 400.0
 """s for one swap, with all its storms"""
@@ -260,7 +260,11 @@ async def _runs(
     rows: list[dict[str, Any]] = []
     try:
         while (sum(row["kills"] for row in rows) if kill else len(rows)) < args.runs:
-            rows.append(await (killed if kill else swapped)(lab, desk, names, truth, rng, running, len(rows)))
+            if kill:
+                left = args.runs - sum(row["kills"] for row in rows)
+                rows.append(await killed(lab, desk, names, truth, rng, running, len(rows), left))
+            else:
+                rows.append(await swapped(desk, names, truth, rng, len(rows)))
         return rows
     finally:
         weather.cancel()
@@ -284,9 +288,7 @@ def _swap(names: list[str], rng: random.Random, run: int) -> swarm.Submit:
     return swarm.Submit(id=f"swap{run}-{rng.random():.9f}", goal=swarm.GoTo(vehicles=names, to=to))
 
 
-async def swapped(
-    lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
-) -> dict[str, Any]:
+async def swapped(desk: Planners, names: list[str], truth: Truth, rng: random.Random, run: int) -> dict[str, Any]:
     """One swap to its end."""
     await _known(desk, names)
     truth.reset()
@@ -296,15 +298,16 @@ async def swapped(
 
 
 async def killed(
-    lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int
-) -> dict[str, Any]:
+    lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int,
+    most: int,
+) -> dict[str, Any]:  # fmt: skip
     """One swap whose planner dies again and again on the way; the other goes on with it, the dead one comes again."""
     await _known(desk, names)
     truth.reset()
     start = time.monotonic()
     given = await desk.order("submit", _swap(names, rng, run))
     goal, deaths = str(given["goal"]), []
-    while True:
+    while len(deaths) < most:
         book = await desk.until(
             lambda book: any(e.id == goal and e.state in ("flying", "done", "failed", "cancelled") for e in book.goals)
         )
@@ -315,6 +318,7 @@ async def killed(
             break
         victim = book.planner
         deaths.append(f"{victim} after {time.monotonic() - start:.0f} s")
+        print(f"       killed {deaths[-1]}, so far {truth.apart:.2f} m apart", flush=True)
         running[victim].kill()
         running[victim].wait()
         running[victim] = planner(lab, victim, "--standby")
