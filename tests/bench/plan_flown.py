@@ -306,7 +306,7 @@ async def killed(
     truth.reset()
     start = time.monotonic()
     given = await desk.order("submit", _swap(names, rng, run))
-    goal, deaths = str(given["goal"]), []
+    goal, deaths = str(given["goal"]), list[str]()
     while len(deaths) < most:
         book = await desk.until(
             lambda book: any(e.id == goal and e.state in ("flying", "done", "failed", "cancelled") for e in book.goals)
