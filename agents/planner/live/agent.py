@@ -108,7 +108,7 @@ class Agent:
         await asyncio.gather(*(run.close() for run in self.runs.values()), return_exceptions=True)
         await self._desk.orders.close()
         if self.charge.in_charge:
-            self.press.book()
+            self.press.last_book()
         self._tokens.close()
         await self.solver.__aexit__(None, None, None)
         if self.previewer is not None:

@@ -8,7 +8,7 @@ from zmav.errors import BadInput
 from zmav.wire import swarm
 
 ENDED = ("done", "failed", "cancelled")
-MOST_ENDED, MOST_OPEN = 50, 200
+MOST_ENDED, MOST_OPEN = 10, 200
 """goals that have ended and are still told of; goals that wait"""
 
 

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 AGENT = "planner"
 SELDOM = 5.0
 """s between two times that plans and obstacles are said again where nothing has changed"""
-LEAST = 0.1
+LEAST = 0.3
 """s between two books, however much happens"""
+SMALL = 6000
+"""bytes of a book up to which links are not to repeat it: the next one comes within a second, and no later one waits"""
 POINTS = 60
 """of a track at most"""
 
@@ -38,8 +40,12 @@ class Press:
         self._news = asyncio.Event()
         self._plans: dict[str, swarm.PlanReport] = {}
         self._revision = -1
+        self._key = keys.FLEET.key(agent.settings.fleet, topic="goal")
+        self._books: zenoh.Publisher | None = None
 
     def start(self) -> None:
+        lane = keys.FLEET.publishing() | {"reliability": zenoh.Reliability.BEST_EFFORT}
+        self._books = self._agent.z.session.declare_publisher(self._key, **lane)
         self._agent.tasks.append(asyncio.create_task(self._go_on()))
 
     def changed(self) -> None:
@@ -64,7 +70,15 @@ class Press:
             self._news.clear()
 
     def book(self) -> None:
-        self._put("goal", self._agent.book())
+        data = wire.encode(self._agent.book())
+        self._send(keys.FLEET, self._key, data, self._books if len(data) <= SMALL else None)
+
+    def last_book(self) -> None:
+        """What a standby goes on from: nobody says it again."""
+        self._send(keys.FLEET, self._key, wire.encode(self._agent.book()))
+        if self._books is not None:
+            self._books.undeclare()
+            self._books = None
 
     def obstacles(self) -> None:
         agent = self._agent
@@ -102,9 +116,11 @@ class Press:
     def _put(self, topic: str, payload: msgspec.Struct) -> None:
         self._send(keys.FLEET, keys.FLEET.key(self._agent.settings.fleet, topic=topic), payload)
 
-    def _send(self, channel: keys.Channel, key: str, payload: msgspec.Struct) -> None:
+    def _send(
+        self, channel: keys.Channel, key: str, payload: msgspec.Struct | bytes, publisher: zenoh.Publisher | None = None
+    ) -> None:
         try:
-            self._agent.z.put(channel, key, payload)
+            self._agent.z.put(channel, key, payload, publisher=publisher)
         except (zenoh.ZError, BadKey):
             return
 
