@@ -244,7 +244,7 @@ class Executor:
 
     def _prepare(self, flight: Flight) -> Conductor:
         now, before = self.clock.now(), self._conductor
-        led = {part.id for part in before.parts if part.active} if before else set[str]()
+        led = {part.id: part.known.rows[-1, 1:4] for part in before.parts if part.active} if before else {}
         parts = [self._part(name, flight, now, led) for name in flight.motions]
         conductor = Conductor(parts, flight.downwash, now)
         conductor.reserved.movers, conductor.reserved.ghosts = list(flight.movers), list(self._ghosts)
@@ -253,18 +253,18 @@ class Executor:
         self._conductor = conductor
         return conductor
 
-    def _part(self, name: str, flight: Flight, now: float, led: set[str]) -> Part:
+    def _part(self, name: str, flight: Flight, now: float, led: Mapping[str, Floats]) -> Part:
+        """``led``: where the plan before has brought those to rest that were heard just now or not."""
         track = Track(flight.motions[name])
         tracking = self._tracking if flight.tracking is None else flight.tracking
         needed = self._needed(name, track.speed, tracking)
         helm = self.helms[name]
-        place, error = helm.place, helm.offset.error(now)
-        if name not in led:  # else it rests where the plan before has brought it, heard just now or not
-            if place is None or not helm.rests:
-                raise Refused(f"{name} does not say where it rests", vehicle=name)
-            away = float(np.linalg.norm(place - track.pos[0]))
-            if away > NEAR_START:
-                raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
+        place, error = led.get(name, helm.place if helm.rests else None), helm.offset.error(now)
+        if place is None:
+            raise Refused(f"{name} does not say where it rests", vehicle=name)
+        away = float(np.linalg.norm(place - track.pos[0]))
+        if away > NEAR_START:
+            raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
         if needed > flight.margin + 1e-6:
             text = (
                 f"the plan keeps {flight.margin:.2f} m of margin, and {name} needs {needed:.2f} m: "

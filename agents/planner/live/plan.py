@@ -116,7 +116,7 @@ class Planner:
                 found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin, None)
             except (PlanError, Refused):
                 continue
-            return replace(found, before=True)
+            return replace(found, before=True, clearance=None)  # less than their radii at first
         return None
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float, progress: Progress | None) -> Planned:
