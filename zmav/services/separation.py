@@ -70,7 +70,7 @@ class Separation:
         """it moves aside at present"""
         self._held: list[Any] = []
         self._said: wire.swarm.Beacon | None = None
-        self._publisher = session.declare_publisher(keys.BEACON.key(port.fleet, port.name), **keys.BEACON.publishing())
+        self._publisher: zenoh.Publisher | None = None
 
     @property
     def on(self) -> bool:
@@ -79,11 +79,13 @@ class Separation:
 
     def start(self) -> None:
         if self.on:
-            all_of_them = keys.BEACON.key(self._port.fleet, "*")
+            ours, all_of_them = (keys.BEACON.key(self._port.fleet, name) for name in (self._port.name, "*"))
+            self._publisher = self._session.declare_publisher(ours, **keys.BEACON.publishing())
+            self._held.append(self._publisher)
             self._held.append(self._session.declare_subscriber(all_of_them, self._on_beacon))
 
     def close(self) -> None:
-        for each in (*self._held, self._publisher):
+        for each in self._held:
             each.undeclare()
 
     # Telling the others.
@@ -92,8 +94,8 @@ class Separation:
         """Five times a second: in flight, say where we are and will be, where the neighbours could not know it by what
         was said last (dead reckoning as in IEEE 1278), or that was a while ago.
         """
-        here = self._here() if self.on and self._identity.armed else None
-        if here is None:
+        publisher = self._publisher
+        if publisher is None or not self._identity.armed or (here := self._here()) is None:
             self._said = None
             return
         pos, vel, _ = here
@@ -106,7 +108,7 @@ class Separation:
         quiet = SILENT if _moves(beacon) else SILENT_AT_REST
         if self._said is None or abs(beacon.t - self._said.t) > quiet or _differ(self._said, beacon) > DIFFERS:
             self._said = beacon
-            self._publisher.put(wire.encode(beacon))
+            publisher.put(wire.encode(beacon))
 
     def _on_beacon(self, sample: zenoh.Sample) -> None:
         name = str(sample.key_expr).split("/")[2]

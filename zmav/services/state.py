@@ -113,7 +113,7 @@ class StateService:
                 state.local = round(north, 3), round(east, 3), round(down, 3)  # as exact as the position itself
         if attitude := self._heard("ATTITUDE"):
             a, state.ages["attitude"] = attitude
-            state.attitude = wire.Attitude(roll=round(a["roll"], 5), pitch=round(a["pitch"], 5), yaw=round(a["yaw"], 5))
+            state.attitude = wire.Attitude(roll=a["roll"], pitch=a["pitch"], yaw=a["yaw"])
         if extended := self._heard("EXTENDED_SYS_STATE"):
             landed = extended[0]["landed_state"]
             state.landed = None if landed == 0 else landed == 1
