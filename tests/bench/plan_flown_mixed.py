@@ -35,7 +35,7 @@ from zmav.errors import ZmavError
 from zmav.wire import swarm
 
 COPTERS, ROVERS, PLANES = 8, 4, 2
-OUT, CRUISE = 30.0, 60.0
+OUT, CRUISE = 30.0, 50.0
 """m: the ring of the rovers, and the height of the planes"""
 CIRCLES = [(0.0, -220.0), (0.0, 220.0)]
 SLOW = 1.0
