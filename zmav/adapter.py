@@ -150,12 +150,12 @@ class Adapter:
         key = keys.RX.key(
             self.fleet, self.name, sys=frame.sysid, comp=frame.compid, msg=self.dialect.name_of(frame.msgid)
         )
-        options = keys.RX.qos.options()
         if frame.msgid == SETUP_SIGNING:
             return lambda payload: None  # it holds the key
         if not declared:
+            options = keys.RX.qos.options()
             return lambda payload: self.session.put(key, payload, **options)
-        publisher = self.session.declare_publisher(key, encoding=keys.RX.encoding, **options)
+        publisher = self.session.declare_publisher(key, **keys.RX.publishing())
         self._publishers.append(publisher)
         return publisher.put
 

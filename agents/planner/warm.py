@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.planner import jit
 from agents.planner.geometry import world_of
+from agents.planner.plans import Plan
 from agents.planner.problem import Progress, problem_of
 from agents.planner.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Point, Scene, Vehicle
 from agents.planner.solve import solve
@@ -19,8 +20,8 @@ PATIENCE = 600.0
 """s, for a slow machine that compiles"""
 
 
-def warm(planes: bool = True, progress: Progress | None = None) -> None:
-    """Plan small scenes that use the kernels.
+def warm(planes: bool = True, progress: Progress | None = None) -> Plan:
+    """Plan small scenes that use the kernels; gives the plan of the first.
 
     ``planes``: those of planes, too. Where they are not all compiled yet, all of them are, also what few scenes need.
     """
@@ -28,7 +29,7 @@ def warm(planes: bool = True, progress: Progress | None = None) -> None:
     tell("warm up", 0.0)
     with jit.compiling() as everything:
         copters = example(planes=False)
-        solve(copters, seconds=PATIENCE)
+        plan = solve(copters, seconds=PATIENCE)
         tell("warm up", 0.4)
         # The discrete search is for scenes that are tighter than any that is small.
         for scene in (copters, lane()) if everything else (copters,):
@@ -47,6 +48,7 @@ def warm(planes: bool = True, progress: Progress | None = None) -> None:
         if planes or everything:
             solve(example(planes=True), seconds=PATIENCE)
     tell("warm up", 1.0)
+    return plan
 
 
 def copter(name: str, start: Point, goal: Point) -> Vehicle:

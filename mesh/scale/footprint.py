@@ -57,15 +57,15 @@ class Copter:
         self._link = msgspec.structs.replace(_LINK)
         declare = session.declare_publisher
         self._streams = [
-            (declare(keys.RX.key(fleet, name, **_WHO, msg=msg), **keys.RX.qos.options()), round(TICK_HZ / hz), size)
+            (declare(keys.RX.key(fleet, name, **_WHO, msg=msg), **keys.RX.publishing()), round(TICK_HZ / hz), size)
             for msg, (hz, size) in STREAMED.items()
         ]
         self._seldom = [
-            declare(keys.RX.key(fleet, name, **_WHO, msg=msg), **keys.RX.qos.options()) for msg in SAID_SELDOM
+            declare(keys.RX.key(fleet, name, **_WHO, msg=msg), **keys.RX.publishing()) for msg in SAID_SELDOM
         ]
         self._states = declare(keys.STATE.key(fleet, name), **keys.STATE.publishing())
         link = keys.LINK.key(fleet, name, link="autopilot")
-        self._links = declare(link, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
+        self._links = declare(link, **keys.LINK.publishing())
         self._held = [*self._listen(session), *self._answers(session), self._events(session)]
         alive = keys.ALIVE.key(
             fleet, name, role=keys.VEHICLE, sys=self._state.sysid, autopilot="ardupilot", uid=f"{number:016x}",

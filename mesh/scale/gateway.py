@@ -62,7 +62,7 @@ class Gateway:
 
     async def __aenter__(self) -> Gateway:
         loop, key = asyncio.get_running_loop(), keys.GROUP.key(self._fleet, group=self._group)
-        self._publisher = self._trunk.declare_publisher(key, encoding=keys.GROUP.encoding, **keys.GROUP.qos.options())
+        self._publisher = self._trunk.declare_publisher(key, **keys.GROUP.publishing())
         take = self._inside.declare_subscriber
         tokens = self._trunk.liveliness().declare_subscriber
         want = keys.WANT.key(self._fleet, "*", msg="*", hz="*", instance="*")

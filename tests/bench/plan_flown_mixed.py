@@ -26,7 +26,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import zmav
 from mesh.lab.lab import Lab
-from mesh.lab.network import LabError, check_able
 from mesh.lab.scenario import Scenario
 from tests.bench.plan_flown import HEIGHT, RADIUS, Planners, Truth, _ended, _known, _logs, planner, ring
 from tests.mesh.proofs import rigs
@@ -169,15 +168,13 @@ async def flown(args: argparse.Namespace) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", default=["mixed", "leader"], choices=["mixed", "leader", []])
+    parser.add_argument("what", nargs="*", choices=["mixed", "leader"], help="[default: both]")
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--loss", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    try:
-        check_able()
-    except LabError as e:
-        print(f"skipped: {e}")
+    args.what = args.what or ["mixed", "leader"]
+    if not rigs.able():
         return 0
     print(f"{COPTERS} copters, {ROVERS} rovers, {PLANES} planes; over two hops loss {args.loss:.0%} and 50-198 ms; "
           f"copters keep {2 * RADIUS:g} m")  # fmt: skip

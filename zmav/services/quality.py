@@ -21,7 +21,7 @@ class Quality:
     def __init__(self, session: zenoh.Session, port: Port, identity: Identity, timesync: TimeSync) -> None:
         self._port, self._identity, self._timesync = port, identity, timesync
         key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
-        self._publisher = session.declare_publisher(key, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
+        self._publisher = session.declare_publisher(key, **keys.LINK.publishing())
         self._before = (0, 0, 0, 0, time.monotonic())
         self.last = self.measure()
         self._queryable = session.declare_queryable(key, lambda query: self._answer(key, query))

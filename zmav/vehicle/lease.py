@@ -103,6 +103,8 @@ class Lease:
 
     def close(self) -> None:
         """Nothing is put any more."""
+        text = f"the lease of {self.holder} on {self.vehicle.name} was given back"
+        self._lost = self.lost or NotHolder(text, vehicle=self.vehicle.name, reason="released")
         self._points.undeclare()
 
     def _put(self, valid: float, deadline: float | None = None, repeated: bool = False, **fields: Any) -> None:

@@ -49,8 +49,7 @@ class Worker:
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles."""
         start = time.monotonic()
-        warm.warm()
-        _warm_execution(solve.solve(warm.example(planes=False), seconds=warm.PATIENCE))
+        _warm_execution(warm.warm())
         jobs.write(self._out, jobs.Ready(time.monotonic() - start))
 
     def serve(self, number: int, job: jobs.Job) -> None:

@@ -17,6 +17,7 @@ import zenoh.ext
 
 import zmav
 from mesh.lab.lab import Lab
+from mesh.lab.network import LabError, check_able
 from mesh.lab.scenario import Scenario, check
 from zmav import keys, wire
 from zmav.errors import ZmavError
@@ -29,6 +30,16 @@ PATIENCE = 60.0
 def scenario(**tables: Any) -> Scenario:
     """A scenario from what its file would hold."""
     return check(msgspec.convert(tables, Scenario))
+
+
+def able() -> bool:
+    """A lab can be laid here; where not, it is said why."""
+    try:
+        check_able()
+    except LabError as e:
+        print(f"skipped: {e}")
+        return False
+    return True
 
 
 def chain(
