@@ -215,7 +215,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
-            "fleet-wide topics: origin, goal, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
+            "fleet-wide topics: origin, goal, charge, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
         ),
         Channel(
             "swarm", "{fleet}/{vehicle}/swarm/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
@@ -259,6 +259,7 @@ ROSTER = "roster"
 TOPICS: dict[str, tuple[str, ...]] = {
     "origin": (OPERATOR, PLANNER),
     "goal": (OPERATOR, PLANNER),
+    "charge": (OPERATOR, PLANNER),
     "plan": (OPERATOR, PLANNER),
     "obstacle": (OPERATOR, PLANNER),
     ROSTER: (ANYONE,),  # whoever passes it on: only the authority can sign one

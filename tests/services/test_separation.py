@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -155,8 +154,7 @@ async def test_a_beacon_is_sent_where_the_last_one_does_not_tell_it_already(net:
         await beacons.get()
         for _ in range(3):  # it hovers: that is known
             came.append((await beacons.get()).t)
-        gaps = [b - a for a, b in itertools.pairwise(came)]
-        assert min(gaps) > 0.5
+        assert came[-1] - came[0] > 1.0  # and not two ticks of 0.2 s
         async with pair.z.vehicle("quad1").lease("test") as lease:
             pos, start = pair.places[0], time.time()
             lease.segment([wire.SegmentPoint(t=start, pos=pos), wire.SegmentPoint(t=start + 9.0, pos=_up(pos, 10.0))])

@@ -270,6 +270,15 @@ class Book(Wire, kw_only=True):
     goals: list[GoalEntry] = []
 
 
+class Charge(Wire, kw_only=True):
+    """``@fleet/charge``: who is in charge, several times a second and small: its book may be lost more often."""
+
+    t: float
+    planner: str
+    instance: str
+    term: int
+
+
 class PlanReport(Wire, kw_only=True):
     """``@fleet/plan``: what is being flown, thinned out for people and viewers."""
 

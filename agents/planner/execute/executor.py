@@ -19,7 +19,7 @@ from agents.planner.execute.track import Track
 from agents.planner.live.frames import enu
 from agents.planner.problem import Floats, Motion, Mover
 from zmav import wire
-from zmav.errors import Refused, ZmavError
+from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 from zmav.wire.state import Severity
 
 TICK = 0.1
@@ -36,6 +36,8 @@ SETTLE, MISSES = 5.0, 3
 """s for vehicles to come to their places at the end; how often a new plan is made for those who did not"""
 PATIENCE = 20.0
 """s for which those who are not heard, or were moved aside, are waited for before a new plan is made without them"""
+TAKE_AGAIN = 0.5
+"""s between two times that a lease is asked for"""
 PER_TICK = 25
 """trajectories that are made in one look, so that the loop is not held up"""
 
@@ -101,16 +103,19 @@ class Executor:
     Entering takes every vehicle's lease and measures its clock, leaving gives the leases back once all are at rest.
     ``clock`` and ``offsets``: what is known of the vehicles' clocks already, and goes on to be.
     ``say`` is told what happens, ``replan`` asked for a new plan when this one cannot be ended. Raises
-    :class:`~zmav.errors.NotHolder` while another commands a vehicle.
+    :class:`~zmav.errors.NotHolder` while another commands a vehicle, after ``taking`` seconds in which each lease was
+    asked for again and again; ``waits`` is told why. A pilot is not waited for.
     """
 
     def __init__(
         self, z: zmav.Client, names: Iterable[str], *, holder: str = "planner", priority: int = 0,
         tracking: float = TRACKING, say: Say = lambda kind, severity, text, detail: None, replan: Replan | None = None,
         clock: Clock | None = None, offsets: Mapping[str, Offset] | None = None, patience: float = PATIENCE,
+        taking: float = 0.0, waits: Callable[[str], None] = lambda text: None,
     ) -> None:  # fmt: skip
         self.clock, known = clock or Clock(), offsets or {}
         self._patience, self._hurry = patience, False
+        self._taking, self._waits = taking, waits
         self.helms = {name: Helm(z, name, self.clock, holder, priority, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
@@ -119,15 +124,29 @@ class Executor:
         self._paused = False
 
     async def __aenter__(self) -> Executor:
-        async def take(helm: Helm) -> None:
-            await self._stack.enter_async_context(helm)
-
-        results = await asyncio.gather(*(take(helm) for helm in self.helms.values()), return_exceptions=True)
-        for result in results:
-            if isinstance(result, BaseException):
-                await self._stack.aclose()
-                raise result
+        taking = [asyncio.create_task(self._take(helm)) for helm in self.helms.values()]
+        try:
+            for taken in asyncio.as_completed(taking):
+                await taken
+        except BaseException:
+            for task in taking:
+                task.cancel()
+            await asyncio.gather(*taking, return_exceptions=True)
+            await self._stack.aclose()
+            raise
         return self
+
+    async def _take(self, helm: Helm) -> None:
+        until = self.clock.now() + self._taking
+        while True:
+            try:
+                await self._stack.enter_async_context(helm)
+                return
+            except (NotHolder, Stale, TimedOut) as e:
+                if self.clock.now() >= until or e.detail.get("reason") == "pilot":
+                    raise
+                self._waits(e.message)
+            await asyncio.sleep(TAKE_AGAIN)
 
     async def __aexit__(self, *exc: object) -> None:
         await self._stack.aclose()

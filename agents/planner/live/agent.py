@@ -260,6 +260,11 @@ class Agent:
         elif self.charge.in_charge and book.instance != self.instance:
             self.press.book()  # it hears that it is not
 
+    def on_charge(self, data: bytes) -> None:
+        """Somebody is in charge."""
+        with contextlib.suppress(BadInput):
+            self.charge.beat(wire.decode(data, swarm.Charge, "who is in charge"), time.monotonic())
+
     # Life.
 
     async def _live(self) -> None:

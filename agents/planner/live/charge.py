@@ -1,9 +1,9 @@
-"""Which planner is in charge: a term that only grows, a heartbeat (the book) and a token. No clock and no network here.
+"""Which planner is in charge: a term that only grows, heartbeats and a token. No clock and no network here.
 
-The planner in charge says its book once a second and holds a liveliness token; one of the two may be lost without
-harm. Each that takes charge counts the term up by one, and among those who believe to be in charge the highest (term,
-instance) is; the others stand by as soon as they hear of it. Nobody relies on that alone: a vehicle is commanded by
-who holds its lease, and it gives one at a time.
+The planner in charge says so several times a second, says its book once a second at least, and holds a liveliness
+token; what is lost of them for a few seconds does no harm. Each that takes charge counts the term up by one, and among
+those who believe to be in charge the highest (term, instance) is; the others stand by as soon as they hear of it.
+Nobody relies on that alone: a vehicle is commanded by who holds its lease, and it gives one at a time.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 
 from zmav.wire import swarm
 
-HEARTBEAT = 1.0
-"""s between two books"""
+HEARTBEAT, BEAT = 1.0, 0.3
+"""s between two books, of which a bad network loses most, for they are long; and between two words on who is in charge
+alone
+"""
 PATIENCE = 3.0
-"""s without token and book after which a standby takes over"""
+"""s without a word or a token after which a standby takes over"""
 SILENCE = 5.0
-"""s without a book after which a planner is gone, whatever its token says: a link that is half dead keeps tokens"""
+"""s more without a word after which a planner is gone, whatever its token says: a half dead link keeps tokens"""
 
 
 @dataclass
@@ -65,8 +67,16 @@ class Charge:
             self.book, self._heard = book, now
         return False
 
+    def beat(self, told: swarm.Charge, now: float) -> None:
+        """Another's word that it is in charge: as good as its book, but that there is nothing to go on from in it."""
+        if told.instance == self.instance:
+            return
+        self.highest = max(self.highest, told.term)
+        if self.book is None or (told.term, told.instance) >= (self.book.term, self.book.instance):
+            self._heard = now
+
     def lost(self, now: float) -> bool:
-        """Nobody is in charge as far as we hear: no book for a while, and no token either, or not for long."""
+        """Nobody is in charge as far as we hear: no word for a while, and no token either, or not for long."""
         self._since = now if self._since is None else self._since
         silent = now - max(self._heard, self._since)
         held = self.book is not None and self.book.instance in self._tokens

@@ -19,7 +19,7 @@ from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.scenes import moving
 from agents.planner.problem import Floats, Mover
 from zmav import wire
-from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
+from zmav.errors import Refused, ZmavError
 
 if TYPE_CHECKING:
     from agents.planner.live.run import Run
@@ -66,21 +66,14 @@ class Crew:
 
     async def __aenter__(self) -> Crew:
         run, settings = self._run, self._run.agent.settings
-        deadline = time.monotonic() + TAKE
-        while True:
-            executor = Executor(
-                run.agent.z, run.vehicles, holder=settings.name, priority=settings.priority,
-                tracking=self.tracking, say=self._say, replan=self._replan, clock=run.agent.clocks.clock,
-                offsets=run.agent.clocks.of(run.vehicles),
-            )  # fmt: skip
-            try:
-                self._executor = await self._stack.enter_async_context(executor)
-                return self
-            except (NotHolder, Stale, TimedOut) as e:
-                if time.monotonic() > deadline or e.detail.get("reason") == "pilot":
-                    raise
-                run.text(f"waits for a lease: {e.message}")
-            await asyncio.sleep(1.0)
+        executor = Executor(
+            run.agent.z, run.vehicles, holder=settings.name, priority=settings.priority,
+            tracking=self.tracking, say=self._say, replan=self._replan, clock=run.agent.clocks.clock,
+            offsets=run.agent.clocks.of(run.vehicles),
+            taking=TAKE, waits=lambda why: run.text(f"waits for a lease: {why}"),
+        )  # fmt: skip
+        self._executor = await self._stack.enter_async_context(executor)
+        return self
 
     async def __aexit__(self, *exc: object) -> None:
         await self._stack.aclose()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import zenoh
 
-from agents.planner.live.charge import HEARTBEAT
+from agents.planner.live.charge import BEAT, HEARTBEAT
 from agents.planner.live.frames import ned
 from agents.planner.plans import Sample
 from zmav import keys, wire
@@ -42,14 +42,25 @@ class Press:
         self._revision = -1
         self._key = keys.FLEET.key(agent.settings.fleet, topic="goal")
         self._books: zenoh.Publisher | None = None
+        self._beats: zenoh.Publisher | None = None
 
     def start(self) -> None:
         lane = keys.FLEET.publishing() | {"reliability": zenoh.Reliability.BEST_EFFORT}
-        self._books = self._agent.z.session.declare_publisher(self._key, **lane)
-        self._agent.tasks.append(asyncio.create_task(self._go_on()))
+        declare = self._agent.z.session.declare_publisher
+        self._books = declare(self._key, **lane)
+        self._beats = declare(keys.FLEET.key(self._agent.settings.fleet, topic="charge"), **lane)
+        self._agent.tasks += [asyncio.create_task(self._go_on()), asyncio.create_task(self._beat())]
 
     def changed(self) -> None:
         self._news.set()
+
+    async def _beat(self) -> None:
+        agent, name = self._agent, self._agent.settings.name
+        while True:
+            if agent.charge.in_charge and self._beats is not None:
+                told = swarm.Charge(t=time.time(), planner=name, instance=agent.instance, term=agent.charge.term)
+                self._send(keys.FLEET, str(self._beats.key_expr), told, self._beats)
+            await asyncio.sleep(BEAT)
 
     async def _go_on(self) -> None:
         seldom = 0.0
@@ -76,9 +87,10 @@ class Press:
     def last_book(self) -> None:
         """What a standby goes on from: nobody says it again."""
         self._send(keys.FLEET, self._key, wire.encode(self._agent.book()))
-        if self._books is not None:
-            self._books.undeclare()
-            self._books = None
+        for publisher in (self._books, self._beats):
+            if publisher is not None:
+                publisher.undeclare()
+        self._books = self._beats = None
 
     def obstacles(self) -> None:
         agent = self._agent

@@ -49,6 +49,7 @@ class Tokens:
                 token_key(fleet, "*", CHIEF, "*"), on_loop(loop, self._on_token), history=True
             ),
             session.declare_subscriber(keys.FLEET.key(fleet, topic="goal"), put(agent.on_book)),
+            session.declare_subscriber(keys.FLEET.key(fleet, topic="charge"), put(agent.on_charge)),
             session.declare_subscriber(keys.FLEET.key(fleet, topic="obstacle"), put(agent.on_map)),
             session.declare_subscriber(keys.OBSTACLE.key(fleet, name="*"), put(agent.on_obstacle)),
         ]

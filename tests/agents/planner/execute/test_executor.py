@@ -39,7 +39,7 @@ async def test_a_swap_over_a_network_that_loses_a_third_and_is_cut_for_two_secon
     async with airborne(starts(motions), HEIGHT) as fleet, fleet.watch() as watch:
         async with BadClient(fleet.endpoint, 0.3, (0.05, 0.2)) as z:
             await z.wait_for(*fleet.names)
-            async with Executor(z, fleet.names) as executor:
+            async with Executor(z, fleet.names, taking=30.0) as executor:
                 flying = asyncio.create_task(executor.run(flight(motions, margin=1.2)))
                 await watch.until(lambda: watch.moved() > 0.3 or flying.done(), "nobody moves")
                 z.cut = True

@@ -48,6 +48,19 @@ def test_a_token_without_a_book_is_believed_for_a_while() -> None:
     assert other.lost(PATIENCE + 0.1)
 
 
+def test_its_word_alone_keeps_a_standby_waiting_and_what_it_has_of_the_book() -> None:
+    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief.take()
+    told = book(chief, 0.0)
+    other.hear(told, 0.0)
+    for now in range(10):
+        other.beat(swarm.Charge(t=now, planner="a", instance="1", term=1), float(now))
+        assert not other.lost(now + PATIENCE)
+    other.beat(swarm.Charge(t=9.0, planner="z", instance="0", term=0), 12.0)  # one that has been put off says nothing
+    assert other.lost(9.1 + PATIENCE)
+    assert other.take() is told
+
+
 def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
     chief, other = Charge("a", "1"), Charge("b", "2")
     chief.take()
