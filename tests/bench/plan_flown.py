@@ -58,7 +58,9 @@ PATIENCE = 400.0
 
 
 def scenario(count: int, standby: bool, resort: bool) -> Scenario:
-    """Copters on a ring, each hearing the next and every other one the ground: one or two hops, and two ways."""
+    """Copters on a ring, each hearing the next and the ground (with a standby, every other one its van instead): one or
+    two hops, and two ways.
+    """
     hosts: dict[str, Any] = {"ground": {"position": [0.0, 60.0]}}
     if standby:
         hosts["van"] = {"position": [0.0, -60.0]}
@@ -67,7 +69,7 @@ def scenario(count: int, standby: bool, resort: bool) -> Scenario:
     quads = [name for name in hosts if name.startswith("quad")]
     pairs = [*zip(quads, [*quads[1:], quads[0]], strict=True), *(("ground", name) for name in quads[::2])]
     if standby:
-        pairs += [("van", name) for name in quads[1::4]] + [("ground", "van")]
+        pairs += [("van", name) for name in quads[1::2]] + [("ground", "van")]
     medium = {
         "kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, "rate": "6 Mbit/s", "delay": "62 ms",
         "jitter": "37 ms", "loss": 0.0, "burst": 2.0,

@@ -282,6 +282,7 @@ class Agent:
 
     def _round(self) -> None:
         now = time.monotonic()
+        self.charge.goals = bool(self.ledger.goals)
         self.fleet.watch()
         for name in self.fleet.bodies.due(self.fleet.names)[:10]:
             self._ask(name)

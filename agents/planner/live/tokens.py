@@ -46,7 +46,7 @@ class Tokens:
         self.in_charge(False)
         self._subscribers = [
             session.liveliness().declare_subscriber(
-                token_key(fleet, "*", CHIEF, "*"), on_loop(loop, self._on_token), history=True
+                token_key(fleet, "*", "*", "*"), on_loop(loop, self._on_token), history=True
             ),
             session.declare_subscriber(keys.FLEET.key(fleet, topic="goal"), put(agent.on_book)),
             session.declare_subscriber(keys.FLEET.key(fleet, topic="charge"), put(agent.on_charge)),
@@ -76,4 +76,4 @@ class Tokens:
         except BadKey:
             return
         present = sample.kind == zenoh.SampleKind.PUT
-        self._agent.charge.token(parts["instance"], present)
+        self._agent.charge.token(parts["instance"], present, parts["autopilot"] == CHIEF)

@@ -61,6 +61,49 @@ def test_its_word_alone_keeps_a_standby_waiting_and_what_it_has_of_the_book() ->
     assert other.take() is told
 
 
+def with_goals(who: Charge) -> swarm.Book:
+    goal = swarm.GoalEntry(id="g1", goal=swarm.Hold(vehicles=["quad1"]), state="flying", t=0.0)
+    return swarm.Book(t=0.0, planner=who.name, instance=who.instance, term=who.term, goals=[goal])
+
+
+def test_one_that_comes_again_with_nothing_does_not_displace_the_book_of_who_stands_by() -> None:
+    """Killed and started anew at once, it may hear of nobody, and take charge with an empty book of the same term."""
+    dead, other = Charge("a", "1"), Charge("b", "2")
+    dead.take()
+    told = with_goals(dead)
+    other.hear(told, 0.0)
+    assert not other.lost(0.0)
+    for instance in ("0", "3"):
+        again = Charge("a", instance)
+        again.take()
+        other.hear(book(again, 1.0), 1.0)
+        other.beat(swarm.Charge(t=1.0, planner="a", instance=instance, term=1), 1.0)
+        assert other.book is told
+        assert other.lost(PATIENCE + 0.1)
+        other.hear(book(again, 5.0), PATIENCE + 0.2)
+        assert other.book is told
+    assert other.take() is told
+    other.goals = True
+    assert again.hear(with_goals(other), 6.0)
+
+
+def test_of_two_with_the_same_term_the_one_with_goals_stays() -> None:
+    one, two = Charge("a", "1", goals=True), Charge("b", "2")
+    one.take(), two.take()
+    assert not one.hear(book(two, 0.0), 0.1)
+    assert two.hear(with_goals(one), 0.1)
+
+
+def test_who_has_no_book_waits_for_those_who_may_have_it() -> None:
+    newcomer = Charge("c", "3")
+    assert not newcomer.lost(0.0)
+    newcomer.token("2", True, in_charge=False)
+    assert not newcomer.lost(PATIENCE + SILENCE)
+    assert newcomer.lost(PATIENCE + SILENCE + 0.1)
+    newcomer.token("2", False, in_charge=False)
+    assert newcomer.lost(PATIENCE + 0.1)
+
+
 def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
     chief, other = Charge("a", "1"), Charge("b", "2")
     chief.take()
