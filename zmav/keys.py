@@ -189,6 +189,35 @@ CHANNELS: dict[str, Channel] = {
             "what an agent does", (AGENT, PLANNER, OPERATOR), rate_hz=1.0, stale_after=5.0, recorded=True,
         ),
         Channel(
+            "agent_do", "{fleet}/{vehicle}/agent/{agent}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
+            "an order to an agent that runs for the vehicle, wherever it runs", (OPERATOR, PLANNER, AGENT),
+            recorded=True, proven=True,
+        ),
+        Channel(
+            "slot", "{fleet}/{vehicle}/slot/{target}/{slot}/{since}/{instance}", "token", None, Qos.MUST_ARRIVE,
+            "liveliness token: the vehicle keeps a place relative to a target, since when (UTC ms); the first has it",
+            (PLANNER, AGENT, OPERATOR),
+        ),
+        Channel(
+            "frame", "{fleet}/{vehicle}/camera/{camera}/frame", "pub", None, Qos.BULK,
+            "pictures as JPEG in chunks of at most 1.1 kB, each with its place in the picture and the time of exposure",
+            (VEHICLE, AGENT), encoding=RAW, stale_after=1.0, repeated=False,
+        ),
+        Channel(
+            "camera", "{fleet}/{vehicle}/camera/{camera}/info", "query", wire.CameraInfo, Qos.MUST_ARRIVE,
+            "the camera's lens, mount, size and rate", (ANYONE,),
+        ),
+        Channel(
+            "frame_report", "{fleet}/{vehicle}/camera/{camera}/report/{reader}", "put", wire.FrameReport,
+            Qos.LATEST_WINS, "what comes of the pictures at a reader, whose link they are adapted to", (ANYONE,),
+            rate_hz=2.0, stale_after=3.0, repeated=False,
+        ),
+        Channel(
+            "detection", "{fleet}/{vehicle}/camera/{camera}/detection", "pub", wire.Detections, Qos.LATEST_WINS,
+            "what was found in each picture, and where that is", (AGENT, OPERATOR, PLANNER), rate_hz=15.0,
+            stale_after=0.5, recorded=True, repeated=False,
+        ),
+        Channel(
             "alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{uid}/{instance}", "token", None,
             Qos.MUST_ARRIVE, "liveliness token of a vehicle, agent or ground node", (ANYONE,),
         ),
@@ -247,6 +276,9 @@ PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS[
 FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
+AGENT_DO, SLOT = CHANNELS["agent_do"], CHANNELS["slot"]
+FRAME, CAMERA, FRAME_REPORT = CHANNELS["frame"], CHANNELS["camera"], CHANNELS["frame_report"]
+DETECTION = CHANNELS["detection"]
 BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]

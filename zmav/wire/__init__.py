@@ -85,6 +85,7 @@ from zmav.wire.state import (
     Severity,
     VehicleState,
 )
+from zmav.wire.vision import CameraInfo, Detection, Detections, FrameReport
 
 __all__ = [
     "PARAM_TYPES",
@@ -96,7 +97,10 @@ __all__ = [
     "BenchQuery",
     "BenchReport",
     "BenchStop",
+    "CameraInfo",
     "ClockInfo",
+    "Detection",
+    "Detections",
     "DropLease",
     "ErrorBody",
     "Event",
@@ -106,6 +110,7 @@ __all__ = [
     "FilePut",
     "FileQuery",
     "FileRename",
+    "FrameReport",
     "Gimbal",
     "GlobalPosition",
     "GoTo",
