@@ -199,7 +199,7 @@ CHANNELS: dict[str, Channel] = {
             (PLANNER, AGENT, OPERATOR),
         ),
         Channel(
-            "frame", "{fleet}/{vehicle}/camera/{camera}/frame", "pub", None, Qos.BULK,
+            "camera_frame", "{fleet}/{vehicle}/camera/{camera}/frame", "pub", None, Qos.BULK,
             "pictures as JPEG in chunks of at most 1.1 kB, each with its place in the picture and the time of exposure",
             (VEHICLE, AGENT), encoding=RAW, stale_after=1.0, repeated=False,
         ),
@@ -213,7 +213,7 @@ CHANNELS: dict[str, Channel] = {
             rate_hz=2.0, stale_after=3.0, repeated=False,
         ),
         Channel(
-            "detection", "{fleet}/{vehicle}/camera/{camera}/detection", "pub", wire.Detections, Qos.LATEST_WINS,
+            "camera_detection", "{fleet}/{vehicle}/camera/{camera}/detection", "pub", wire.Detections, Qos.LATEST_WINS,
             "what was found in each picture, and where that is", (AGENT, OPERATOR, PLANNER), rate_hz=15.0,
             stale_after=0.5, recorded=True, repeated=False,
         ),
@@ -277,8 +277,8 @@ FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["u
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
 AGENT_DO, SLOT = CHANNELS["agent_do"], CHANNELS["slot"]
-FRAME, CAMERA, FRAME_REPORT = CHANNELS["frame"], CHANNELS["camera"], CHANNELS["frame_report"]
-DETECTION = CHANNELS["detection"]
+FRAME, CAMERA, FRAME_REPORT = CHANNELS["camera_frame"], CHANNELS["camera"], CHANNELS["frame_report"]
+DETECTION = CHANNELS["camera_detection"]
 BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
