@@ -15,6 +15,7 @@ zmav.run(main())
 
 from __future__ import annotations
 
+from zmav.agent import Agent
 from zmav.client import Client, Subscription
 from zmav.client import connect as open
 from zmav.errors import ZmavError
@@ -22,5 +23,16 @@ from zmav.process import run
 from zmav.vehicle import Lease, Vehicle
 from zmav.wire import Setpoint, VehicleState
 
-__all__ = ["Client", "Lease", "Setpoint", "Subscription", "Vehicle", "VehicleState", "ZmavError", "open", "run"]
+__all__ = [
+    "Agent",
+    "Client",
+    "Lease",
+    "Setpoint",
+    "Subscription",
+    "Vehicle",
+    "VehicleState",
+    "ZmavError",
+    "open",
+    "run",
+]
 __version__ = "0.1.0"

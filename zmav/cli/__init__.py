@@ -11,6 +11,7 @@ import click
 from zmav.errors import ZmavError
 
 VERBS = (
+    "agent",
     "sim",
     "ls",
     "echo",

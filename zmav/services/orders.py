@@ -12,6 +12,7 @@ import hashlib
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import zenoh
@@ -57,15 +58,17 @@ class Orders:
     """The table of verbs and the orders under way. Lives on the event loop.
 
     ``channel`` and ``verbs``: which orders these are; those of a vehicle unless said otherwise. An order of more than
-    ``most`` bytes is not read.
+    ``most`` bytes is not read. ``parts``: what else stands in the channel's keys.
     """
 
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, channel: keys.Channel = keys.DO,
         verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
+        parts: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
         self._channel, self._known, self._most = channel, verbs, most
+        self._parts = dict(parts)
         self.prove: Prove = anybody
         """who an order is from; raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at"""
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
@@ -81,7 +84,7 @@ class Orders:
         self._verbs[verb] = (self._known[verb].args, handler)
 
     def start(self) -> None:
-        key = self._channel.key(self._fleet, self._name, verb="*")
+        key = self._channel.key(self._fleet, self._name, **self._parts, verb="*")
         accept = on_loop(asyncio.get_running_loop(), self._accept)
         self._queryable = self._session.declare_queryable(key, accept)
 
@@ -116,7 +119,7 @@ class Orders:
 
     async def _answer(self, query: zenoh.Query, verb: str, payload: bytes, origin: Origin | None) -> None:
         with query:
-            key = self._channel.key(self._fleet, self._name, verb=verb)
+            key = self._channel.key(self._fleet, self._name, **self._parts, verb=verb)
             try:
                 outcome = await self._outcome(verb, payload, origin)
             except ZmavError as e:

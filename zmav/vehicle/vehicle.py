@@ -235,10 +235,24 @@ class Vehicle:
     async def order(self, verb: str, args: wire.Order, progress: Progress | None = None) -> dict[str, Any]:
         """Give an order and see it through: sent again with the same id until the vehicle says how it ended."""
         args = msgspec.structs.replace(args, id=uuid.uuid4().hex, lease=args.lease or self._lease)
-        key, payload = keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args)
+        return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args), progress)
+
+    async def tell(
+        self, agent: str, verb: str, progress: Progress | None = None, **arguments: Any
+    ) -> dict[str, Any]:  # fmt: skip
+        """Give an order to an agent that runs for this vehicle (:class:`zmav.Agent`), and see it through. Raises
+        :class:`TimedOut` where none of that name answers, and what the agent refuses it with.
+        """
+        key = keys.AGENT_DO.key(self.fleet, self.name, agent=keys.check_name(agent, "agent"), verb=verb)
+        try:
+            return await self._see_through(key, msgspec.json.encode({**arguments, "id": uuid.uuid4().hex}), progress)
+        except TimedOut as e:
+            text = f"no agent {agent} answers for {self.name}: start 'zmav agent run {agent} --vehicle {self.name}'"
+            raise TimedOut(text, vehicle=self.name, agent=agent) from e
+
+    async def _see_through(self, key: str, payload: bytes, progress: Progress | None) -> dict[str, Any]:
         while True:
-            answer = await self._ask(key, payload)
-            outcome = wire.decode(answer, wire.Outcome, f"reply to do/{verb}")
+            outcome = wire.decode(await self._ask(key, payload), wire.Outcome, f"reply to {key}")
             if outcome.status == "done":
                 return outcome.result
             if progress is not None:

@@ -9,6 +9,7 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 from __future__ import annotations
 
 from zmav.wire import swarm
+from zmav.wire.agent import SetTunable, TunableInfo
 from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 from zmav.wire.files import (
@@ -163,12 +164,14 @@ __all__ = [
     "SetMode",
     "SetRelay",
     "SetServo",
+    "SetTunable",
     "Setpoint",
     "Severity",
     "StoredFile",
     "TakeLease",
     "Takeoff",
     "Trigger",
+    "TunableInfo",
     "Uploaded",
     "Vector",
     "VehicleState",

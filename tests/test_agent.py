@@ -1,0 +1,134 @@
+"""The base of agents: heard, asked and tuned through a real router, and started from the command line's table."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import msgspec
+import pytest
+from click.testing import CliRunner
+
+import zmav
+from zmav import keys, wire
+from zmav.agent import Tunable
+from zmav.cli.agent import command, find
+from zmav.errors import BadInput, Refused, TimedOut
+from zmav.verbs import Access, Verb
+
+if TYPE_CHECKING:
+    from tests.conftest import Net, Samples
+
+
+class Count(wire.Order, kw_only=True):
+    to: int
+
+
+class Counter(zmav.Agent):
+    """Counts when it is told to."""
+
+    name = "counter"
+    tunables: ClassVar = {"gain": Tunable(1.0, 0.0, 5.0, "1/s", "how fast")}
+    verbs: ClassVar = {"count": Verb("count", Count, Access.CHANGE, "count up to a number")}
+
+    async def run(self) -> None:
+        self.status("waiting")
+        await asyncio.Event().wait()
+
+    async def on_count(self, args: Count, report: Any, origin: object) -> dict[str, Any]:
+        if args.to < 0:
+            raise Refused("it counts upwards only", field="to")
+        self.status("counting", f"to {args.to}", to=args.to)
+        return {"counted": args.to}
+
+
+class Desk(NamedTuple):
+    agent: Counter
+    quad: zmav.Vehicle
+    said: Samples
+
+
+@pytest.fixture
+async def desk(net: Net) -> AsyncIterator[Desk]:
+    """An agent and whoever asks it, each a client of the router."""
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, zmav.open(connect=[endpoint]) as mine:
+        from tests.conftest import Samples
+
+        said = Samples(z.session, "zmav/demo/quad1/agent/counter/status")
+        async with Counter(mine, "quad1") as agent:
+            running = asyncio.create_task(agent.run())
+            await said.until(lambda: any(s["state"] == "waiting" for s in said.objects()), "status")
+            assert isinstance(agent, Counter)
+            yield Desk(agent, z.vehicle("quad1"), said)
+            running.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await running
+
+
+async def test_it_is_asked_and_says_what_it_does(desk: Desk) -> None:
+    # No vehicle speaks here: what answers is the agent alone.
+    assert await ask(desk, "count", {"to": 7}) == {"counted": 7}
+    await desk.said.until(lambda: desk.said.objects()[-1]["state"] == "counting", "news")
+    last = desk.said.objects()[-1]
+    assert (last["text"], last["detail"]["to"], last["detail"]["params"]) == ("to 7", 7, {"gain": 1.0})
+    with pytest.raises(Refused, match="upwards"):
+        await ask(desk, "count", {"to": -1})
+    with pytest.raises(BadInput, match="count, params, set"):
+        await ask(desk, "sing", {})
+    with pytest.raises(BadInput, match="to"):
+        await ask(desk, "count", {"to": "many"})
+
+
+async def test_it_is_tuned_within_its_bounds(desk: Desk) -> None:
+    assert await ask(desk, "set", {"name": "gain", "value": 2.5}) == {"name": "gain", "value": 2.5, "before": 1.0}
+    assert desk.agent["gain"] == 2.5
+    for name, value, words in (("gain", 5.1, "0 to 5 1/s"), ("gain", float("inf"), "gain"), ("mass", 1.0, "no param")):
+        with pytest.raises(BadInput, match=words):
+            desk.agent.tune(name, value)
+    with pytest.raises(BadInput, match="expected 0 to 5"):
+        await ask(desk, "set", {"name": "gain", "value": -1.0})
+    assert desk.agent["gain"] == 2.5
+    found = await ask(desk, "params", {})
+    assert msgspec.convert(found["gain"], wire.TunableInfo).value == 2.5
+    await desk.said.until(lambda: desk.said.objects()[-1]["detail"]["events"] != [], "the change in its status")
+    assert "gain is 2.5, was 1" in desk.said.objects()[-1]["detail"]["events"][0]["text"]
+
+
+async def test_a_vehicle_without_that_agent_says_how_to_start_one(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zmav.vehicle.vehicle.GIVE_UP", 0.3)
+    monkeypatch.setattr("zmav.vehicle.vehicle.ASK_AGAIN", 0.2)
+    monkeypatch.setattr(zmav.Vehicle, "present", True)
+    assert (await desk.quad.tell("counter", "count", to=3))["counted"] == 3
+    with pytest.raises(TimedOut, match="zmav agent run follower --vehicle quad1"):
+        await desk.quad.tell("follower", "follow")
+
+
+async def test_its_last_word_is_that_it_has_ended(net: Net) -> None:
+    from tests.conftest import Samples
+
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, zmav.open(connect=[endpoint]) as mine:
+        said = Samples(z.session, "zmav/demo/quad1/agent/*/status")
+        async with Counter(mine, "quad1"):
+            await said.until(lambda: len(said.items) > 0, "status")
+        await said.until(lambda: said.objects()[-1]["state"] == "ended", "end")
+
+
+def test_what_there_is_not_is_named() -> None:
+    with pytest.raises(BadInput, match="no agent 'nonsense'"):
+        find("nonsense")
+    result = CliRunner().invoke(command, ["run", "nonsense", "--vehicle", "quad1"])
+    assert isinstance(result.exception, BadInput)
+
+
+async def ask(desk: Desk, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+    key = keys.AGENT_DO.key("demo", "quad1", agent="counter", verb=verb)
+    z = desk.quad._client
+    answers = await z.ask(key, msgspec.json.encode(args), timeout=10.0, channel=keys.AGENT_DO)
+    (answer,) = answers
+    if isinstance(answer, zmav.ZmavError):
+        raise answer
+    return wire.decode(answer.payload, wire.Outcome, "reply").result

@@ -1,0 +1,200 @@
+"""A program that runs for one vehicle, on board or on the ground: what vision, followers and controllers stand on.
+
+class Blinker(zmav.Agent):
+    name = "blinker"
+    tunables = {"period": Tunable(1.0, 0.1, 10.0, "s", "between two blinks")}
+
+    async def run(self) -> None:
+        while True:
+            self.status("on", f"every {self['period']:g} s")
+            await asyncio.sleep(self["period"])
+
+It meets others in the key space only: it says its status, answers orders and is tuned under ``agent/{name}``, and moves
+the vehicle under a lease like everybody else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import msgspec
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput, ZmavError
+from zmav.process import say
+from zmav.services.orders import Guarded, Orders
+from zmav.services.port import on_loop
+from zmav.trust.gate import Gate, Origin
+from zmav.verbs import Access, Verb
+
+if TYPE_CHECKING:
+    from zmav.client import Client
+
+logger = logging.getLogger(__name__)
+HEARTBEAT = 1.0
+"""s between two words of its status, where nothing changes"""
+EVENTS = 10
+"""what happened last, told with the status"""
+TUNING: dict[str, Verb] = {
+    "set": Verb("set", wire.SetTunable, Access.CHANGE, "change a parameter while it runs"),
+    "params": Verb("params", wire.Order, Access.READ, "all parameters, their values and bounds"),
+}
+"""what every agent can be asked"""
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A parameter that may be changed while the agent runs, within its bounds."""
+
+    default: float
+    low: float
+    high: float
+    unit: str = ""
+    doc: str = ""
+
+
+class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Of an agent that needs none."""
+
+
+class Agent:
+    """Base of agents. ``settings``: a Struct of the class's own kind, what is fixed while it runs; ``tuned``: values of
+    parameters to begin with. Raises :class:`~zmav.errors.BadInput` for one that is unknown or out of bounds.
+
+    Subclasses give :attr:`name`, :meth:`run`, and for each of their :attr:`verbs` a handler ``on_VERB(args, report,
+    origin)`` as of :class:`~zmav.services.orders.Orders`.
+    """
+
+    name: ClassVar[str]
+    """in keys"""
+    settings_type: ClassVar[type[msgspec.Struct]] = NoSettings
+    tunables: ClassVar[Mapping[str, Tunable]] = MappingProxyType({})
+    verbs: ClassVar[Mapping[str, Verb]] = MappingProxyType({})
+
+    def __init__(
+        self, z: Client, vehicle: str, settings: msgspec.Struct | None = None,
+        tuned: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
+        self.z, self.vehicle = z, z.vehicle(vehicle)
+        self.settings: Any = self.settings_type() if settings is None else settings
+        self._values = {name: each.default for name, each in self.tunables.items()}
+        for name, value in tuned.items():
+            self.tune(name, value)
+        self._state, self._text, self._detail = "starting", "", dict[str, Any]()
+        self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
+        self._changed = asyncio.Event()
+        self._heart: asyncio.Task[None] | None = None
+        table = {**TUNING, **self.verbs}
+        self._orders = Orders(
+            z.session, self.vehicle.fleet, vehicle, keys.AGENT_DO, table, parts={"agent": self.name}
+        )  # fmt: skip
+        self._gate = Gate(z.member.credentials) if z.member else None
+        for verb in table:
+            handler: Guarded = getattr(self, f"on_{verb}")
+            self._orders.add(verb, handler)
+
+    # What it is made of.
+
+    async def run(self) -> None:
+        """What it does, until cancelled or done."""
+        raise NotImplementedError
+
+    def __getitem__(self, name: str) -> float:
+        """A parameter's value now."""
+        return self._values[name]
+
+    def tune(self, name: str, value: float) -> float:
+        """Change a parameter; gives what it was. Raises :class:`~zmav.errors.BadInput`."""
+        known = self.tunables.get(name)
+        if known is None:
+            names = ", ".join(self.tunables) or "none"
+            raise BadInput(f"{self.name} has no parameter {name!r}; there are {names}", field="name", value=name,
+                           expected=names)  # fmt: skip
+        if not (math.isfinite(value) and known.low <= value <= known.high):
+            expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
+            raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
+        before, self._values[name] = self._values[name], value
+        return before
+
+    # What it says.
+
+    def status(self, state: str, text: str = "", **detail: Any) -> None:
+        """What it does now, in a word and a sentence; said again every second, and at once where the word changes."""
+        news = state != self._state
+        self._state, self._text, self._detail = state, text, detail
+        if news:
+            self._changed.set()
+
+    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
+        """Something happened: in the log, and in the status for a while."""
+        event = wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail)
+        self._events.append(msgspec.to_builtins(event, enc_hook=str))
+        say(f"{self.vehicle.name}/{self.name}: " + (text if severity in ("info", "notice") else f"{severity}: {text}"))
+        self._changed.set()
+
+    def _speak(self) -> None:
+        detail = {**self._detail, "params": dict(self._values), "events": list(self._events)}
+        try:
+            self.z.say_status(self.name, self._state, self._text, vehicle=self.vehicle.name, **detail)
+        except zenoh.ZError as e:  # a closed session hears nothing
+            logger.debug("no status: %s", e)
+
+    async def _beat(self) -> None:
+        while True:
+            self._changed.clear()
+            self._speak()
+            try:
+                await asyncio.wait_for(self._changed.wait(), HEARTBEAT)
+            except asyncio.TimeoutError:
+                continue
+
+    # What it is asked.
+
+    async def on_set(self, args: wire.SetTunable, report: object, origin: Origin | None) -> dict[str, Any]:
+        before = self.tune(args.name, args.value)
+        by = f", by {origin.name}" if origin else ""
+        self.say("param", "notice", f"{args.name} is {args.value:g}, was {before:g}{by}", name=args.name,
+                 value=args.value, before=before)  # fmt: skip
+        return {"name": args.name, "value": args.value, "before": before}
+
+    async def on_params(self, args: wire.Order, report: object, origin: Origin | None) -> dict[str, Any]:
+        found = {
+            name: wire.TunableInfo(
+                value=self[name], default=t.default, low=t.low, high=t.high, unit=t.unit, doc=t.doc
+            )
+            for name, t in self.tunables.items()
+        }  # fmt: skip
+        return {name: msgspec.to_builtins(info) for name, info in found.items()}
+
+    # Its life.
+
+    async def __aenter__(self) -> Agent:
+        if self._gate is not None:
+            self._orders.prove = self._gate.check
+            refused = on_loop(asyncio.get_running_loop(), self._on_refused)
+            self._gate.on_refused = refused
+        self._orders.start()
+        self._heart = asyncio.create_task(self._beat())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._heart is not None:
+            self._heart.cancel()
+            await asyncio.gather(self._heart, return_exceptions=True)
+        await self._orders.close()
+        self.status("ended", str(error) if isinstance(error, ZmavError) else "")
+        self._speak()
+
+    def _on_refused(self, error: ZmavError) -> None:
+        self.say("refused", "warning", f"refused: {error}")

@@ -1,0 +1,24 @@
+"""What is asked of an agent (``agent/{agent}/do/{verb}``) whatever it does."""
+
+from __future__ import annotations
+
+from zmav.wire.base import Wire
+from zmav.wire.orders import Order
+
+
+class SetTunable(Order, kw_only=True):
+    """Change one of an agent's parameters while it runs."""
+
+    name: str
+    value: float
+
+
+class TunableInfo(Wire, kw_only=True):
+    """One parameter of an agent: its value now, and what it may be."""
+
+    value: float
+    default: float
+    low: float
+    high: float
+    unit: str = ""
+    doc: str = ""
