@@ -58,8 +58,8 @@ PATIENCE = 400.0
 
 
 def scenario(count: int, standby: bool, resort: bool) -> Scenario:
-    """Copters on a ring, each hearing the next and the ground (with a standby, every other one its van instead): one or
-    two hops, and two ways.
+    """Copters on a ring, each hearing the next, every other one the ground, and the rest a standby's van where there is
+    one: one or two hops, and two ways.
     """
     hosts: dict[str, Any] = {"ground": {"position": [0.0, 60.0]}}
     if standby:
@@ -319,7 +319,7 @@ async def killed(
             break
         victim = book.planner
         deaths.append(f"{victim} after {time.monotonic() - start:.0f} s")
-        print(f"       killed {deaths[-1]}, so far {truth.apart:.2f} m apart", flush=True)
+        print(f"       killed {deaths[-1]}, so far {truth.apart:.2f} m apart, trees {truth.clear:.2f} m", flush=True)
         running[victim].kill()
         running[victim].wait()
         running[victim] = planner(lab, victim, "--standby")

@@ -267,6 +267,8 @@ class Book(Wire, kw_only=True):
     term: int
     """counts the planners that were in charge, one after another: the higher one is"""
     paused: bool = False
+    obstacles: int = 0
+    """how many it keeps clear of: who takes over with fewer flies nothing"""
     goals: list[GoalEntry] = []
 
 
@@ -298,6 +300,8 @@ class ObstacleMap(Wire, kw_only=True):
 
     t: float
     planner: str
+    instance: str
+    """of that planner: one that was just started anew under its name may know of nothing"""
     obstacles: list[Obstacle]
 
 

@@ -42,6 +42,8 @@ from zmav.waiting import within
 from zmav.wire import swarm
 
 TICK = 0.2
+MAPS = 8
+"""maps of planners that are kept: one that dies may come again before its standby takes over"""
 EVENTS = 30
 """what happened last, and is told in the status"""
 SELDOM = 1.0
@@ -79,6 +81,8 @@ class Agent:
         self._asking: set[asyncio.Task[None]] = set()
         self._held = ""
         """why nothing is begun, so that it is said once"""
+        self._maps: dict[str, swarm.ObstacleMap] = {}
+        """what planners said last that they keep clear of, by instance"""
         self._changed = False
         """the world is another one, and what is flown was not looked at since"""
         self._namesake = ""
@@ -161,7 +165,7 @@ class Agent:
         paused = any(entry.state == "paused" for entry in self.ledger.goals)
         return swarm.Book(
             t=time.time(), planner=self.settings.name, instance=self.instance, term=self.charge.term, paused=paused,
-            goals=self.ledger.goals,
+            obstacles=len(self.world.obstacles), goals=self.ledger.goals,
         )  # fmt: skip
 
     def check_known(self, goal: swarm.Goal) -> FleetView:
@@ -241,7 +245,11 @@ class Agent:
             return
         with contextlib.suppress(BadInput):
             told = wire.decode(data, swarm.ObstacleMap, "map of obstacles")
-            if told.planner == self.charge.of:
+            self._maps.pop(told.instance, None)
+            self._maps[told.instance] = told
+            if len(self._maps) > MAPS:
+                del self._maps[next(iter(self._maps))]
+            if self.charge.book is not None and told.instance == self.charge.book.instance:
                 self.world.follow(told.obstacles, time.monotonic(), time.time())
 
     def on_book(self, data: bytes) -> None:
@@ -323,7 +331,22 @@ class Agent:
         if book:
             text += f": {book.planner} was not heard for {self.charge.patience:.0f} s; {len(again)} goals go on"
         self.say("charge", "notice" if book else "info", text)
+        if book:
+            self._check_map(book, again)
+        self._maps.clear()
         self.press.book()
+
+    def _check_map(self, book: swarm.Book, again: list[swarm.GoalEntry]) -> None:
+        """Nothing is flown among obstacles that the one before us knew of and we do not."""
+        if told := self._maps.get(book.instance):
+            self.world.follow(told.obstacles, time.monotonic(), time.time())
+        known = len(self.world.obstacles)
+        if known >= book.obstacles or not again:
+            return
+        for entry in again:
+            entry.state, entry.text = "paused", "paused: not all obstacles are known"
+        text = f"of the {book.obstacles} obstacles that {book.planner} knew, {known} are known here"
+        self.say("charge", "error", f"{text}: its goals are paused; tell them again, and resume")
 
     def _step_down(self, book: swarm.Book) -> None:
         """Command nobody from now on: segments end by themselves, the leases are given back."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -110,9 +111,11 @@ class Fleet:
     def all(self) -> list[Seen]:
         return [seen for name in self.names if (seen := self.seen(name)) is not None]
 
-    def view(self, margin: float = 0.0) -> FleetView:
-        """Those that were heard in the last :data:`KNOWN` seconds, with radii that are larger by ``margin``."""
-        heard = [seen.view for seen in self.all() if seen.age < KNOWN]
+    def view(self, margin: float = 0.0, also: Collection[str] = ()) -> FleetView:
+        """Those that were heard in the last :data:`KNOWN` seconds, and ``also`` these, with radii that are larger by
+        ``margin``.
+        """
+        heard = [seen.view for seen in self.all() if seen.age < KNOWN or seen.view.name in also]
         return FleetView({view.name: _wider(view, margin) for view in heard})
 
     def hearing(self) -> Hearing:

@@ -95,7 +95,9 @@ class Press:
     def obstacles(self) -> None:
         agent = self._agent
         self._revision = agent.world.revision
-        told = swarm.ObstacleMap(t=time.time(), planner=agent.settings.name, obstacles=agent.world.obstacles)
+        told = swarm.ObstacleMap(
+            t=time.time(), planner=agent.settings.name, instance=agent.instance, obstacles=agent.world.obstacles
+        )  # fmt: skip
         self._put("obstacle", told)
 
     def plan(self, goal: str, start: float, trajectories: dict[str, list[Sample]], clearance: float | None) -> None:

@@ -159,9 +159,10 @@ class Run:
     async def _fly(self) -> list[str]:
         """Gives the vehicles that did not come to the end."""
         self._state("planning", "waits until its vehicles rest")
-        await self._settled()
+        lost = await self._settled(patient=True)
         await self._goes.wait()
-        steps = await self.planner.resolve(self.entry.goal, self._view())
+        steps = [_left(step, lost) for step in await self.planner.resolve(self.entry.goal, self._view(lost=lost))]
+        self.vehicles = tuple(name for name in self.vehicles if name not in lost)
         missing: list[str] = []
         async with Crew(self) as crew:
             await self._settled()  # from now on nobody else moves them
@@ -174,7 +175,7 @@ class Run:
                 self.progress(share[1])
                 if missing:
                     break
-        return missing
+        return sorted({*missing, *lost})
 
     async def _take(self, crew: Crew, step: Step, share: tuple[float, float]) -> list[str]:
         if isinstance(step, PlanTo):
@@ -368,10 +369,13 @@ class Run:
     def _stage(self, stage: str, share: float) -> None:
         self.text(f"plans: {stage} {100.0 * share:.0f} %")
 
-    def _view(self, names: tuple[str, ...] = ()) -> FleetView:
-        """The fleet as known; raises :class:`Stale` where one of ``names`` (all of ours) was not heard for long."""
-        self.agent.fleet.watch()
-        view = self.agent.fleet.view(self.agent.settings.margin)
+    def _view(self, names: tuple[str, ...] = (), lost: set[str] | frozenset[str] = frozenset()) -> FleetView:
+        """The fleet as known, with ``lost`` where they were heard last; raises :class:`Stale` where another one of
+        ``names`` (all of ours) was not heard for long.
+        """
+        fleet, margin = self.agent.fleet, self.agent.settings.margin
+        fleet.watch()
+        view = fleet.view(margin, also=lost)
         missing = [name for name in names or self.vehicles if name not in view.vehicles]
         if missing:
             raise Stale(f"not heard any more: {', '.join(missing)}", vehicles=missing)
@@ -381,21 +385,36 @@ class Run:
         if self.stopping:
             raise asyncio.CancelledError
 
-    async def _settled(self, names: tuple[str, ...] = ()) -> None:
-        """Wait until these (all of ours) have said that they rest, or circle, and that nobody else commands them."""
+    async def _settled(self, names: tuple[str, ...] = (), patient: bool = False) -> set[str]:
+        """Wait until these (all of ours) have said that they rest, or circle, and that nobody else commands them.
+
+        Raises :class:`TimedOut`. ``patient``: where only some that are not heard are missing, gives these once they
+        cannot be flying anything any more.
+        """
         begun = time.monotonic()
         deadline = begun + SETTLE
-        while waits := [why for name in names or self.vehicles if (why := self._unrest(name, begun))]:
+        while waits := {name: why for name in names or self.vehicles if (why := self._unrest(name, begun))}:
+            waited, silent = time.monotonic() - begun, {name for name in waits if not self._heard(name, begun)}
+            if patient and waited > LASTING and silent == set(waits) != set(self.vehicles):
+                text = f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: not heard for {waited:.0f} s"
+                self.say("lost", "warning", text, goal=self.entry.id)
+                return silent
+            reasons = list(waits.values())
             if time.monotonic() > deadline:
-                raise TimedOut(f"not at rest after {SETTLE:.0f} s: {'; '.join(waits[:5])}")
-            self.text(f"waits: {'; '.join(waits[:3])}" + (" ..." if len(waits) > 3 else ""))
+                raise TimedOut(f"not at rest after {SETTLE:.0f} s: {'; '.join(reasons[:5])}")
+            self.text(f"waits: {'; '.join(reasons[:3])}" + (" ..." if len(reasons) > 3 else ""))
             with contextlib.suppress(asyncio.TimeoutError):
                 await self.agent.z.news(0.5)
+        return set()
+
+    def _heard(self, name: str, since: float) -> bool:
+        seen = self.agent.fleet.seen(name)
+        return seen is not None and seen.age <= time.monotonic() - since
 
     def _unrest(self, name: str, since: float) -> str:
         """Why a vehicle cannot begin yet by what it said ``since`` (monotonic s); empty: it can."""
         seen, settings = self.agent.fleet.seen(name), self.agent.settings
-        if seen is None or seen.age > time.monotonic() - since:
+        if seen is None or not self._heard(name, since):
             return f"{name} is not heard"
         lease = seen.state.lease
         if lease is not None and lease.holder != settings.name and lease.priority >= settings.priority:
@@ -430,6 +449,16 @@ def _without(step: PlanTo, gone: set[str]) -> PlanTo:
     keep = [i for i, name in enumerate(step.vehicles) if name not in gone]
     places = step.places[keep] if step.labelled else step.places[: len(keep)]
     return PlanTo(tuple(step.vehicles[i] for i in keep), np.ascontiguousarray(places), step.labelled, step.text)
+
+
+def _left(step: Step, lost: set[str]) -> Step:
+    """The step without those who are lost; raises :class:`TimedOut` for one that is nothing without them."""
+    if isinstance(step, PlanTo):
+        return _without(step, lost)
+    named = step.motions if isinstance(step, Fly) else step.vehicles
+    if missing := sorted(lost & set(named)):
+        raise TimedOut(f"not heard any more: {', '.join(missing)}", vehicles=missing)
+    return step
 
 
 def _to_begin(step: Fly) -> PlanTo:

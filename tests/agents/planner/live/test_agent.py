@@ -22,10 +22,12 @@ from agents.planner.errors import PlanError
 from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
 from agents.planner.live import plan as planning
+from agents.planner.live import run as running
 from agents.planner.live.agent import Agent
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.crew import Crew
 from agents.planner.live.desk import MOST_PREVIEWS
+from agents.planner.live.run import Run
 from agents.planner.live.settings import Settings
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from zmav import keys, wire
@@ -329,6 +331,24 @@ async def test_a_flood_of_obstacles_leaves_the_log_short_and_none_is_for_ever(fi
     await planner.order("clear", swarm.GoalId())
 
 
+async def test_who_is_not_heard_when_a_goal_begins_is_gone_without(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = Run._heard
+    monkeypatch.setattr(Run, "_heard", lambda self, name, since: name != "quad4" and real(self, name, since))
+    monkeypatch.setattr(running, "LASTING", 1.0)
+    there, before = field.fleet.places()["quad1"], field.fleet.places()["quad4"]
+    to = [(there[0] - 4.0, there[1], there[2]), (there[0] - 4.0, there[1] - 6.0, there[2])]
+    name = await field.submit(swarm.GoTo(vehicles=["quad1", "quad4"], to=to))
+    with pytest.raises(AssertionError, match="the others are there; without quad4"):
+        await field.until(name, lambda entry: entry.state == "done")
+    assert field.away("quad1", to[0]) < 0.7
+    assert field.away("quad4", before) < 0.7
+    name = await field.submit(swarm.Land(vehicles=["quad1", "quad4"]))
+    with pytest.raises(AssertionError, match="not heard any more: quad4"):
+        await field.until(name, lambda entry: entry.state == "done")
+
+
 async def test_a_fault_of_its_own_does_not_end_its_life(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
     def fault() -> None:
         monkeypatch.undo()
@@ -357,6 +377,30 @@ async def test_the_fleet_files_fence_stays_and_a_wrong_origin_is_named(field: Fi
     aside.fleet._last["far"] = (far, time.monotonic())
     with pytest.raises(BadInput, match="far is 200 km from the fleet's origin"):
         aside.check_known(swarm.Hold(vehicles=["far"]))
+
+
+@pytest.mark.parametrize(("told", "known", "state"), [(True, 2, "queued"), (False, 0, "paused")])
+async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
+    field: Field, told: bool, known: int, state: str
+) -> None:
+    """Whoever was killed has been started anew under its name, and says that nothing is in the way."""
+    aside = Agent(field.me, Settings(name="aside"))
+    trees = [
+        swarm.Obstacle(name=name, t=1.0, what=swarm.Cylinder(center=(0.0, 9.0), radius=1.0, floor=0.0, ceiling=9.0))
+        for name in ("oak", "elm")
+    ]
+    goal = swarm.GoalEntry(id="g1", goal=swarm.Hold(vehicles=["quad1"]), state="flying", t=0.0)
+    mine: dict[str, Any] = {"t": 1.0, "planner": "dead"}
+    if told:
+        aside.on_map(wire.encode(swarm.ObstacleMap(**mine, instance="before", obstacles=trees)))  # sooner than its book
+    aside.on_book(wire.encode(swarm.Book(**mine, instance="before", term=1, obstacles=2, goals=[goal])))
+    aside.on_map(wire.encode(swarm.ObstacleMap(**mine, instance="anew", obstacles=[])))
+    aside.on_book(wire.encode(swarm.Book(**mine, instance="anew", term=1)))
+    book = aside.charge.take()
+    assert book is not None
+    aside._check_map(book, again := aside.ledger.take_over(book))
+    assert len(aside.world.obstacles) == known
+    assert [entry.state for entry in again] == [state]
 
 
 async def test_one_planner_commands_however_many_there_are(field: Field) -> None:
