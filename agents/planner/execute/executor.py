@@ -104,7 +104,8 @@ class Executor:
     ``clock`` and ``offsets``: what is known of the vehicles' clocks already, and goes on to be.
     ``say`` is told what happens, ``replan`` asked for a new plan when this one cannot be ended. Raises
     :class:`~zmav.errors.NotHolder` while another commands a vehicle, after ``taking`` seconds in which each lease was
-    asked for again and again; ``waits`` is told why. A pilot is not waited for.
+    asked for again and again; ``waits`` is told why. A pilot is not waited for. Of many, those that do not answer in
+    that time are left out (:attr:`left`), as long as most do.
     """
 
     def __init__(
@@ -116,6 +117,8 @@ class Executor:
         self.clock, known = clock or Clock(), offsets or {}
         self._patience, self._hurry = patience, False
         self._taking, self._waits = taking, waits
+        self.left: dict[str, ZmavError] = {}
+        """who did not answer when the leases were taken"""
         self.helms = {name: Helm(z, name, self.clock, holder, priority, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
@@ -128,12 +131,16 @@ class Executor:
         try:
             for taken in asyncio.as_completed(taking):
                 await taken
+            if self.left and 2 * len(self.left) >= len(self.helms):
+                raise next(iter(self.left.values()))
         except BaseException:
             for task in taking:
                 task.cancel()
             await asyncio.gather(*taking, return_exceptions=True)
             await self._stack.aclose()
             raise
+        for name in self.left:
+            del self.helms[name]
         return self
 
     async def _take(self, helm: Helm) -> None:
@@ -143,8 +150,11 @@ class Executor:
                 await self._stack.enter_async_context(helm)
                 return
             except (NotHolder, Stale, TimedOut) as e:
-                if self.clock.now() >= until or e.detail.get("reason") == "pilot":
+                if e.detail.get("reason") == "pilot" or (self.clock.now() >= until and isinstance(e, NotHolder)):
                     raise
+                if self.clock.now() >= until:
+                    self.left[helm.name] = e
+                    return
                 self._waits(e.message)
             await asyncio.sleep(TAKE_AGAIN)
 

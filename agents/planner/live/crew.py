@@ -78,6 +78,11 @@ class Crew:
     async def __aexit__(self, *exc: object) -> None:
         await self._stack.aclose()
 
+    @property
+    def left(self) -> set[str]:
+        """Who did not answer when the leases were taken: they stay where they rest."""
+        return set(self._executor.left) if self._executor is not None else set()
+
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
         assert self._executor is not None

@@ -161,12 +161,16 @@ class Run:
         self._state("planning", "waits until its vehicles rest")
         lost = await self._settled(patient=True)
         await self._goes.wait()
-        steps = [_left(step, lost) for step in await self.planner.resolve(self.entry.goal, self._view(lost=lost))]
-        self.vehicles = tuple(name for name in self.vehicles if name not in lost)
+        steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
+        self._go_without(lost)
         missing: list[str] = []
         async with Crew(self) as crew:
+            if silent := crew.left:
+                self._go_without(silent)
+                lost |= silent
+                self.say("lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer")
             await self._settled()  # from now on nobody else moves them
-            for number, step in enumerate(steps):
+            for number, step in enumerate([_left(step, lost) for step in steps]):
                 await self._goes.wait()
                 self.text(step.text or type(step).__name__)
                 share = (number / len(steps), (number + 1) / len(steps))
@@ -176,6 +180,9 @@ class Run:
                 if missing:
                     break
         return sorted({*missing, *lost})
+
+    def _go_without(self, lost: set[str]) -> None:
+        self.vehicles = tuple(name for name in self.vehicles if name not in lost)
 
     async def _take(self, crew: Crew, step: Step, share: tuple[float, float]) -> list[str]:
         if isinstance(step, PlanTo):

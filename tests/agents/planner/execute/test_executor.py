@@ -16,7 +16,7 @@ from agents.planner.execute.executor import Executor, Flight, Trouble
 from agents.planner.problem import Motion
 from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
 from tests.agents.planner.execute.virtual import carousel, crossing
-from zmav.errors import NotHolder, Refused
+from zmav.errors import NotHolder, Refused, TimedOut, ZmavError
 
 RADIUS, DOWNWASH, HEIGHT = 0.6, 1.5, 10.0
 ROOT = Path(__file__).resolve().parents[4]
@@ -141,3 +141,45 @@ async def refused(fleet: Fleet, executor: Executor, motions: dict[str, Motion]) 
         await executor.run(flight(swapped))
     with pytest.raises(NotHolder, match="planner"):
         await Executor(fleet.z, ["quad1"], holder="rival").__aenter__()
+
+
+class Shy:
+    """In the place of a helm: some do not answer when they are asked for their lease."""
+
+    silent: dict[str, ZmavError]
+
+    def __init__(self, z: Any, name: str, *rest: Any) -> None:
+        self.name, self.asked = name, 0
+
+    async def __aenter__(self) -> Shy:
+        self.asked += 1
+        if self.name in self.silent:
+            raise self.silent[self.name]
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        given_back.append(self.name)
+
+
+given_back: list[str] = []
+
+
+async def test_of_many_those_that_do_not_answer_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.planner.execute.executor.Helm", Shy)
+    monkeypatch.setattr("agents.planner.execute.executor.TAKE_AGAIN", 0.01)
+    nobody, z = TimedOut("it does not answer"), Any
+    Shy.silent = {"c": nobody}
+    async with Executor(z, "abc", taking=0.05) as executor:  # type: ignore[arg-type]
+        assert (set(executor.helms), executor.left) == ({"a", "b"}, {"c": nobody})
+    cases: list[tuple[dict[str, ZmavError], str, type[ZmavError]]] = [
+        ({"b": nobody, "c": nobody}, "abc", TimedOut),  # not most
+        ({"a": nobody}, "a", TimedOut),
+        ({"c": NotHolder("another has it")}, "abc", NotHolder),
+        ({"c": NotHolder("the pilot has it", reason="pilot")}, "abc", NotHolder),
+    ]
+    for silent, names, error in cases:
+        Shy.silent = silent
+        given_back.clear()
+        with pytest.raises(error):
+            await Executor(z, names, taking=0.05).__aenter__()  # type: ignore[arg-type]
+        assert set(given_back) == set(names) - set(silent)

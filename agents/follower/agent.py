@@ -1,0 +1,281 @@
+"""``zmav agent run follower --vehicle quad1``: stays above a pad that somebody sees, and lands on it when asked."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import statistics
+import time
+from collections import deque
+from typing import Any, ClassVar
+
+import msgspec
+
+import zmav
+from agents.follower.guide import Guide, Told
+from agents.follower.slot import Slot
+from agents.follower.tracker import Tracker
+from zmav import keys, wire
+from zmav.agent import Tunable
+from zmav.errors import NotHolder, Refused, Stale, ZmavError
+from zmav.trust.gate import Origin
+from zmav.verbs import Access, Verb
+
+TICK = 0.05
+"""s between two setpoints"""
+VALID = 0.4
+"""s until a setpoint is flown no more, and the vehicle holds"""
+OLD = 10.0
+"""s after which what the target said of its place is not relied upon"""
+DELAYS = 50
+"""of which the median from shutter to setpoint is told"""
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Fixed while it runs."""
+
+    camera: str = "*"
+    """whose sights count, of the vehicle's own"""
+    deck_m: float = 0.0
+    """m of the pad above the target's reference point"""
+    slot: str = "above"
+    """its place relative to the target: one vehicle keeps it"""
+    priority: int = 0
+    """of its lease"""
+
+
+class Follow(wire.Order, kw_only=True):
+    target: str = ""
+    """the vehicle that carries the pad; empty: any pad that is seen"""
+    height: float = 5.0
+    """m above the pad"""
+
+
+class Follower(zmav.Agent):
+    """Stays above a pad by position commands: goes to where the target says that it is, looks for it, follows it with
+    the velocity that it has, goes on by prediction where it is hidden, looks again, and lands on it when asked.
+    """
+
+    name = "follower"
+    settings_type = Settings
+    tunables: ClassVar = {
+        "lead": Tunable(0.35, 0.0, 2.0, "s", "ahead of now at which the target is aimed at: what the autopilot lags"),
+        "coast": Tunable(3.0, 0.5, 20.0, "s", "without a sight for which the prediction is flown"),
+        "score": Tunable(0.3, 0.0, 1.0, "", "least score of a sight"),
+        "accel": Tunable(0.8, 0.05, 10.0, "m/s²", "of the target, as its filter expects"),
+        "speed": Tunable(5.0, 0.1, 20.0, "m/s", "at most fed forward"),
+        "sink": Tunable(0.4, 0.1, 2.0, "m/s", "of the descent onto the pad"),
+        "gate": Tunable(0.15, 0.05, 2.0, "m", "off the pad's middle at which it goes lower"),
+        "search_top": Tunable(10.0, 2.0, 50.0, "m", "above the pad to which a search rises"),
+        "search_climb": Tunable(0.3, 0.0, 2.0, "m/s", "of a search"),
+        "search_speed": Tunable(1.5, 0.2, 10.0, "m/s", "along its spiral"),
+        "search_radius": Tunable(12.0, 1.0, 100.0, "m", "of the spiral at most, before it begins anew"),
+    }
+    verbs: ClassVar = {
+        "follow": Verb("follow", Follow, Access.MOVE, "take off where need be, find the target, stay above it"),
+        "hold": Verb("hold", wire.Order, Access.OPEN, "stay where it is, under the lease"),
+        "land": Verb("land", wire.Order, Access.MOVE, "go down onto the pad"),
+        "abort": Verb("abort", wire.Order, Access.OPEN, "hold, and give the vehicle back"),
+    }
+
+    def __init__(self, *args: Any, **rest: Any) -> None:
+        super().__init__(*args, **rest)
+        self.guide: Guide | None = None
+        self.target = ""
+        self._flight: asyncio.Task[None] | None = None
+        self._delays: deque[float] = deque(maxlen=DELAYS)
+        self._sight = 0.0
+        """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
+
+    async def run(self) -> None:
+        """Wait for orders, for ever."""
+        self.status("idle", "waits for an order to follow")
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await self._end()
+
+    # What it is asked.
+
+    async def on_follow(self, args: Follow, report: Any, origin: Origin | None) -> dict[str, Any]:
+        if not 0.5 <= args.height <= 100.0:
+            raise Refused(f"height {args.height:g} m; expected 0.5 to 100", field="height", value=args.height)
+        if args.target == self.vehicle.name:
+            raise Refused(f"{args.target} cannot follow itself", field="target", value=args.target)
+        if self._flight is not None and not self._flight.done():
+            if args.target != self.target or self.guide is None:
+                raise Refused(f"it follows {self.target or 'what it sees'} already: abort that first")
+            self.guide.wanted, self.guide.height = "follow", args.height
+            return {"target": self.target, "height": args.height}
+        if args.target:
+            await self.z.wait_for(args.target, timeout=5.0)
+        started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._flight = asyncio.create_task(self._fly(args, started))
+        await started
+        return {"target": args.target, "height": args.height}
+
+    async def on_hold(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._flying().wanted = "hold"
+        return {}
+
+    async def on_land(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        guide, flight = self._flying(), self._flight
+        assert flight is not None
+        guide.wanted = "land"
+        await asyncio.wait({flight})
+        if (error := flight.exception()) is not None:
+            raise error
+        return {"lost": guide.lost}
+
+    async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._flying()
+        await self._end()
+        await self.vehicle.hold()
+        return {}
+
+    def _flying(self) -> Guide:
+        if self._flight is None or self._flight.done() or self.guide is None:
+            raise Refused("it follows nobody: give it 'follow' first")
+        return self.guide
+
+    async def _end(self) -> None:
+        if self._flight is not None:
+            self._flight.cancel()
+            await asyncio.gather(self._flight, return_exceptions=True)
+
+    # In flight.
+
+    async def _fly(self, args: Follow, started: asyncio.Future[None]) -> None:
+        """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
+        guide = Guide(self.__getitem__, args.height, Tracker(self["accel"]))
+        text, lost = "", asyncio.Event()
+        fleet, me = self.vehicle.fleet, self.vehicle.name
+
+        def on_lost(who: str) -> None:
+            self.say("slot", "warning", f"{who} keeps the place {self.settings.slot} {args.target} since before us")
+            lost.set()
+
+        try:
+            async with contextlib.AsyncExitStack() as stack:
+                if args.target:
+                    slot = Slot(self.z.session, fleet, me, args.target, self.settings.slot, on_lost)
+                    await stack.enter_async_context(slot)
+                lease = await stack.enter_async_context(self.vehicle.lease(self.name, priority=self.settings.priority))
+                self.target, self.guide = args.target, guide
+                started.set_result(None)
+                await self._take_off(args.height)
+                seeing = asyncio.create_task(self._see(guide))
+                try:
+                    await self._follow(guide, lease, lost)
+                finally:
+                    seeing.cancel()
+                    await asyncio.gather(seeing, return_exceptions=True)
+                text = "landed"
+        except asyncio.CancelledError:
+            text = "ended by an order"
+            raise
+        except ZmavError as e:
+            text = e.message
+            if not started.done():
+                started.set_exception(e)
+                return
+            self.say("flight", "error", f"it follows no more: {e.message}")
+            raise
+        finally:
+            self.guide, self.target = None, ""
+            if not started.done():
+                started.cancel()
+            self.status("idle", text)
+
+    async def _take_off(self, height: float) -> None:
+        state = self.vehicle.state
+        if not state.landed and state.armed:
+            return
+        self.status("takeoff", f"to {height:g} m")
+        await self.vehicle.arm()
+        await self.vehicle.takeoff(height)
+
+    async def _see(self, guide: Guide) -> None:
+        """Whatever is found in the vehicle's own pictures, wherever they are looked at."""
+        key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=self.settings.camera)
+
+        def convert(sample: Any) -> wire.Detections:
+            return wire.decode(sample.payload.to_bytes(), wire.Detections, "detections")
+
+        async with self.z.subscribe(key, convert, depth=20) as sights:
+            async for sight in sights:
+                guide.tracker.accel = self["accel"]
+                if guide.see(sight.t, sight.found, self._told(), self["score"]):
+                    self._sight = sight.t
+
+    async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event) -> None:
+        said, due = "", time.monotonic()
+        while not lost.is_set():
+            if lease.lost is not None:
+                raise lease.lost
+            try:
+                state = self.vehicle.state
+            except Stale as e:  # the vehicle holds by itself
+                self.status(guide.phase, e.message, target=self.target)
+            else:
+                if state.local is not None and self._step(guide, lease, state):
+                    self.status("land", "on the pad")
+                    await self.vehicle.land()
+                    return
+            if guide.phase != said:
+                said = guide.phase
+                self.say("phase", "info", f"{said} {self.target}".strip(), phase=said)
+            due = max(due + TICK, time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
+        raise Refused("another one keeps the slot", target=self.target)
+
+    def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
+        """One setpoint; True where it is time to land."""
+        assert state.local is not None
+        now = time.time()
+        age = self.vehicle.age or 0.0
+        vel = state.velocity or (0.0, 0.0, 0.0)
+        me = (state.local[0] + vel[0] * age, state.local[1] + vel[1] * age, state.local[2] + vel[2] * age)
+        command = guide.step(now, me, self._told(), self._plane(state))
+        with contextlib.suppress(NotHolder):  # said by lease.lost
+            lease.setpoint(pos=command.pos, vel=command.vel, valid=VALID)
+        if self._sight:
+            self._delays.append(time.time() - self._sight)
+            self._sight = 0.0
+        self._tell(guide, me, now)
+        return command.land
+
+    def _told(self) -> Told | None:
+        """Where the target says that it is, where that is not old."""
+        if not self.target:
+            return None
+        target = self.z.vehicle(self.target)
+        state, age = target.last_state, target.age
+        if state is None or state.local is None or age is None or age > OLD:
+            return None
+        return Told(time.time() - age, state.local, state.velocity or (0.0, 0.0, 0.0))
+
+    def _plane(self, state: wire.VehicleState) -> float:
+        """How far down the pad is: by the target's own height, else at that of our home."""
+        assert state.local is not None
+        told = self._told()
+        if told is not None:
+            return told.pos[2] - float(self.settings.deck_m)
+        above = state.position.alt_rel if state.position is not None else 0.0
+        return state.local[2] + above - float(self.settings.deck_m)
+
+    def _tell(self, guide: Guide, me: wire.Vector, now: float) -> None:
+        estimate = guide.tracker.at(now)
+        detail: dict[str, Any] = {"target": self.target, "height": guide.height, "lost": guide.lost}
+        if estimate is not None and guide.tracker.t is not None:
+            north, east = map(float, estimate.pos)
+            detail |= {
+                "at": [round(north, 2), round(east, 2)],
+                "vel": [round(float(v), 2) for v in estimate.vel],
+                "sigma": round(estimate.sigma, 3),
+                "off": round(((me[0] - north) ** 2 + (me[1] - east) ** 2) ** 0.5, 3),
+                "unseen": round(now - guide.tracker.t, 2),
+            }
+        if self._delays:
+            detail["delay_ms"] = round(1e3 * statistics.median(self._delays), 1)
+        self.status(guide.phase, f"{guide.phase} {self.target}".strip(), **detail)

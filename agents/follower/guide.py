@@ -1,0 +1,196 @@
+"""What to fly next: approach, search, track, coast, hold, descend. No clock and no network in here.
+
+Everything is metres north, east, down about the fleet's origin, m/s and UTC seconds. Only outer-loop commands come of
+it: a place, and the velocity with which that place moves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from agents.follower.tracker import Estimate, Tracker
+from zmav.wire import Detection, Vector
+
+Phase = Literal["approach", "search", "track", "coast", "hold", "descend", "touch"]
+COAST_AFTER = 0.4
+"""s without a sight after which what is flown is a prediction, and is called so"""
+ARRIVED = 1.5
+"""m from where the target is told to be at which looking there begins"""
+TRUST = 12.0
+"""m from where the target is told to be that a first sight of it may be: two positioning errors, and what it moved"""
+ANYWHERE = 4.0
+"""m that a sight may be from what is predicted, for it to be looked at at all"""
+BLIND, TOUCH = 0.8, 0.15
+"""m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
+TURN = 0.35
+"""of the spiral's pitch: what is seen on one pass overlaps with the next"""
+
+
+@dataclass(frozen=True)
+class Told:
+    """Where the target says that it is, by its own positioning; old or wrong by metres, perhaps."""
+
+    t: float
+    pos: Vector
+    vel: Vector
+
+    def at(self, t: float) -> tuple[float, float]:
+        ahead = max(0.0, min(t - self.t, 5.0))
+        return self.pos[0] + ahead * self.vel[0], self.pos[1] + ahead * self.vel[1]
+
+
+@dataclass(frozen=True)
+class Command:
+    """Fly to ``pos``, which moves with ``vel``."""
+
+    pos: Vector
+    vel: Vector = (0.0, 0.0, 0.0)
+    land: bool = False
+    """it is a hand above the pad: land"""
+
+
+@dataclass
+class Guide:
+    """One flight above one target. ``height``: m above the pad to stay at; ``tuned``: the agent's parameters."""
+
+    tuned: Callable[[str], float]
+    height: float
+    tracker: Tracker = field(default_factory=Tracker)
+    phase: Phase = "approach"
+    wanted: Literal["follow", "hold", "land"] = "follow"
+    lost: int = 0
+    """how often the target was lost after it had been tracked"""
+    _since: float = 0.0
+    _held: Vector | None = None
+    _angle: float = 0.0
+    _turned: float = 0.0
+    _level: float | None = None
+    """m above the pad that is flown at now while descending or climbing"""
+    _before: float = 0.0
+    _begun: tuple[float, float] | None = None
+
+    # What is seen.
+
+    def see(self, t: float, found: Sequence[Detection], told: Told | None, least: float) -> bool:
+        """A picture of ``t`` was looked at; whether something in it was believed. Of several pads the one counts that
+        is nearest to what is predicted, or to where the target says that it is.
+        """
+        places = [each for each in found if each.pos is not None and each.score >= least]
+        about = self._about(t, told)
+        if about is not None:
+            places.sort(key=lambda each: _away(each, about[0]))
+            places = [each for each in places if _away(each, about[0]) <= about[1]]
+        for each in places[:1]:
+            assert each.pos is not None
+            return self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance)
+        return False
+
+    def _about(self, t: float, told: Told | None) -> tuple[tuple[float, float], float] | None:
+        """Where a sight may be, and within how many metres; None: anywhere."""
+        estimate = self.tracker.at(t)
+        if estimate is not None and self.phase in ("track", "coast", "descend", "touch"):
+            return (float(estimate.pos[0]), float(estimate.pos[1])), ANYWHERE + 3.0 * estimate.sigma
+        return (told.at(t), TRUST) if told is not None else None
+
+    # What is flown.
+
+    def step(self, now: float, me: Vector, told: Told | None, plane: float) -> Command:
+        """``me``: where the vehicle is; ``plane``: how far down the pad is."""
+        dt, self._before = (min(now - self._before, 0.5) if self._before else 0.0), now
+        self._turn(now, me, told)
+        if self.phase == "hold":
+            self._held = self._held or me
+            return Command(self._held)
+        self._held = None
+        if self.phase in ("approach", "search"):
+            return self._look(now, dt, me, told, plane)
+        estimate = self.tracker.at(now + self.tuned("lead"))
+        assert estimate is not None
+        return self._above(estimate, dt, me, now, plane)
+
+    def _turn(self, now: float, me: Vector, told: Told | None) -> None:
+        """To the phase that follows from what is known now."""
+        before = self.phase
+        if self.wanted == "hold":
+            self.phase = "hold"
+        else:
+            seen = self.tracker.t
+            unseen = math.inf if seen is None else now - seen
+            if before == "touch" or (before == "descend" and unseen < self.tuned("coast")):
+                pass  # so near above it nothing is seen any more
+            elif unseen < COAST_AFTER:
+                self.phase = "descend" if self.wanted == "land" else "track"
+            elif unseen < self.tuned("coast"):
+                self.phase = "coast"
+            elif before != "search":
+                self.lost += before in ("track", "coast", "descend")
+                self.phase = "approach"
+            if self.phase == "approach":
+                place = self._place(now, told)
+                if place is None or math.hypot(place[0] - me[0], place[1] - me[1]) < ARRIVED:
+                    self.phase = "search"
+        if self.phase != before:
+            self._since, self._angle, self._turned = now, 0.0, 0.0
+            if self.phase not in ("descend", "touch"):
+                self._level = None
+
+    def _place(self, now: float, told: Told | None) -> tuple[float, float] | None:
+        """Where to look: where it says that it is, else where it was seen last."""
+        if told is not None:
+            return told.at(now)
+        estimate = None if self.tracker.t is None else self.tracker.at(self.tracker.t + self.tuned("coast"))
+        return None if estimate is None else (float(estimate.pos[0]), float(estimate.pos[1]))
+
+    def _look(self, now: float, dt: float, me: Vector, told: Told | None, plane: float) -> Command:
+        """On the way there, or in a growing spiral about it, rising for a wider view."""
+        place = self._place(now, told) or self._held_place(me)
+        top = max(self.height, self.tuned("search_top"))
+        vel = (told.vel[0], told.vel[1], 0.0) if told is not None else (0.0, 0.0, 0.0)
+        if self.phase == "approach":
+            return Command((place[0], place[1], plane - self.height), vel)
+        height = min(top, self.height + self.tuned("search_climb") * (now - self._since))
+        pitch = TURN * 2.0 * 0.46 * height  # the narrower half of a view of 63 by 49 degrees is 0.46 of the height
+        radius = pitch * self._angle / math.tau
+        if radius > self.tuned("search_radius"):
+            self._angle, radius = 0.0, 0.0
+        self._angle += self.tuned("search_speed") * dt / math.hypot(radius, pitch / math.tau + 0.3)
+        north, east = radius * math.cos(self._angle), radius * math.sin(self._angle)
+        return Command((place[0] + north, place[1] + east, plane - height), vel)
+
+    def _held_place(self, me: Vector) -> tuple[float, float]:
+        """Nothing was ever said or seen: where the search began."""
+        if self._begun is None:
+            self._begun = (me[0], me[1])
+        return self._begun
+
+    def _above(self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float) -> Command:
+        """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
+        (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
+        level, down = self.height, 0.0
+        if self.phase in ("descend", "touch"):
+            if self._level is None:
+                self._level = max(plane - me[2], 0.0)
+            here = self.tracker.at(now)
+            assert here is not None
+            off = math.hypot(me[0] - float(here.pos[0]), me[1] - float(here.pos[1]))
+            if self.phase == "descend" and self._level <= BLIND and off < self.tuned("gate"):
+                self.phase = "touch"
+            if self.phase == "touch" or off < max(self.tuned("gate"), 0.12 * self._level):
+                down = self.tuned("sink")
+                floor = 0.0 if self.phase == "touch" else BLIND
+                self._level = max(floor, self._level - down * dt)
+                down = down if self._level > floor else 0.0
+            level = self._level
+        speed = math.hypot(u, v)
+        if speed > (most := self.tuned("speed")):
+            u, v = u * most / speed, v * most / speed
+        land = self.phase == "touch" and plane - me[2] < TOUCH + 0.3 and level < TOUCH
+        return Command((north, east, plane - level), (u, v, down), land)
+
+
+def _away(found: Detection, place: tuple[float, float]) -> float:
+    assert found.pos is not None
+    return math.hypot(found.pos[0] - place[0], found.pos[1] - place[1])

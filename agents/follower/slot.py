@@ -1,0 +1,100 @@
+"""A place relative to a target, for one vehicle at a time: liveliness tokens in which the first one wins.
+
+Nobody arbitrates, so that nobody need be reached. Who finds the slot taken is refused. Two that take it at once, or on
+the two sides of a torn network, see each other's tokens later: the one with the earlier claim keeps it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+import uuid
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import zenoh
+
+from zmav import keys
+from zmav.errors import BadKey, Refused
+from zmav.services.port import on_loop
+
+SETTLE = 0.5
+"""s in which two that ask at once hear of each other"""
+Claim = tuple[int, str]
+"""when (UTC ms), and which instance"""
+
+
+class Slot:
+    """``async with Slot(session, "demo", "quad1", "rover1", "above") as slot``. Raises :class:`Refused` naming who has
+    it. ``on_lost``: told who has the better claim, where that shows later.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, fleet: str, vehicle: str, target: str, slot: str,
+        on_lost: Callable[[str], None] = lambda who: None,
+    ) -> None:  # fmt: skip
+        self._session, self._fleet, self._vehicle, self._on_lost = session, fleet, vehicle, on_lost
+        self._target, self._slot = keys.check_name(target, "target"), keys.check_name(slot, "slot")
+        self._claim: Claim = (int(1e3 * time.time()), uuid.uuid4().hex)
+        self._others: dict[str, tuple[Claim, str]] = {}
+        self._token: zenoh.LivelinessToken | None = None
+        self._subscriber: Any = None
+        self._heard = asyncio.Event()
+
+    async def __aenter__(self) -> Slot:
+        wide = keys.SLOT.key(self._fleet, "*", target=self._target, slot=self._slot, since="*", instance="*")
+        take = on_loop(asyncio.get_running_loop(), self._on_token)
+        self._subscriber = self._session.liveliness().declare_subscriber(wide, take, history=True)
+        try:
+            await asyncio.sleep(SETTLE)
+            if self._others:
+                raise self._taken(min(self._others.values())[1])
+            since, instance = self._claim
+            own = keys.SLOT.key(
+                self._fleet, self._vehicle, target=self._target, slot=self._slot, since=since, instance=instance
+            )
+            self._token = self._session.liveliness().declare_token(own)
+            await asyncio.sleep(SETTLE)
+            if who := self.better:
+                raise self._taken(who)
+        except BaseException:
+            self._drop()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        self._drop()
+
+    @property
+    def better(self) -> str:
+        """Who has the better claim; empty: it is ours."""
+        first = min(self._others.values(), default=None)
+        return first[1] if first is not None and first[0] < self._claim else ""
+
+    def _drop(self) -> None:
+        for held in (self._token, self._subscriber):
+            if held is not None:
+                held.undeclare()
+        self._token = self._subscriber = None
+
+    def _taken(self, who: str) -> Refused:
+        text = f"{who} keeps the place {self._slot} {self._target} already: choose another slot, or end that one"
+        return Refused(text, holder=who, target=self._target, slot=self._slot)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        try:
+            _, parts = keys.match(str(sample.key_expr))
+            claim = (int(parts["since"]), parts["instance"])
+        except (BadKey, ValueError):
+            return
+        if claim == self._claim:
+            return
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._others[parts["instance"]] = (claim, parts["vehicle"])
+            if self._token is not None and (who := self.better):
+                self._on_lost(who)
+        else:
+            self._others.pop(parts["instance"], None)
