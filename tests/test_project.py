@@ -54,6 +54,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "vehicle": {"client"},
         "swarm": {"client", "vehicle"},
         "agent": {"client", "vehicle", "swarm"},
+        "vision": {"client"},
     },
     {"zmav": set()},
     {"cli": set(), "__main__": {"cli"}},

@@ -1,0 +1,264 @@
+"""A camera's agent: newest picture in, chunks out, never faster than the tightest reader's link takes."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import zenoh
+
+from agents.camera.budget import Budget
+from agents.camera.capture import Capture, Shot, Source
+from agents.camera.ladder import Ladder, Step
+from agents.camera.settings import Calibration, Settings, camera_info
+from zmav import keys, wire
+from zmav.client import Client
+from zmav.errors import BadConfig, BadInput
+from zmav.services.port import on_loop
+from zmav.session import SessionSettings, open_session
+from zmav.vision.chunks import MOST_JPEG, count_of, split
+from zmav.vision.opencv import decode, encode, opencv
+from zmav.vision.parity import needed
+from zmav.waiting import within
+from zmav.wire import CameraInfo
+
+EARLY = 0.2
+"""of a period that a picture may come before its time, so that sources as fast as we send are not waited for twice"""
+SHORTEST_SLEEP = 0.002
+"""s of pacing that are saved up: shorter sleeps cost more than they smooth"""
+SAY_EVERY = 5.0
+"""s between two lines about rate and quality"""
+WORST_QUALITY = 20
+LARGER = 1.5
+"""times what is expected that a source's own JPEG may have to be sent as it came"""
+
+
+class CameraAgent:
+    """``async with CameraAgent(z, settings, source, calibration, bulk)``: lives on the event loop until it is left.
+
+    ``bulk``: how the session for the pictures is opened, so that they do not queue before anything else. ``say`` takes
+    a line for people, from any thread. Raises what :meth:`Settings.check` and the source's ``check`` do.
+    """
+
+    def __init__(
+        self,
+        z: Client,
+        settings: Settings,
+        source: Source,
+        calibration: Calibration,
+        bulk: SessionSettings,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        opencv()
+        self.settings = settings.check()
+        self.budget = Budget(settings)
+        self.ladder = Ladder(settings)
+        self.size = (0, 0)
+        """width and height of the pictures sent now; 0: none was"""
+        self.bad = 0
+        """reports that could not be read"""
+        self.failed = 0
+        """pictures that could not be sent: no JPEG, or too large"""
+        self.sent = 0
+        """pictures"""
+        self.ended = asyncio.Event()
+        """the source has come to its end, and its last picture is sent"""
+        self._z, self._source, self._calibration, self._bulk, self._say = z, source, calibration, bulk, say
+        self._sender = random.SystemRandom().getrandbits(32)
+        self._wanted, self._news = asyncio.Event(), asyncio.Event()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._held: list[Any] = []
+        self._session: zenoh.Session | None = None
+        self._capture: Capture | None = None
+        self._full_size = settings.size
+        self._said = (0.0, "")
+        self._pace = 0.0
+
+    async def __aenter__(self) -> CameraAgent:
+        loop, own, fleet = asyncio.get_running_loop(), self.settings, self._z.fleet_name
+        key = {"fleet": keys.check_name(fleet, "fleet"), "vehicle": own.vehicle, "camera": own.camera}
+        self._session = await asyncio.to_thread(open_session, self._bulk)
+        publisher = self._session.declare_publisher(keys.FRAME.key(**key), **keys.FRAME.publishing())
+        on_match: Any = on_loop(loop, self._on_match)
+        info, reports = keys.CAMERA.key(**key), keys.FRAME_REPORT.key(**key, reader="*")
+        self._held = [
+            publisher.declare_matching_listener(on_match),
+            publisher,
+            self._z.session.declare_subscriber(reports, on_loop(loop, self._on_report)),
+            self._z.session.declare_queryable(info, on_loop(loop, self._on_query)),
+        ]
+        self._on_match(publisher.matching_status)
+        self._capture = Capture(self._source, on_loop(loop, self._news.set), self._say)
+        self._tasks = [loop.create_task(self._send_all(publisher)), loop.create_task(self._look_after())]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for each in self._held:
+            with contextlib.suppress(zenoh.ZError):  # the session has gone
+                each.undeclare()
+        if self._capture is not None:
+            await asyncio.to_thread(self._capture.close)
+        if self._session is not None:
+            await asyncio.to_thread(self._session.close)
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody reads the pictures; else none is sent."""
+        return self._wanted.is_set()
+
+    @property
+    def capture(self) -> Capture:
+        if self._capture is None:
+            raise RuntimeError("the camera's agent does not run: use 'async with CameraAgent(...)'")
+        return self._capture
+
+    async def finished(self) -> None:
+        """Return at the source's end; raises what ended the sending otherwise."""
+        await asyncio.shield(self._tasks[0])
+
+    def info(self) -> CameraInfo:
+        """What the camera is asked for; raises :class:`BadConfig` where the calibration does not fit its pictures."""
+        size = self.size if all(self.size) else self._full_size
+        step = self.ladder.step
+        return camera_info(
+            self.settings, self._calibration.scaled(*size), time.time(), step.rate, step.quality, self._source.words
+        )
+
+    # What others say.
+
+    def _on_match(self, status: Any) -> None:
+        if status.matching:
+            self._wanted.set()
+        else:
+            self._wanted.clear()
+
+    def _on_report(self, sample: zenoh.Sample) -> None:
+        reader = str(sample.key_expr).rpartition("/")[2]
+        try:
+            report = wire.decode(sample.payload.to_bytes(), wire.FrameReport, f"report of {reader}")
+        except BadInput:
+            self.bad += 1
+            return
+        self.budget.report(reader, report, time.monotonic())
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        key = keys.CAMERA.key(self._z.fleet_name, self.settings.vehicle, camera=self.settings.camera)
+        with query, contextlib.suppress(zenoh.ZError):  # the asker has gone
+            try:
+                query.reply(key, wire.encode(self.info()), encoding=keys.JSON)
+            except BadConfig as e:
+                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+
+    # Pictures.
+
+    async def _send_all(self, publisher: zenoh.Publisher) -> None:
+        last, due = -1, time.monotonic()
+        while True:
+            await self._wanted.wait()
+            shot = await self._newest(last)
+            if shot is None:
+                self.ended.set()
+                return
+            self.budget.expire(time.monotonic())
+            step = self.ladder.choose(self.budget.bytes, self.budget.loss)
+            wait = due - EARLY / step.rate - time.monotonic()
+            if wait > 0.0:
+                await asyncio.sleep(wait)
+                shot = self.capture.latest or shot
+            last, now = shot.seq, time.monotonic()
+            due = max(due, now - 1.0 / step.rate) + 1.0 / step.rate
+            try:
+                jpeg, size = await asyncio.to_thread(self._made, shot, step)
+            except BadInput as e:
+                self.failed += 1
+                self._tell(str(e))
+                continue
+            self.size = size
+            self.ladder.learn(step, len(jpeg))
+            await self._send(publisher, jpeg, shot.t)
+            self._tell(f"{size[0]}x{size[1]}, {step.words}, {self.budget.bytes / 1e3:.0f} kB/s")
+
+    async def _newest(self, last: int) -> Shot | None:
+        """The latest picture once it is later than ``last``; None at the source's end."""
+        while True:
+            self._news.clear()
+            shot = self.capture.latest
+            if shot is not None and shot.seq > last:
+                return shot
+            if self.capture.ended:
+                return None
+            await self._news.wait()
+
+    def _made(self, shot: Shot, step: Step) -> tuple[bytes, tuple[int, int]]:
+        """The JPEG and its size; in a thread. Raises :class:`BadInput` for what cannot be sent."""
+        cv2 = opencv()
+        image = decode(shot.jpeg) if shot.image is None and shot.jpeg is not None else shot.image
+        assert image is not None
+        height, width = image.shape[:2]
+        scale = min(1.0, self.settings.size[0] / width, self.settings.size[1] / height)
+        self._full_size = full = (max(round(width * scale), 1), max(round(height * scale), 1))
+        size = (max(full[0] // 2, 1), max(full[1] // 2, 1)) if step.half else full
+        most = min(LARGER * self.ladder.expected(step), MOST_JPEG)
+        as_is = size == (width, height) and step == self.ladder.steps[0]
+        if shot.jpeg is not None and as_is and len(shot.jpeg) <= most:
+            return shot.jpeg, size  # made anew it would only be worse
+        if size != (width, height):
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        jpeg, quality = encode(image, step.quality), step.quality
+        while len(jpeg) > MOST_JPEG and quality > WORST_QUALITY:
+            quality = max(quality - 15, WORST_QUALITY)
+            jpeg = encode(image, quality)
+        return jpeg, size
+
+    async def _send(self, publisher: zenoh.Publisher, jpeg: bytes, t: float) -> None:
+        """All chunks of a picture, spread over the time that the budget gives them."""
+        spare = needed(count_of(len(jpeg)), self.budget.loss)
+        try:
+            chunks = split(jpeg, sender=self._sender, seq=self.sent, t=t, size=self.size, spare=spare)
+        except BadInput as e:
+            self.failed += 1
+            self._tell(str(e))
+            return
+        self._pace = max(self._pace, time.monotonic())
+        for chunk in chunks:
+            wait = self._pace - time.monotonic()
+            if wait > SHORTEST_SLEEP:
+                await asyncio.sleep(wait)
+            with contextlib.suppress(zenoh.ZError):  # the session has gone; whoever opened it knows
+                publisher.put(chunk)
+            self._pace += len(chunk) / self.budget.bytes
+        self.budget.sent.add(self.sent, sum(map(len, chunks)), time.time() - t, time.monotonic())
+        self.sent = (self.sent + 1) % (1 << 32)
+
+    # What it says of itself.
+
+    def _tell(self, line: str) -> None:
+        at, before = self._said
+        words = line.rpartition(",")[0] or line
+        now = time.monotonic()
+        if words != before and now - at >= SAY_EVERY:
+            self._said = now, words
+            self._say(f"{self.settings.vehicle}/{self.settings.camera}: {line}")
+
+    async def _look_after(self) -> None:
+        """Say once a second how it goes; also while no picture comes."""
+        while True:
+            lost, own = self.capture.lost, self.settings
+            state = "lost" if lost else "ended" if self.ended.is_set() else "sending" if self.watched else "waiting"
+            text = lost or f"{self.ladder.step.words}, {len(self.budget.links)} readers"
+            with contextlib.suppress(zenoh.ZError):
+                self._z.say_status(f"camera-{own.camera}", state, text, vehicle=own.vehicle, sent=self.sent)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(1.0, self.ended.wait())
+            if self.ended.is_set():
+                await asyncio.sleep(1.0)

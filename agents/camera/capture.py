@@ -1,0 +1,142 @@
+"""Pictures from anywhere, each source in a thread of its own: the latest wins, and what vanishes is opened again."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, Protocol
+
+from zmav.errors import ZmavError
+from zmav.vision.opencv import Image
+
+FIRST_WAIT, LONGEST_WAIT = 0.5, 8.0
+"""s before a source that vanished is opened again; doubled each time until a picture comes"""
+
+
+class Shot(NamedTuple):
+    """One picture of a source: decoded, or as the JPEG that it came as."""
+
+    seq: int
+    """counts the source's pictures"""
+    t: float
+    """UTC seconds at the middle of the exposure, as well as it is known"""
+    image: Image | None
+    """(height, width, 3) BGR"""
+    jpeg: bytes | None
+
+
+class Lost(Exception):
+    """The source has ended or failed; it may be there again later."""
+
+
+class Source(Protocol):
+    """Where pictures come from."""
+
+    @property
+    def words(self) -> str:
+        """For people."""
+
+    def check(self) -> None:
+        """Raises :class:`BadConfig` for what can never be opened."""
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        """Open it and give its pictures until ``closed``; raises :class:`Lost`. Ends by itself at the end of a file."""
+
+
+class Capture:
+    """Runs a source until :meth:`close`; raises what its ``check`` does.
+
+    ``news`` is called after each picture and at the end, and ``say`` with a line for people, both in the source's
+    thread.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        news: Callable[[], None] = lambda: None,
+        say: Callable[[str], None] = lambda line: None,
+        first_wait: float = FIRST_WAIT,
+    ) -> None:
+        source.check()
+        self.source = source
+        self.ended = False
+        """a file that is not looped has come to its end"""
+        self.lost = ""
+        """why there are no pictures at present; empty where they come"""
+        self._news, self._say, self._first_wait = news, say, first_wait
+        self._latest: Shot | None = None
+        self._count = 0
+        self._closed = threading.Event()
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="zmav-capture", daemon=True)
+        self._thread.start()
+
+    @property
+    def latest(self) -> Shot | None:
+        return self._latest
+
+    @property
+    def count(self) -> int:
+        """Pictures that have come."""
+        return self._count
+
+    def after(self, seq: int, timeout: float) -> Shot | None:
+        """The latest picture once it is later than ``seq``; None after ``timeout`` seconds, or at the end."""
+
+        def ready() -> bool:
+            return self.ended or (self._latest is not None and self._latest.seq > seq)
+
+        with self._changed:
+            self._changed.wait_for(ready, timeout)
+            shot = self._latest
+        return shot if shot is not None and shot.seq > seq else None
+
+    def close(self) -> None:
+        """End it; a source that blocks (a dead RTSP server) is left to its thread, which ends with the process."""
+        self._closed.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        wait = self._first_wait
+        while not self._closed.is_set():
+            before = self._count
+            try:
+                for shot in self.source.shots(self._closed):
+                    self._take(shot)
+                    if self._closed.is_set():
+                        return
+                why = ""
+            except (Lost, OSError, ZmavError) as e:
+                why = str(e) or type(e).__name__
+            if not why:
+                break
+            wait = self._first_wait if self._count > before else wait
+            self._lose(f"{why}; opened again in {wait:g} s")
+            self._closed.wait(wait)
+            wait = min(2.0 * wait, LONGEST_WAIT)
+        with self._changed:
+            self.ended = True
+            self._changed.notify_all()
+        self._news()
+
+    def _take(self, shot: Shot) -> None:
+        if self.lost:
+            self.lost = ""
+            self._say(f"{self.source.words}: pictures come again")
+        with self._changed:
+            # A source that was opened anew counts from nought; its pictures are later all the same.
+            self._latest = shot._replace(seq=self._count)
+            self._count += 1
+            self._changed.notify_all()
+        self._news()
+
+    def _lose(self, why: str) -> None:
+        if not self.lost:
+            self._say(f"{self.source.words}: {why}")
+        self.lost = why
+
+
+def pause(closed: threading.Event, until: float) -> None:
+    """Wait until ``until`` (monotonic seconds), or the end."""
+    closed.wait(max(0.0, until - time.monotonic()))

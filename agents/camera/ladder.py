@@ -1,0 +1,94 @@
+"""How pictures are made smaller or fewer, in this order: quality, then rate to a half, then half size, then rate.
+
+Quality goes first because a helipad is still found at 40; the rate before the size because a halved picture shows a
+small symbol only half as far away; and when there is room for a few pictures only, they are small ones.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from agents.camera.settings import Settings
+from zmav.vision.chunks import count_of
+from zmav.vision.parity import needed
+
+WORST_QUALITY = 30
+ROOM = 0.95
+"""of the budget that pictures are planned to take"""
+UP = 0.8
+"""of the budget that a better step must fit in: else two steps would take turns"""
+LEARNS = 0.3
+"""weight of the newest picture in what pictures are expected to be"""
+HALF_BYTES, PER_QUALITY = 0.3, 1.1
+"""bytes of a half picture beside a whole one; exponent of bytes over quality: until both are measured"""
+SLOWEST = 0.5
+"""Hz; where not even that fits, pictures come as the budget lets them"""
+
+
+class Step(NamedTuple):
+    """One way to make pictures."""
+
+    half: bool
+    quality: int
+    rate: float
+    """Hz"""
+
+    @property
+    def words(self) -> str:
+        return f"{'half' if self.half else 'full'} size, quality {self.quality}, {self.rate:.3g} Hz"
+
+
+class Ladder:
+    """The steps from best to least, what a picture of each takes, and on which one we are."""
+
+    def __init__(self, settings: Settings) -> None:
+        best, rate = settings.quality, settings.rate
+        middle, low = (max(round(best * part), min(WORST_QUALITY, best)) for part in (0.8, 0.6))
+        steps = [
+            Step(False, best, rate), Step(False, middle, rate), Step(False, low, rate), Step(False, low, rate / 2),
+            Step(True, best, rate), Step(True, middle, rate), Step(True, low, rate), Step(True, low, rate / 2),
+            Step(True, low, rate / 4), Step(True, low, rate / 8),
+        ]  # fmt: skip
+        self.steps = [step for i, step in enumerate(steps) if i == 0 or step.rate >= SLOWEST]
+        self._sizes: dict[tuple[bool, int], float] = {}
+        self._at = len(self.steps) - 1
+        self._first = True
+
+    @property
+    def step(self) -> Step:
+        return self.steps[self._at]
+
+    def learn(self, step: Step, length: int) -> None:
+        """A picture of that step had ``length`` bytes."""
+        key = step.half, step.quality
+        before = self._sizes.get(key, float(length))
+        self._sizes[key] = before + LEARNS * (length - before)
+
+    def expected(self, step: Step) -> float:
+        """Bytes of a picture, measured or from the measured one that is most like it."""
+        key = step.half, step.quality
+        if key in self._sizes:
+            return self._sizes[key]
+        if not self._sizes:
+            return (15e3 if step.half else 50e3) * math.pow(step.quality / 70.0, PER_QUALITY)
+        like = min(self._sizes, key=lambda each: (each[0] != step.half, abs(each[1] - step.quality)))
+        size = self._sizes[like] * math.pow(step.quality / like[1], PER_QUALITY)
+        return size * (1.0 if like[0] == step.half else HALF_BYTES if step.half else 1.0 / HALF_BYTES)
+
+    def rate_bytes(self, step: Step, loss: float) -> float:
+        """B/s of a step where a share ``loss`` of chunks is lost, parity included."""
+        size = self.expected(step)
+        count = count_of(max(round(size), 1))
+        return size * step.rate * (count + needed(count, loss)) / count
+
+    def choose(self, budget: float, loss: float) -> Step:
+        """The best step that fits; a better one than now only where it fits easily."""
+        last = len(self.steps) - 1
+        for i, step in enumerate(self.steps):
+            room = ROOM if i >= self._at or self._first else UP
+            if i == last or self.rate_bytes(step, loss) <= room * budget:
+                self._at = i
+                break
+        self._first = not self._sizes
+        return self.step

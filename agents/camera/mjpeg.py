@@ -1,0 +1,103 @@
+"""Multipart pictures over HTTP (``multipart/x-mixed-replace``: RFC 2046, section 5.1), with the times they were taken.
+
+The simulator's camera and most network cameras serve this. OpenCV would read it too, but loses the headers: X-Timestamp
+(UTC seconds) is what a picture's place is worked out by.
+"""
+
+from __future__ import annotations
+
+import http.client
+import math
+import threading
+import time
+from collections.abc import Iterator
+from typing import IO
+from urllib.parse import urlsplit
+
+from agents.camera.capture import Lost, Shot
+from zmav.errors import BadConfig
+
+PATIENCE = 10.0
+"""s without a byte after which the server is taken for dead"""
+LONGEST_LINE = 4096
+MOST_LINES = 100
+MOST_BYTES = 20_000_000
+"""of one picture"""
+
+
+class MjpegSource:
+    """``http://host:port/NAME.mjpeg``; ``delay``: s from shutter to arrival where the server gives no X-Timestamp."""
+
+    def __init__(self, url: str, delay: float = 0.0) -> None:
+        self.words = url
+        self._url, self._delay = url, delay
+
+    def check(self) -> None:
+        try:
+            parts = urlsplit(self._url)
+            whole = parts.scheme == "http" and bool(parts.hostname) and (parts.port or 80) > 0
+        except ValueError:
+            whole = False
+        if not whole:
+            text = f"{self._url!r} is no address of pictures: expected http://HOST:PORT/NAME.mjpeg"
+            raise BadConfig(text, field="source", value=self._url, expected="http://HOST:PORT/NAME.mjpeg")
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        parts = urlsplit(self._url)
+        connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 80, timeout=PATIENCE)
+        try:
+            connection.request("GET", (parts.path or "/") + (f"?{parts.query}" if parts.query else ""))
+            answer = connection.getresponse()
+            kind = answer.headers.get_content_type()
+            if answer.status != 200 or not kind.startswith("multipart/"):
+                raise Lost(f"the server answers {answer.status} {answer.reason} ({kind}), and no multipart pictures")
+            count = 0
+            while not closed.is_set():
+                headers, jpeg = part(answer)
+                yield Shot(count, _taken(headers, self._delay), None, jpeg)
+                count += 1
+        except (http.client.HTTPException, OSError) as e:
+            raise Lost(f"the stream broke off: {str(e) or type(e).__name__}") from e
+        finally:
+            connection.close()
+
+
+def part(stream: IO[bytes] | http.client.HTTPResponse) -> tuple[dict[str, str], bytes]:
+    """The next picture with its headers (lower case); raises :class:`Lost` where the stream ends or is none."""
+    for _ in range(MOST_LINES):
+        line = _line(stream)
+        if line.startswith(b"--"):
+            break
+        if line.strip():
+            raise Lost("the stream holds something else than parts")
+    else:
+        raise Lost("the stream holds nothing")
+    headers: dict[str, str] = {}
+    for _ in range(MOST_LINES):
+        line = _line(stream).strip()
+        if not line:
+            break
+        name, _, value = line.decode("latin-1").partition(":")
+        headers[name.strip().lower()] = value.strip()
+    length = headers.get("content-length", "")
+    if not length.isascii() or not length.isdigit() or not 0 < int(length) <= MOST_BYTES:
+        raise Lost(f"a picture's Content-Length is {length!r}: expected 1 to {MOST_BYTES}")
+    jpeg = stream.read(int(length))
+    if len(jpeg) < int(length):
+        raise Lost("the stream ended within a picture")
+    return headers, jpeg
+
+
+def _line(stream: IO[bytes] | http.client.HTTPResponse) -> bytes:
+    line = stream.readline(LONGEST_LINE)
+    if not line.endswith(b"\n"):
+        raise Lost("the stream ended" if len(line) < LONGEST_LINE else "the stream holds a line without an end")
+    return line
+
+
+def _taken(headers: dict[str, str], delay: float) -> float:
+    try:
+        t = float(headers["x-timestamp"])
+    except (KeyError, ValueError):
+        t = math.nan
+    return t if math.isfinite(t) and t > 0.0 else time.time() - delay

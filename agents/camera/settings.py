@@ -1,0 +1,143 @@
+"""What a camera agent is told: sizes, rates, what its link has; and the camera's own constants."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from zmav import keys
+from zmav.errors import BadConfig
+from zmav.wire import CameraInfo
+from zmav.wire.base import Vector
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+Angle = Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)]
+Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+Pixels = Annotated[int, msgspec.Meta(ge=16, le=8192)]
+Coefficient = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+SAME_SHAPE = 0.02
+"""by how much the ratio of width to height may differ from the calibrated one"""
+
+
+class Settings(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """Of one camera; :meth:`check` says what in it cannot be."""
+
+    vehicle: str
+    camera: str = "down"
+    rate: Annotated[float, msgspec.Meta(ge=0.2, le=60.0)] = 10.0
+    """Hz at most"""
+    size: tuple[Pixels, Pixels] = (640, 480)
+    """width and height in pixels at most; the picture keeps its shape and is never enlarged"""
+    quality: Annotated[int, msgspec.Meta(ge=10, le=95)] = 70
+    """of JPEG at most"""
+    budget: Annotated[float, msgspec.Meta(ge=2e3, le=1e8)] = 60e3
+    """B/s to begin with, and where no reader reports"""
+    least: Annotated[float, msgspec.Meta(ge=1e3, le=1e8)] = 4e3
+    """B/s below which no reader's bad reports bring it; what a reader says its link has goes before"""
+    most: Annotated[float, msgspec.Meta(ge=2e3, le=1e8)] = 2e6
+    """B/s above which no reader's good reports bring it"""
+    mount: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """rad: roll, pitch, yaw from straight down"""
+    offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    """m forward, right, down"""
+    gimbal: bool = False
+
+    def check(self) -> Settings:
+        """Itself; raises :class:`BadConfig` that names the field, and :class:`~zmav.errors.BadKey` for a bad name."""
+        keys.check_name(self.vehicle, "vehicle")
+        keys.check_name(self.camera, "camera")
+        try:
+            msgspec.convert(msgspec.to_builtins(self), Settings)
+        except msgspec.ValidationError as e:
+            raise BadConfig(f"camera {self.camera}: {e}", field="camera", value=self.camera, expected=str(e)) from None
+        if not self.least <= self.budget <= self.most:
+            text = f"budget {self.budget:g} B/s: expected between {self.least:g} and {self.most:g} (least and most)"
+            raise BadConfig(text, field="budget", value=self.budget, expected=f"{self.least:g} to {self.most:g} B/s")
+        return self
+
+
+class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """A camera's own constants, for pictures of ``width`` by ``height``; a TOML file, written by ``calibrate``."""
+
+    width: Pixels
+    height: Pixels
+    focal: tuple[Positive, Positive]
+    """px: fx, fy"""
+    center: tuple[float, float]
+    """px: cx, cy; the centre of the upper left pixel is 0, 0"""
+    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3"""
+    error_px: float | None = None
+    """of the chessboards' corners, root mean square"""
+    views: int | None = None
+
+    @classmethod
+    def by_angle(cls, fov: float, width: int, height: int) -> Calibration:
+        """An ideal lens with a horizontal field of view of ``fov`` rad. Raises :class:`BadConfig`."""
+        if not 0.05 < fov < 3.0:
+            text = f"field of view {math.degrees(fov):g}°: expected 3 to 170"
+            raise BadConfig(text, field="fov", value=fov, expected="0.05 to 3 rad")
+        focal = 0.5 * width / math.tan(0.5 * fov)
+        return cls(width=width, height=height, focal=(focal, focal), center=((width - 1) / 2, (height - 1) / 2))
+
+    @classmethod
+    def load(cls, path: Path) -> Calibration:
+        """From a TOML or JSON file; raises :class:`BadConfig` that names the field."""
+        try:
+            data = path.read_bytes()
+            decode = msgspec.json.decode if path.suffix == ".json" else msgspec.toml.decode
+            found: Calibration = decode(data, type=cls)
+        except OSError as e:
+            text = f"cannot read the calibration {path}: {e.strerror}"
+            raise BadConfig(text, field="calibration", value=str(path), expected="a file") from e
+        except (msgspec.DecodeError, UnicodeDecodeError) as e:
+            text = f"calibration {path}: {e}"
+            raise BadConfig(text, field="calibration", value=str(path), expected="what calibrate writes") from e
+        if not all(map(math.isfinite, (*found.center, *found.focal, *found.distortion))):
+            text = f"calibration {path}: expected finite numbers"
+            raise BadConfig(text, field="calibration", value=str(path), expected="finite numbers")
+        return found
+
+    def save(self, path: Path) -> None:
+        """As TOML; raises :class:`BadConfig` where it cannot be written."""
+        lines = [f"{name} = {_toml(value)}" for name, value in msgspec.to_builtins(self).items() if value is not None]
+        try:
+            path.write_text("# A camera's constants, for 'zmav camera run --calibration'.\n" + "\n".join(lines) + "\n")
+        except OSError as e:
+            text = f"cannot write {path}: {e.strerror}"
+            raise BadConfig(text, field="out", value=str(path), expected="a file that can be written") from e
+
+    def scaled(self, width: int, height: int) -> Calibration:
+        """For a picture that was resized; raises :class:`BadConfig` for one of another shape (it was cropped)."""
+        kx, ky = width / self.width, height / self.height
+        if abs(kx / ky - 1.0) > SAME_SHAPE:
+            text = (
+                f"the calibration is for {self.width}x{self.height}, the pictures are {width}x{height}: another shape"
+            )
+            raise BadConfig(text, field="calibration", value=[self.width, self.height], expected=f"{width}x{height}")
+        (fx, fy), (cx, cy) = self.focal, self.center
+        return msgspec.structs.replace(
+            self, width=width, height=height, focal=(fx * kx, fy * ky),
+            center=((cx + 0.5) * kx - 0.5, (cy + 0.5) * ky - 0.5),
+        )  # fmt: skip
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(each) for each in value) + "]"
+    return repr(value)
+
+
+def camera_info(
+    settings: Settings, calibration: Calibration, t: float, rate: float, quality: int, source: str
+) -> CameraInfo:
+    """What the camera says of itself, for pictures of the calibration's size."""
+    mount: Vector = settings.mount
+    return CameraInfo(
+        t=t, camera=settings.camera, width=calibration.width, height=calibration.height, focal=calibration.focal,
+        center=calibration.center, distortion=calibration.distortion, mount=mount, offset=settings.offset,
+        gimbal=settings.gimbal, rate_hz=rate, quality=quality, source=source,
+    )  # fmt: skip

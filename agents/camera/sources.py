@@ -1,0 +1,218 @@
+"""What OpenCV opens: devices, streams, video files, folders of pictures; and which of them an argument means."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from agents.camera.capture import Lost, Shot, Source, pause
+from agents.camera.mjpeg import MjpegSource
+from zmav.errors import BadConfig
+from zmav.vision.opencv import Image, opencv
+
+PICTURES = (".jpg", ".jpeg", ".png", ".bmp")
+STREAMS = ("rtsp", "rtsps", "rtmp", "udp", "tcp", "https")
+CONTAINERS = (".m3u8", ".mp4", ".ts", ".mkv", ".avi", ".flv", ".webm")
+DEVICE = re.compile(r"(?:/dev/video)?(\d{1,3})\Z")
+OPEN_MS, READ_MS = 5000, 5000
+OLDEST = 5.0
+"""s that a device's time stamp may lie back: one that is older, or ahead, is of another clock"""
+SLOWEST, FASTEST = 0.1, 240.0
+"""Hz of a video file that are believed"""
+
+
+def open_source(text: str, *, rate: float = 10.0, loop: bool = False, delay: float = 0.0,
+                size: tuple[int, int] | None = None) -> Source:  # fmt: skip
+    """The source that an argument means: ``0`` or ``/dev/video0``, a URL, a video file, a folder of pictures.
+
+    ``rate``: Hz of a folder, and asked of a device; ``loop``: files begin again; ``delay``: s from the middle of the
+    exposure to arrival, where the source does not say when a picture was taken; ``size``: asked of a device. Raises
+    :class:`BadConfig` for what is no source, or is not there.
+    """
+    source: Source
+    if DEVICE.match(text):
+        source = DeviceSource(text, rate, delay, size)
+    elif "://" in text:
+        scheme = text.partition("://")[0].lower()
+        if scheme == "http" and not text.partition("?")[0].lower().endswith(CONTAINERS):
+            source = MjpegSource(text, delay)
+        elif scheme in (*STREAMS, "http"):
+            source = StreamSource(text, delay)
+        else:
+            expected = ", ".join(f"{each}://" for each in ("http", *STREAMS))
+            raise BadConfig(f"{text!r}: {scheme}:// is no source of pictures; expected one of {expected}",
+                            field="source", value=text, expected=expected)  # fmt: skip
+    elif Path(text).is_dir():
+        source = FolderSource(Path(text), rate, loop)
+    else:
+        source = FileSource(Path(text), loop)
+    source.check()
+    return source
+
+
+class DeviceSource:
+    """A V4L2 camera, by its number or path."""
+
+    def __init__(self, text: str, rate: float, delay: float, size: tuple[int, int] | None) -> None:
+        found = DEVICE.match(text)
+        assert found is not None, text
+        self.path = f"/dev/video{int(found[1])}"
+        self.words = self.path
+        self._rate, self._delay, self._size = rate, delay, size
+
+    def check(self) -> None:
+        opencv()
+        if not Path(self.path).exists():
+            there = ", ".join(sorted(str(each) for each in Path("/dev").glob("video*"))) or "none"
+            text = f"there is no camera {self.path} (there are: {there})"
+            raise BadConfig(text, field="source", value=self.path, expected=there)
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        cv2 = opencv()
+        video = cv2.VideoCapture(self.path, cv2.CAP_V4L2)
+        try:
+            video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            video.set(cv2.CAP_PROP_FPS, self._rate)
+            if self._size is not None:
+                video.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+                video.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+            yield from _frames(video, f"{self.path} gives no pictures", closed, self._taken)
+        finally:
+            video.release()
+
+    def _taken(self, video: Any) -> float:
+        stamp = float(video.get(opencv().CAP_PROP_POS_MSEC)) / 1e3
+        return taken(stamp, time.monotonic(), time.time(), self._delay)
+
+
+def taken(stamp: float, monotonic: float, utc: float, delay: float) -> float:
+    """UTC seconds at which a picture was taken that came now: V4L2 stamps it by the monotonic clock; else ``delay``
+    seconds ago.
+    """
+    age = monotonic - stamp
+    return utc - age if stamp > 0.0 and 0.0 <= age < OLDEST else utc - delay
+
+
+class StreamSource:
+    """RTSP and whatever else FFmpeg reads from the network."""
+
+    def __init__(self, url: str, delay: float) -> None:
+        self.words = re.sub(r"//[^/@]*@", "//", url)  # without the password
+        self._url, self._delay = url, delay
+
+    def check(self) -> None:
+        opencv()
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        cv2 = opencv()
+        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS]
+        video = cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, limits)
+        try:
+            yield from _frames(video, "the stream gives no pictures", closed, lambda _: time.time() - self._delay)
+        finally:
+            video.release()
+
+
+def _frames(video: Any, why: str, closed: threading.Event, taken: Any) -> Iterator[Shot]:
+    count = 0
+    while not closed.is_set():
+        good, image = video.read()
+        if not good:
+            raise Lost(why)
+        yield Shot(count, taken(video), image, None)
+        count += 1
+
+
+class FileSource:
+    """A video file at its own pace; what is too slow for it misses pictures, as of a camera."""
+
+    def __init__(self, path: Path, loop: bool) -> None:
+        self.words = str(path)
+        self._path, self._loop = path, loop
+
+    def check(self) -> None:
+        cv2 = opencv()
+        if not self._path.is_file():
+            text = f"{self._path} is neither a device, a URL, a video file nor a folder of pictures"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a file that is there")
+        video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        good, _ = video.read()
+        video.release()
+        if not good:
+            text = f"{self._path} is no video that OpenCV reads"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a video file")
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        count, due = 0, time.monotonic()
+        while not closed.is_set():
+            before = count
+            for image, pace in self._once():
+                pause(closed, due)
+                yield Shot(count, time.time(), image, None)
+                count += 1
+                due = max(due, time.monotonic() - 1.0) + pace
+                if closed.is_set():
+                    return
+            if count == before:
+                raise Lost("the file gives no pictures")
+            if not self._loop:
+                return
+
+    def _once(self) -> Iterator[tuple[Image, float]]:
+        cv2 = opencv()
+        video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        try:
+            rate = float(video.get(cv2.CAP_PROP_FPS))
+            pace = 1.0 / rate if SLOWEST <= rate <= FASTEST else 0.1
+            while True:
+                good, image = video.read()
+                if not good:
+                    return
+                yield image, pace
+        finally:
+            video.release()
+
+
+class FolderSource:
+    """The pictures of a folder by their names; JPEGs are passed on as they are."""
+
+    def __init__(self, path: Path, rate: float, loop: bool) -> None:
+        self.words = str(path)
+        self._path, self._rate, self._loop = path, rate, loop
+
+    def check(self) -> None:
+        opencv()
+        if not pictures_in(self._path):
+            text = f"there are no pictures ({', '.join(PICTURES)}) in {self._path}"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a folder with pictures")
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        cv2 = opencv()
+        count, due = 0, time.monotonic()
+        while not closed.is_set():
+            before = count
+            for path in pictures_in(self._path):
+                data = path.read_bytes()
+                jpeg = data if data[:2] == b"\xff\xd8" else None
+                image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
+                if jpeg is None and image is None:
+                    continue
+                pause(closed, due)
+                yield Shot(count, time.time(), image, jpeg)
+                count += 1
+                due = max(due, time.monotonic() - 1.0) + 1.0 / self._rate
+                if closed.is_set():
+                    return
+            if count == before:
+                raise Lost("the folder holds no picture that can be read")
+            if not self._loop:
+                return
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder, by name."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)

@@ -1,0 +1,171 @@
+"""A camera's pictures from the key space, newest wins, with reports back to the camera of what comes of them.
+
+async with Reader(z, "quad1", "down") as pictures:
+    async for picture in pictures:
+        image = picture.decode()
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import time
+import uuid
+from collections.abc import AsyncIterator
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import zenoh
+
+from zmav import keys
+from zmav.client import Answer, Client
+from zmav.errors import BadInput, VehicleError
+from zmav.services.port import on_loop
+from zmav.vision.assembler import Assembler
+from zmav.vision.opencv import Image, decode
+from zmav.wire import CameraInfo, FrameReport
+from zmav.wire import decode as from_json
+
+REPORT_EVERY = 1.0 / (keys.FRAME_REPORT.rate_hz or 2.0)
+"""s"""
+
+
+class Picture(NamedTuple):
+    """One picture, as it came."""
+
+    jpeg: bytes
+    t: float
+    """UTC seconds at the middle of the exposure, by the camera's clock"""
+    seq: int
+    width: int
+    height: int
+    arrived: float
+    """UTC seconds, by ours"""
+
+    def decode(self) -> Image:
+        """(height, width, 3) BGR; raises :class:`BadInput` for what is no JPEG, BadConfig without OpenCV."""
+        return decode(self.jpeg)
+
+
+class Reader:
+    """Pictures of one camera, whole ones, in order; who is slow gets the newest. Lives on the event loop.
+
+    ``name``: who reads, for the camera's list of readers. ``most_bytes``: B/s that our link has for pictures, where
+    that is known; the camera then never sends more. Raises :class:`~zmav.errors.BadKey` for what cannot be a name.
+    """
+
+    def __init__(
+        self, z: Client, vehicle: str, camera: str = "down", *, name: str = "reader", most_bytes: float | None = None
+    ) -> None:
+        self._z, self._vehicle, self._camera = z, keys.check_name(vehicle, "vehicle"), keys.check_name(camera, "camera")
+        self._name = f"{keys.check_name(name, 'reader')}-{uuid.uuid4().hex[:8]}"
+        self.most_bytes = most_bytes
+        self.assembler = Assembler()
+        """its counts say what became of chunks and pictures"""
+        self.report: FrameReport | None = None
+        """the last one sent"""
+        self.skipped = 0
+        """whole pictures that a newer one replaced before they were taken"""
+        self._newest: Picture | None = None
+        self._news = asyncio.Event()
+        self._delays: list[float] = []
+        self._fleet = ""
+        self._before = (0, 0, 0, 0.0)
+        self._subscriber: zenoh.Subscriber[Any] | None = None
+        self._publisher: zenoh.Publisher | None = None
+        self._reporting: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Reader:
+        loop = asyncio.get_running_loop()
+        key = keys.FRAME.key(self._z.fleet_name, self._vehicle, camera=self._camera)
+        self._before = (0, 0, 0, time.monotonic())
+        self._subscriber = self._z.session.declare_subscriber(key, on_loop(loop, self._on_sample))
+        self._reporting = loop.create_task(self._report())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._reporting is not None:
+            self._reporting.cancel()
+        held: tuple[Any, ...] = (self._subscriber, self._publisher)
+        for each in held:
+            if each is not None:
+                each.undeclare()
+        self._subscriber = self._publisher = None
+
+    async def __aiter__(self) -> AsyncIterator[Picture]:
+        while True:
+            yield await self.get()
+
+    async def get(self) -> Picture:
+        """The newest picture that was not given yet; waits for one."""
+        while self._newest is None:
+            self._news.clear()
+            await self._news.wait()
+        picture, self._newest = self._newest, None
+        return picture
+
+    async def info(self, timeout: float = 2.0) -> CameraInfo:
+        """The camera's lens, mount and rate; raises what :func:`camera_info` does."""
+        return await camera_info(self._z, self._vehicle, self._camera, timeout)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        self._fleet = str(sample.key_expr).split("/")[1]
+        whole = self.assembler.add(sample.payload.to_bytes(), time.monotonic())
+        if whole is None:
+            return
+        now = time.time()
+        self._delays.append(now - whole.t)
+        self.skipped += self._newest is not None
+        self._newest = Picture(whole.jpeg, whole.t, whole.seq, whole.width, whole.height, now)
+        self._news.set()
+
+    async def _report(self) -> None:
+        while True:
+            await asyncio.sleep(REPORT_EVERY)
+            self.assembler.expire(time.monotonic())
+            if self._fleet:  # else nothing has come yet: nobody to tell
+                self._tell()
+
+    def _tell(self) -> None:
+        counts, now = self.assembler, time.monotonic()
+        whole, torn, came, since = self._before
+        self._before = (counts.whole, counts.torn, counts.bytes, now)
+        self.report = FrameReport(
+            t=time.time(),
+            seq=counts.seq or 0,
+            whole=counts.whole - whole,
+            torn=counts.torn - torn,
+            delay=statistics.median(self._delays) if self._delays else None,
+            rate_bytes=(counts.bytes - came) / max(now - since, 1e-3),
+            most_bytes=self.most_bytes,
+        )
+        self._delays.clear()
+        if self._publisher is None:
+            key = keys.FRAME_REPORT.key(self._fleet, self._vehicle, camera=self._camera, reader=self._name)
+            self._publisher = self._z.session.declare_publisher(key, **keys.FRAME_REPORT.publishing())
+        self._z.put(keys.FRAME_REPORT, str(self._publisher.key_expr), self.report, publisher=self._publisher)
+
+
+async def camera_info(z: Client, vehicle: str, camera: str, timeout: float = 2.0) -> CameraInfo:
+    """What a camera says of itself. Raises :class:`VehicleError` where nobody answers, and what it answers instead."""
+    key = keys.CAMERA.key(z.fleet_name, vehicle, camera=camera)
+    for answer in await z.ask(key, timeout=timeout, channel=keys.CAMERA, enough=lambda answer: True):
+        if not isinstance(answer, Answer):
+            raise answer
+        return from_json(answer.payload, CameraInfo, f"camera {camera} of {vehicle}")
+    text = f"{vehicle} has no camera {camera!r} that answers: 'zmav camera list' shows which there are"
+    raise VehicleError(text, vehicle=vehicle, camera=camera)
+
+
+async def cameras(z: Client, vehicle: str = "*", timeout: float = 1.0) -> list[tuple[str, CameraInfo]]:
+    """Every camera that answers, with its vehicle's name, sorted; what cannot be read is left out."""
+    found = []
+    for answer in await z.ask(keys.CAMERA.key(z.fleet_name, vehicle, camera="*"), timeout=timeout, channel=keys.CAMERA):
+        if isinstance(answer, Answer):
+            try:
+                found.append((answer.key.split("/")[2], from_json(answer.payload, CameraInfo, answer.key)))
+            except BadInput:
+                continue
+    return sorted(found, key=lambda each: (each[0], each[1].camera))
