@@ -1,0 +1,286 @@
+"""``zmav agent run helipad --vehicle quad1``: looks for the pad in a camera's pictures and says where it is.
+
+On board or on the ground alike: pictures, attitude and place come by the key space, and so do the sights go.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import statistics
+import time
+from collections import deque
+from typing import Any, ClassVar
+
+import msgspec
+import zenoh
+
+import zmav
+from agents.helipad import Detection, Detector
+from agents.helipad import landing as landing_target
+from agents.helipad.geolocate import bearing, camera_height, fix
+from zmav import geo, keys, wire
+from zmav.agent import Tunable
+from zmav.errors import BadInput, ZmavError
+from zmav.mavlink import MavMessage
+from zmav.vision.optics import Optics
+from zmav.vision.poses import Pose, Poses
+from zmav.vision.reader import Picture, Reader
+
+ASK_AGAIN = 1.0
+"""s between two questions to a camera that does not answer"""
+SILENCE = 3.0
+"""s without a picture after which that is said"""
+WAIT = 0.25
+"""s that a picture waits for the attitude of its time"""
+RECENT = 50
+"""pictures of which delays and times are told"""
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Fixed while it runs."""
+
+    camera: str = "down"
+    symbol_m: float = 0.25
+    """height of the symbol"""
+    template: str = ""
+    """a file with another symbol than H"""
+    target: str = ""
+    """the vehicle that carries the pad: its height is the pad's; empty: the pad is on the ground, at our home's height"""
+    deck_m: float = 0.0
+    """m of the pad above that vehicle's reference point, or above the ground"""
+    attitude_hz: float = 30.0
+    """at which the autopilot is asked for its attitude"""
+    landing_target: bool = False
+    """send LANDING_TARGET frames to the autopilot, too"""
+
+
+class Helipad(zmav.Agent):
+    """Finds a letter H (or another symbol) in the pictures of the vehicle's camera, and says where on the ground it is,
+    how sure that is, and how old.
+    """
+
+    name = "helipad"
+    settings_type = Settings
+    tunables: ClassVar = {
+        "score": Tunable(0.0, 0.0, 1.0, "", "least score that is told of"),
+        "most_hz": Tunable(50.0, 0.5, 200.0, "Hz", "pictures looked at"),
+    }
+
+    def __init__(self, *args: Any, **rest: Any) -> None:
+        super().__init__(*args, **rest)
+        self.poses = Poses()
+        self._detectors: dict[tuple[int, int], tuple[Detector, Optics]] = {}
+        self._info: wire.CameraInfo | None = None
+        self._last: Detection | None = None
+        self._delays: deque[float] = deque(maxlen=RECENT)
+        self._took: deque[float] = deque(maxlen=RECENT)
+        self._looked = self._seen = 0
+        self._sights: zenoh.Publisher | None = None
+        self._local: wire.Vector | None = None
+        """the autopilot's own LOCAL_POSITION_NED, which PX4's landing wants"""
+
+    async def run(self) -> None:
+        """Until cancelled. Raises :class:`~zmav.errors.BadInput` for a template that is none."""
+        own = self.settings
+        Detector([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]], own.symbol_m, own.template or None)
+        key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=own.camera)
+        self._sights = self.z.session.declare_publisher(key, **keys.DETECTION.publishing())
+        tasks = [asyncio.create_task(each) for each in (self._turns(), self._places(), self._autopilot_frame())]
+        try:
+            async with Reader(self.z, self.vehicle.name, own.camera, name=self.name) as pictures:
+                self._info = await self._ask(pictures)
+                await self._look(pictures)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            self._sights.undeclare()
+
+    async def _ask(self, pictures: Reader) -> wire.CameraInfo:
+        while True:
+            try:
+                return await pictures.info()
+            except ZmavError as e:
+                self.status("waiting", e.message)
+            await asyncio.sleep(ASK_AGAIN)
+
+    async def _look(self, pictures: Reader) -> None:
+        due = 0.0
+        while True:
+            try:
+                picture = await asyncio.wait_for(pictures.get(), SILENCE)
+            except asyncio.TimeoutError:
+                self.status("blind", f"no picture of {self.settings.camera} for {SILENCE:g} s", **self._figures())
+                continue
+            now = time.monotonic()
+            if now < due:
+                continue
+            due = max(due + 1.0 / self["most_hz"], now)
+            pose = await self._pose(picture.t)
+            try:
+                sight = await asyncio.to_thread(self._work, picture, pose)
+            except BadInput as e:
+                self.status("blind", e.message, **self._figures())
+                continue
+            self._tell(sight, pose)
+
+    async def _pose(self, t: float) -> Pose | None:
+        """Of the picture's time; waited for a little while the attitude of then is still on its way."""
+        until = time.monotonic() + WAIT
+        while (pose := self.poses.at(t)) is None and time.monotonic() < until:
+            await asyncio.sleep(0.01)
+        return pose
+
+    # In a thread: OpenCV lets go of the interpreter.
+
+    def _work(self, picture: Picture, pose: Pose | None) -> wire.Detections:
+        begun = time.perf_counter()
+        image = picture.decode()
+        height, width = image.shape[:2]
+        detector, optics = self._detector(width, height)
+        plane = self._plane()
+        hint = camera_height(optics, pose, plane) if pose is not None and plane is not None else None
+        if hint is not None and hint <= 0.1:
+            hint = None
+        level = pose is None or optics.gimbal
+        roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
+        found = detector.track(image, self._last, hint, roll, pitch) if self._last is not None else []
+        if not found:
+            found = detector.detect(image, hint, roll, pitch)
+        self._last = found[0] if found else None
+        told = [self._located(each, optics, pose, plane) for each in found if each.score >= self["score"]]
+        took = time.perf_counter() - begun
+        own = self.settings
+        return wire.Detections(
+            t=picture.t, camera=own.camera, seq=picture.seq, width=width, height=height, detector=self.name, took=took,
+            delay=time.time() - picture.t, found=told,
+        )  # fmt: skip
+
+    def _detector(self, width: int, height: int) -> tuple[Detector, Optics]:
+        """For pictures of this size: a camera on a narrow link sends smaller ones."""
+        known = self._detectors.get((width, height))
+        if known is None:
+            assert self._info is not None
+            optics = Optics.of(self._info).scaled(width, height)
+            own = self.settings
+            detector = Detector(optics.matrix, own.symbol_m, own.template or None)
+            known = self._detectors[width, height] = (detector, optics)
+            self._last = None
+        return known
+
+    def _located(
+        self, each: Detection, optics: Optics, pose: Pose | None, plane: float | None
+    ) -> wire.Detection:  # fmt: skip
+        told = wire.Detection(
+            symbol=self.settings.template or "H", u=each.u, v=each.v, scale_px=each.scale_px, heading=each.heading,
+            score=each.score,
+        )  # fmt: skip
+        if pose is None:
+            return told
+        level = plane if plane is not None else pose.pos[2] + 1e-3  # nothing known: its size says how far it is
+        place = fix(optics, pose, (each.u, each.v), each.scale_px, self.settings.symbol_m, level)
+        if place is None:
+            return told
+        yaw = bearing(optics, pose, (each.u, each.v), each.heading, place.pos[2])
+        told = msgspec.structs.replace(
+            told, pos=place.pos, offset=place.offset, covariance=place.covariance, yaw=yaw
+        )  # fmt: skip
+        return self._on_earth(told, pose)
+
+    def _on_earth(self, told: wire.Detection, pose: Pose) -> wire.Detection:
+        """Latitude and longitude, by what the vehicle itself says of both its places."""
+        state = self.vehicle.last_state
+        if state is None or state.position is None or state.local is None or told.pos is None:
+            return told
+        place = state.position
+        here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
+        off = (told.pos[0] - state.local[0], told.pos[1] - state.local[1], told.pos[2] - state.local[2])
+        lat, lon, _ = geo.to_global(here, off)
+        return msgspec.structs.replace(told, lat_deg=lat, lon_deg=lon)
+
+    def _plane(self) -> float | None:
+        """How far down the pad is, m; None: not known."""
+        own = self.settings
+        if own.target:
+            state = self.z.vehicle(own.target).last_state
+            if state is not None and state.local is not None:
+                return state.local[2] - float(own.deck_m)
+        state = self.vehicle.last_state
+        if state is None or state.local is None or state.position is None:
+            return None
+        return state.local[2] + state.position.alt_rel - float(own.deck_m)
+
+    # What is said.
+
+    def _tell(self, sight: wire.Detections, pose: Pose | None) -> None:
+        self._looked += 1
+        self._seen += bool(sight.found)
+        sight = msgspec.structs.replace(sight, delay=time.time() - sight.t)
+        self._delays.append(sight.delay)
+        self._took.append(sight.took)
+        if self._sights is not None:
+            self.z.put(keys.DETECTION, str(self._sights.key_expr), sight, publisher=self._sights)
+        if sight.found and self.settings.landing_target and pose is not None:
+            self._guide_landing(sight, pose)
+        state = "sees" if sight.found else "looks"
+        if pose is None:
+            state, text = "looks", "sees pictures, but not the vehicle's attitude and place of their time"
+        else:
+            best = f"{sight.found[0].symbol}, score {sight.found[0].score:.2f}" if sight.found else "nothing"
+            text = best
+        self.status(state, text, **self._figures())
+
+    def _figures(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"pictures": self._looked, "with": self._seen}
+        if self._delays:
+            found["delay_ms"] = round(1e3 * statistics.median(self._delays), 1)
+            found["took_ms"] = round(1e3 * statistics.median(self._took), 2)
+        return found
+
+    def _guide_landing(self, sight: wire.Detections, pose: Pose) -> None:
+        state, best = self.vehicle.last_state, sight.found[0]
+        if state is None or state.sysid is None or best.offset is None:
+            return
+        boot = state.clock.boot_t if state.clock is not None else 0.0
+        usec = max(0, int(1e6 * (sight.t - boot))) if boot else 0
+        data = landing_target.frame(
+            self.z.dialect, state.autopilot or "", state.sysid, usec, best.offset, pose.yaw, self.settings.symbol_m,
+            self._local,
+        )  # fmt: skip
+        if data is not None:
+            key = keys.TX.key(state.fleet, state.name, sys=state.sysid, comp=state.compid or 1, msg="LANDING_TARGET")
+            self.z.put(keys.TX, key, data)
+
+    # What is heard.
+
+    async def _turns(self) -> None:
+        async with self.vehicle.stream("ATTITUDE", depth=100, hz=self.settings.attitude_hz) as attitudes:
+            async for message in attitudes:
+                fields, t = message.fields, self._time(message)
+                with contextlib.suppress(TypeError, KeyError):
+                    self.poses.turned(t, float(fields["roll"]), float(fields["pitch"]), float(fields["yaw"]))
+
+    def _time(self, message: MavMessage) -> float:
+        """UTC of a message, by the autopilot's clock where that is known, else by when it came."""
+        state = self.vehicle.last_state
+        if state is None or state.clock is None:
+            return time.time()
+        return state.clock.boot_t + float(message.fields["time_boot_ms"]) / 1e3
+
+    async def _places(self) -> None:
+        while True:
+            await self.z.news(0.2)
+            state = self.vehicle.last_state
+            if state is not None and state.local is not None:
+                t = state.t - state.ages.get("position", 0.0)
+                self.poses.was(t, state.local, state.velocity or (0.0, 0.0, 0.0))
+
+    async def _autopilot_frame(self) -> None:
+        if not self.settings.landing_target:
+            return
+        async with self.vehicle.stream("LOCAL_POSITION_NED", depth=10) as places:
+            async for message in places:
+                with contextlib.suppress(TypeError, KeyError):
+                    x, y, z = (float(message.fields[name]) for name in ("x", "y", "z"))
+                    self._local = (x, y, z)
