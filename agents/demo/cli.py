@@ -8,7 +8,9 @@ import socket
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 from typing import NoReturn
 
 import click
@@ -22,7 +24,7 @@ from agents.demo.processes import Processes, free_port, free_udp_ports
 from agents.demo.watch import Watch
 from zmav.cli.common import console
 from zmav.cli.ls import fleet_view
-from zmav.errors import SessionError
+from zmav.errors import SessionError, ZmavError
 from zmav.session import DEFAULT_ROUTER, SessionSettings
 from zmav.sim import Home
 
@@ -31,16 +33,21 @@ NAMES = ("quad1", "quad2", "quad3")
 TIME_LIMIT = 115.0
 
 
-@click.command("demo")
+@click.group("demo", invoke_without_command=True)
 @click.option("--headless", is_flag=True, help="Lines instead of a live table (also where there is no terminal).")
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
 @click.option("--stay", is_flag=True, help="Start them and leave the flying to you: scripts, other verbs.")
-def demo(headless: bool, endpoint: str | None, stay: bool) -> None:
+@click.pass_context
+def demo(context: click.Context, headless: bool, endpoint: str | None, stay: bool) -> None:
     """Fly three simulated copters: take off, change places, land. Ends with a summary; 0 only if all got there.
 
     'zmav demo --stay' only starts them, where clients look for a router by themselves, until Ctrl-C ends it: then 'zmav
     top', 'zmav do quad1 arm' and the scripts in ground/examples find quad1, quad2 and quad3.
+
+    'zmav demo follow' is another one: a quadrotor follows the letter H on a rover.
     """
+    if context.invoked_subcommand is not None:
+        return
     out = console()
     start = time.monotonic()
     if stay:
@@ -57,6 +64,42 @@ def demo(headless: bool, endpoint: str | None, stay: bool) -> None:
     verdict = "every vehicle got there" if code == 0 else "FAILED: not every vehicle got there"
     out.print(f"{verdict}, in {time.monotonic() - start:.0f} s", style="bold green" if code == 0 else "bold red")
     sys.exit(code)
+
+
+@demo.command("follow")
+@click.option("--way", type=click.Choice(["eight", "walk"]), default="eight", show_default=True, help="The rover's.")
+@click.option("--speed", type=click.FloatRange(0.1, 2.0), default=1.0, show_default=True, help="m/s at most.")
+@click.option("--seconds", type=click.FloatRange(5.0, 3600.0), default=120.0, show_default=True, help="To follow it.")
+@click.option("--ground", is_flag=True, help="Look at the pictures, and follow, from the ground.")
+@click.option("--bridge/--no-bridge", default=True, show_default=True, help="Something over the way that hides it.")
+@click.option("--wind", default="3,light", show_default=True, help="As of 'zmav sim'.")
+@click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), help="Draw both tracks into a file.")
+@click.option("--seed", type=int, default=1, show_default=True, help="Of the walk and of the weather.")
+def follow(
+    way: str, speed: float, seconds: float, ground: bool, bridge: bool, wind: str, picture: Path | None, seed: int
+) -> None:
+    """A quadrotor finds the letter H on a rover by its camera, follows it, and lands on it."""
+    from agents.demo import follow as demonstration
+    from agents.demo.tracks import draw
+
+    out = console()
+    with Processes() as processes, tempfile.TemporaryDirectory(prefix="zmav-follow-") as folder:
+        options = ["--wind", wind, "--seed", str(seed), "--noise", "typical"]
+        rig = demonstration.Rig(processes, Path(folder), options, ground)
+        where = "on the ground" if ground else "on board"
+        out.print(f"a rover drives a way of kind {way} at up to {speed:g} m/s; its pictures are looked at {where}")
+        road = demonstration.ways(way, speed, seed)
+        try:
+            shown = asyncio.run(demonstration.fly(rig, out, road, seconds, hide=bridge))
+        except ZmavError as e:
+            for name in ("helipad", "follower", "camera"):
+                out.print(f"{name} said:\n{processes.said(name)}", style="red", markup=False)
+            raise e
+        for line in demonstration.figures(shown):
+            out.print(line, markup=False, highlight=False)
+        if picture is not None:
+            draw(shown.truth, picture, f"{way}, up to {speed:g} m/s, wind {wind}, pictures looked at {where}")
+            out.print(f"tracks: {picture}", markup=False)
 
 
 def _stay(processes: Processes, ground: str, out: Console) -> NoReturn:

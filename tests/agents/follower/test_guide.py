@@ -21,10 +21,8 @@ Place = Callable[[float], tuple[float, float]]
 class World:
     """A vehicle that follows places and velocities as an autopilot does, late by :data:`LAG`, and a camera under it."""
 
-    def __init__(
-        self, target: Place, start: Vector = (0.0, 0.0, -5.3), *, delay: float = 0.0, lost: float = 0.0
-    ) -> None:
-        self.target, self.pos, self.vel = target, np.array(start), np.zeros(3)
+    def __init__(self, target: Place, *, delay: float = 0.0, lost: float = 0.0) -> None:
+        self.target, self.pos, self.vel = target, np.array((0.0, 0.0, -5.3)), np.zeros(3)
         self.t, self.rng = 0.0, np.random.default_rng(5)
         self.tuned = {name: each.default for name, each in Follower.tunables.items()}
         self.guide = Guide(self.tuned.__getitem__, 5.0)
