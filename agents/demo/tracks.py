@@ -35,11 +35,9 @@ def draw(truth: Truth, path: Path, title: str) -> None:
     over.set(xlabel="east, m", ylabel="north, m", aspect="equal")
     over.legend(loc="best", fontsize=8)
     over.grid(alpha=0.3)
-    beside.plot(
-        [r[0] for r in rows], [((r[1] - r[4]) ** 2 + (r[2] - r[5]) ** 2) ** 0.5 for r in rows], color=QUAD, lw=1.0
-    )
-    beside.plot([r[0] for r in unseen], [((r[1] - r[4]) ** 2 + (r[2] - r[5]) ** 2) ** 0.5 for r in unseen], ".",
-                color=HIDDEN, ms=2.5)  # fmt: skip
+    for some, line, color in ((rows, "-", QUAD), (unseen, ".", HIDDEN)):
+        off = [((r[1] - r[4]) ** 2 + (r[2] - r[5]) ** 2) ** 0.5 for r in some]
+        beside.plot([r[0] for r in some], off, line, color=color, lw=1.0, ms=2.5)
     beside.set(xlabel="time, s", ylabel="between the two over the ground, m", ylim=(0.0, 4.0))
     beside.grid(alpha=0.3)
     height = beside.twinx()
