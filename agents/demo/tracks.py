@@ -42,6 +42,7 @@ def draw(truth: Truth, path: Path, title: str) -> None:
     beside.grid(alpha=0.3)
     height = beside.twinx()
     height.plot([r[0] for r in rows], [r[3] for r in rows], color="#188038", lw=0.8, ls="--")
+    height.set_ylim(0.0, 1.2 * max((r[3] for r in rows), default=1.0))
     height.set_ylabel("height of the quadrotor, m (dashed)", color="#188038")
     figure.suptitle(title, fontsize=10)
     data = io.BytesIO()

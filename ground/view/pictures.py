@@ -24,8 +24,9 @@ def paint_frame(canvas: Canvas, label: str, camera: str, jpeg: bytes) -> bool:
 
 
 def paint_detection(canvas: Canvas, label: str, camera: str, payload: bytes) -> bool:
-    """Draw what was detected: JSON with boxes ``[x, y, width, height]`` in pixels, or objects that say so, or
-    ``corners`` (a list of ``[x, y]``: a marker). None of them clears the picture. False where it cannot be read.
+    """Draw what was detected: symbols (:class:`zmav.wire.Detections`); or JSON with boxes ``[x, y, width, height]`` in
+    pixels, or objects that say so, or ``corners`` (a list of ``[x, y]``: a marker). None of them clears the picture.
+    False where it cannot be read.
     """
     try:
         document = json.loads(payload or b"null")
@@ -56,7 +57,7 @@ Pair = tuple[float, float]
 def _found(document: Any) -> tuple[list[tuple[Pair, Pair, str]], list[list[Pair]]]:
     listed = document
     if isinstance(document, dict):
-        keys = ("detections", "boxes", "markers")
+        keys = ("found", "detections", "boxes", "markers")
         listed = next((document[key] for key in keys if isinstance(document.get(key), list)), [document])
     boxes, outlines = [], []
     for each in (listed if isinstance(listed, list) else [])[:MOST]:
@@ -72,9 +73,12 @@ def _found(document: Any) -> tuple[list[tuple[Pair, Pair, str]], list[list[Pair]
 def _box(each: Any) -> tuple[Pair, Pair, str] | None:
     name, raw = "", each
     if isinstance(each, dict):
-        words = (each.get(key) for key in ("label", "name", "class", "id"))
+        words = (each.get(key) for key in ("label", "name", "class", "symbol", "id"))
         name = next((str(word)[:40] for word in words if isinstance(word, (str, int))), "")
         raw = each.get("box", each.get("bbox"))
+        if raw is None and (symbol := shapes.numbers(each, "u", "v", "scale_px")):
+            u, v, size = symbol
+            raw = [u - size / 2.0, v - size / 2.0, size, size]
         if raw is None:
             raw = shapes.numbers(each, "x", "y", "w", "h") or shapes.numbers(each, "x", "y", "width", "height")
     if not isinstance(raw, list) or len(raw) != 4:

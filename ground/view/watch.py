@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Sequence
 
 import zenoh
@@ -15,13 +16,14 @@ from zmav import keys
 from zmav.client import Answer, Client
 from zmav.errors import BadKey, ZmavError
 from zmav.session import reason
+from zmav.vision.assembler import Assembler
 
 GRAPH_EVERY = 4.0
 PLANS_EVERY = 60.0
 """s after which a vehicle's plans are asked for anew even where no event says that they changed"""
 TOPICS_EVERY = 30.0
-PICTURES = ("camera_frame", "camera_detection")
-"""channels of cameras, where the registry has them"""
+PICTURES = (keys.FRAME, keys.DETECTION)
+JPEG, MOST_CAMERAS = b"\xff\xd8\xff", 250
 
 
 class Watch:
@@ -37,6 +39,8 @@ class Watch:
         self._stale: dict[tuple[str, str], float] = {}
         """when each vehicle's plans are to be asked for, by the loop's clock"""
         self._changed = asyncio.Event()
+        self._pictures: dict[tuple[str, ...], Assembler] = {}
+        """by camera: what came of its pictures"""
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -49,7 +53,7 @@ class Watch:
         fleet = self._z.fleet_name
         found = [(keys.FLEET, keys.FLEET.key(fleet, topic="*")),
                  (keys.AGENT_STATUS, keys.AGENT_STATUS.key(fleet, "*", agent="*"))]  # fmt: skip
-        pictures = [keys.CHANNELS[name] for name in PICTURES if name in keys.CHANNELS] if self._cameras else []
+        pictures = PICTURES if self._cameras else ()
         for vehicle in map(str, self._vehicles.values()):
             found += [
                 (keys.STATE, keys.STATE.key(fleet, vehicle)),
@@ -79,10 +83,21 @@ class Watch:
             self._table.append(channel.name, place, payload)
             if b'"mission"' in payload:
                 self._ask_again(place[0], place[1], 0.5)
+        elif channel is keys.FRAME:
+            self._take_chunk(place, payload)
         elif not (gone and channel is not keys.FLEET) and parts.get("topic") != keys.ROSTER:
             self._table.put(channel.name, place, payload)
         if channel is keys.STATE and place not in self._stale:
             self._ask_again(place[0], place[1], 0.0)
+
+    def _take_chunk(self, place: tuple[str, ...], payload: bytes) -> None:
+        """Of a camera's picture; whole JPEGs, as other people's cameras may send them, are taken as they are."""
+        if payload.startswith(JPEG):
+            self._table.put(keys.FRAME.name, place, payload)
+        elif place in self._pictures or len(self._pictures) < MOST_CAMERAS:
+            whole = self._pictures.setdefault(place, Assembler()).add(payload, time.monotonic())
+            if whole is not None:
+                self._table.put(keys.FRAME.name, place, whole.jpeg)
 
     def _ask_again(self, fleet: str, vehicle: str, wait: float) -> None:
         if len(self._stale) < 1000 or (fleet, vehicle) in self._stale:

@@ -272,6 +272,18 @@ def test_pictures_are_shown_with_what_was_detected(paint: Make) -> None:
     assert painted.scene.bad == 1
 
 
+def test_a_symbol_is_boxed(paint: Make) -> None:
+    painted, camera = paint(), (*Q1, "down")
+    symbol = wire.Detection(symbol="H", u=100.0, v=50.0, scale_px=20.0, heading=0.1, score=0.9)
+    sight = wire.Detections(t=T0, camera="down", seq=1, width=640, height=480, detector="helipad", took=0.0, delay=0.0,
+                            found=[symbol])  # fmt: skip
+    painted.step(("camera_detection", camera, wire.encode(sight)))
+    boxes = painted.rows()["/camera/quad1/down/detection"]
+    assert boxes[0].values["Boxes2D:centers"] == [[100.0, 50.0]]
+    assert boxes[0].values["Boxes2D:half_sizes"] == [[10.0, 10.0]]
+    assert boxes[0].values["Boxes2D:labels"] == ["H"]
+
+
 def test_events_are_told_with_their_severity_and_a_flood_of_them_is_counted(paint: Make) -> None:
     painted = paint()
     events = [wire.Event(t=T0, kind="statustext", severity="critical", text=f"n{i}") for i in range(50)]
