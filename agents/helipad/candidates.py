@@ -21,80 +21,108 @@ from agents.helipad.templates import Symbol
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-REACH = 0.68
-"""radius of the kernels, in heights of the symbol"""
-HARMONICS = 2
-"""beside 0: the strongest ones"""
+WINDOW = 0.8
+"""half the side of the window, in heights"""
 TURN = 64
+HEADINGS = 24
+"""of a whole turn"""
 NOISE = 2.0
 """standard deviation in steps of 8 bits below which structure counts as noise"""
-LEAST = 0.50
-"""of the bounded correlation"""
+LEAST = 0.40
+"""of the response"""
+MOST_BLOBS = 200
+"""that are compared with the whole symbol"""
+MOST = 32
 
 
 class Kernels:
-    """The harmonics of ``symbol`` where it is ``scale`` pixels high."""
+    """The harmonics of the mean of ``symbols`` where it is ``scale`` pixels high, under a window that falls off to its edge."""
 
-    def __init__(self, symbol: Symbol, scale: float) -> None:
-        radius = max(math.ceil(REACH * scale - 0.25), 2)
-        self.side = 2 * radius + 1
-        axis = np.arange(-radius, radius + 1, dtype=float) / scale
+    def __init__(self, symbols: list[Symbol], scale: float) -> None:
+        self.box = max(round(WINDOW * scale), 2)
+        # Two boxes one after the other make the window; correlation and spread are both weighed by it.
+        tent = np.convolve(np.ones(self.box), np.ones(self.box)) / self.box**2
+        window = tent[:, None] * tent
+        axis = (np.arange(len(tent)) - len(tent) // 2) / scale
         x, y = np.meshgrid(axis, axis)
-        distance = np.hypot(x, y)
-        angle = np.arctan2(y, x)
-        inside = distance <= REACH + 0.25 / scale
+        distance, angle = np.hypot(x, y), np.arctan2(y, x)
         turn = np.arange(TURN) * 2.0 * math.pi / TURN
-        rings = np.linspace(0.0, REACH + 0.5 / scale, 24)
-        around = symbol.at(rings[:, None] * np.cos(turn), rings[:, None] * np.sin(turn))
+        rings = np.linspace(0.0, float(distance.max()), 24)
+        places = rings[:, None] * np.cos(turn), rings[:, None] * np.sin(turn)
+        around = np.mean([symbol.at(*places) for symbol in symbols], axis=0)
         spectrum = np.fft.fft(around, axis=1) / TURN  # of each ring
         waves = []
-        for m in range(7):
+        for m in range(5):
             radial = np.interp(distance, rings, spectrum[:, m].real) + 1j * np.interp(distance, rings, spectrum[:, m].imag)
-            wave = np.where(inside, radial * np.exp(1j * m * angle) * (1.0 if m == 0 else 2.0), 0.0)
-            if m == 0:
-                wave = np.where(inside, wave - wave[inside].mean(), 0.0)
-            waves.append(wave)
-        strength = [float((np.abs(w) ** 2).sum()) for w in waves]
-        order = sorted(range(1, 7), key=lambda m: -strength[m])[:HARMONICS]
-        whole = math.sqrt(sum((waves[m].real ** 2).sum() for m in [0, *order]) * 1.0)
-        self.ring: Image = (waves[0].real / whole).astype(np.float32)
-        self.rays: list[tuple[Image, Image]] = [
-            ((waves[m].real / whole).astype(np.float32), (waves[m].imag / whole).astype(np.float32)) for m in order
-        ]
-        self.count = int(inside.sum())
+            wave = radial * np.exp(1j * m * angle) * (1.0 if m == 0 else 2.0)
+            waves.append(window * (wave - (window * wave).sum()))
+        power = [float((abs(w) ** 2 / window).sum()) / (1.0 if m == 0 else 2.0) for m, w in enumerate(waves)]
+        strongest = max(range(1, 5), key=lambda m: power[m])
+        whole = math.sqrt(power[0] + power[strongest])
+        ring, ray = waves[0] / whole, waves[strongest] / whole
+        self._ring: Image = ring.real.astype(np.float32)
+        self._rays: tuple[Image, Image] = (ray.real.astype(np.float32), ray.imag.astype(np.float32))
+        self._window: Image = window.ravel().astype(np.float32)
+        self._full = self._templates(symbols, x, y)
 
-    def response(self, picture: Picture) -> Image:
-        """(height, width): at each pixel, the bound of the normalised correlation over all headings."""
-        values = picture.astype(np.float32)
-        total = cv2.filter2D(values, cv2.CV_32F, self.ring)
-        for cosine, sine in self.rays:
-            total += cv2.magnitude(
-                cv2.filter2D(values, cv2.CV_32F, cosine), cv2.filter2D(values, cv2.CV_32F, sine)
-            )
-        window = (self.side, self.side)
-        mean = cv2.boxFilter(values, cv2.CV_32F, window)
-        power = cv2.boxFilter(cv2.multiply(values, values), cv2.CV_32F, window)
-        spread = cv2.sqrt(cv2.max(power - mean * mean, 0.0) + NOISE * NOISE)
-        return np.asarray(total / (spread * math.sqrt(self.count)), dtype=np.float32)
+    def _templates(self, symbols: list[Symbol], x: Array, y: Array) -> Image:
+        """(pixels, M): the symbols at all headings, with their windows."""
+        columns = []
+        for symbol in symbols:
+            for angle in np.arange(HEADINGS) * 2.0 * math.pi / HEADINGS:
+                c, s = math.cos(angle), math.sin(angle)
+                column = symbol.at(c * x + s * y, c * y - s * x).ravel()
+                column = column - self._window @ column
+                columns.append(self._window * column / math.sqrt(self._window @ column**2))
+        return np.ascontiguousarray(np.array(columns, dtype=np.float32).T)
+
+    def response(self, level: Picture) -> Image:
+        """(height, width): at each pixel, the correlation of the two harmonics at their best heading, normalised."""
+        values = level.astype(np.float32)
+        total = cv2.filter2D(values, cv2.CV_32F, self._ring)
+        a, b = (cv2.filter2D(values, cv2.CV_32F, part) for part in self._rays)
+        total = cv2.add(total, cv2.magnitude(a, b))
+        side = 2 * round(math.sqrt(6.0 * (self.box**2 - 1) / 12.0 + 0.25)) + 1  # about as wide as the window
+        mean = cv2.boxFilter(level, cv2.CV_32F, (side, side))
+        power = cv2.sqrBoxFilter(level, cv2.CV_32F, (side, side))
+        spread = cv2.subtract(power, cv2.multiply(mean, mean))
+        spread = cv2.sqrt(cv2.max(spread, NOISE * NOISE))
+        return np.asarray(cv2.divide(total, spread), dtype=np.float32)
+
+    def correlation(self, level: Picture, pixels: NDArray[np.intp]) -> Array:
+        """(N,): of (N, 2) ``pixels``, the normalised correlation with the whole symbol at its best heading."""
+        edge = len(self._full) and round(math.sqrt(len(self._full)))
+        before = edge // 2
+        framed = cv2.copyMakeBorder(level, before, edge, before, edge, cv2.BORDER_REPLICATE)
+        windows = np.lib.stride_tricks.sliding_window_view(framed, (edge, edge))
+        patches = windows[pixels[:, 1], pixels[:, 0]].reshape(len(pixels), -1).astype(np.float32)
+        patches -= (patches @ self._window)[:, None]
+        spread = np.sqrt((patches * patches) @ self._window + NOISE * NOISE)
+        return np.asarray((patches @ self._full).max(axis=1) / spread, dtype=float)
+
+    def candidates(self, level: Picture) -> Array:
+        """(N, 2) pixels of ``level``, between pixels, best first, ``MOST`` at most."""
+        response = self.response(level)
+        top = cv2.dilate(response, np.ones((3, 3), dtype=np.uint8))
+        index = np.flatnonzero((response >= top) & (response > LEAST))
+        if len(index) > MOST_BLOBS:
+            index = index[np.argpartition(-response.ravel()[index], MOST_BLOBS)[:MOST_BLOBS]]
+        v, u = np.divmod(index, response.shape[1])
+        if not len(index):
+            return np.zeros((0, 2))
+        quality = self.correlation(level, np.column_stack([u, v]))
+        order = np.lexsort((index, -quality))[:MOST]
+        return _between(response, u[order], v[order])
 
 
-def peaks(response: Image, most: int) -> tuple[Array, Array]:
-    """(N, 2) pixels of the ``most`` highest blobs of ``response``, best first, between pixels, and their heights (N,)."""
-    top = cv2.dilate(response, np.ones((3, 3), dtype=np.uint8))
-    v, u = np.nonzero((response >= top) & (response > LEAST))
-    heights = response[v, u]
-    if len(heights) > most:
-        kept = np.argpartition(-heights, most)[:most]
-        v, u, heights = v[kept], u[kept], heights[kept]
-    order = np.lexsort((u, v, -heights))
-    v, u, heights = v[order], u[order], heights[order]
+def _between(response: Image, u: NDArray[np.intp], v: NDArray[np.intp]) -> Array:
+    """(N, 2): the tops of parabolas through the peaks of ``response`` and their neighbours."""
     result = np.column_stack([u, v]).astype(float)
-    inner = (u > 0) & (v > 0) & (u < response.shape[1] - 1) & (v < response.shape[0] - 1)
-    ui, vi = u[inner], v[inner]
-    middle = response[vi, ui]
-    for axis, (before, after) in enumerate(
-        ((response[vi, ui - 1], response[vi, ui + 1]), (response[vi - 1, ui], response[vi + 1, ui]))
-    ):
+    u = np.clip(u, 1, response.shape[1] - 2)
+    v = np.clip(v, 1, response.shape[0] - 2)
+    middle = response[v, u]
+    sides = ((response[v, u - 1], response[v, u + 1]), (response[v - 1, u], response[v + 1, u]))
+    for axis, (before, after) in enumerate(sides):
         bend = np.maximum(2.0 * middle - before - after, 1e-6)
-        result[inner, axis] += np.clip(0.5 * (after - before) / bend, -0.5, 0.5)
-    return result, heights.astype(float)
+        result[:, axis] += np.clip(0.5 * (after - before) / bend, -0.5, 0.5)
+    return result

@@ -7,6 +7,8 @@ and green and missing in blue.
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -50,23 +52,60 @@ def yellow(frame: Picture) -> Picture | None:
     return np.asarray(cv2.subtract(cv2.min(green, red), blue), dtype=np.uint8)
 
 
-def shrink(picture: Picture, factor: float) -> tuple[Picture, tuple[float, float]]:
-    """``picture`` about ``factor`` (at most 1) times as large, averaged, and the exact factors across and down.
+class Pyramid:
+    """A scalar picture, and smaller ones of it; ``origin`` (2,) is where its first pixel is in the frame."""
 
-    A pixel u of the one is at (u + 0.5) * factor - 0.5 in the other.
-    """
-    height, width = picture.shape
-    if factor >= 1.0:
-        return picture, (1.0, 1.0)
-    size = (max(round(width * factor), 8), max(round(height * factor), 8))
-    whole = max(int(1.0 / factor + 1e-6), 1)
-    if whole > 1:  # INTER_LINEAR looks at two pixels only, and INTER_AREA is quick for whole numbers only
-        picture = np.asarray(
-            cv2.resize(picture, (max(width // whole, 8), max(height // whole, 8)), interpolation=cv2.INTER_AREA),
-            dtype=np.uint8,
-        )
-    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
-    return small, (size[0] / width, size[1] / height)
+    def __init__(self, picture: Picture, origin: tuple[int, int] = (0, 0)) -> None:
+        self.origin: NDArray[np.float64] = np.array(origin, dtype=float)
+        self._halves = [picture]
+
+    def shrunk(self, factor: float) -> tuple[Picture, NDArray[np.float64]]:
+        """The picture about ``factor`` times as large (never larger than it is), averaged, and the exact factors (2,)
+        across and down. A pixel u of the frame is at (u - origin + 0.5) * factor - 0.5 in it.
+        """
+        picture, whole = self._half(factor)
+        height, width = picture.shape
+        rest = factor / whole
+        if rest > 0.95:
+            return picture, np.array([whole, whole])
+        size = (max(round(width * rest), 8), max(round(height * rest), 8))
+        small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+        return small, np.array([whole * size[0] / width, whole * size[1] / height])
+
+    def warped(self, matrix: NDArray[np.float64], size: tuple[int, int], factor: float) -> Picture:
+        """The picture seen through ``matrix`` (3, 3), from a pixel of the result, which is ``size`` wide and high, to one
+        of the frame; ``factor``: pixels of the result for one of the frame. Edges are continued.
+        """
+        picture, whole = self._half(factor)
+        u, v = self.origin
+        to_half = np.array([[whole, 0.0, (0.5 - u) * whole - 0.5], [0.0, whole, (0.5 - v) * whole - 0.5], [0.0, 0.0, 1.0]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        found = cv2.warpPerspective(picture, to_half @ matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(found, dtype=np.uint8)
+
+    def _half(self, factor: float) -> tuple[Picture, float]:
+        """The smallest half of a half ... that is not below ``factor``, which INTER_LINEAR then takes further: it looks
+        at two pixels only.
+        """
+        level = max(int(math.log2(1.0 / factor) + 1e-6), 0) if factor < 1.0 else 0
+        while len(self._halves) <= level and min(self._halves[-1].shape) >= 16:
+            height, width = self._halves[-1].shape
+            even = self._halves[-1][: height // 2 * 2, : width // 2 * 2]
+            half = cv2.resize(even, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+            self._halves.append(np.asarray(half, dtype=np.uint8))
+        level = min(level, len(self._halves) - 1)
+        return self._halves[level], 0.5**level
+
+    @property
+    def whole(self) -> Picture:
+        """The picture itself."""
+        return self._halves[0]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        height, width = self._halves[0].shape
+        return width, height
 
 
 def _bad(value: object, expected: str) -> BadInput:

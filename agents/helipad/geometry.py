@@ -44,6 +44,10 @@ class View:
         """Pixels of a symbol's height straight below."""
         return float(math.sqrt(self.k[0, 0] * self.k[1, 1])) / self.distance
 
+    def flat(self, pixels: Array) -> Array:
+        """:meth:`to_plane` of a lens without distortion."""
+        return _apply(self._back, pixels)
+
     def to_plane(self, pixels: Array) -> Array:
         """(N, 2) pixels -> (N, 2) on the plane."""
         if self.distortion is not None and len(pixels):

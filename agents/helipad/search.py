@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.helipad import polar
-from agents.helipad.candidates import Kernels, peaks
-from agents.helipad.channels import Picture, shrink
+from agents.helipad.candidates import Kernels
+from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.refine import Aligner, turned
 from agents.helipad.templates import Symbol, turns_alike
@@ -18,14 +18,15 @@ from agents.helipad.templates import Symbol, turns_alike
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-COARSE_PX = 6.5
+COARSE_PX = 6.2
 """height of a symbol in the picture that candidates are sought in"""
 FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
-MOST_CANDIDATES = 32
 MOST_ALIGNED = 6
 LEAST_MATCH = 0.45
 """correlation of the polar patch"""
+LARGEST_PX = 400_000
+"""of the picture that candidates are sought in: a view toward the horizon is cut"""
 ALIGN_STEPS = 4
 SCALES = (0.88, 1.0, 1.14)
 """of the supposed height that the polar match tries; alignment goes somewhat beyond"""
@@ -57,17 +58,13 @@ class Searcher:
         self._grid = polar.grid()
         self.aligner = Aligner(symbols)
 
-    def proposals(self, picture: Picture, origin: Array, view: View) -> Proposals:
-        """What in ``picture``, whose first pixel is ``origin`` (2,) of the frame, may be a symbol on the plane of ``view``."""
-        small, factors = shrink(picture, COARSE_PX / view.scale)
-        kernels = self._kernels_for(view.scale * factors[0])
-        found, _ = peaks(kernels.response(small), MOST_CANDIDATES)
-        middles = (found + 0.5) / factors - 0.5 + origin
-        middles = middles[view.in_front(middles)]
+    def proposals(self, pyramid: Pyramid, view: View) -> Proposals:
+        """What in ``pyramid`` may be a symbol on the plane of ``view``."""
+        origin = pyramid.origin
+        middles = self._candidates(pyramid, view)
         if not len(middles):
             return self._none()
-        fine, factors = shrink(picture, FINE_PX / view.scale)
-        to_fine = np.array(factors)
+        fine, to_fine = pyramid.shrunk(FINE_PX / view.scale)
         affines = view.affine(middles) * to_fine[:, None]
         middles = (middles - origin + 0.5) * to_fine - 0.5
         patches = polar.normalised(polar.sample(fine, middles, affines, *self._grid), self._bank.weight)
@@ -84,6 +81,26 @@ class Searcher:
         near = np.linalg.norm(placed - middles[best], axis=1) < 0.6 * np.sqrt(np.abs(np.linalg.det(start)))
         sound = (grown < FARTHEST_SCALE) & (grown > 1.0 / FARTHEST_SCALE) & near
         return self._judged(fine, placed[sound], affines[sound], origin, to_fine)
+
+    def _candidates(self, pyramid: Pyramid, view: View) -> Array:
+        """(N, 2) pixels of the frame; sought in a level picture, where the symbol has one size everywhere."""
+        scale = min(COARSE_PX, view.scale)
+        width, height = pyramid.size
+        corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)]) + pyramid.origin
+        if not view.in_front(corners).all():
+            return np.zeros((0, 2))
+        corners = view.flat(corners) * scale
+        low = np.floor(corners.min(axis=0))
+        size = np.ceil(corners.max(axis=0)) - low + 1.0
+        size *= min(1.0, math.sqrt(LARGEST_PX / (size[0] * size[1])))
+        from_level = np.array([[1.0 / scale, 0.0, low[0] / scale], [0.0, 1.0 / scale, low[1] / scale], [0.0, 0.0, 1.0]])
+        matrix = view.matrix @ from_level
+        level = pyramid.warped(matrix, (max(int(size[0]), 8), max(int(size[1]), 8)), scale / view.scale)
+        found = self._kernels_for(scale).candidates(level)
+        pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
+        pixels = pixels[:, :2] / pixels[:, 2:]
+        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + (width, height)), axis=1)
+        return np.asarray(pixels[inside], dtype=float)
 
     def _judged(self, fine: Picture, middles: Array, affines: Array, origin: Array, to_fine: Array) -> Proposals:
         if not len(middles):
@@ -110,7 +127,7 @@ class Searcher:
         """Those for symbols about that many pixels high; made once for each quarter of a pixel."""
         key = max(round(4.0 * scale), 10) / 4.0
         if key not in self._kernels:
-            self._kernels[key] = Kernels(self.symbols[len(self.symbols) // 2], key)
+            self._kernels[key] = Kernels(self.symbols, key)
         return self._kernels[key]
 
     def _none(self) -> Proposals:
