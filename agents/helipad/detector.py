@@ -1,0 +1,216 @@
+"""The helipad detector: a frame in, the symbols that are seen out. It knows a camera and a symbol, and no vehicle."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agents.helipad import channels
+from agents.helipad.channels import Picture, Pyramid
+from agents.helipad.geometry import View
+from agents.helipad.judge import Judge
+from agents.helipad.refine import heading, window
+from agents.helipad.search import Proposals, Searcher
+from agents.helipad.templates import letter_h, load
+from zmav.errors import BadInput
+
+Array = NDArray[np.float64]
+
+MIN_HEIGHT_M, MAX_HEIGHT_M = 0.5, 13.0
+HEIGHT_STEP = 1.38
+"""between the heights that are supposed where none is known; the search at one of them reaches half-way to the next"""
+MOST_TILT = math.radians(60.0)
+REFINE_PX = 26.0
+"""height of a symbol in the picture that its place and heading are measured in"""
+REFINE_STEPS = 3
+SAME = 0.5
+"""two detections nearer than this, in heights of the symbol, are of the same one"""
+TRACK_REACH = 2.0
+"""how far from the last place a track looks, in heights of the symbol"""
+TRACK_LEAST_PX = 40.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Detection:
+    """A symbol in a frame."""
+
+    u: float
+    """middle, pixels to the right; 0 is the centre of the first pixel"""
+    v: float
+    """middle, pixels down"""
+    scale_px: float
+    """the symbol's height as it is seen, pixels"""
+    heading: float
+    """where its upright points in the picture: radians clockwise from up, in [0, pi)"""
+    score: float
+    """how sure, 0 to 1; only what is taken for the symbol is given at all"""
+
+
+class Detector:
+    """Finds a symbol of ``symbol_height_m`` metres in frames of a camera that looks down.
+
+    ``camera_matrix``: (3, 3), pixels. ``template``: None for the letter H, white or yellow, in the proportions of small
+    pads and of ICAO's (which is its own mirror image, so a mirrored H is an H); or the path of a grey picture of another
+    symbol, white on black and cut to the symbol, whose height is the symbol's (see :func:`agents.helipad.templates.load`).
+    ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None. ``min_height_m`` and ``max_height_m``: where to
+    look when no height is given. Raises :class:`BadInput`.
+
+    After Coombes et al. 2014, section on visual landing, and Ciratefi (Kim and de Araújo 2007): docs/vision.md says what
+    is different. One detector belongs to one thread at a time; a result depends on the arguments alone.
+    """
+
+    def __init__(
+        self,
+        camera_matrix: ArrayLike,
+        symbol_height_m: float = 0.25,
+        template: str | Path | None = None,
+        *,
+        distortion: ArrayLike | None = None,
+        min_height_m: float = MIN_HEIGHT_M,
+        max_height_m: float = MAX_HEIGHT_M,
+    ) -> None:
+        self._k = _camera_matrix(camera_matrix)
+        self._distortion = _distortion(distortion)
+        self._symbol_m = _number("symbol_height_m", symbol_height_m, 1e-3, 100.0)
+        low = _number("min_height_m", min_height_m, 0.01, 1e4)
+        high = _number("max_height_m", max_height_m, low, 1e4)
+        steps = max(math.ceil(math.log(high / low) / math.log(HEIGHT_STEP)), 0)
+        self._heights = [high / HEIGHT_STEP**i for i in range(steps + 1)]
+        symbols = letter_h() if template is None else [load(template)]
+        self._searcher = Searcher(symbols)
+        self._judge = Judge(symbols, learned=template is None)
+
+    def detect(
+        self,
+        frame_bgr: object,
+        height_m: float | None = None,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        near: Detection | None = None,
+    ) -> list[Detection]:
+        """The symbols in ``frame_bgr`` ((height, width, 3) BGR or (height, width) grey, uint8), best first.
+
+        ``height_m``: of the camera above the symbol. Where it is None, or where nothing is found at it and 30 % about it,
+        all heights are searched. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right side
+        down, nose up); without them the frame is taken as level, which costs recall from about 10 degrees on.
+        ``near``: look only about this one of the last frame; an empty list says that it is lost.
+        Raises :class:`BadInput` for a frame or a number that is none.
+        """
+        frame = channels.check_frame(frame_bgr)
+        height = None if height_m is None else _number("height_m", height_m, 1e-3, 1e5)
+        roll = _number("roll", roll, -MOST_TILT, MOST_TILT)
+        pitch = _number("pitch", pitch, -MOST_TILT, MOST_TILT)
+        if near is not None:
+            return self._track(frame, near, height, roll, pitch)
+        pictures = [Pyramid(channels.grey(frame))]
+        supposed = self._heights if height is None else [height]
+        found = self._search(pictures[0], supposed, roll, pitch)
+        if not found:
+            paint = channels.yellow(frame)
+            if paint is not None:
+                pictures.append(Pyramid(paint))
+                found = self._search(pictures[1], supposed, roll, pitch)
+        if not found and height is not None:
+            rest = [h for h in self._heights if abs(math.log(h / height)) > 0.5 * math.log(HEIGHT_STEP)]
+            for picture in pictures:
+                found = found or self._search(picture, rest, roll, pitch)
+        return found
+
+    def _track(self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float) -> list[Detection]:
+        reach = max(TRACK_REACH * near.scale_px, TRACK_LEAST_PX)
+        middle = np.array([near.u, near.v])
+        if not (np.isfinite(middle).all() and np.isfinite(reach)):
+            raise _bad("near", near, "a detection of numbers")
+        part, low = window(frame, middle, reach)
+        if min(part.shape[:2], default=0) < 16:
+            return []
+        if height is None:
+            height = self._symbol_m * float(self._k[1, 1]) / max(near.scale_px, 1.0)
+        origin = (int(low[0]), int(low[1]))
+        found = self._search(Pyramid(channels.grey(part), origin), [height], roll, pitch)
+        if not found:
+            paint = channels.yellow(part)
+            if paint is not None:
+                found = self._search(Pyramid(paint, origin), [height], roll, pitch)
+        return found
+
+    def _search(self, picture: Pyramid, heights: list[float], roll: float, pitch: float) -> list[Detection]:
+        """What is found at any of ``heights``, each symbol once, best first."""
+        found: list[Detection] = []
+        for height in heights:
+            view = View(self._k, self._distortion, height / self._symbol_m, roll, pitch)
+            proposals = self._searcher.proposals(picture, view)
+            scores = self._judge.scores(picture, proposals)
+            for i in np.flatnonzero(scores):
+                found.append(self._measured(picture, proposals, int(i), float(scores[i])))
+        found.sort(key=lambda d: (-d.score, d.u, d.v))
+        kept: list[Detection] = []
+        for one in found:
+            if all(math.hypot(one.u - k.u, one.v - k.v) > SAME * max(one.scale_px, k.scale_px) for k in kept):
+                kept.append(one)
+        return kept
+
+    def _measured(self, picture: Pyramid, proposals: Proposals, i: int, score: float) -> Detection:
+        """Aligned once more in a finer picture of its surroundings alone."""
+        middles, affines = proposals.middles[i : i + 1], proposals.affines[i : i + 1]
+        which = proposals.symbols[i : i + 1]
+        tall = float(np.linalg.norm(affines[0, :, 1]))
+        part, low = window(picture.whole, middles[0] - picture.origin, 1.2 * tall + 4.0)
+        if min(part.shape) >= 8:
+            here = Pyramid(part, (int(low[0] + picture.origin[0]), int(low[1] + picture.origin[1])))
+            fine, factors = here.shrunk(REFINE_PX / tall)
+            placed, turned = self._searcher.aligner.align(
+                fine,
+                which,
+                (middles - here.origin + 0.5) * factors - 0.5,
+                affines * factors[:, None],
+                REFINE_STEPS,
+            )
+            moved = (placed + 0.5) / factors - 0.5 + here.origin
+            if float(np.linalg.norm(moved - middles)) < 0.2 * tall:
+                middles, affines = moved, turned / factors[:, None]
+        return Detection(
+            u=float(middles[0, 0]),
+            v=float(middles[0, 1]),
+            scale_px=float(np.linalg.norm(affines[0, :, 1])),
+            heading=float(heading(affines)[0]),
+            score=score,
+        )
+
+
+def _camera_matrix(value: ArrayLike) -> Array:
+    expected = "(3, 3): fx 0 cx, 0 fy cy, 0 0 1, pixels"
+    try:
+        k = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise _bad("camera_matrix", value, expected) from None
+    if k.shape != (3, 3) or not np.isfinite(k).all() or k[0, 0] <= 0.0 or k[1, 1] <= 0.0 or k[2].tolist() != [0, 0, 1]:
+        raise _bad("camera_matrix", value, expected)
+    return k
+
+
+def _distortion(value: ArrayLike | None) -> Array | None:
+    if value is None:
+        return None
+    expected = "4, 5, 8, 12 or 14 numbers"
+    try:
+        coefficients = np.asarray(value, dtype=float).ravel()
+    except (TypeError, ValueError):
+        raise _bad("distortion", value, expected) from None
+    if coefficients.size not in (4, 5, 8, 12, 14) or not np.isfinite(coefficients).all():
+        raise _bad("distortion", value, expected)
+    return coefficients if coefficients.any() else None
+
+
+def _number(field: str, value: object, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= float(value) <= high:
+        raise _bad(field, value, f"a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def _bad(field: str, value: object, expected: str) -> BadInput:
+    return BadInput(f"{field} is {value!r}; expected {expected}", field=field, value=repr(value), expected=expected)

@@ -1,0 +1,136 @@
+"""One search of one scalar picture at one supposed distance: candidates, polar match, alignment."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.helipad import polar
+from agents.helipad.candidates import Kernels
+from agents.helipad.channels import Picture, Pyramid
+from agents.helipad.geometry import View
+from agents.helipad.refine import Aligner, turned
+from agents.helipad.templates import Symbol, turns_alike
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+COARSE_PX = 6.2
+"""height of a symbol in the picture that candidates are sought in"""
+FINE_PX = 13.0
+"""height of a symbol in the picture that they are looked at in"""
+MOST_ALIGNED = 6
+LEAST_MATCH = 0.45
+"""correlation of the polar patch"""
+LARGEST_PX = 400_000
+"""of the picture that candidates are sought in: a view toward the horizon is cut"""
+ALIGN_STEPS = 4
+SCALES = (0.88, 1.0, 1.14)
+"""of the supposed height that the polar match tries; alignment goes somewhat beyond"""
+FARTHEST_SCALE = 1.35
+
+
+class Proposals(NamedTuple):
+    """What may be symbols, aligned: N of them."""
+
+    middles: Array
+    """(N, 2) pixels of the whole frame"""
+    affines: Array
+    """(N, 2, 2) from the symbol's axes, in its heights, to pixels"""
+    symbols: NDArray[np.intp]
+    """(N,) which of the proportions"""
+    patches: Image
+    """(N, M) upright and normalised"""
+    correlation: Array
+    """(N,)"""
+
+
+class Searcher:
+    """The stages made ready for ``symbols``, which are proportions of the same one."""
+
+    def __init__(self, symbols: list[Symbol]) -> None:
+        self.symbols = symbols
+        self._kernels: dict[float, Kernels] = {}
+        self._bank = polar.Bank(symbols, SCALES, math.pi if turns_alike(symbols[0]) else 2.0 * math.pi)
+        self._grid = polar.grid()
+        self.aligner = Aligner(symbols)
+
+    def proposals(self, pyramid: Pyramid, view: View) -> Proposals:
+        """What in ``pyramid`` may be a symbol on the plane of ``view``."""
+        origin = pyramid.origin
+        middles = self._candidates(pyramid, view)
+        if not len(middles):
+            return self._none()
+        fine, to_fine = pyramid.shrunk(FINE_PX / view.scale)
+        affines = view.affine(middles) * to_fine[:, None]
+        middles = (middles - origin + 0.5) * to_fine - 0.5
+        patches = polar.normalised(polar.sample(fine, middles, affines, *self._grid), self._bank.weight)
+        match, symbols, scales, angles = self._bank.match(patches)
+        best = np.argsort(-match, kind="stable")[:MOST_ALIGNED]
+        best = best[match[best] > LEAST_MATCH]
+        if not len(best):
+            return self._none()
+        start = affines[best]
+        placed, affines = self.aligner.align(
+            fine, symbols[best], middles[best], start @ turned(angles[best], scales[best]), ALIGN_STEPS
+        )
+        grown = np.sqrt(np.abs(np.linalg.det(affines) / np.linalg.det(start)))
+        near = np.linalg.norm(placed - middles[best], axis=1) < 0.6 * np.sqrt(np.abs(np.linalg.det(start)))
+        sound = (grown < FARTHEST_SCALE) & (grown > 1.0 / FARTHEST_SCALE) & near
+        return self._judged(fine, placed[sound], affines[sound], origin, to_fine)
+
+    def _candidates(self, pyramid: Pyramid, view: View) -> Array:
+        """(N, 2) pixels of the frame; sought in a level picture, where the symbol has one size everywhere."""
+        scale = min(COARSE_PX, view.scale)
+        width, height = pyramid.size
+        corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)]) + pyramid.origin
+        if not view.in_front(corners).all():
+            return np.zeros((0, 2))
+        corners = view.flat(corners) * scale
+        low = np.floor(corners.min(axis=0))
+        size = np.ceil(corners.max(axis=0)) - low + 1.0
+        size *= min(1.0, math.sqrt(LARGEST_PX / (size[0] * size[1])))
+        from_level = np.array([[1.0 / scale, 0.0, low[0] / scale], [0.0, 1.0 / scale, low[1] / scale], [0.0, 0.0, 1.0]])
+        matrix = view.matrix @ from_level
+        level = pyramid.warped(matrix, (max(int(size[0]), 8), max(int(size[1]), 8)), scale / view.scale)
+        found = self._kernels_for(scale).candidates(level)
+        pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
+        pixels = pixels[:, :2] / pixels[:, 2:]
+        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + (width, height)), axis=1)
+        return np.asarray(pixels[inside], dtype=float)
+
+    def _judged(self, fine: Picture, middles: Array, affines: Array, origin: Array, to_fine: Array) -> Proposals:
+        if not len(middles):
+            return self._none()
+        raw = self.aligner.patches(fine, middles, affines)
+        count = len(middles)
+        scores = np.column_stack(
+            [
+                self.aligner.scores(self.aligner.normalised(raw, which), which)
+                for which in (np.full(count, i) for i in range(len(self.symbols)))
+            ]
+        )
+        symbols = scores.argmax(axis=1)
+        patches = self.aligner.normalised(raw, symbols)
+        return Proposals(
+            (middles + 0.5) / to_fine - 0.5 + origin,
+            affines / to_fine[:, None],
+            symbols,
+            patches,
+            scores[np.arange(count), symbols],
+        )
+
+    def _kernels_for(self, scale: float) -> Kernels:
+        """Those for symbols about that many pixels high; made once for each quarter of a pixel."""
+        key = max(round(4.0 * scale), 10) / 4.0
+        if key not in self._kernels:
+            self._kernels[key] = Kernels(self.symbols, key)
+        return self._kernels[key]
+
+    def _none(self) -> Proposals:
+        none = np.zeros(0)
+        patches = np.zeros((0, len(self.aligner.x)), dtype=np.float32)
+        return Proposals(none.reshape(0, 2), none.reshape(0, 2, 2), np.zeros(0, dtype=np.intp), patches, none)
