@@ -39,9 +39,9 @@ LARGER = 1.5
 
 
 class CameraAgent:
-    """``async with CameraAgent(z, settings, source, calibration, bulk)``: lives on the event loop until it is left.
+    """``async with CameraAgent(z, settings, source, lens, bulk)``: lives on the event loop until it is left.
 
-    ``bulk``: how the session for the pictures is opened, so that they do not queue before anything else. ``say`` takes
+    ``lens``: the calibration, or the horizontal field of view in rad of one that does not distort. ``bulk``: how the session for the pictures is opened, so that they do not queue before anything else. ``say`` takes
     a line for people, from any thread. Raises what :meth:`Settings.check` and the source's ``check`` do.
     """
 
@@ -50,7 +50,7 @@ class CameraAgent:
         z: Client,
         settings: Settings,
         source: Source,
-        calibration: Calibration,
+        lens: Calibration | float,
         bulk: SessionSettings,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
@@ -68,7 +68,7 @@ class CameraAgent:
         """pictures"""
         self.ended = asyncio.Event()
         """the source has come to its end, and its last picture is sent"""
-        self._z, self._source, self._calibration, self._bulk, self._say = z, source, calibration, bulk, say
+        self._z, self._source, self._lens, self._bulk, self._say = z, source, lens, bulk, say
         self._sender = random.SystemRandom().getrandbits(32)
         self._wanted, self._news = asyncio.Event(), asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
@@ -129,10 +129,9 @@ class CameraAgent:
     def info(self) -> CameraInfo:
         """What the camera is asked for; raises :class:`BadConfig` where the calibration does not fit its pictures."""
         size = self.size if all(self.size) else self._full_size
-        step = self.ladder.step
-        return camera_info(
-            self.settings, self._calibration.scaled(*size), time.time(), step.rate, step.quality, self._source.words
-        )
+        step, lens = self.ladder.step, self._lens
+        fitting = lens.scaled(*size) if isinstance(lens, Calibration) else Calibration.by_angle(lens, *size)
+        return camera_info(self.settings, fitting, time.time(), step.rate, step.quality, self._source.words)
 
     # What others say.
 
