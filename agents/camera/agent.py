@@ -39,10 +39,11 @@ LARGER = 1.5
 
 
 class CameraAgent:
-    """``async with CameraAgent(z, settings, source, calibration, bulk)``: lives on the event loop until it is left.
+    """``async with CameraAgent(z, settings, source, lens, bulk)``: lives on the event loop until it is left.
 
-    ``bulk``: how the session for the pictures is opened, so that they do not queue before anything else. ``say`` takes
-    a line for people, from any thread. Raises what :meth:`Settings.check` and the source's ``check`` do.
+    ``lens``: the calibration, or the horizontal field of view in rad of one that does not distort. ``bulk``: how the
+    session for the pictures is opened, so that they do not queue before anything else. ``say`` takes a line for people,
+    from any thread. Raises what :meth:`Settings.check` and the source's ``check`` do.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class CameraAgent:
         z: Client,
         settings: Settings,
         source: Source,
-        calibration: Calibration,
+        lens: Calibration | float,
         bulk: SessionSettings,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
@@ -68,7 +69,7 @@ class CameraAgent:
         """pictures"""
         self.ended = asyncio.Event()
         """the source has come to its end, and its last picture is sent"""
-        self._z, self._source, self._calibration, self._bulk, self._say = z, source, calibration, bulk, say
+        self._z, self._source, self._lens, self._bulk, self._say = z, source, lens, bulk, say
         self._sender = random.SystemRandom().getrandbits(32)
         self._wanted, self._news = asyncio.Event(), asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
@@ -129,10 +130,9 @@ class CameraAgent:
     def info(self) -> CameraInfo:
         """What the camera is asked for; raises :class:`BadConfig` where the calibration does not fit its pictures."""
         size = self.size if all(self.size) else self._full_size
-        step = self.ladder.step
-        return camera_info(
-            self.settings, self._calibration.scaled(*size), time.time(), step.rate, step.quality, self._source.words
-        )
+        step, lens = self.ladder.step, self._lens
+        fitting = lens.scaled(*size) if isinstance(lens, Calibration) else Calibration.by_angle(lens, *size)
+        return camera_info(self.settings, fitting, time.time(), step.rate, step.quality, self._source.words)
 
     # What others say.
 
@@ -209,7 +209,7 @@ class CameraAgent:
         self._full_size = full = (max(round(width * scale), 1), max(round(height * scale), 1))
         size = (max(full[0] // 2, 1), max(full[1] // 2, 1)) if step.half else full
         most = min(LARGER * self.ladder.expected(step), MOST_JPEG)
-        as_is = size == (width, height) and step == self.ladder.steps[0]
+        as_is = size == (width, height) and step.quality == self.settings.quality
         if shot.jpeg is not None and as_is and len(shot.jpeg) <= most:
             return shot.jpeg, size  # made anew it would only be worse
         if size != (width, height):
@@ -229,15 +229,17 @@ class CameraAgent:
             self.failed += 1
             self._tell(str(e))
             return
+        rate, total = self.budget.bytes, sum(map(len, chunks))
         self._pace = max(self._pace, time.monotonic())
+        needs = min(len(jpeg) / (1.0 - self.budget.loss), total)
+        self.budget.sent.add(self.sent, total, time.time() - t + needs / rate, time.monotonic())
         for chunk in chunks:
             wait = self._pace - time.monotonic()
             if wait > SHORTEST_SLEEP:
                 await asyncio.sleep(wait)
             with contextlib.suppress(zenoh.ZError):  # the session has gone; whoever opened it knows
                 publisher.put(chunk)
-            self._pace += len(chunk) / self.budget.bytes
-        self.budget.sent.add(self.sent, sum(map(len, chunks)), time.time() - t, time.monotonic())
+            self._pace += len(chunk) / rate
         self.sent = (self.sent + 1) % (1 << 32)
 
     # What it says of itself.

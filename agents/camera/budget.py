@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import collections
 import math
+from typing import NamedTuple
 
 from agents.camera.settings import Settings
 from zmav import keys
@@ -18,14 +19,18 @@ UNKNOWN_LOSS = 0.1
 """share of chunks that parity is made for while no reader reports"""
 LEAST_LOSS, MOST_LOSS = 0.01, 0.45
 """bounds of what parity is made for"""
-WINDOW = 5
-"""reports between whose first and last chunks are counted: 2 s"""
+WINDOW, RECENT, ENOUGH = 20, 5, 60e3
+"""reports that are kept (10 s); at least so many of them (2 s), and so many bytes, for chunks to be counted between"""
 USUAL, DELAYS = 20, 60
-"""reports whose least loss is the link's own, and whose least delay is that of an empty link: 10 and 30 s"""
-MORE_LOSS, MORE_DELAY = 0.12, 0.15
-"""beyond those, a link is full (share; s)"""
-TORN = 0.15
-"""share of pictures"""
+"""reports whose lower quartile of losses is the link's own, and whose least delay is an empty link's: 10 and 30 s"""
+MORE_LOSS, MORE_DELAY, MOST_DELAY = 0.12, 0.15, 1.0
+"""beyond those, a link is full: share; s, which is what we take to send a picture within these bounds"""
+SOME_LOSS = 0.05
+"""beyond the link's own, above which nothing is added"""
+FALLING = 0.05
+"""s by which the delay must have fallen since the last report for the link to be emptying: it is let to"""
+TORN, FEW = 0.15, 2
+"""share of the recent pictures, and how many at least"""
 CUT, DEEPEST_CUT = 0.75, 0.5
 HOLD = 1.5
 """s between two decreases: until what the last one did is seen"""
@@ -35,6 +40,8 @@ OWN_LOSS = 0.5
 """share above which loss is never taken for the link's own"""
 USED = 0.6
 """of the budget that must be sent for good reports to say that there is more"""
+PERIOD, MOST_PERIODS = 0.5, 4.0
+"""s in which the budget grows by one step, and how many periods without a picture are made up for"""
 MOST_READERS = 64
 
 
@@ -47,7 +54,7 @@ class Sent:
         self.total = 0
 
     def add(self, seq: int, length: int, own: float, now: float) -> None:
-        """``length`` bytes in all chunks; ``own``: s from the shutter until the last one went."""
+        """One that is begun: ``length`` bytes in all chunks; ``own``: s from the shutter until enough of it is gone."""
         self.total += length
         self._pictures[seq] = self.total, own
         self._times.append((now, length))
@@ -68,6 +75,16 @@ class Sent:
         return sum(length for at, length in self._times if at > now - window) / window
 
 
+class _Heard(NamedTuple):
+    """A report's numbers since the one before."""
+
+    seq: int
+    came: float
+    """bytes"""
+    whole: int
+    torn: int
+
+
 class Link:
     """What one reader's reports say of the way to it."""
 
@@ -80,10 +97,11 @@ class Link:
         self.most: float | None = None
         self._settings = settings
         self._last: FrameReport | None = None
-        self._window: collections.deque[tuple[int, float, int, int]] = collections.deque(maxlen=WINDOW)
+        self._window: collections.deque[_Heard] = collections.deque(maxlen=WINDOW)
         self._losses: collections.deque[float] = collections.deque(maxlen=USUAL)
         self._delays: collections.deque[float] = collections.deque(maxlen=DELAYS)
         self._cut_at = -math.inf
+        self._good_at = now
         self._cut_loss: float | None = None
         self._step = 0.1 * settings.budget
 
@@ -94,43 +112,60 @@ class Link:
         last, self._last = self._last, report
         if last is None or not 0.0 < report.t - last.t < 60.0:
             self._window.clear()
-            self._window.append((report.seq, 0.0, 0, 0))
+            self._window.append(_Heard(report.seq, 0.0, 0, 0))
             return
         came = max(report.rate_bytes, 0.0) * (report.t - last.t)
-        self._window.append((report.seq, came, max(report.whole, 0), max(report.torn, 0)))
+        self._window.append(_Heard(report.seq, came, max(report.whole, 0), max(report.torn, 0)))
         loss = self._lost(report, sent, now)
         if loss is not None:
             self.loss = min(max(loss, LEAST_LOSS, self.loss + 0.15 * (loss - self.loss)), MOST_LOSS)
         if self._full(report, loss, sent):
             self._decrease(loss, now)
-        elif report.whole > 0 and report.torn <= 0 and sent.rate(now) >= USED * self.budget:
-            self.budget = min(self.budget + self._step, self._settings.most)
+        elif loss is not None and loss < self._usual() + SOME_LOSS and sent.rate(now) >= USED * self.budget:
+            periods = min((now - self._good_at) / PERIOD, MOST_PERIODS)
+            self.budget = min(self.budget + periods * self._step, self._settings.most)
+        if report.whole > 0:
+            self._good_at = now
 
     def _lost(self, report: FrameReport, sent: Sent, now: float) -> float | None:
-        """Share of what was sent that did not come; None: not known."""
-        first, *rest = self._window
-        between = sent.between(first[0], report.seq)
-        if between:
-            return min(max(1.0 - sum(came for _, came, _, _ in rest) / between, 0.0), 1.0)
+        """Share of what was sent that did not come; None: nothing new is known."""
+        if report.whole <= 0 and report.torn <= 0:
+            return None
+        came = 0.0
+        reports = list(self._window)
+        for i in range(1, len(reports)):  # from the newest back
+            came += reports[-i].came
+            between = sent.between(reports[-i - 1].seq, report.seq)
+            # What of a picture comes after it was whole is counted late, at both ends alike: many pictures even it out.
+            enough = i == WINDOW - 1 or ((between or 0) >= ENOUGH and i >= RECENT - 1)
+            if between and enough:
+                return min(max(1.0 - came / between, 0.0), 1.0)
         rate = sent.rate(now)
-        if report.whole == 0 and report.torn > 0 and rate > 0.0:  # nothing whole to count from
+        if report.whole <= 0 and rate > 0.0:  # nothing whole to count from
             return min(max(1.0 - max(report.rate_bytes, 0.0) / rate, self.loss), 1.0)
         return None
 
     def _full(self, report: FrameReport, loss: float | None, sent: Sent) -> bool:
-        whole, torn = (sum(each[i] for each in self._window) for i in (2, 3))
-        full = report.torn > 0 and torn > TORN * (whole + torn)
+        recent = list(self._window)[-2 * RECENT :]
+        whole, torn = sum(each.whole for each in recent), sum(each.torn for each in recent)
+        full = report.torn > 0 and torn >= FEW and torn > TORN * (whole + torn)
         if loss is not None:
             if self._cut_loss is not None and UNCHANGED * self._cut_loss < loss < OWN_LOSS:
                 self._losses.clear()  # less was sent, and as much was lost
             self._cut_loss = None
             self._losses.append(loss)
-            full |= loss > min(min(self._losses) + MORE_LOSS, OWN_LOSS)
+            full |= loss > min(self._usual() + MORE_LOSS, OWN_LOSS)
         if report.delay is not None and math.isfinite(report.delay):
-            delay = report.delay - sent.own(report.seq)
+            own = sent.own(report.seq)
+            delay, before = report.delay - own, self._delays[-1] if self._delays else math.inf
             self._delays.append(delay)
-            full |= delay > min(self._delays) + MORE_DELAY
+            more = min(max(MORE_DELAY, own), MOST_DELAY)
+            full |= delay > min(self._delays) + more and delay > before - FALLING
         return full
+
+    def _usual(self) -> float:
+        """Share of chunks that this link loses anyway."""
+        return sorted(self._losses)[len(self._losses) // 4] if self._losses else 0.0
 
     def _decrease(self, loss: float | None, now: float) -> None:
         if now - self._cut_at < HOLD:
@@ -139,9 +174,9 @@ class Link:
         self.budget = max(self.budget * factor, self._settings.least)
         self._step = 0.05 * self.budget
         self._cut_at, self._cut_loss = now, loss
-        seq = self._window[-1][0]
+        seq = self._window[-1].seq
         self._window.clear()  # what is counted next was sent after this
-        self._window.append((seq, 0.0, 0, 0))
+        self._window.append(_Heard(seq, 0.0, 0, 0))
 
 
 class Budget:

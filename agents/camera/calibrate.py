@@ -1,5 +1,7 @@
-"""A camera's constants from views of a chessboard. Source: Zhang 2000, "A Flexible New Technique for Camera Calibration"
-(OpenCV's ``calibrateCamera``); corners by Duda and Frese 2018 (``findChessboardCornersSB``).
+"""A camera's constants from views of a chessboard.
+
+Source: Zhang 2000, "A Flexible New Technique for Camera Calibration" (OpenCV's ``calibrateCamera``); corners by Duda
+and Frese 2018 (``findChessboardCornersSB``).
 """
 
 from __future__ import annotations
@@ -81,8 +83,11 @@ class Views:
         """The camera's constants; raises :class:`BadInput` that says which views are missing."""
         cv2 = opencv()
         if len(self.corners) < FEWEST or self.size is None:
-            raise _too("few", f"{len(self.corners)} views of the board, expected {FEWEST} at least: check --squares, and "
-                       "show the board whole, sharp and from several sides")  # fmt: skip
+            raise _too(
+                "few",
+                f"{len(self.corners)} views of the board, expected {FEWEST} at least: check --squares, and show the "
+                "board whole, sharp and from several sides",
+            )
         covered = self._covered()
         if covered < COVERED:
             raise _too("similar", f"the board was seen in {covered} of {CELLS * CELLS} parts of the picture, expected "
@@ -97,11 +102,16 @@ class Views:
         tilts = [math.acos(min(1.0, abs(float(cv2.Rodrigues(turn)[0][2, 2])))) for turn in turns]
         tilted = sum(tilt >= TILTED for tilt in tilts)
         if tilted < TILTS:
-            raise _too("similar", f"{tilted} views are tilted by {math.degrees(TILTED):.0f}° or more, expected {TILTS}: "
-                       "tilt the board to and fro and to the sides")  # fmt: skip
+            raise _too(
+                "similar",
+                f"{tilted} views are tilted by {math.degrees(TILTED):.0f}° or more, expected {TILTS}: tilt the board "
+                "to and fro and to the sides",
+            )
         if error > WORST_ERROR:
-            text = (f"corners are off by {error:.2f} px, expected {WORST_ERROR} at most: is the board flat, is --squares "
-                    "right, are the pictures sharp?")  # fmt: skip
+            text = (
+                f"corners are off by {error:.2f} px, expected {WORST_ERROR} at most: is the board flat, is --squares "
+                "right, are the pictures sharp?"
+            )
             raise BadInput(text, field="squares", value=error, expected=f"{WORST_ERROR} px")
         sigma = float(max(sigmas[:2]))
         if sigma > WORST_FOCAL * matrix[0, 0]:
@@ -121,7 +131,7 @@ class Views:
 
 
 def from_folder(folder: Path, views: Views) -> Iterable[tuple[str, str]]:
-    """Add each picture of a folder; gives its name and why it was left out. Raises :class:`BadConfig` for no pictures."""
+    """Add each picture of a folder; gives its name and why it was left out. :class:`BadConfig` for no pictures."""
     cv2 = opencv()
     paths = pictures_in(folder)
     if not paths:

@@ -1,4 +1,4 @@
-"""How pictures are made smaller or fewer, in this order: quality, then rate to a half, then half size, then rate.
+"""How pictures are made smaller or fewer, in this order: quality, rate to a half, half size, quality of that, rate.
 
 Quality goes first because a helipad is still found at 40; the rate before the size because a halved picture shows a
 small symbol only half as far away; and when there is room for a few pictures only, they are small ones.
@@ -22,7 +22,7 @@ LEARNS = 0.3
 """weight of the newest picture in what pictures are expected to be"""
 HALF_BYTES, PER_QUALITY = 0.3, 1.1
 """bytes of a half picture beside a whole one; exponent of bytes over quality: until both are measured"""
-SLOWEST = 0.5
+SLOWEST = 0.2
 """Hz; where not even that fits, pictures come as the budget lets them"""
 
 
@@ -45,19 +45,18 @@ class Ladder:
     def __init__(self, settings: Settings) -> None:
         best, rate = settings.quality, settings.rate
         middle, low = (max(round(best * part), min(WORST_QUALITY, best)) for part in (0.8, 0.6))
-        steps = [
-            Step(False, best, rate), Step(False, middle, rate), Step(False, low, rate), Step(False, low, rate / 2),
-            Step(True, best, rate), Step(True, middle, rate), Step(True, low, rate), Step(True, low, rate / 2),
-            Step(True, low, rate / 4), Step(True, low, rate / 8),
+        slowest = min(SLOWEST, rate)
+        self.steps = [
+            Step(False, best, rate), Step(False, middle, rate), Step(False, low, rate),
+            Step(True, best, rate), Step(True, middle, rate), Step(True, low, rate),
         ]  # fmt: skip
-        self.steps = [step for i, step in enumerate(steps) if i == 0 or step.rate >= SLOWEST]
+        """from best to least, each at its full rate"""
+        self._least = [rate, rate, max(rate / 2.0, slowest), rate, rate, slowest]
+        self.step = self.steps[-1]
+        """the one that we are on, at the rate that the budget has room for"""
         self._sizes: dict[tuple[bool, int], float] = {}
         self._at = len(self.steps) - 1
         self._first = True
-
-    @property
-    def step(self) -> Step:
-        return self.steps[self._at]
 
     def learn(self, step: Step, length: int) -> None:
         """A picture of that step had ``length`` bytes."""
@@ -76,19 +75,20 @@ class Ladder:
         size = self._sizes[like] * math.pow(step.quality / like[1], PER_QUALITY)
         return size * (1.0 if like[0] == step.half else HALF_BYTES if step.half else 1.0 / HALF_BYTES)
 
-    def rate_bytes(self, step: Step, loss: float) -> float:
-        """B/s of a step where a share ``loss`` of chunks is lost, parity included."""
+    def bytes(self, step: Step, loss: float) -> float:
+        """Of a picture with its parity, where a share ``loss`` of chunks is lost."""
         size = self.expected(step)
         count = count_of(max(round(size), 1))
-        return size * step.rate * (count + needed(count, loss)) / count
+        return size * (count + needed(count, loss)) / count
 
     def choose(self, budget: float, loss: float) -> Step:
-        """The best step that fits; a better one than now only where it fits easily."""
-        last = len(self.steps) - 1
+        """The best step that fits at its least rate; a better one than now only where it fits easily."""
         for i, step in enumerate(self.steps):
-            room = ROOM if i >= self._at or self._first else UP
-            if i == last or self.rate_bytes(step, loss) <= room * budget:
+            room = budget * (ROOM if i >= self._at or self._first else UP)
+            fits = room / self.bytes(step, loss)
+            if fits >= self._least[i] or step is self.steps[-1]:
                 self._at = i
+                self.step = step._replace(rate=min(step.rate, max(fits, self._least[i])))
                 break
         self._first = not self._sizes
         return self.step

@@ -18,7 +18,7 @@ CLIENTS = 8
 
 
 class WebServer:
-    """``async with WebServer(port)``: what is given to :meth:`show` is seen at :attr:`url`. Raises :class:`PortInUse`."""
+    """``async with WebServer(port)``: what :meth:`show` gets is seen at :attr:`url`. Raises :class:`PortInUse`."""
 
     def __init__(self, port: int) -> None:
         self.url = ""
