@@ -46,7 +46,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     template: str = ""
     """a file with another symbol than H"""
     target: str = ""
-    """the vehicle that carries the pad: its height is the pad's; empty: the pad is on the ground, at our home's height"""
+    """the vehicle that carries the pad, whose height is the pad's; empty: the pad is on the ground, as our home is"""
     deck_m: float = 0.0
     """m of the pad above that vehicle's reference point, or above the ground"""
     attitude_hz: float = 30.0
@@ -145,7 +145,7 @@ class Helipad(zmav.Agent):
             hint = None
         level = pose is None or optics.gimbal
         roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
-        found = detector.track(image, self._last, hint, roll, pitch) if self._last is not None else []
+        found = detector.detect(image, hint, roll, pitch, near=self._last) if self._last is not None else []
         if not found:
             found = detector.detect(image, hint, roll, pitch)
         self._last = found[0] if found else None
@@ -164,7 +164,7 @@ class Helipad(zmav.Agent):
             assert self._info is not None
             optics = Optics.of(self._info).scaled(width, height)
             own = self.settings
-            detector = Detector(optics.matrix, own.symbol_m, own.template or None)
+            detector = Detector(optics.matrix, own.symbol_m, own.template or None, distortion=optics.distortion)
             known = self._detectors[width, height] = (detector, optics)
             self._last = None
         return known
