@@ -15,6 +15,7 @@ from typing import IO
 from urllib.parse import urlsplit
 
 from agents.camera.capture import Lost, Shot
+from agents.camera.theirclock import TheirClock
 from zmav.errors import BadConfig
 
 PATIENCE = 10.0
@@ -51,10 +52,12 @@ class MjpegSource:
             kind = answer.headers.get_content_type()
             if answer.status != 200 or not kind.startswith("multipart/"):
                 raise Lost(f"the server answers {answer.status} {answer.reason} ({kind}), and no multipart pictures")
-            count = 0
+            count, clock = 0, TheirClock()
             while not closed.is_set():
                 headers, jpeg = part(answer)
-                yield Shot(count, _taken(headers, self._delay), None, jpeg)
+                now = time.time()
+                told = _taken(headers)
+                yield Shot(count, now - self._delay if told is None else clock.ours(told, now), None, jpeg)
                 count += 1
         except (http.client.HTTPException, OSError) as e:
             raise Lost(f"the stream broke off: {str(e) or type(e).__name__}") from e
@@ -95,9 +98,9 @@ def _line(stream: IO[bytes] | http.client.HTTPResponse) -> bytes:
     return line
 
 
-def _taken(headers: dict[str, str], delay: float) -> float:
+def _taken(headers: dict[str, str]) -> float | None:
     try:
         t = float(headers["x-timestamp"])
     except (KeyError, ValueError):
-        t = math.nan
-    return t if math.isfinite(t) and t > 0.0 else time.time() - delay
+        return None
+    return t if math.isfinite(t) and t > 0.0 else None

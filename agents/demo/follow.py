@@ -92,7 +92,7 @@ class Rig:
         run = ("agent", "run")
         common = ("--vehicle", QUAD, "--fleet", FLEET)
         start = self.processes.start
-        start("camera", "camera", "run", url, *common, "-e", board)
+        start("camera", "camera", "run", url, *common, "--rate", "15", "--budget", "300kB/s", "-e", board)
         deck = ("-o", f"target={ROVER}", "-o", f"deck_m={DECK}")
         start("helipad", *run, "helipad", *common, *deck, "-e", where)
         start("follower", *run, "follower", *common, "-o", f"deck_m={DECK}", "-e", where)
