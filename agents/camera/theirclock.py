@@ -1,7 +1,7 @@
 """Times by a clock that is not ours, as a simulator's that falls behind: set right where they cannot be of ours.
 
-By the least delay of the last few seconds, as network clocks do it (Cristian 1989): nothing comes before it was sent, and
-now and then something comes at once.
+By the least delay of the last few seconds, as network clocks do it (Cristian 1989): nothing comes before it was sent,
+and now and then something comes at once.
 """
 
 from __future__ import annotations

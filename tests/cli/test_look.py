@@ -318,6 +318,7 @@ def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
 def test_help_lists_every_verb(here: type[Here]) -> None:
     told = here()("--help")
     above = {"up", "demo", "router", "plan", "swarm", "mesh", "lab", "gcs", "http", "record", "replay", "view", "top"}
+    above |= {"camera"}
     verbs = {*cli.VERBS, *above}
     assert len(verbs) == len(cli.VERBS) + len(above)
     listed = [line.split()[0] for line in told.out.partition("Commands:")[2].splitlines() if line.strip()]
