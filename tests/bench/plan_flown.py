@@ -207,7 +207,9 @@ def planner(lab: Lab, host: str, *more: str) -> subprocess.Popen[bytes]:
 
 
 @contextlib.asynccontextmanager
-async def fleet(args: argparse.Namespace, standby: bool) -> AsyncIterator[tuple[Lab, zmav.Client, list[str], Truth]]:
+async def fleet(
+    args: argparse.Namespace, standby: bool, trees: Sequence[tuple[float, float]] = TREES
+) -> AsyncIterator[tuple[Lab, zmav.Client, list[str], Truth]]:
     """All in the air, at their places on the ring."""
     count, loss = args.vehicles, args.loss
     async with Lab(scenario(count, standby, not args.alone)) as lab:
@@ -218,7 +220,7 @@ async def fleet(args: argparse.Namespace, standby: bool) -> AsyncIterator[tuple[
             await asyncio.gather(*(rigs.in_the_air(z.vehicle(name), HEIGHT) for name in names))
             for edge in lab.network.links():
                 lab.set(edge.name, loss=1.0 - math.sqrt(1.0 - loss))
-            truth = Truth(lab.directory / "sim.sock", names)
+            truth = Truth(lab.directory / "sim.sock", names, trees=trees)
             try:
                 yield lab, z, names, truth
             finally:

@@ -26,7 +26,7 @@ from zmav.errors import ZmavError
 
 async def runs(args: argparse.Namespace) -> bool:
     rng, good = random.Random(args.seed), True
-    async with fleet(args, True) as (lab, z, names, truth):
+    async with fleet(args, True, trees=()) as (lab, z, names, truth):
         planner(lab, "ground")
         desk = Planners(z)
         await desk.until(lambda book: book.planner == "ground")
