@@ -154,9 +154,9 @@ async def flown(args: argparse.Namespace) -> bool:
         desk = Planners(z)
         await desk.until(lambda book: book.planner == "ground")
         try:
-            if "mixed" in args.what:
+            if args.what != "leader":
                 good &= await mixed(args, lab, z, names, truth)
-            if "leader" in args.what:
+            if args.what != "mixed":
                 good &= await leader(args, lab, z, names, truth)
         except (ZmavError, TimeoutError) as e:
             print(f"  {e}")
@@ -168,12 +168,11 @@ async def flown(args: argparse.Namespace) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", choices=["mixed", "leader"], help="[default: both]")
+    parser.add_argument("what", nargs="?", choices=["mixed", "leader", "both"], default="both")
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--loss", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    args.what = args.what or ["mixed", "leader"]
     if not rigs.able():
         return 0
     print(f"{COPTERS} copters, {ROVERS} rovers, {PLANES} planes; over two hops loss {args.loss:.0%} and 50-198 ms; "
