@@ -1,6 +1,6 @@
 """Copters, rovers and planes of one fleet flown together over a bad mesh, and a leader that is lost. Needs root.
 
-    python tests/bench/plan_flown_mixed.py [mixed] [leader] [--runs 3] [--loss 0.1] [--seed 0]
+    python tests/bench/plan_flown_mixed.py [mixed|leader] [--runs 3] [--loss 0.1] [--seed 0]
 
 The mesh of plan_flown.py without its storms. mixed: eight copters change places, four rovers do so below them on a
 ring farther out, two planes go to each other's circle, all by one goal. leader: three copters follow a rover that is
@@ -92,8 +92,8 @@ async def _up(vehicle: zmav.Vehicle) -> None:
         await rigs.in_the_air(vehicle, CRUISE if vehicle.name.startswith("plane") else HEIGHT)
 
 
-async def mixed(args: argparse.Namespace, lab: Lab, z: zmav.Client, names: list[str], truth: Truth) -> bool:
-    desk, rng, good = Planners(z), random.Random(args.seed), True
+async def mixed(args: argparse.Namespace, desk: Planners, names: list[str], truth: Truth) -> bool:
+    rng, good = random.Random(args.seed), True
     circles = list(CIRCLES)
     for run in range(args.runs):
         await _known(desk, names)
@@ -111,9 +111,9 @@ async def mixed(args: argparse.Namespace, lab: Lab, z: zmav.Client, names: list[
     return good
 
 
-async def leader(args: argparse.Namespace, lab: Lab, z: zmav.Client, names: list[str], truth: Truth) -> bool:
+async def leader(desk: Planners, lab: Lab, z: zmav.Client, truth: Truth) -> bool:
     """The rover's computer loses power while it is followed."""
-    desk, followers = Planners(z), ["quad1", "quad2", "quad3"]
+    followers = ["quad1", "quad2", "quad3"]
     await _known(desk, [*followers, "rover1"])
     truth.reset()
     homes = dict(zip([f"quad{i + 1}" for i in range(COPTERS)], ring(COPTERS), strict=True))
@@ -155,9 +155,9 @@ async def flown(args: argparse.Namespace) -> bool:
         await desk.until(lambda book: book.planner == "ground")
         try:
             if args.what != "leader":
-                good &= await mixed(args, lab, z, names, truth)
+                good &= await mixed(args, desk, names, truth)
             if args.what != "mixed":
-                good &= await leader(args, lab, z, names, truth)
+                good &= await leader(desk, lab, z, truth)
         except (ZmavError, TimeoutError) as e:
             print(f"  {e}")
             good = False

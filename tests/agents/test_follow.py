@@ -1,0 +1,124 @@
+"""The whole way from a picture to a landing: simulated camera, camera agent, helipad, follower, a rover that moves."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+import zmav
+from agents.camera.agent import CameraAgent
+from agents.camera.mjpeg import MjpegSource
+from agents.camera.settings import Settings as CameraSettings
+from agents.follower.agent import Follower
+from agents.follower.agent import Settings as FollowerSettings
+from agents.helipad.agent import Helipad
+from agents.helipad.agent import Settings as HelipadSettings
+from zmav import keys, wire
+from zmav.errors import Refused
+from zmav.session import SessionSettings
+from zmav.sim import VehicleSpec, World
+from zmav.sim.camera import CameraSpec, PadSpec
+
+if TYPE_CHECKING:
+    from tests.conftest import Net, StartOnboard
+
+ORIGIN = wire.Origin(lat_deg=47.3977, lon_deg=8.5456, alt_amsl=488.0)
+LENS = CameraSpec(rate_hz=12.0)
+FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal)
+DECK, PATIENCE_S = 0.31, 60.0
+
+
+async def until(true: object, what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():  # type: ignore[operator]
+        assert time.monotonic() < deadline, what
+        await asyncio.sleep(0.05)
+
+
+async def drive(rover: zmav.Vehicle, speed: float) -> None:
+    """North, until cancelled."""
+    async with rover.lease("driver") as lease:
+        north, east, _ = rover.local
+        begun = time.monotonic()
+        while True:
+            lease.setpoint(pos=(north + speed * (time.monotonic() - begun), east, 0.0), vel=(speed, 0.0, 0.0))
+            await asyncio.sleep(0.1)
+
+
+@pytest.mark.slow
+async def test_it_finds_the_rover_follows_it_and_lands_on_it(net: Net, onboard: StartOnboard) -> None:
+    specs = [
+        VehicleSpec(name="quad1", camera=LENS),
+        VehicleSpec(name="rover1", autopilot="ardurover", start_ned_m=(4.0, 1.0, 0.0), pad=PadSpec()),
+    ]
+    async with contextlib.AsyncExitStack() as stack:
+        world = stack.enter_context(World(specs, endpoint="tcp:0", ready_s=0.5))
+        assert world.cameras is not None
+        (pictures,) = world.cameras.serve(0).values()
+        session, endpoint = net.router()
+        for name, url in zip(("quad1", "rover1"), world.urls, strict=True):
+            await onboard(session, url, name=name, origin=ORIGIN)
+        z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
+        quad, rover = await z.wait_for("quad1", "rover1", timeout=PATIENCE_S)
+        for vehicle in (quad, rover):
+            await vehicle.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
+
+        own = CameraSettings(vehicle="quad1", rate=12.0, budget=500e3, offset=LENS.offset_m)
+        bulk = SessionSettings(connect=[endpoint])
+        camera = CameraAgent(z, own, MjpegSource(pictures), FIELD_OF_VIEW, bulk)
+        await stack.enter_async_context(camera)
+        helipad = Helipad(z, "quad1", HelipadSettings(target="rover1", deck_m=DECK))
+        follower = Follower(z, "quad1", FollowerSettings(deck_m=DECK))
+        for agent in (helipad, follower):
+            await stack.enter_async_context(agent)
+        running = [asyncio.create_task(agent.run()) for agent in (helipad, follower)]
+        sights: list[wire.Detections] = []
+
+        async def see() -> None:
+            key = keys.DETECTION.key("demo", "quad1", camera="down")
+            async with z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.Detections, "sight")) as seen:
+                async for sight in seen:
+                    sights.append(sight)
+
+        running.append(asyncio.create_task(see()))
+
+        with pytest.raises(Refused, match="follows nobody"):
+            await quad.tell("follower", "land")
+        await rover.arm()
+        driving = asyncio.create_task(drive(rover, 0.6))
+        await quad.tell("follower", "follow", target="rover1", height=4.0)
+        await until(lambda: follower.guide is not None and follower.guide.phase == "track", "it does not see the rover")
+        with pytest.raises(Refused, match="it follows rover1 already"):
+            await quad.tell("follower", "follow", target="", height=4.0)
+
+        def off() -> float:
+            (a, b, _), (c, d, _) = (vehicle.status().ned_m for vehicle in world.vehicles)
+            return math.hypot(a - c, b - d)
+
+        away = []
+        for _ in range(60):
+            await asyncio.sleep(0.1)
+            away.append(off())
+        assert sum(away[20:]) / len(away[20:]) < 0.4, away
+        assert follower.guide is not None
+        assert follower.guide.phase == "track"
+        assert any(sight.found and sight.found[0].pos is not None for sight in sights)
+        (best,) = [sight.found[0] for sight in sights if sight.found][-1:]
+        assert best.lat_deg == pytest.approx(ORIGIN.lat_deg, abs=1e-3)
+        assert best.covariance is not None
+        assert 0.0 < best.covariance[0] < 0.1
+
+        driving.cancel()
+        await asyncio.gather(driving, return_exceptions=True)
+        await quad.tell("follower", "land")
+        await quad.wait_until(lambda s: s.armed is False, PATIENCE_S)
+        assert off() < 0.3
+        assert follower.guide is None
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
