@@ -14,7 +14,7 @@ import socket
 import statistics
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -62,8 +62,12 @@ class Truth:
 class Rig:
     """The processes of one demonstration; ``with Rig(processes, ...)``."""
 
-    def __init__(self, processes: Processes, folder: Path, options: list[str], on_ground: bool) -> None:
-        self.processes, self.folder, self.on_ground = processes, folder, on_ground
+    def __init__(
+        self, processes: Processes, folder: Path, options: list[str], on_ground: bool,
+        way: Callable[[str], str] = lambda endpoint: endpoint,
+    ) -> None:  # fmt: skip
+        """``way``: the endpoint at which the ground reaches what listens at another."""
+        self.processes, self.folder, self.on_ground, self._way = processes, folder, on_ground, way
         self.ground = f"tcp/127.0.0.1:{free_port()}"
         self.control = folder / "sim.sock"
         self._options = options
@@ -79,7 +83,7 @@ class Rig:
             more = ["-e", links[0]] if name == ROVER else []
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,
                   "-l", link, "-l", own, *origin, *more)  # fmt: skip
-        start("ground", "router", "-l", self.ground, "-e", links[0])
+        start("ground", "router", "-l", self.ground, "-e", self._way(links[0]))
         start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", str(AWAY), "--control", str(self.control),
               "--endpoint", f"udp:127.0.0.1:{mavlink}+1", "--camera", "copter1:15", "--pad", "rover1",
               "--camera-port", str(pictures), "--scene", str(self.folder / "scene.toml"), *self._options)  # fmt: skip

@@ -27,6 +27,8 @@ VALID = 0.4
 """s until a setpoint is flown no more, and the vehicle holds"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
+LATE_GAIN, MOST_LATE = 0.1, 1.0
+"""of the smoothed time from the vehicle to us; s of it that are believed"""
 DELAYS = 50
 """of which the median from shutter to setpoint is told"""
 
@@ -86,6 +88,7 @@ class Follower(zmav.Agent):
         self._delays: deque[float] = deque(maxlen=DELAYS)
         self._sight = 0.0
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
+        self._late = self._state_t = 0.0
 
     async def run(self) -> None:
         """Wait for orders, for ever."""
@@ -232,11 +235,11 @@ class Follower(zmav.Agent):
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""
         assert state.local is not None
-        now = time.time()
-        age = self.vehicle.age or 0.0
+        now, late = time.time(), self._lateness(state)
+        age = min((self.vehicle.age or 0.0) + late + state.ages.get("position", 0.0), MOST_LATE)
         vel = state.velocity or (0.0, 0.0, 0.0)
         me = (state.local[0] + vel[0] * age, state.local[1] + vel[1] * age, state.local[2] + vel[2] * age)
-        command = guide.step(now, me, self._told(), self._plane(state))
+        command = guide.step(now, me, self._told(), self._plane(state), late)
         with contextlib.suppress(NotHolder):  # said by lease.lost
             lease.setpoint(pos=command.pos, vel=command.vel, valid=VALID)
         if self._sight:
@@ -244,6 +247,14 @@ class Follower(zmav.Agent):
             self._sight = 0.0
         self._tell(guide, me, now)
         return command.land
+
+    def _lateness(self, state: wire.VehicleState) -> float:
+        """s from the vehicle to us, smoothed: a setpoint takes as long back."""
+        if state.t != self._state_t:
+            self._state_t = state.t
+            age = time.time() - (self.vehicle.age or 0.0) - state.t
+            self._late += LATE_GAIN * (max(0.0, min(age, MOST_LATE)) - self._late)
+        return self._late
 
     def _told(self) -> Told | None:
         """Where the target says that it is, where that is not old."""

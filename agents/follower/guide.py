@@ -97,8 +97,8 @@ class Guide:
 
     # What is flown.
 
-    def step(self, now: float, me: Vector, told: Told | None, plane: float) -> Command:
-        """``me``: where the vehicle is; ``plane``: how far down the pad is."""
+    def step(self, now: float, me: Vector, told: Told | None, plane: float, late: float = 0.0) -> Command:
+        """``me``: where the vehicle is; ``plane``: how far down the pad is; ``late``: s until it hears the command."""
         dt, self._before = (min(now - self._before, 0.5) if self._before else 0.0), now
         self._turn(now, me, told)
         if self.phase == "hold":
@@ -107,7 +107,7 @@ class Guide:
         self._held = None
         if self.phase in ("approach", "search"):
             return self._look(now, dt, me, told, plane)
-        estimate = self.tracker.at(now + self.tuned("lead"))
+        estimate = self.tracker.at(now + self.tuned("lead") + late)
         assert estimate is not None
         return self._above(estimate, dt, me, now, plane)
 

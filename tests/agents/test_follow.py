@@ -27,7 +27,7 @@ from zmav.sim.camera import CameraSpec, PadSpec
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
 
-ORIGIN = wire.Origin(lat_deg=47.3977, lon_deg=8.5456, alt_amsl=488.0)
+ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 LENS = CameraSpec(rate_hz=12.0)
 FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal)
 DECK, PATIENCE_S = 0.31, 60.0
