@@ -12,7 +12,7 @@ import time
 
 
 class Relay:
-    """``with Relay(port, delay, loss) as relay``: what is sent to ``relay.port`` of loopback reaches ``port``, and back.
+    """``with Relay(port, delay, loss) as relay``: what is sent to loopback's ``relay.port`` reaches ``port``, and back.
 
     ``delay``: s each way, ``jitter``: s more or less; ``loss``: share of datagrams each way.
     """
