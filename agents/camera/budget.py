@@ -19,6 +19,8 @@ UNKNOWN_LOSS = 0.1
 """share of chunks that parity is made for while no reader reports"""
 LEAST_LOSS, MOST_LOSS = 0.01, 0.45
 """bounds of what parity is made for"""
+FALLS, FEW_FALL = 0.15, 0.07
+"""by how much that falls with a report: of the way to what was measured, and of itself where nothing could be"""
 WINDOW, RECENT = 60, 4
 """reports that are kept (30 s), and at least so many for a measurement (2 s)"""
 PICTURES = 8
@@ -127,7 +129,9 @@ class Link:
         self._window.append(_Heard(report.seq, came, max(report.whole, 0), max(report.torn, 0)))
         loss = self._loss(report, sent, now)
         if loss is not None:
-            self.loss = min(max(loss, LEAST_LOSS, self.loss + 0.15 * (loss - self.loss)), MOST_LOSS)
+            self.loss = min(max(loss, LEAST_LOSS, self.loss + FALLS * (loss - self.loss)), MOST_LOSS)
+        elif report.whole > 0 and report.torn <= 0:  # few pictures, but good ones
+            self.loss = max((1.0 - FEW_FALL) * self.loss, LEAST_LOSS)
         if self._lossy(sent) or self._torn(report) or self._late(report, sent):
             self._decrease(loss, now)
         elif self._cut_loss is None and self._above == 0 and sent.rate(now) >= USED * self.budget:

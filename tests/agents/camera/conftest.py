@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def scene(number: int, width: int = 320, height: int = 240) -> Image:
     """A picture with its number to tell it by, and texture enough to be worth its bytes."""
     rng = np.random.default_rng(number % 5)
-    small = rng.integers(0, 255, (height // 8, width // 8, 3), dtype=np.uint8)
+    small = rng.integers(0, 255, (height // 20, width // 20, 3), dtype=np.uint8)
     image = np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
     cv2.putText(image, str(number), (10, height // 2), cv2.FONT_HERSHEY_SIMPLEX, 2.0, (255, 255, 255), 4)
     return image
