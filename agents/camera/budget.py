@@ -41,8 +41,8 @@ FALLING = 0.05
 TORN, FEW = 0.15, 2
 """share of the recent pictures, and how many at least"""
 CUT, DEEPEST_CUT = 0.75, 0.5
-STEP = 0.04
-"""of the budget after the last decrease, which is added each half second while all is well"""
+STEP, FAST = 0.04, 0.08
+"""added each half second while all is well: of the budget after the last decrease; before one, of the budget itself"""
 HOLD = 1.5
 """s between two decreases: until what the last one did is seen"""
 OWN_LOSS = 0.45
@@ -111,10 +111,12 @@ class Link:
         self._above = 0  # reports in turn with more than that
         self._delays: collections.deque[float] = collections.deque(maxlen=DELAYS)
         self._cut_at = -math.inf
+        self._limited = False  # a decrease has once done good
         self._good_at = now
         self._cut_loss: float | None = None
         """what must be lost after the last decrease for it to be the link's own; None: it is judged already"""
-        self._step = 2.0 * STEP * settings.budget
+        self._step: float | None = None
+        """B/s added each half second; None: there was no sign of a full link yet, and it grows by a share of itself"""
 
     def take(self, report: FrameReport, sent: Sent, now: float) -> None:
         """Judge one report; old ones, and those that say nothing, change nothing."""
@@ -136,7 +138,8 @@ class Link:
             self._decrease(loss, now)
         elif self._cut_loss is None and self._above == 0 and sent.rate(now) >= USED * self.budget:
             periods = min((now - self._good_at) / PERIOD, MOST_PERIODS)
-            self.budget = min(self.budget + periods * self._step, self._settings.most)
+            step = FAST * self.budget if self._step is None else self._step
+            self.budget = min(self.budget + periods * step, self._settings.most)
         if report.whole > 0:
             self._good_at = now
 
@@ -173,6 +176,9 @@ class Link:
         if self._cut_loss is not None:
             if self._cut_loss < soon < OWN_LOSS:
                 self._own_loss = soon  # less was sent, and as much was lost
+                self._step = self._step if self._limited else None
+            else:
+                self._limited = True
             self._cut_loss = None
         if sure is not None:
             more = sure - self._own_loss

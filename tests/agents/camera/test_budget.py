@@ -28,13 +28,14 @@ def test_a_clean_link_is_filled() -> None:
     assert link.bytes > 10 * 10 * FULL_BYTES  # all pictures, the best way, and parity
 
 
-@pytest.mark.parametrize(("rate", "most"), [(10e3, 1.3), (25e3, 1.15), (100e3, 1.15)])
-def test_a_narrow_link_is_not_overrun(rate: float, most: float) -> None:
+@pytest.mark.parametrize(("rate", "most", "lost"), [(10e3, 1.3, 0.2), (25e3, 1.15, 0.12), (100e3, 1.15, 0.12)])
+def test_a_narrow_link_is_not_overrun(rate: float, most: float, lost: float) -> None:
+    """Of 10 kB/s a picture comes every two seconds: there is little to learn from."""
     link = SimLink(OWN, rate=rate)
     link.run(20)
     link.run(60)
     assert 0.5 * rate < link.bytes / 60 < most * rate
-    assert link.lost < 0.15 * link.sent
+    assert link.lost < lost * link.sent
     assert link.whole >= 0.9
 
 
