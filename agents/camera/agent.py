@@ -56,6 +56,7 @@ class CameraAgent:
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         opencv()
+        source.check()
         self.settings = settings.check()
         self.budget = Budget(settings)
         self.ladder = Ladder(settings)

@@ -16,7 +16,7 @@ import pytest
 from agents.camera.capture import Capture, Lost, Shot, Source
 from agents.camera.mjpeg import MjpegSource
 from agents.camera.simulated import numbers
-from agents.camera.sources import FileSource, open_source, taken
+from agents.camera.sources import DeviceSource, FileSource, StreamSource, open_source, taken
 from tests.agents.camera.conftest import scene, write_video
 from tests.conftest import PATIENCE_S
 from zmav.errors import BadConfig
@@ -89,6 +89,48 @@ def test_when_a_devices_picture_was_taken() -> None:
 
 def test_a_password_is_not_shown() -> None:
     assert open_source("rtsp://me:secret@camera/stream").words == "rtsp://camera/stream"
+
+
+class Device:
+    """A V4L2 camera as OpenCV shows it: two pictures with monotonic stamps, then it is unplugged."""
+
+    def __init__(self, path: str, backend: int) -> None:
+        assert (path, backend) == ("/dev/video3", cv2.CAP_V4L2)
+        self.asked: dict[int, float] = {}
+        self._left = 2
+
+    def set(self, what: int, value: float) -> None:
+        self.asked[what] = value
+
+    def get(self, what: int) -> float:
+        assert what == cv2.CAP_PROP_POS_MSEC
+        return 1e3 * (time.monotonic() - 0.04)
+
+    def read(self) -> tuple[bool, Any]:
+        self._left -= 1
+        return self._left >= 0, scene(1)
+
+    def release(self) -> None:
+        assert self.asked[cv2.CAP_PROP_FRAME_WIDTH] == 320
+
+
+def test_a_device_and_its_own_time_stamps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", Device)
+    found = []
+    before = time.time()
+    with pytest.raises(Lost, match="/dev/video3 gives no pictures"):
+        for shot in DeviceSource("3", 10.0, 0.5, (320, 240)).shots(threading.Event()):
+            found.append(shot)
+    assert [shot.seq for shot in found] == [0, 1]
+    assert before - 0.05 <= found[0].t <= time.time() - 0.039
+
+
+def test_a_stream_that_nobody_serves_is_lost() -> None:
+    free = socket.create_server(("127.0.0.1", 0))
+    port = free.getsockname()[1]
+    free.close()
+    with pytest.raises(Lost, match="gives no pictures"):
+        shots(StreamSource(f"http://127.0.0.1:{port}/a.mp4", 0.0), 1)
 
 
 class Server:
