@@ -118,10 +118,9 @@ async def test_a_narrow_link_is_not_overrun(net: Net, run_camera: Run) -> None:
 async def test_a_line_for_people_is_said_where_much_has_changed(net: Net, run_camera: Run) -> None:
     _, endpoint = net.router()
     said: list[str] = []
-    agent = await run_camera(endpoint, budget=1e6, say=said.append)
+    await run_camera(endpoint, budget=1e6, say=said.append)
     async with reading(endpoint) as z, Reader(z, "quad1") as reader:
         await take(reader, 4)
-    assert agent.sent >= 4
     (line,) = said
     assert line.startswith("quad1/down: 320x240, full size, quality 70, 10 Hz")
 
