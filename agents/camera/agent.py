@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import random
 import time
 from collections.abc import Callable
@@ -56,6 +57,7 @@ class CameraAgent:
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         opencv()
+        source.check()
         self.settings = settings.check()
         self.budget = Budget(settings)
         self.ladder = Ladder(settings)
@@ -77,7 +79,7 @@ class CameraAgent:
         self._session: zenoh.Session | None = None
         self._capture: Capture | None = None
         self._full_size = settings.size
-        self._said = (0.0, "")
+        self._said: tuple[float, object] = (-math.inf, None)
         self._pace = 0.0
 
     async def __aenter__(self) -> CameraAgent:
@@ -186,7 +188,8 @@ class CameraAgent:
             self.size = size
             self.ladder.learn(step, len(jpeg))
             await self._send(publisher, jpeg, shot.t)
-            self._tell(f"{size[0]}x{size[1]}, {step.words}, {self.budget.bytes / 1e3:.0f} kB/s")
+            much = size, step.quality, round(math.log2(step.rate))  # a change that is worth a line
+            self._tell(f"{size[0]}x{size[1]}, {step.words}, {self.budget.bytes / 1e3:.0f} kB/s", much)
 
     async def _newest(self, last: int) -> Shot | None:
         """The latest picture once it is later than ``last``; None at the source's end."""
@@ -244,12 +247,12 @@ class CameraAgent:
 
     # What it says of itself.
 
-    def _tell(self, line: str) -> None:
+    def _tell(self, line: str, what: object = None) -> None:
+        """A line for people, where ``what`` (the line itself by default) is not what the last one was about."""
         at, before = self._said
-        words = line.rpartition(",")[0] or line
-        now = time.monotonic()
-        if words != before and now - at >= SAY_EVERY:
-            self._said = now, words
+        what, now = what or line, time.monotonic()
+        if what != before and now - at >= SAY_EVERY:
+            self._said = now, what
             self._say(f"{self.settings.vehicle}/{self.settings.camera}: {line}")
 
     async def _look_after(self) -> None:

@@ -19,24 +19,33 @@ UNKNOWN_LOSS = 0.1
 """share of chunks that parity is made for while no reader reports"""
 LEAST_LOSS, MOST_LOSS = 0.01, 0.45
 """bounds of what parity is made for"""
-WINDOW, RECENT, ENOUGH = 20, 5, 60e3
-"""reports that are kept (10 s); at least so many of them (2 s), and so many bytes, for chunks to be counted between"""
-USUAL, DELAYS = 20, 60
-"""reports whose lower quartile of losses is the link's own, and whose least delay is an empty link's: 10 and 30 s"""
-MORE_LOSS, MORE_DELAY, MOST_DELAY = 0.12, 0.15, 1.0
-"""beyond those, a link is full: share; s, which is what we take to send a picture within these bounds"""
-SOME_LOSS = 0.05
-"""beyond the link's own, above which nothing is added"""
+FALLS, FEW_FALL = 0.15, 0.07
+"""by how much that falls with a report: of the way to what was measured, and of itself where nothing could be"""
+WINDOW, RECENT = 60, 4
+"""reports that are kept (30 s), and at least so many for a measurement (2 s)"""
+PICTURES = 8
+"""that must have been sent for a measurement: what of the last one is still on its way is to be a small part"""
+SOON, ENOUGH, MANY = 15e3, 60e3, 150e3
+"""bytes that must have been sent for a first guess, for a measurement, for a good one"""
+DELAYS = 60
+"""reports whose least delay is an empty link's: 30 s"""
+SOME_LOSS, MORE_LOSS, LONG = 0.06, 0.12, 6
+"""share beyond the link's own: by good measurement above the first nothing is added, and after so many reports the link
+is taken to be full; above the second it is at once"""
+FOLLOWS = 0.2
+"""weight of a new measurement near it in the link's own loss"""
+MORE_DELAY, MOST_DELAY = 0.15, 1.0
+"""s beyond an empty link's at which it is full: what we take to send a picture, within these bounds"""
 FALLING = 0.05
 """s by which the delay must have fallen since the last report for the link to be emptying: it is let to"""
 TORN, FEW = 0.15, 2
 """share of the recent pictures, and how many at least"""
 CUT, DEEPEST_CUT = 0.75, 0.5
+STEP, FAST = 0.04, 0.08
+"""added each half second while all is well: of the budget after the last decrease; before one, of the budget itself"""
 HOLD = 1.5
 """s between two decreases: until what the last one did is seen"""
-UNCHANGED = 0.75
-"""of the loss before a decrease that must be left for it to be the link's own"""
-OWN_LOSS = 0.5
+OWN_LOSS = 0.45
 """share above which loss is never taken for the link's own"""
 USED = 0.6
 """of the budget that must be sent for good reports to say that there is more"""
@@ -98,12 +107,16 @@ class Link:
         self._settings = settings
         self._last: FrameReport | None = None
         self._window: collections.deque[_Heard] = collections.deque(maxlen=WINDOW)
-        self._losses: collections.deque[float] = collections.deque(maxlen=USUAL)
+        self._own_loss = 0.0
+        self._above = 0  # reports in turn with more than that
         self._delays: collections.deque[float] = collections.deque(maxlen=DELAYS)
         self._cut_at = -math.inf
+        self._limited = False  # a decrease has once done good
         self._good_at = now
         self._cut_loss: float | None = None
-        self._step = 0.1 * settings.budget
+        """what must be lost after the last decrease for it to be the link's own; None: it is judged already"""
+        self._step: float | None = None
+        """B/s added each half second; None: there was no sign of a full link yet, and it grows by a share of itself"""
 
     def take(self, report: FrameReport, sent: Sent, now: float) -> None:
         """Judge one report; old ones, and those that say nothing, change nothing."""
@@ -116,64 +129,89 @@ class Link:
             return
         came = max(report.rate_bytes, 0.0) * (report.t - last.t)
         self._window.append(_Heard(report.seq, came, max(report.whole, 0), max(report.torn, 0)))
-        loss = self._lost(report, sent, now)
+        loss = self._loss(report, sent, now)
         if loss is not None:
-            self.loss = min(max(loss, LEAST_LOSS, self.loss + 0.15 * (loss - self.loss)), MOST_LOSS)
-        if self._full(report, loss, sent):
+            self.loss = min(max(loss, LEAST_LOSS, self.loss + FALLS * (loss - self.loss)), MOST_LOSS)
+        elif report.whole > 0 and report.torn <= 0:  # few pictures, but good ones
+            self.loss = max((1.0 - FEW_FALL) * self.loss, LEAST_LOSS)
+        if self._lossy(sent) or self._torn(report) or self._late(report, sent):
             self._decrease(loss, now)
-        elif loss is not None and loss < self._usual() + SOME_LOSS and sent.rate(now) >= USED * self.budget:
+        elif self._cut_loss is None and self._above == 0 and sent.rate(now) >= USED * self.budget:
             periods = min((now - self._good_at) / PERIOD, MOST_PERIODS)
-            self.budget = min(self.budget + periods * self._step, self._settings.most)
+            step = FAST * self.budget if self._step is None else self._step
+            self.budget = min(self.budget + periods * step, self._settings.most)
         if report.whole > 0:
             self._good_at = now
 
-    def _lost(self, report: FrameReport, sent: Sent, now: float) -> float | None:
-        """Share of what was sent that did not come; None: nothing new is known."""
-        if report.whole <= 0 and report.torn <= 0:
-            return None
-        came = 0.0
-        reports = list(self._window)
-        for i in range(1, len(reports)):  # from the newest back
+    def _share(self, sent: Sent, enough: float, guess: bool = False) -> float | None:
+        """Share of chunks that were lost, counted back over ``enough`` bytes; None: too few for more than a guess."""
+        came, reports = 0.0, list(self._window)
+        least, pictures = (1, 1) if guess else (RECENT, PICTURES)
+        for i in range(1, len(reports)):
             came += reports[-i].came
-            between = sent.between(reports[-i - 1].seq, report.seq)
+            between = sent.between(reports[-i - 1].seq, reports[-1].seq)
+            many = reports[-1].seq - reports[-i - 1].seq >= pictures
             # What of a picture comes after it was whole is counted late, at both ends alike: many pictures even it out.
-            enough = i == WINDOW - 1 or ((between or 0) >= ENOUGH and i >= RECENT - 1)
-            if between and enough:
+            if between and many and between >= enough and i >= least:
                 return min(max(1.0 - came / between, 0.0), 1.0)
-        rate = sent.rate(now)
-        if report.whole <= 0 and rate > 0.0:  # nothing whole to count from
-            return min(max(1.0 - max(report.rate_bytes, 0.0) / rate, self.loss), 1.0)
         return None
 
-    def _full(self, report: FrameReport, loss: float | None, sent: Sent) -> bool:
+    def _loss(self, report: FrameReport, sent: Sent, now: float) -> float | None:
+        """What parity is to make up for; a guess where pictures are torn, for it is needed soon."""
+        if report.whole <= 0 and report.torn <= 0:
+            return None
+        found = self._share(sent, ENOUGH)
+        if found is None and report.torn > 0:
+            found = self._share(sent, SOON, guess=True)
+        rate = sent.rate(now)
+        if found is None and report.whole <= 0 and rate > 0.0:  # nothing whole to count from
+            found = min(max(1.0 - max(report.rate_bytes, 0.0) / rate, self.loss), 1.0)
+        return found
+
+    def _lossy(self, sent: Sent) -> bool:
+        """Whether more is lost than the link loses anyway."""
+        soon, sure = self._share(sent, ENOUGH), self._share(sent, MANY)
+        if soon is None:
+            return False
+        if self._cut_loss is not None:
+            if self._cut_loss < soon < OWN_LOSS:
+                self._own_loss = soon  # less was sent, and as much was lost
+                self._step = self._step if self._limited else None
+            else:
+                self._limited = True
+            self._cut_loss = None
+        if sure is not None:
+            more = sure - self._own_loss
+            self._above = self._above + 1 if more >= SOME_LOSS else 0
+            if more < SOME_LOSS:
+                self._own_loss += FOLLOWS * more
+        return soon > self._own_loss + MORE_LOSS or self._above >= LONG
+
+    def _torn(self, report: FrameReport) -> bool:
         recent = list(self._window)[-2 * RECENT :]
         whole, torn = sum(each.whole for each in recent), sum(each.torn for each in recent)
-        full = report.torn > 0 and torn >= FEW and torn > TORN * (whole + torn)
-        if loss is not None:
-            if self._cut_loss is not None and UNCHANGED * self._cut_loss < loss < OWN_LOSS:
-                self._losses.clear()  # less was sent, and as much was lost
-            self._cut_loss = None
-            self._losses.append(loss)
-            full |= loss > min(self._usual() + MORE_LOSS, OWN_LOSS)
-        if report.delay is not None and math.isfinite(report.delay):
-            own = sent.own(report.seq)
-            delay, before = report.delay - own, self._delays[-1] if self._delays else math.inf
-            self._delays.append(delay)
-            more = min(max(MORE_DELAY, own), MOST_DELAY)
-            full |= delay > min(self._delays) + more and delay > before - FALLING
-        return full
+        return report.torn > 0 and torn >= FEW and torn > TORN * (whole + torn)
 
-    def _usual(self) -> float:
-        """Share of chunks that this link loses anyway."""
-        return sorted(self._losses)[len(self._losses) // 4] if self._losses else 0.0
+    def _late(self, report: FrameReport, sent: Sent) -> bool:
+        """Whether something waits on the way, and more and more."""
+        if report.delay is None or not math.isfinite(report.delay):
+            return False
+        own = sent.own(report.seq)
+        delay, before = report.delay - own, self._delays[-1] if self._delays else math.inf
+        self._delays.append(delay)
+        more = min(max(MORE_DELAY, own), MOST_DELAY)
+        return delay > min(self._delays) + more and delay > before - FALLING
 
     def _decrease(self, loss: float | None, now: float) -> None:
         if now - self._cut_at < HOLD:
             return
-        factor = CUT if loss is None else min(max(1.0 - loss, DEEPEST_CUT), CUT)
-        self.budget = max(self.budget * factor, self._settings.least)
-        self._step = 0.05 * self.budget
-        self._cut_at, self._cut_loss = now, loss
+        before, lost = self.budget, loss or 0.0
+        factor = CUT if loss is None else min(max(1.0 - lost, DEEPEST_CUT), CUT)
+        self.budget = max(before * factor, self._settings.least)
+        self._step = STEP * self.budget
+        # A full link would now lose what is still too much, a bad one as much as before: the middle tells them apart.
+        if_full = max(1.0 - (1.0 - lost) * before / self.budget, 0.0)
+        self._cut_at, self._cut_loss, self._above = now, 0.5 * (lost + if_full), 0
         seq = self._window[-1].seq
         self._window.clear()  # what is counted next was sent after this
         self._window.append(_Heard(seq, 0.0, 0, 0))

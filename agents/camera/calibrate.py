@@ -113,7 +113,7 @@ class Views:
                 "right, are the pictures sharp?"
             )
             raise BadInput(text, field="squares", value=error, expected=f"{WORST_ERROR} px")
-        sigma = float(max(sigmas[:2]))
+        sigma = float(np.max(sigmas[:2]))
         if sigma > WORST_FOCAL * matrix[0, 0]:
             raise _too("similar", f"the focal length is known to {sigma:.1f} px only: tilt the board more")
         k1, k2, p1, p2, k3 = (float(k) for k in np.asarray(bent).ravel()[:5])

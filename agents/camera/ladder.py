@@ -48,10 +48,10 @@ class Ladder:
         slowest = min(SLOWEST, rate)
         self.steps = [
             Step(False, best, rate), Step(False, middle, rate), Step(False, low, rate),
-            Step(True, best, rate), Step(True, middle, rate), Step(True, low, rate),
+            Step(True, middle, rate), Step(True, low, rate),
         ]  # fmt: skip
         """from best to least, each at its full rate"""
-        self._least = [rate, rate, max(rate / 2.0, slowest), rate, rate, slowest]
+        self._least = [rate, rate, max(rate / 2.0, slowest), rate, slowest]
         self.step = self.steps[-1]
         """the one that we are on, at the rate that the budget has room for"""
         self._sizes: dict[tuple[bool, int], float] = {}

@@ -56,7 +56,7 @@ def test_so_much_parity_as_is_said_to_be_needed_mends_nearly_all(loss: float) ->
     for _ in range(200):
         came += len(feed(Assembler(), [part for part in parts if rng.random() >= loss]))
     assert came >= 0.97 * 200
-    assert len(parts) < 30 * (1 + 3.5 * loss)  # at 10 %: a third more, at 30 %: twice
+    assert len(parts) < 30 * (1 + 4.5 * loss)  # at 10 %: less than half as many again, at 30 %: about twice
 
 
 def test_much_loss_asks_for_much_parity_and_none_for_little() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+import sys
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -20,6 +21,7 @@ import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Shot
 from agents.camera.settings import Settings
+from tests.cli.conftest import Process
 from tests.conftest import PATIENCE_S
 from zmav import keys
 from zmav.session import SessionSettings
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 def scene(number: int, width: int = 320, height: int = 240) -> Image:
     """A picture with its number to tell it by, and texture enough to be worth its bytes."""
     rng = np.random.default_rng(number % 5)
-    small = rng.integers(0, 255, (height // 8, width // 8, 3), dtype=np.uint8)
+    small = rng.integers(0, 255, (height // 20, width // 20, 3), dtype=np.uint8)
     image = np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
     cv2.putText(image, str(number), (10, height // 2), cv2.FONT_HERSHEY_SIMPLEX, 2.0, (255, 255, 255), 4)
     return image
@@ -111,6 +113,7 @@ def losing(share: float, seed: int = 1) -> Callable[[], bool]:
 
 
 Run = Callable[..., Any]
+StartCamera = Callable[..., Process]
 
 
 @pytest.fixture
@@ -143,3 +146,20 @@ def write_video(path: Path, count: int, rate: float = 25.0) -> None:
     for number in range(count):
         video.write(scene(number))
     video.release()
+
+
+@pytest.fixture
+def start() -> Iterator[StartCamera]:
+    """Start ``zmav camera ARGUMENTS`` of this tree, whatever is installed; what still runs at the end is killed."""
+    started: list[Process] = []
+
+    def run(*arguments: str) -> Process:
+        code = "import sys; from zmav import cli; from agents.camera.cli import camera; cli.zmav = camera; cli.main()"
+        started.append(Process(sys.executable, "-c", code, *arguments))
+        return started[-1]
+
+    yield run
+    for process in started:
+        if process.popen.poll() is None:
+            process.popen.kill()
+            process.wait()

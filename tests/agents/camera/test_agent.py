@@ -100,23 +100,29 @@ async def test_a_lossy_link_is_met_by_parity(net: Net, run_camera: Run, share: f
 
 
 async def test_a_narrow_link_is_not_overrun(net: Net, run_camera: Run) -> None:
-    """60 kB/s into a link of 25 kB/s that drops what is too much: pictures become smaller until they pass."""
+    """60 kB/s into a link of 30 kB/s that drops what is too much: pictures become smaller until they pass."""
     (near, here), (far, there) = net.router(), net.router()
-    agent = await run_camera(here, Painted(width=640, height=480), budget=60e3)
-    best = agent.ladder.steps[0]
-    way = Way(near, far, rate=25e3)
+    agent = await run_camera(here, Painted(width=480, height=360), budget=60e3, size=(480, 360))
+    way = Way(near, far, rate=30e3)
     async with reading(there) as z, Reader(z, "quad1") as reader:
-        await until(lambda: agent.budget.bytes < 32e3, "a smaller budget")
-        await until(lambda: agent.ladder.step != best and reader.report is not None and reader.report.whole > 0,
-                    "smaller pictures that come")  # fmt: skip
+        await until(lambda: agent.budget.bytes < 36e3, "a smaller budget")
+        await until(lambda: agent.ladder.step.half and agent.size == (240, 180), "smaller pictures")
         lost, carried, torn, whole = way.lost, way.carried, reader.assembler.torn, reader.assembler.whole
-        await until(lambda: reader.assembler.whole >= whole + 15, "15 whole pictures more")
-        assert way.lost - lost < 0.15 * (way.carried - carried)
-        assert reader.assembler.torn - torn <= 4
-        picture = await within(PATIENCE_S, reader.get())
+        await until(lambda: reader.assembler.whole >= whole + 8, "8 whole pictures more")
+        assert way.lost - lost < 0.25 * (way.carried - carried)
+        assert reader.assembler.torn - torn <= 3
         info = await camera_info(agent._z, "quad1", "down")
     assert info.focal[0] == pytest.approx(info.width / 2 / 0.6131, rel=1e-3)  # 1.1 rad wide at any size
-    assert (picture.width, picture.height) in ((640, 480), (320, 240))
+
+
+async def test_a_line_for_people_is_said_where_much_has_changed(net: Net, run_camera: Run) -> None:
+    _, endpoint = net.router()
+    said: list[str] = []
+    await run_camera(endpoint, budget=1e6, say=said.append)
+    async with reading(endpoint) as z, Reader(z, "quad1") as reader:
+        await take(reader, 4)
+    (line,) = said
+    assert line.startswith("quad1/down: 320x240, full size, quality 70, 10 Hz")
 
 
 async def test_who_reads_slowly_gets_the_newest(net: Net, run_camera: Run) -> None:
@@ -148,12 +154,13 @@ async def test_a_source_that_ends_ends_the_sending(net: Net, run_camera: Run) ->
     async with reading(endpoint) as z, Reader(z, "quad1") as reader:
         agent = await run_camera(endpoint, Painted(count=3), budget=1e6)
         await within(PATIENCE_S, agent.finished())
-        status = z.subscribe(keys.AGENT_STATUS.key("demo", "quad1", agent="camera-down"))
-        async with status as said:
-            while (await within(PATIENCE_S, said.get())) is not None:
-                sample = wire.AgentStatus
-                break
-        assert sample is wire.AgentStatus
+        key = keys.AGENT_STATUS.key("demo", "quad1", agent="camera-down")
+        async with z.subscribe(
+            key, lambda sample: wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "")
+        ) as said:
+            while (status := await within(PATIENCE_S, said.get())).state != "ended":
+                assert status.state in ("sending", "waiting")
+        assert status.detail["sent"] == agent.sent
         await until(lambda: reader.assembler.whole > 0, "a picture")
 
 
