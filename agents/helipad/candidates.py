@@ -100,8 +100,8 @@ class Kernels:
         spread = np.sqrt((patches * patches) @ self._window + NOISE * NOISE)
         return np.asarray((patches @ self._full).max(axis=1) / spread, dtype=float)
 
-    def candidates(self, level: Picture) -> Array:
-        """(N, 2) pixels of ``level``, between pixels, best first, ``MOST`` at most."""
+    def candidates(self, level: Picture, least: float) -> Array:
+        """(N, 2) pixels of ``level``, between pixels, best first, ``MOST`` at most; none below ``least`` of correlation."""
         response = self.response(level)
         top = cv2.dilate(response, np.ones((3, 3), dtype=np.uint8))
         index = np.flatnonzero((response >= top) & (response > LEAST))
@@ -112,6 +112,7 @@ class Kernels:
             return np.zeros((0, 2))
         quality = self.correlation(level, np.column_stack([u, v]))
         order = np.lexsort((index, -quality))[:MOST]
+        order = order[quality[order] > least]
         return _between(response, u[order], v[order])
 
 

@@ -14,7 +14,7 @@ from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.judge import Judge
 from agents.helipad.refine import heading, window
-from agents.helipad.search import Proposals, Searcher
+from agents.helipad.search import LEAST_KNOWN, LEAST_SUPPOSED, Proposals, Searcher
 from agents.helipad.templates import letter_h, load
 from zmav.errors import BadInput
 
@@ -140,10 +140,11 @@ class Detector:
 
     def _search(self, picture: Pyramid, heights: list[float], roll: float, pitch: float) -> list[Detection]:
         """What is found at any of ``heights``, each symbol once, best first."""
+        least = LEAST_KNOWN if len(heights) == 1 else LEAST_SUPPOSED
         found: list[Detection] = []
         for height in heights:
             view = View(self._k, self._distortion, height / self._symbol_m, roll, pitch)
-            proposals = self._searcher.proposals(picture, view)
+            proposals = self._searcher.proposals(picture, view, least)
             scores = self._judge.scores(picture, proposals)
             for i in np.flatnonzero(scores):
                 found.append(self._measured(picture, proposals, int(i), float(scores[i])))

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 LEAST_CORRELATION = 0.5
 """with the learned check"""
 LEAST_PROBABILITY = 0.6
-LEAST_ALONE = 0.72
+LEAST_ALONE = 0.80
 """correlation without it"""
 MARGIN = 0.06
 """of correlation before the best competitor"""

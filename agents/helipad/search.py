@@ -22,7 +22,9 @@ COARSE_PX = 6.2
 """height of a symbol in the picture that candidates are sought in"""
 FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
-MOST_ALIGNED = 6
+LEAST_KNOWN, LEAST_SUPPOSED = 0.45, 0.68
+"""correlation of a candidate where the height is known, and where many are tried"""
+MOST_ALIGNED = 10
 LEAST_MATCH = 0.45
 """correlation of the polar patch"""
 LARGEST_PX = 400_000
@@ -58,10 +60,10 @@ class Searcher:
         self._grid = polar.grid()
         self.aligner = Aligner(symbols)
 
-    def proposals(self, pyramid: Pyramid, view: View) -> Proposals:
-        """What in ``pyramid`` may be a symbol on the plane of ``view``."""
+    def proposals(self, pyramid: Pyramid, view: View, least: float = LEAST_KNOWN) -> Proposals:
+        """What in ``pyramid`` may be a symbol on the plane of ``view``; ``least``: correlation of a candidate."""
         origin = pyramid.origin
-        middles = self._candidates(pyramid, view)
+        middles = self._candidates(pyramid, view, least)
         if not len(middles):
             return self._none()
         fine, to_fine = pyramid.shrunk(FINE_PX / view.scale)
@@ -82,7 +84,7 @@ class Searcher:
         sound = (grown < FARTHEST_SCALE) & (grown > 1.0 / FARTHEST_SCALE) & near
         return self._judged(fine, placed[sound], affines[sound], origin, to_fine)
 
-    def _candidates(self, pyramid: Pyramid, view: View) -> Array:
+    def _candidates(self, pyramid: Pyramid, view: View, least: float) -> Array:
         """(N, 2) pixels of the frame; sought in a level picture, where the symbol has one size everywhere."""
         scale = min(COARSE_PX, view.scale)
         width, height = pyramid.size
@@ -96,7 +98,7 @@ class Searcher:
         from_level = np.array([[1.0 / scale, 0.0, low[0] / scale], [0.0, 1.0 / scale, low[1] / scale], [0.0, 0.0, 1.0]])
         matrix = view.matrix @ from_level
         level = pyramid.warped(matrix, (max(int(size[0]), 8), max(int(size[1]), 8)), scale / view.scale)
-        found = self._kernels_for(scale).candidates(level)
+        found = self._kernels_for(scale).candidates(level, least)
         pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:]
         inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + (width, height)), axis=1)

@@ -132,7 +132,8 @@ def sample(
     pads: int = 1,
     **fixed: object,
 ) -> Sample:
-    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter).
+    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter), "tag" (an AprilTag
+    36h11 of the symbol's height on white).
 
     ``whole_pad``: the pad is 0.25 m wide, and the letter what fits. ``fixed``: fields of :class:`Pad` that shall not be
     left to chance.
@@ -147,20 +148,20 @@ def sample(
         if all(math.hypot(pad.x - o.x, pad.y - o.y) > 3.0 * o.symbol_m for o in specs):
             specs.append(pad)
     wear = _wear(rng, hard)
-    frame = render(rng, matrix, height_m, specs, wear, things=int(rng.integers(0, 26)) if kind != "pad" or hard else 6)
-    truths = tuple(truth_of(pad, matrix) for pad in specs if pad.letter == "H")
+    frame = render(rng, matrix, height_m, specs, wear, things=int(rng.integers(0, 26)) if kind in ("clutter", "lookalike") or hard else 6)
+    truths = tuple(truth_of(pad, matrix) for pad in specs if pad.letter in ("H", "tag"))
     return Sample(frame, truths, height_m, roll, pitch, tuple(specs))
 
 
 def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fixed: dict[str, object]) -> Pad:
     shape = str(fixed.get("shape", rng.choice(["disc", "ring", "square", "none"])))
-    size = rng.uniform(1.6, 2.4)
+    size = rng.uniform(1.6, 2.0 if whole_pad else 2.4)
     color = WHITE if rng.random() < 0.65 else YELLOW
     bright = rng.uniform(0.85, 1.05)
     dark = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
     values: dict[str, object] = {
         "angle": rng.uniform(0.0, 2.0 * math.pi),
-        "letter": "H" if kind == "pad" else str(rng.choice(LOOKALIKES)),
+        "letter": {"pad": "H", "tag": "tag"}.get(kind) or str(rng.choice(LOOKALIKES)),
         "symbol_m": SYMBOL_M / size if whole_pad else SYMBOL_M,
         "width": rng.uniform(0.58, 0.82),
         "stroke": rng.uniform(0.14, 0.22),
@@ -169,6 +170,8 @@ def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fi
         "background": tuple(c * rng.uniform(0.6, 1.15) for c in dark),
         "size": size,
     }
+    if kind == "tag":
+        values.update(shape="square", color=WHITE, background=(28.0, 28.0, 28.0), size=1.25)
     values.update(fixed)
     x, y = _place(rng, matrix, float(values["symbol_m"]))  # type: ignore[arg-type]
     return Pad(x=x, y=y, **values)  # type: ignore[arg-type]
@@ -271,7 +274,7 @@ def _surface(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
         if pad.mirrored:
             x = -x
         radius = np.hypot(x, y)
-        letter = ink(pad.letter, x, y, pad.width, pad.stroke)
+        letter = _tag(x, y) if pad.letter == "tag" else ink(pad.letter, x, y, pad.width, pad.stroke)
         if pad.shape == "square":
             there = (np.abs(x) <= half) & (np.abs(y) <= half)
         elif pad.shape == "none":
@@ -284,6 +287,16 @@ def _surface(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
         return np.where(covered[..., None], cover_color, color), there | covered
 
     return surface
+
+
+def _tag(x: Array, y: Array) -> NDArray[np.bool_]:
+    """Where an AprilTag 36h11 (number 5, its black border 1 unit wide) and the paper about it are white."""
+    marks = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    cells = np.pad(np.asarray(cv2.aruco.generateImageMarker(marks, 5, 8)), 1, constant_values=255)
+    column = np.clip(np.floor(x * 8.0).astype(int) + 5, 0, 9)
+    row = np.clip(np.floor(-y * 8.0).astype(int) + 5, 0, 9)
+    result: NDArray[np.bool_] = cells[row, column] > 127
+    return result
 
 
 def _cover(rng: np.random.Generator, hidden: float) -> Callable[[Array, Array], NDArray[np.bool_]]:
