@@ -143,7 +143,9 @@ def sample(
     roll, pitch = (float(a) for a in np.radians(rng.uniform(-15.0, 15.0, 2)))
     matrix = ground_to_picture(height_m, roll, pitch)
     specs: list[Pad] = []
-    while kind != "clutter" and len(specs) < pads:
+    for _ in range(20 * pads):  # they may not all have room
+        if kind == "clutter" or len(specs) == pads:
+            break
         pad = _pad(rng, kind, whole_pad, matrix, fixed)
         if all(math.hypot(pad.x - o.x, pad.y - o.y) > 3.0 * o.symbol_m for o in specs):
             specs.append(pad)
