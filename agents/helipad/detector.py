@@ -56,13 +56,16 @@ class Detector:
     """Finds a symbol of ``symbol_height_m`` metres in frames of a camera that looks down.
 
     ``camera_matrix``: (3, 3), pixels. ``template``: None for the letter H, white or yellow, in the proportions of small
-    pads and of ICAO's (which is its own mirror image, so a mirrored H is an H); or the path of a grey picture of another
-    symbol, white on black and cut to the symbol, whose height is the symbol's (see :func:`agents.helipad.templates.load`).
-    ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None. ``min_height_m`` and ``max_height_m``: where to
-    look when no height is given. Raises :class:`BadInput`.
+    pads and of ICAO's (it is its own mirror image, so a mirrored H is an H); or the path of a grey picture of another
+    symbol, white on black and cut to the symbol: see :func:`agents.helipad.templates.load`.
+    ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None.
+    ``min_height_m`` and ``max_height_m``: where to look when no height is given.
+    ``trust_height``: where nothing is found at the height given, look at no other. Nothing is then found while it is
+    wrong by more than 20 %, but a frame with nothing in it costs far less.
+    Raises :class:`BadInput`.
 
-    After Coombes et al. 2014, section on visual landing, and Ciratefi (Kim and de Araújo 2007): docs/vision.md says what
-    is different. One detector belongs to one thread at a time; a result depends on the arguments alone.
+    After Coombes et al. 2014 and Ciratefi (Kim and de Araújo 2007); docs/vision.md says what is different. One detector
+    belongs to one thread at a time; a result depends on the arguments alone.
     """
 
     def __init__(
@@ -74,9 +77,11 @@ class Detector:
         distortion: ArrayLike | None = None,
         min_height_m: float = MIN_HEIGHT_M,
         max_height_m: float = MAX_HEIGHT_M,
+        trust_height: bool = False,
     ) -> None:
         self._k = _camera_matrix(camera_matrix)
         self._distortion = _distortion(distortion)
+        self._trust_height = trust_height
         self._symbol_m = _number("symbol_height_m", symbol_height_m, 1e-3, 100.0)
         low = _number("min_height_m", min_height_m, 0.01, 1e4)
         high = _number("max_height_m", max_height_m, low, 1e4)
@@ -98,8 +103,8 @@ class Detector:
 
         ``height_m``: of the camera above the symbol. Without it all heights are searched. A wrong one costs time: where
         nothing is found at it and about 20 % either way, heights from a third to three times of it are searched, less
-        closely and in grey alone. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right side
-        down, nose up); without them the frame is taken as level, which costs recall from about 10 degrees on.
+        closely and in grey alone. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right
+        side down, nose up); without them the frame is taken as level, which costs recall from about 10 degrees on.
         ``near``: look only about this one of the last frame; an empty list says that it is lost.
         Raises :class:`BadInput` for a frame or a number that is none.
         """
@@ -116,7 +121,7 @@ class Detector:
             paint = channels.yellow(frame)
             if paint is not None:
                 found = self._search(Pyramid(paint), supposed, roll, pitch, effort)
-        if not found and height is not None:
+        if not found and height is not None and not self._trust_height:
             found = self._search(grey, self._others(height), roll, pitch, ASTRAY)
         return found
 
@@ -127,7 +132,9 @@ class Detector:
         steps = range(-ASTRAY_STEPS, ASTRAY_STEPS + 1)
         return [height * ratio**i for i in steps if i and low <= height * ratio**i <= high]
 
-    def _track(self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float) -> list[Detection]:
+    def _track(
+        self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float
+    ) -> list[Detection]:
         reach = max(TRACK_REACH * near.scale_px, TRACK_LEAST_PX)
         middle = np.array([near.u, near.v])
         if not (np.isfinite(middle).all() and np.isfinite(reach)):
@@ -153,7 +160,7 @@ class Detector:
         for height in heights:
             view = View(self._k, self._distortion, height / self._symbol_m, roll, pitch)
             proposals = self._searcher.proposals(picture, view, effort)
-            scores = self._judge.scores(picture, proposals)
+            scores = self._judge.scores(picture, proposals, effort.sure)
             found += [(float(scores[i]), proposals, int(i)) for i in np.flatnonzero(scores)]
         found.sort(key=lambda each: -each[0])
         kept: list[Detection] = []

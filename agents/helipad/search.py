@@ -38,12 +38,14 @@ class Effort(NamedTuple):
     """height of a symbol in the picture that they are sought in; the work grows with its square"""
     least: float
     """correlation of a candidate there"""
+    sure: float
+    """probability that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.2, 0.45)
-UNKNOWN = Effort(6.0, 0.62)
+KNOWN = Effort(6.2, 0.45, 0.85)
+UNKNOWN = Effort(6.0, 0.62, 0.93)
 """one of many heights that are tried"""
-ASTRAY = Effort(5.0, 0.6)
+ASTRAY = Effort(5.0, 0.6, 0.93)
 """the same where another height was given, and nothing found there"""
 
 
@@ -113,7 +115,7 @@ class Searcher:
         found = self._kernels_for(scale).candidates(level, effort.least)
         pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:]
-        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + (width, height)), axis=1)
+        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array((width, height))), axis=1)
         return np.asarray(pixels[inside], dtype=float)
 
     def _judged(self, fine: Picture, middles: Array, affines: Array, origin: Array, to_fine: Array) -> Proposals:

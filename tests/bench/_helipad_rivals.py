@@ -122,8 +122,10 @@ class MatchTemplate:
             for turn in range(ROTATIONS):
                 degrees = 180.0 * turn / ROTATIONS
                 matrix = cv2.getRotationMatrix2D((119.5, 119.5), -degrees, scale_px * factor * scale / 120.0)
-                matrix[:, 2] += half - 119.5
-                symbol = cv2.warpAffine(cv2.GaussianBlur(whole, (0, 0), 5.0), matrix, (2 * half + 1, 2 * half + 1))
+                shift = np.array([[0.0, 0.0, half - 119.5], [0.0, 0.0, half - 119.5]])
+                symbol = cv2.warpAffine(
+                    cv2.GaussianBlur(whole, (0, 0), 5.0), np.asarray(matrix) + shift, (2 * half + 1, 2 * half + 1)
+                )
                 _, score, _, (x, y) = cv2.minMaxLoc(cv2.matchTemplate(grey, symbol, cv2.TM_CCOEFF_NORMED))
                 if score > best.score:
                     u, v = (x + half + 0.5) / factor - 0.5, (y + half + 0.5) / factor - 0.5
@@ -143,7 +145,7 @@ class Tags:
     def find(self, frame: Frame, scale_px: float) -> list[Seen]:
         corners, ids, _ = self._detector.detectMarkers(frame)
         found = []
-        for square, number in zip(corners, [] if ids is None else ids.ravel(), strict=True):
+        for square, number in zip(corners, np.ravel(ids) if len(corners) else (), strict=True):
             a, b, c, d = np.asarray(square, dtype=float).reshape(4, 2)
             # Where the diagonals cross is the middle under any perspective.
             t = np.linalg.solve(np.column_stack([c - a, b - d]), b - a)[0]

@@ -132,8 +132,8 @@ def sample(
     pads: int = 1,
     **fixed: object,
 ) -> Sample:
-    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter), "tag" (an AprilTag
-    36h11 of the symbol's height on white).
+    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter), "tag" (an
+    AprilTag 36h11 of the symbol's height on white).
 
     ``whole_pad``: the pad is 0.25 m wide, and the letter what fits. ``fixed``: fields of :class:`Pad` that shall not be
     left to chance.
@@ -150,7 +150,14 @@ def sample(
         if all(math.hypot(pad.x - o.x, pad.y - o.y) > 3.0 * o.symbol_m for o in specs):
             specs.append(pad)
     wear = _wear(rng, hard)
-    frame = render(rng, matrix, height_m, specs, wear, things=int(rng.integers(0, 26)) if kind in ("clutter", "lookalike") or hard else 6)
+    frame = render(
+        rng,
+        matrix,
+        height_m,
+        specs,
+        wear,
+        things=int(rng.integers(0, 26)) if kind in ("clutter", "lookalike") or hard else 6,
+    )
     truths = tuple(truth_of(pad, matrix) for pad in specs if pad.letter in ("H", "tag"))
     return Sample(frame, truths, height_m, roll, pitch, tuple(specs))
 
@@ -181,7 +188,7 @@ def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fi
 
 def _place(rng: np.random.Generator, matrix: Array, symbol_m: float) -> tuple[float, float]:
     """A point on the ground whose letter lies in the picture, whichever way it is turned."""
-    back = np.linalg.inv(matrix)
+    back: Array = np.asarray(np.linalg.inv(matrix), dtype=float)
     while True:
         u, v = rng.uniform((0.0, 0.0), SIZE)
         x, y = project(back, float(u), float(v))
@@ -317,8 +324,8 @@ def _cover(rng: np.random.Generator, hidden: float) -> Callable[[Array, Array], 
         if kind == "edge":
             return np.asarray(c * x + s * y + 0 * (x + y))
         if kind == "bar":
-            return np.abs(c * (x - place[0]) + s * (y - place[1]))
-        return np.hypot(x - place[0], y - place[1])
+            return np.asarray(np.abs(c * (x - place[0]) + s * (y - place[1])))
+        return np.asarray(np.hypot(x - place[0], y - place[1]))
 
     limit = float(np.quantile(field(x, y), hidden))
     return lambda x, y: (field(x, y) <= limit) & (np.abs(x) <= 0.7) & (np.abs(y) <= 0.7)
@@ -341,8 +348,9 @@ def _worn(rng: np.random.Generator, picture: NDArray[np.float32], wear: Wear) ->
         spread = rng.uniform(40.0, 120.0)
         picture += (wear.glare * np.exp(-((across - x) ** 2 + (down - y) ** 2) / (2 * spread**2)))[..., None]
     if wear.motion_px > 0.3:
-        picture = cv2.filter2D(picture, cv2.CV_32F, _smear(wear.motion_px, wear.motion_angle))
-    picture = cv2.GaussianBlur(picture, (0, 0), max(wear.defocus_px, 0.2))
+        smeared = cv2.filter2D(picture, cv2.CV_32F, _smear(wear.motion_px, wear.motion_angle))
+        picture = np.asarray(smeared, dtype=np.float32)
+    picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), max(wear.defocus_px, 0.2)), dtype=np.float32)
     noise = rng.standard_normal((height, width, 3), dtype=np.float32)
     frame = np.clip(np.rint(picture + wear.noise * noise), 0, 255).astype(np.uint8)
     if wear.jpeg < 100:

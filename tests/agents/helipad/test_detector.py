@@ -15,7 +15,6 @@ from agents.helipad import Detection, Detector
 from tests.agents.helipad.generator import (
     BACKGROUNDS,
     CAMERA,
-    SYMBOL_M,
     WHITE,
     YELLOW,
     Pad,
@@ -55,7 +54,9 @@ def only(found: list[Detection]) -> Detection:
 
 def at_pad(one: Detection, made: Sample, number: int = 0) -> bool:
     truth = made.pads[number]
-    return away(one, truth) < 0.1 * truth.scale_px and off(one, truth) < 4.0 and 0.9 < one.scale_px / truth.scale_px < 1.1
+    return (
+        away(one, truth) < 0.1 * truth.scale_px and off(one, truth) < 4.0 and 0.9 < one.scale_px / truth.scale_px < 1.1
+    )
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +213,9 @@ def test_another_symbol_is_found_by_its_file(letter: str, tmp_path: Path) -> Non
 
 def test_a_file_of_an_h_does_as_the_built_in_one(tmp_path: Path, pad_frame: Sample) -> None:
     detector = Detector(CAMERA, template=str(picture_of("H", tmp_path / "h.png")))
-    assert at_pad(only(detector.detect(pad_frame.frame, pad_frame.height_m, pad_frame.roll, pad_frame.pitch)), pad_frame)
+    assert at_pad(
+        only(detector.detect(pad_frame.frame, pad_frame.height_m, pad_frame.roll, pad_frame.pitch)), pad_frame
+    )
 
 
 def _empty(path: Path) -> None:

@@ -52,7 +52,7 @@ def gather(frames: int) -> tuple[Image, Image]:
             whole_pad=bool(rng.random() < 0.25),
             pads=3 if many else 1,
         )
-        symbol = np.mean([pad.symbol_m for pad in made.pad_specs]) if made.pad_specs else SYMBOL_M
+        symbol = float(np.mean([pad.symbol_m for pad in made.pad_specs])) if made.pad_specs else SYMBOL_M
         pictures = [p for p in (channels.grey(made.frame), channels.yellow(made.frame)) if p is not None]
         for picture in pictures * VIEWS:
             height, roll, pitch = made.hints(rng)
@@ -65,7 +65,6 @@ def gather(frames: int) -> tuple[Image, Image]:
                     labels.append(label)
         if i % 500 == 499:
             print(f"{i + 1} frames, {len(labels)} patches, {int(sum(labels))} of an H", flush=True)
-    np.savez('/tmp/det_train.npz', p=np.array(patches), l=np.array(labels))
     return np.array(patches, dtype=np.float32), np.array(labels, dtype=np.float32)
 
 
@@ -85,13 +84,13 @@ def fit(patches: Image, labels: Image) -> Check:
     """Adam on the cross entropy; every patch is also seen mirrored, as an H looks the same."""
     rng = np.random.default_rng(1)
     size = patches.shape[1]
-    weights = [
+    start = [
         rng.normal(0.0, math.sqrt(2.0 / size), (size, HIDDEN)),
         np.zeros(HIDDEN),
         rng.normal(0.0, math.sqrt(2.0 / HIDDEN), HIDDEN),
         np.zeros(1),
     ]
-    weights = [w.astype(np.float32) for w in weights]
+    weights: list[Image] = [w.astype(np.float32) for w in start]
     first, second = ([np.zeros_like(w) for w in weights] for _ in range(2))
     inputs = scaled(patches)
     step = 0
@@ -127,8 +126,8 @@ def main() -> None:
         hits, false = seen[labels[held] > 0.5].mean(), seen[labels[held] < 0.5].mean()
         print(f"held back, limit {limit}: {hits:.4f} of those of an H, {false:.4f} of the others")
     final = fit(patches, labels)
-    stored = {"first": final.first, "bias": final.bias, "second": final.second, "offset": final.offset}
-    np.savez_compressed(WEIGHTS, **{name: values.astype(np.float16) for name, values in stored.items()})
+    first, bias, second, offset = (a.astype(np.float16) for a in (final.first, final.bias, final.second, final.offset))
+    np.savez_compressed(WEIGHTS, first=first, bias=bias, second=second, offset=offset)
 
 
 if __name__ == "__main__":
