@@ -176,9 +176,8 @@ def main() -> None:
         tag: dict[str, Find] = {"AprilTag 36h11, OpenCV": lambda made, h: tags.find(made.frame, _scale(h))}
         run(tag, tuple(dataclasses.replace(each, kind="tag") for each in pads), options.seed, frames, tallies)
         run(tag, EMPTY[:2], options.seed, frames, tallies)
-    print(
-        "| detector | ms with a pad: median / p99 / max | without | clear | hard | clutter/hard/look-alike/hard | centre px | heading deg |"
-    )
+    print("| detector | ms with a pad: median / p99 / max | without | clear | hard |", end="")
+    print(" clutter/hard/look-alike/hard | centre px | heading deg |")
     print("|---|---|---|---|---|---|---|---|")
     for name, tally in tallies.items():
         print("| " + " | ".join([name, *tally.row()]) + " |")

@@ -233,7 +233,9 @@ def render(
     around = [(p.x, p.y, p.symbol_m * max(p.size / 2.0 * 1.5, 0.7)) for p in pads]
     Clutter(rng, picture, matrix, reach).scatter(things, around)
     for pad in pads:
-        stamp(picture, matrix, (pad.x, pad.y), pad.angle, pad.symbol_m, pad.size + 0.2, _surface(rng, pad, wear.hidden))
+        stamp(
+            picture, matrix, (pad.x, pad.y), pad.angle, pad.symbol_m, pad.size + 0.2, surface_of(rng, pad, wear.hidden)
+        )
     return _worn(rng, picture, wear)
 
 
@@ -273,7 +275,7 @@ def stamp(
     part[:] = part * (1.0 - cover) + paint
 
 
-def _surface(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
+def surface_of(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
     half = pad.size / 2.0
     cover = _cover(rng, hidden)
     cover_color = np.array(rng.uniform(30.0, 190.0, 3) if rng.random() < 0.5 else (rng.uniform(20, 200),) * 3)

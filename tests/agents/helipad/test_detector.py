@@ -115,6 +115,13 @@ def test_a_wrong_height_is_survived(detector: Detector, pad_frame: Sample) -> No
         assert at_pad(only(found), pad_frame), wrong
 
 
+def test_a_trusted_height_is_the_only_one(pad_frame: Sample) -> None:
+    detector = Detector(CAMERA, trust_height=True)
+    height, roll, pitch = pad_frame.height_m, pad_frame.roll, pad_frame.pitch
+    assert at_pad(only(detector.detect(pad_frame.frame, height, roll, pitch)), pad_frame)
+    assert detector.detect(pad_frame.frame, 2.2 * height, roll, pitch) == []
+
+
 def test_without_any_hint_a_pad_is_found_near_and_far(detector: Detector) -> None:
     for i, height in enumerate((0.8, 1.7, 3.0, 7.0, 11.0)):
         made = shot([Pad(0.1 * height, -0.08 * height, 0.4 * i)], height, seed=10 + i)

@@ -18,11 +18,11 @@ from tests.agents.helipad.generator import (
     SIZE,
     Pad,
     Sample,
-    _surface,
     ground_to_picture,
     project,
     sample,
     stamp,
+    surface_of,
     truth_of,
 )
 from tests.agents.helipad.letters import ink
@@ -134,7 +134,7 @@ def test_the_generator_paints_exactly_what_its_truth_says() -> None:
     for height, roll in ((2.0, 0.0), (9.0, 0.0), (6.0, 0.1)):
         matrix = ground_to_picture(height, roll, 0.0)
         picture = np.zeros((SIZE[1], SIZE[0], 3), dtype=np.float32)
-        stamp(picture, matrix, (pad.x, pad.y), pad.angle, 0.25, 2.2, _surface(np.random.default_rng(0), pad, 0.0))
+        stamp(picture, matrix, (pad.x, pad.y), pad.angle, 0.25, 2.2, surface_of(np.random.default_rng(0), pad, 0.0))
         weight = picture[..., 0].astype(float)
         truth = truth_of(pad, matrix)
         u = (weight.sum(axis=0) * np.arange(SIZE[0])).sum() / weight.sum()
@@ -155,8 +155,8 @@ def test_the_generator_repeats_itself_and_hides_what_it_says() -> None:
     x, y = np.meshgrid(np.linspace(-0.35, 0.35, 141), np.linspace(-0.5, 0.5, 201))
     pad = Pad(0.0, 0.0, 0.0, background=(0.0, 0.0, 0.0))
     for hidden in (0.1, 0.3):
-        color, _ = _surface(np.random.default_rng(3), pad, hidden)(x, y)
-        plain, _ = _surface(np.random.default_rng(3), pad, 0.0)(x, y)
+        color, _ = surface_of(np.random.default_rng(3), pad, hidden)(x, y)
+        plain, _ = surface_of(np.random.default_rng(3), pad, 0.0)(x, y)
         assert np.mean(np.any(color != plain, axis=-1)) == pytest.approx(hidden, abs=0.05)
 
 
