@@ -36,7 +36,7 @@ MOST = 32
 
 
 class Kernels:
-    """The harmonics of the mean of ``symbols`` where it is ``scale`` pixels high, under a window that falls off to its edge."""
+    """The harmonics of the mean of ``symbols``, ``scale`` pixels high, under a window that falls off to its edge."""
 
     def __init__(self, symbols: list[Symbol], scale: float) -> None:
         self.box = max(round(WINDOW * scale), 2)
@@ -53,7 +53,9 @@ class Kernels:
         spectrum = np.fft.fft(around, axis=1) / TURN  # of each ring
         waves = []
         for m in range(5):
-            radial = np.interp(distance, rings, spectrum[:, m].real) + 1j * np.interp(distance, rings, spectrum[:, m].imag)
+            radial = np.interp(distance, rings, spectrum[:, m].real) + 1j * np.interp(
+                distance, rings, spectrum[:, m].imag
+            )
             wave = radial * np.exp(1j * m * angle) * (1.0 if m == 0 else 2.0)
             waves.append(window * (wave - (window * wave).sum()))
         power = [float((abs(w) ** 2 / window).sum()) / (1.0 if m == 0 else 2.0) for m, w in enumerate(waves)]
@@ -86,12 +88,11 @@ class Kernels:
         mean = cv2.boxFilter(level, cv2.CV_32F, (side, side))
         power = cv2.sqrBoxFilter(level, cv2.CV_32F, (side, side))
         spread = cv2.subtract(power, cv2.multiply(mean, mean))
-        spread = cv2.sqrt(cv2.max(spread, NOISE * NOISE))
-        return np.asarray(cv2.divide(total, spread), dtype=np.float32)
+        return np.asarray(total / np.sqrt(np.maximum(spread, NOISE * NOISE)), dtype=np.float32)
 
     def correlation(self, level: Picture, pixels: NDArray[np.intp]) -> Array:
         """(N,): of (N, 2) ``pixels``, the normalised correlation with the whole symbol at its best heading."""
-        edge = len(self._full) and round(math.sqrt(len(self._full)))
+        edge = round(math.sqrt(len(self._full)))
         before = edge // 2
         framed = cv2.copyMakeBorder(level, before, edge, before, edge, cv2.BORDER_REPLICATE)
         windows = np.lib.stride_tricks.sliding_window_view(framed, (edge, edge))
@@ -100,8 +101,8 @@ class Kernels:
         spread = np.sqrt((patches * patches) @ self._window + NOISE * NOISE)
         return np.asarray((patches @ self._full).max(axis=1) / spread, dtype=float)
 
-    def candidates(self, level: Picture) -> Array:
-        """(N, 2) pixels of ``level``, between pixels, best first, ``MOST`` at most."""
+    def candidates(self, level: Picture, least: float) -> Array:
+        """(N, 2) pixels of ``level``, between pixels, best first; ``least``: correlation."""
         response = self.response(level)
         top = cv2.dilate(response, np.ones((3, 3), dtype=np.uint8))
         index = np.flatnonzero((response >= top) & (response > LEAST))
@@ -112,6 +113,7 @@ class Kernels:
             return np.zeros((0, 2))
         quality = self.correlation(level, np.column_stack([u, v]))
         order = np.lexsort((index, -quality))[:MOST]
+        order = order[quality[order] > least]
         return _between(response, u[order], v[order])
 
 

@@ -22,8 +22,8 @@ LEAST_YELLOW = 40
 
 
 def check_frame(frame: object) -> Picture:
-    """``frame`` as it is where it is one: (height, width, 3) BGR or (height, width), 8 bits, 16 pixels or more each way.
-    Raises :class:`BadInput`.
+    """``frame`` as it is where it is one: (height, width, 3) BGR or (height, width), 8 bits, at least 16 x 16. Raises
+    :class:`BadInput`.
     """
     expected = "(height, width, 3) BGR or (height, width), uint8, at least 16 x 16"
     if not isinstance(frame, np.ndarray):
@@ -73,12 +73,14 @@ class Pyramid:
         return small, np.array([whole * size[0] / width, whole * size[1] / height])
 
     def warped(self, matrix: NDArray[np.float64], size: tuple[int, int], factor: float) -> Picture:
-        """The picture seen through ``matrix`` (3, 3), from a pixel of the result, which is ``size`` wide and high, to one
-        of the frame; ``factor``: pixels of the result for one of the frame. Edges are continued.
+        """The picture seen through ``matrix`` (3, 3), from a pixel of the result, ``size`` wide and high, to one of the
+        frame; ``factor``: pixels of the result for one of the frame. Edges are continued.
         """
         picture, whole = self._half(factor)
         u, v = self.origin
-        to_half = np.array([[whole, 0.0, (0.5 - u) * whole - 0.5], [0.0, whole, (0.5 - v) * whole - 0.5], [0.0, 0.0, 1.0]])
+        to_half = np.array(
+            [[whole, 0.0, (0.5 - u) * whole - 0.5], [0.0, whole, (0.5 - v) * whole - 0.5], [0.0, 0.0, 1.0]]
+        )
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         found = cv2.warpPerspective(picture, to_half @ matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(found, dtype=np.uint8)

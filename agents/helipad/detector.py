@@ -14,15 +14,17 @@ from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.judge import Judge
 from agents.helipad.refine import heading, window
-from agents.helipad.search import Proposals, Searcher
+from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, Effort, Proposals, Searcher
 from agents.helipad.templates import letter_h, load
 from zmav.errors import BadInput
 
 Array = NDArray[np.float64]
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 0.5, 13.0
-HEIGHT_STEP = 1.38
+HEIGHT_STEP = 1.4
 """between the heights that are supposed where none is known; the search at one of them reaches half-way to the next"""
+ASTRAY_STEP, ASTRAY_STEPS = 1.35, 4
+"""a given height is believed to be wrong by a factor of 3.3 at most"""
 MOST_TILT = math.radians(60.0)
 REFINE_PX = 26.0
 """height of a symbol in the picture that its place and heading are measured in"""
@@ -54,13 +56,16 @@ class Detector:
     """Finds a symbol of ``symbol_height_m`` metres in frames of a camera that looks down.
 
     ``camera_matrix``: (3, 3), pixels. ``template``: None for the letter H, white or yellow, in the proportions of small
-    pads and of ICAO's (which is its own mirror image, so a mirrored H is an H); or the path of a grey picture of another
-    symbol, white on black and cut to the symbol, whose height is the symbol's (see :func:`agents.helipad.templates.load`).
-    ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None. ``min_height_m`` and ``max_height_m``: where to
-    look when no height is given. Raises :class:`BadInput`.
+    pads and of ICAO's (it is its own mirror image, so a mirrored H is an H); or the path of a grey picture of another
+    symbol, white on black and cut to the symbol: see :func:`agents.helipad.templates.load`.
+    ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None.
+    ``min_height_m`` and ``max_height_m``: where to look when no height is given.
+    ``trust_height``: where nothing is found at the height given, look at no other. Nothing is then found while it is
+    wrong by more than 20 %, but a frame with nothing in it costs far less.
+    Raises :class:`BadInput`.
 
-    After Coombes et al. 2014, section on visual landing, and Ciratefi (Kim and de Araújo 2007): docs/vision.md says what
-    is different. One detector belongs to one thread at a time; a result depends on the arguments alone.
+    After Coombes et al. 2014 and Ciratefi (Kim and de Araújo 2007); docs/vision.md says what is different. One detector
+    belongs to one thread at a time; a result depends on the arguments alone.
     """
 
     def __init__(
@@ -72,9 +77,11 @@ class Detector:
         distortion: ArrayLike | None = None,
         min_height_m: float = MIN_HEIGHT_M,
         max_height_m: float = MAX_HEIGHT_M,
+        trust_height: bool = False,
     ) -> None:
         self._k = _camera_matrix(camera_matrix)
         self._distortion = _distortion(distortion)
+        self._trust_height = trust_height
         self._symbol_m = _number("symbol_height_m", symbol_height_m, 1e-3, 100.0)
         low = _number("min_height_m", min_height_m, 0.01, 1e4)
         high = _number("max_height_m", max_height_m, low, 1e4)
@@ -94,9 +101,10 @@ class Detector:
     ) -> list[Detection]:
         """The symbols in ``frame_bgr`` ((height, width, 3) BGR or (height, width) grey, uint8), best first.
 
-        ``height_m``: of the camera above the symbol. Where it is None, or where nothing is found at it and 30 % about it,
-        all heights are searched. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right side
-        down, nose up); without them the frame is taken as level, which costs recall from about 10 degrees on.
+        ``height_m``: of the camera above the symbol. Without it all heights are searched. A wrong one costs time: where
+        nothing is found at it and about 20 % either way, heights from a third to three times of it are searched, less
+        closely and in grey alone. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right
+        side down, nose up); without them the frame is taken as level, which costs recall from about 10 degrees on.
         ``near``: look only about this one of the last frame; an empty list says that it is lost.
         Raises :class:`BadInput` for a frame or a number that is none.
         """
@@ -106,21 +114,27 @@ class Detector:
         pitch = _number("pitch", pitch, -MOST_TILT, MOST_TILT)
         if near is not None:
             return self._track(frame, near, height, roll, pitch)
-        pictures = [Pyramid(channels.grey(frame))]
-        supposed = self._heights if height is None else [height]
-        found = self._search(pictures[0], supposed, roll, pitch)
+        grey = Pyramid(channels.grey(frame))
+        supposed, effort = (self._heights, UNKNOWN) if height is None else ([height], KNOWN)
+        found = self._search(grey, supposed, roll, pitch, effort)
         if not found:
             paint = channels.yellow(frame)
             if paint is not None:
-                pictures.append(Pyramid(paint))
-                found = self._search(pictures[1], supposed, roll, pitch)
-        if not found and height is not None:
-            rest = [h for h in self._heights if abs(math.log(h / height)) > 0.5 * math.log(HEIGHT_STEP)]
-            for picture in pictures:
-                found = found or self._search(picture, rest, roll, pitch)
+                found = self._search(Pyramid(paint), supposed, roll, pitch, effort)
+        if not found and height is not None and not self._trust_height:
+            found = self._search(grey, self._others(height), roll, pitch, ASTRAY)
         return found
 
-    def _track(self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float) -> list[Detection]:
+    def _others(self, height: float) -> list[float]:
+        """The heights to look at when ``height`` is wrong."""
+        ratio = ASTRAY_STEP
+        low, high = self._heights[-1] / HEIGHT_STEP**0.5, self._heights[0] * HEIGHT_STEP**0.5
+        steps = range(-ASTRAY_STEPS, ASTRAY_STEPS + 1)
+        return [height * ratio**i for i in steps if i and low <= height * ratio**i <= high]
+
+    def _track(
+        self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float
+    ) -> list[Detection]:
         reach = max(TRACK_REACH * near.scale_px, TRACK_LEAST_PX)
         middle = np.array([near.u, near.v])
         if not (np.isfinite(middle).all() and np.isfinite(reach)):
@@ -131,27 +145,29 @@ class Detector:
         if height is None:
             height = self._symbol_m * float(self._k[1, 1]) / max(near.scale_px, 1.0)
         origin = (int(low[0]), int(low[1]))
-        found = self._search(Pyramid(channels.grey(part), origin), [height], roll, pitch)
+        found = self._search(Pyramid(channels.grey(part), origin), [height], roll, pitch, KNOWN)
         if not found:
             paint = channels.yellow(part)
             if paint is not None:
-                found = self._search(Pyramid(paint, origin), [height], roll, pitch)
+                found = self._search(Pyramid(paint, origin), [height], roll, pitch, KNOWN)
         return found
 
-    def _search(self, picture: Pyramid, heights: list[float], roll: float, pitch: float) -> list[Detection]:
+    def _search(
+        self, picture: Pyramid, heights: list[float], roll: float, pitch: float, effort: Effort
+    ) -> list[Detection]:
         """What is found at any of ``heights``, each symbol once, best first."""
-        found: list[Detection] = []
+        found: list[tuple[float, Proposals, int]] = []
         for height in heights:
             view = View(self._k, self._distortion, height / self._symbol_m, roll, pitch)
-            proposals = self._searcher.proposals(picture, view)
-            scores = self._judge.scores(picture, proposals)
-            for i in np.flatnonzero(scores):
-                found.append(self._measured(picture, proposals, int(i), float(scores[i])))
-        found.sort(key=lambda d: (-d.score, d.u, d.v))
+            proposals = self._searcher.proposals(picture, view, effort)
+            scores = self._judge.scores(picture, proposals, effort.sure)
+            found += [(float(scores[i]), proposals, int(i)) for i in np.flatnonzero(scores)]
+        found.sort(key=lambda each: -each[0])
         kept: list[Detection] = []
-        for one in found:
-            if all(math.hypot(one.u - k.u, one.v - k.v) > SAME * max(one.scale_px, k.scale_px) for k in kept):
-                kept.append(one)
+        for score, proposals, i in found:
+            u, v = proposals.middles[i]
+            if all(math.hypot(u - k.u, v - k.v) > SAME * k.scale_px for k in kept):
+                kept.append(self._measured(picture, proposals, i, score))
         return kept
 
     def _measured(self, picture: Pyramid, proposals: Proposals, i: int, score: float) -> Detection:

@@ -36,8 +36,8 @@ class View:
         self.k = k
         self.distortion = distortion
         self.distance = distance
-        self.matrix: Array = k @ tilt(roll, pitch).T @ np.diag([1.0, 1.0, distance])
-        self._back: Array = np.linalg.inv(self.matrix)
+        self.matrix: Array = np.asarray(k @ tilt(roll, pitch).T @ np.diag([1.0, 1.0, distance]), dtype=float)
+        self._back: Array = np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
     @property
     def scale(self) -> float:

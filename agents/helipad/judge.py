@@ -17,8 +17,7 @@ Array = NDArray[np.float64]
 
 LEAST_CORRELATION = 0.5
 """with the learned check"""
-LEAST_PROBABILITY = 0.6
-LEAST_ALONE = 0.72
+LEAST_ALONE = 0.80
 """correlation without it"""
 MARGIN = 0.06
 """of correlation before the best competitor"""
@@ -33,14 +32,14 @@ class Judge:
         self._bank = None if learned else polar.Bank(competitors(symbols), SCALES, 2.0 * math.pi)
         self._grid = polar.grid()
 
-    def scores(self, picture: Pyramid, proposals: Proposals) -> Array:
-        """(N,): 0 for what is not the symbol, else how sure it is, up to 1."""
+    def scores(self, picture: Pyramid, proposals: Proposals, sure: float) -> Array:
+        """(N,): 0 for what is not the symbol, else how sure it is, up to 1. ``sure``: the least of the check."""
         if not len(proposals.correlation):
             return proposals.correlation
         correlation = np.clip(proposals.correlation, 0.0, 1.0)
         if self._check is not None:
             probability = self._check.probability(proposals.patches)
-            good = (correlation >= LEAST_CORRELATION) & (probability >= LEAST_PROBABILITY)
+            good = (correlation >= LEAST_CORRELATION) & (probability >= sure)
             return np.where(good, correlation * probability, 0.0)
         good = (correlation >= LEAST_ALONE) & (correlation - self._others(picture, proposals) >= MARGIN)
         return np.where(good, correlation, 0.0)

@@ -33,8 +33,8 @@ def weights() -> Array:
 
 
 def sample(picture: Picture, middles: Array, affines: Array, x: Array, y: Array) -> Image:
-    """(N, M): ``picture`` about (N, 2) ``middles`` at the offsets (M,) ``x``, ``y``, which ``affines`` (N, 2, 2) takes to
-    pixels; edges are continued.
+    """(N, M): ``picture`` about (N, 2) ``middles`` at the offsets (M,) ``x``, ``y``, which ``affines`` (N, 2, 2) take
+    to pixels; edges are continued.
     """
     a = affines.astype(np.float32)
     m = middles.astype(np.float32)
@@ -47,10 +47,10 @@ def sample(picture: Picture, middles: Array, affines: Array, x: Array, y: Array)
 
 def normalised(patches: Image, weight: Image) -> Image:
     """(N, M) of weighted mean 0 and norm about 1, below that where there is hardly more than noise."""
-    patches = patches - (patches @ (weight * weight))[:, None] / float(weight @ weight)
-    patches *= weight
-    norm = np.sqrt(np.einsum("nm,nm->n", patches, patches) + NOISE * NOISE * len(weight))
-    result: Image = patches / norm[:, None]
+    level = (patches @ (weight * weight))[:, None] / float(weight @ weight)
+    leaning = (patches - level) * weight
+    norm = np.sqrt(np.einsum("nm,nm->n", leaning, leaning) + NOISE * NOISE * len(weight))
+    result: Image = (leaning / norm[:, None]).astype(np.float32)
     return result
 
 

@@ -94,7 +94,9 @@ class Aligner:
 def turned(angle: Array, scale: Array) -> Array:
     """(N, 2, 2): scaled and turned clockwise (x right, y down)."""
     c, s = np.cos(angle) * scale, np.sin(angle) * scale
-    result: Array = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+    result: Array = np.empty((len(c), 2, 2))
+    result[:, 0, 0] = result[:, 1, 1] = c
+    result[:, 0, 1], result[:, 1, 0] = -s, s
     return result
 
 

@@ -18,11 +18,9 @@ from agents.helipad.templates import Symbol, turns_alike
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-COARSE_PX = 6.2
-"""height of a symbol in the picture that candidates are sought in"""
 FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
-MOST_ALIGNED = 6
+MOST_ALIGNED = 10
 LEAST_MATCH = 0.45
 """correlation of the polar patch"""
 LARGEST_PX = 400_000
@@ -31,6 +29,24 @@ ALIGN_STEPS = 4
 SCALES = (0.88, 1.0, 1.14)
 """of the supposed height that the polar match tries; alignment goes somewhat beyond"""
 FARTHEST_SCALE = 1.35
+
+
+class Effort(NamedTuple):
+    """How closely candidates are sought."""
+
+    coarse_px: float
+    """height of a symbol in the picture that they are sought in; the work grows with its square"""
+    least: float
+    """correlation of a candidate there"""
+    sure: float
+    """probability that the learned check must give: more, the more is looked at"""
+
+
+KNOWN = Effort(6.2, 0.45, 0.85)
+UNKNOWN = Effort(6.0, 0.62, 0.93)
+"""one of many heights that are tried"""
+ASTRAY = Effort(5.0, 0.6, 0.93)
+"""the same where another height was given, and nothing found there"""
 
 
 class Proposals(NamedTuple):
@@ -58,10 +74,10 @@ class Searcher:
         self._grid = polar.grid()
         self.aligner = Aligner(symbols)
 
-    def proposals(self, pyramid: Pyramid, view: View) -> Proposals:
+    def proposals(self, pyramid: Pyramid, view: View, effort: Effort = KNOWN) -> Proposals:
         """What in ``pyramid`` may be a symbol on the plane of ``view``."""
         origin = pyramid.origin
-        middles = self._candidates(pyramid, view)
+        middles = self._candidates(pyramid, view, effort)
         if not len(middles):
             return self._none()
         fine, to_fine = pyramid.shrunk(FINE_PX / view.scale)
@@ -82,9 +98,9 @@ class Searcher:
         sound = (grown < FARTHEST_SCALE) & (grown > 1.0 / FARTHEST_SCALE) & near
         return self._judged(fine, placed[sound], affines[sound], origin, to_fine)
 
-    def _candidates(self, pyramid: Pyramid, view: View) -> Array:
+    def _candidates(self, pyramid: Pyramid, view: View, effort: Effort) -> Array:
         """(N, 2) pixels of the frame; sought in a level picture, where the symbol has one size everywhere."""
-        scale = min(COARSE_PX, view.scale)
+        scale = min(effort.coarse_px, view.scale)
         width, height = pyramid.size
         corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)]) + pyramid.origin
         if not view.in_front(corners).all():
@@ -96,10 +112,10 @@ class Searcher:
         from_level = np.array([[1.0 / scale, 0.0, low[0] / scale], [0.0, 1.0 / scale, low[1] / scale], [0.0, 0.0, 1.0]])
         matrix = view.matrix @ from_level
         level = pyramid.warped(matrix, (max(int(size[0]), 8), max(int(size[1]), 8)), scale / view.scale)
-        found = self._kernels_for(scale).candidates(level)
+        found = self._kernels_for(scale).candidates(level, effort.least)
         pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:]
-        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + (width, height)), axis=1)
+        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array((width, height))), axis=1)
         return np.asarray(pixels[inside], dtype=float)
 
     def _judged(self, fine: Picture, middles: Array, affines: Array, origin: Array, to_fine: Array) -> Proposals:

@@ -101,7 +101,7 @@ def competitors(symbols: list[Symbol]) -> list[Symbol]:
     for bars in drawings:
         other = Symbol(_drawn(bars, width, stroke))
         picture = other.at(x, y)
-        if all(_alike(picture, s.at(x, y)) < 0.9 for s in symbols):
+        if all(_alike(picture, s.at(x, y)) < 0.97 for s in symbols):
             found.append(other)
     return found
 

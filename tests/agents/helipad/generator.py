@@ -132,7 +132,8 @@ def sample(
     pads: int = 1,
     **fixed: object,
 ) -> Sample:
-    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter).
+    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter), "tag" (an
+    AprilTag 36h11 of the symbol's height on white).
 
     ``whole_pad``: the pad is 0.25 m wide, and the letter what fits. ``fixed``: fields of :class:`Pad` that shall not be
     left to chance.
@@ -142,25 +143,34 @@ def sample(
     roll, pitch = (float(a) for a in np.radians(rng.uniform(-15.0, 15.0, 2)))
     matrix = ground_to_picture(height_m, roll, pitch)
     specs: list[Pad] = []
-    while kind != "clutter" and len(specs) < pads:
+    for _ in range(20 * pads):  # they may not all have room
+        if kind == "clutter" or len(specs) == pads:
+            break
         pad = _pad(rng, kind, whole_pad, matrix, fixed)
         if all(math.hypot(pad.x - o.x, pad.y - o.y) > 3.0 * o.symbol_m for o in specs):
             specs.append(pad)
     wear = _wear(rng, hard)
-    frame = render(rng, matrix, height_m, specs, wear, things=int(rng.integers(0, 26)) if kind != "pad" or hard else 6)
-    truths = tuple(truth_of(pad, matrix) for pad in specs if pad.letter == "H")
+    frame = render(
+        rng,
+        matrix,
+        height_m,
+        specs,
+        wear,
+        things=int(rng.integers(0, 26)) if kind in ("clutter", "lookalike") or hard else 6,
+    )
+    truths = tuple(truth_of(pad, matrix) for pad in specs if pad.letter in ("H", "tag"))
     return Sample(frame, truths, height_m, roll, pitch, tuple(specs))
 
 
 def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fixed: dict[str, object]) -> Pad:
     shape = str(fixed.get("shape", rng.choice(["disc", "ring", "square", "none"])))
-    size = rng.uniform(1.6, 2.4)
+    size = rng.uniform(1.6, 2.0 if whole_pad else 2.4)
     color = WHITE if rng.random() < 0.65 else YELLOW
     bright = rng.uniform(0.85, 1.05)
     dark = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
     values: dict[str, object] = {
         "angle": rng.uniform(0.0, 2.0 * math.pi),
-        "letter": "H" if kind == "pad" else str(rng.choice(LOOKALIKES)),
+        "letter": {"pad": "H", "tag": "tag"}.get(kind) or str(rng.choice(LOOKALIKES)),
         "symbol_m": SYMBOL_M / size if whole_pad else SYMBOL_M,
         "width": rng.uniform(0.58, 0.82),
         "stroke": rng.uniform(0.14, 0.22),
@@ -169,6 +179,8 @@ def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fi
         "background": tuple(c * rng.uniform(0.6, 1.15) for c in dark),
         "size": size,
     }
+    if kind == "tag":
+        values.update(shape="square", color=WHITE, background=(28.0, 28.0, 28.0), size=1.25)
     values.update(fixed)
     x, y = _place(rng, matrix, float(values["symbol_m"]))  # type: ignore[arg-type]
     return Pad(x=x, y=y, **values)  # type: ignore[arg-type]
@@ -176,7 +188,7 @@ def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fi
 
 def _place(rng: np.random.Generator, matrix: Array, symbol_m: float) -> tuple[float, float]:
     """A point on the ground whose letter lies in the picture, whichever way it is turned."""
-    back = np.linalg.inv(matrix)
+    back: Array = np.asarray(np.linalg.inv(matrix), dtype=float)
     while True:
         u, v = rng.uniform((0.0, 0.0), SIZE)
         x, y = project(back, float(u), float(v))
@@ -221,7 +233,9 @@ def render(
     around = [(p.x, p.y, p.symbol_m * max(p.size / 2.0 * 1.5, 0.7)) for p in pads]
     Clutter(rng, picture, matrix, reach).scatter(things, around)
     for pad in pads:
-        stamp(picture, matrix, (pad.x, pad.y), pad.angle, pad.symbol_m, pad.size + 0.2, _surface(rng, pad, wear.hidden))
+        stamp(
+            picture, matrix, (pad.x, pad.y), pad.angle, pad.symbol_m, pad.size + 0.2, surface_of(rng, pad, wear.hidden)
+        )
     return _worn(rng, picture, wear)
 
 
@@ -261,7 +275,7 @@ def stamp(
     part[:] = part * (1.0 - cover) + paint
 
 
-def _surface(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
+def surface_of(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
     half = pad.size / 2.0
     cover = _cover(rng, hidden)
     cover_color = np.array(rng.uniform(30.0, 190.0, 3) if rng.random() < 0.5 else (rng.uniform(20, 200),) * 3)
@@ -271,7 +285,7 @@ def _surface(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
         if pad.mirrored:
             x = -x
         radius = np.hypot(x, y)
-        letter = ink(pad.letter, x, y, pad.width, pad.stroke)
+        letter = _tag(x, y) if pad.letter == "tag" else ink(pad.letter, x, y, pad.width, pad.stroke)
         if pad.shape == "square":
             there = (np.abs(x) <= half) & (np.abs(y) <= half)
         elif pad.shape == "none":
@@ -284,6 +298,16 @@ def _surface(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
         return np.where(covered[..., None], cover_color, color), there | covered
 
     return surface
+
+
+def _tag(x: Array, y: Array) -> NDArray[np.bool_]:
+    """Where an AprilTag 36h11 (number 5, its black border 1 unit wide) and the paper about it are white."""
+    marks = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    cells = np.pad(np.asarray(cv2.aruco.generateImageMarker(marks, 5, 8)), 1, constant_values=255)
+    column = np.clip(np.floor(x * 8.0).astype(int) + 5, 0, 9)
+    row = np.clip(np.floor(-y * 8.0).astype(int) + 5, 0, 9)
+    result: NDArray[np.bool_] = cells[row, column] > 127
+    return result
 
 
 def _cover(rng: np.random.Generator, hidden: float) -> Callable[[Array, Array], NDArray[np.bool_]]:
@@ -302,8 +326,8 @@ def _cover(rng: np.random.Generator, hidden: float) -> Callable[[Array, Array], 
         if kind == "edge":
             return np.asarray(c * x + s * y + 0 * (x + y))
         if kind == "bar":
-            return np.abs(c * (x - place[0]) + s * (y - place[1]))
-        return np.hypot(x - place[0], y - place[1])
+            return np.asarray(np.abs(c * (x - place[0]) + s * (y - place[1])))
+        return np.asarray(np.hypot(x - place[0], y - place[1]))
 
     limit = float(np.quantile(field(x, y), hidden))
     return lambda x, y: (field(x, y) <= limit) & (np.abs(x) <= 0.7) & (np.abs(y) <= 0.7)
@@ -326,8 +350,9 @@ def _worn(rng: np.random.Generator, picture: NDArray[np.float32], wear: Wear) ->
         spread = rng.uniform(40.0, 120.0)
         picture += (wear.glare * np.exp(-((across - x) ** 2 + (down - y) ** 2) / (2 * spread**2)))[..., None]
     if wear.motion_px > 0.3:
-        picture = cv2.filter2D(picture, cv2.CV_32F, _smear(wear.motion_px, wear.motion_angle))
-    picture = cv2.GaussianBlur(picture, (0, 0), max(wear.defocus_px, 0.2))
+        smeared = cv2.filter2D(picture, cv2.CV_32F, _smear(wear.motion_px, wear.motion_angle))
+        picture = np.asarray(smeared, dtype=np.float32)
+    picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), max(wear.defocus_px, 0.2)), dtype=np.float32)
     noise = rng.standard_normal((height, width, 3), dtype=np.float32)
     frame = np.clip(np.rint(picture + wear.noise * noise), 0, 255).astype(np.uint8)
     if wear.jpeg < 100:

@@ -29,7 +29,8 @@ def _octaves(rng: np.random.Generator, sigmas: tuple[tuple[float, float], ...]) 
         small = rng.normal(size=(TILE_PX // step, TILE_PX // step)).astype(np.float32)
         pad = 12
         small = np.pad(small, pad, mode="wrap")
-        small = cv2.GaussianBlur(small, (0, 0), sigma / step)[pad:-pad, pad:-pad]
+        blurred = cv2.GaussianBlur(small, (0, 0), sigma / step)[pad:-pad, pad:-pad]
+        small = np.asarray(blurred, dtype=np.float32)
         small /= small.std()
         total += strength * cv2.resize(small, (TILE_PX, TILE_PX), interpolation=cv2.INTER_LINEAR)
     return total
@@ -100,7 +101,9 @@ def lay(rng: np.random.Generator, to_picture: Array, texel_m: float, size: tuple
 class Clutter:
     """Things painted on the ground of a picture, at exact places but with OpenCV's own edges."""
 
-    def __init__(self, rng: np.random.Generator, picture: Image, to_picture: Array, reach_m: tuple[float, float]) -> None:
+    def __init__(
+        self, rng: np.random.Generator, picture: Image, to_picture: Array, reach_m: tuple[float, float]
+    ) -> None:
         self.rng = rng
         self.picture = picture
         self.to_picture = to_picture
@@ -144,9 +147,6 @@ class Clutter:
         c, s = math.cos(angle), math.sin(angle)
         result: Array = points @ np.array([[c, s], [-s, c]]) + (x, y)
         return result
-
-    def _clear(self, x: float, y: float, radius: float) -> float:
-        return radius
 
     def _blob(self, x: float, y: float) -> None:
         turn = np.linspace(0, 2 * math.pi, 24, endpoint=False)
