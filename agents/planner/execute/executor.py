@@ -62,6 +62,11 @@ class Flight:
     """on our UTC"""
     tolerance: float = 0.5
     """m from its goal at which a vehicle has arrived"""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """of those for which it is another one"""
+
+    def near(self, name: str, away: float) -> bool:
+        return away <= self.tolerances.get(name, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -423,17 +428,17 @@ class Executor:
         begun = self.clock.now()
         while True:
             away = self._away(flight)
-            late = [part for part in conductor.parts if not away[part.id] <= flight.tolerance]
+            late = [part for part in conductor.parts if not flight.near(part.id, away[part.id])]
             if not late:
                 return ""
             now = self.clock.now()
             heard = all(part.heard > begun + SETTLE for part in late)
             if (heard and now > begun + SETTLE) or now > begun + SETTLE + self._patience:
-                text = f"not within {flight.tolerance:g} m of the goal {now - begun:.0f} s after the end"
+                text = f"not at the goal {now - begun:.0f} s after the end"
                 for part in late:
                     part.strays = part.strays or not part.off
                     conductor.gone(part, text, None)
-                return f"{', '.join(part.id for part in late)}: {text}"
+                return f"{', '.join(f'{part.id} ({away[part.id]:.1f} m)' for part in late)}: {text}"
             self._look(conductor)
             await asyncio.sleep(TICK)
 

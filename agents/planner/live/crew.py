@@ -35,6 +35,8 @@ SPARE, TIGHT = 0.02, 3.0
 """m more than the clocks need now; how much nearer to their ways, and slower, vehicles fly where it is tight"""
 CLOCK_PATIENCE = 60.0
 """s for the clocks to be known well enough"""
+WHEELED = 1.0
+"""m from its goal at which a rover has arrived: it cannot move sideways"""
 TAKE = 60.0
 """s that leases of another, which is gone, may still be in force: a segment lasts so long"""
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
@@ -204,6 +206,7 @@ class Crew:
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
             downwash=planned.scene.downwash, margin=planned.margin,
             tracking=max(self.tracking / TIGHT, tracking), movers=self.movers(executor.clock.now()),
+            tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.kind == "rover"},
         )  # fmt: skip
 
     async def _replan(self, trouble: Trouble) -> Flight | None:

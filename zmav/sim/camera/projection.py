@@ -14,8 +14,9 @@ import numpy as np
 
 from zmav.sim.arrays import Array
 from zmav.sim.camera.spec import CameraSpec
-from zmav.vision.optics import LOOKING_DOWN, euler_matrix
 
+# Columns: the axes of a camera that looks straight down, in the axes of its mount (forward, right, down).
+LOOKING_DOWN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 INVERSION_STEPS = 60
 
 
@@ -23,6 +24,18 @@ def camera_matrix(spec: CameraSpec) -> Array:
     """(3, 3): K."""
     u, v = spec.center
     return np.array([[spec.focal, 0.0, u], [0.0, spec.focal, v], [0.0, 0.0, 1.0]])
+
+
+def euler_matrix(roll: float, pitch: float, yaw: float) -> Array:
+    """(3, 3) rotation body to world of roll, pitch and yaw in radians (Z-Y-X)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def quat_matrix(q: Array) -> Array:
