@@ -206,7 +206,7 @@ class Crew:
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
             downwash=planned.scene.downwash, margin=planned.margin,
             tracking=max(self.tracking / TIGHT, tracking), movers=self.movers(executor.clock.now()),
-            tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.kind == "rover"},
+            tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )  # fmt: skip
 
     async def _replan(self, trouble: Trouble) -> Flight | None:
