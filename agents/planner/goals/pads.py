@@ -112,7 +112,7 @@ def land(
     if winged:
         text = f"{', '.join(winged)} cannot land on a spot: give a landing as a mission, or have them return"
         raise Unsupported(text, vehicles=winged)
-    ground = [_ground(view) for view in views]
+    ground = [view.floor for view in views]
     if not at:
         below = [(view.pos_ned[0], view.pos_ned[1], down) for view, down in zip(views, ground, strict=True)]
         apart = spread(views, below, math.inf, free, field="at")
@@ -237,11 +237,6 @@ def _assigned(views: Sequence[VehicleView], spots: Sequence[Vector]) -> list[int
 
     cost = [[math.dist(view.pos_ned[:2], spot[:2]) ** 2 for spot in spots] for view in views]
     return [int(k) for k in linear_sum_assignment(np.array(cost))[1]]
-
-
-def _ground(view: VehicleView) -> float:
-    """Down of the ground below it, as far as its home tells."""
-    return view.home_ned[2] if view.home_ned is not None else 0.0
 
 
 def _check_flies(views: Sequence[VehicleView], what: str) -> None:

@@ -32,11 +32,20 @@ class VehicleView:
     airborne: bool = False
     """False for rovers and boats, which are where they go"""
     home_ned: Vector | None = None
-    """where it took off"""
+    """where it took off; None: not known"""
+    ground: float | None = None
+    """m down, of the ground at its home, which it says all the time"""
 
     @property
     def flies(self) -> bool:
         return self.kind not in GROUND
+
+    @property
+    def floor(self) -> float:
+        """m down, of the ground as far as it tells: at its home, else where it is."""
+        if self.home_ned is not None:
+            return self.home_ned[2]
+        return self.pos_ned[2] if self.ground is None else self.ground
 
     @property
     def hovers(self) -> bool:

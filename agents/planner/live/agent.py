@@ -42,6 +42,8 @@ from zmav.waiting import within
 from zmav.wire import swarm
 
 TICK = 0.2
+HOMES_EVERY = 0.5
+"""s between two questions for homes"""
 MAPS = 8
 """maps of planners that are kept: one that dies may come again before its standby takes over"""
 EVENTS = 30
@@ -87,7 +89,9 @@ class Agent:
         """the world is another one, and what is flown was not looked at since"""
         self._namesake = ""
         """the instance of another planner of our name"""
-        self._looked = 0.0
+        self._looked = self._asked = 0.0
+        self._homes = 0
+        """how often somebody was asked for its home"""
         self._told: dict[str, tuple[float, int]] = {}
         """by kind: when something was last said of what comes by itself, and how often nothing was since"""
         self.fence()
@@ -293,7 +297,8 @@ class Agent:
         self.charge.goals = bool(self.ledger.goals)
         self.fleet.watch()
         for name in self.fleet.bodies.due(self.fleet.names)[:10]:
-            self._ask(name)
+            self.later(self.fleet.bodies.ask(name))
+        self._ask_homes(now)
         self.clocks.hear()
         if name := self.clocks.due(now):
             self.later(self.clocks.ask(name))
@@ -311,11 +316,13 @@ class Agent:
         if self.solver.ready:
             self._begin_runs()
 
-    def _ask(self, name: str) -> None:
-        """What a vehicle can do, and where its home is where we did not see it take off."""
-        self.later(self.fleet.bodies.ask(name))
-        if name in self.fleet.homeless:
-            self.later(self.fleet.ask_home(name))
+    def _ask_homes(self, now: float) -> None:
+        """One after the other and again, where we did not see them take off."""
+        homeless = self.fleet.homeless
+        if homeless and now - self._asked > HOMES_EVERY:
+            self._asked = now
+            self._homes += 1
+            self.later(self.fleet.ask_home(homeless[self._homes % len(homeless)]))
 
     def later(self, work: Coroutine[Any, Any, None]) -> None:
         """Beside everything else, until it is done or we are."""

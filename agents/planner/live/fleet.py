@@ -77,20 +77,14 @@ class Fleet:
         kind = state.kind or "copter"
         view = VehicleView(
             name=name, kind=kind, body=self.bodies.of(name, state.kind), pos_ned=state.local,
-            vel_ned=state.velocity or (0.0, 0.0, 0.0), airborne=_flies(state, kind), home_ned=self._home(name, state),
+            vel_ned=state.velocity or (0.0, 0.0, 0.0), airborne=_flies(state, kind), home_ned=self._homes.get(name),
+            ground=None if state.position is None else state.local[2] + state.position.alt_rel,
         )  # fmt: skip
         return Seen(view, time.monotonic() - at, state)
 
-    def _home(self, name: str, state: wire.VehicleState) -> Vector | None:
-        """Where it stood last; of one that was never seen on the ground, the height at least is known."""
-        home = self._homes.get(name)
-        if home is None and state.local is not None and state.position is not None:
-            return (state.local[0], state.local[1], state.local[2] + state.position.alt_rel)
-        return home
-
     @property
     def homeless(self) -> list[str]:
-        """Those that were in the air when we came, and that did not say yet where they took off."""
+        """Those that were in the air when we came, and did not say yet where they took off: they cannot return."""
         return [name for name in self._last if name not in self._homes]
 
     async def ask_home(self, name: str) -> None:

@@ -153,14 +153,14 @@ def _columns(run: Run, name: str, orders: tuple[VehicleOrder, ...], place: Vecto
     """Where these orders lead it: straight up and down, and straight to places."""
     seen = run.agent.fleet.seen(name)
     assert seen is not None
-    home = enu(seen.view.home_ned or seen.view.pos_ned)
+    ground = -seen.view.floor
     way = [place]
     for order in (order for order in orders if order.vehicle == name):
         x, y, _ = way[-1]
         if order.verb == "takeoff":
-            way.append((x, y, home[2] + float(order.args.get("alt_rel", 0.0))))
+            way.append((x, y, ground + float(order.args.get("alt_rel", 0.0))))
         elif order.verb in ("land", "rtl"):
-            way.append((x, y, min(home[2], way[-1][2])))
+            way.append((x, y, min(ground, way[-1][2])))
         elif order.verb == "goto" and order.args.get("pos") is not None:
             n, e, d = order.args["pos"]
             way.append(enu((float(n), float(e), float(d))))

@@ -69,15 +69,15 @@ def _after(step: Orders, view: FleetView) -> FleetView:
     for order in step.orders:
         seen = view.vehicles[order.vehicle]
         north, east, _ = seen.pos_ned
-        home = seen.home_ned or seen.pos_ned
+        floor = seen.floor
         if order.verb == "takeoff":
-            place = (north, east, home[2] - float(order.args.get("alt_rel", 0.0)))
+            place = (north, east, floor - float(order.args.get("alt_rel", 0.0)))
             view = moved(view, {order.vehicle: place}, airborne=True)
         elif order.verb == "goto" and order.args.get("pos"):
             n, e, d = order.args["pos"]
             view = moved(view, {order.vehicle: (float(n), float(e), float(d))})
         elif order.verb in ("land", "rtl"):
-            view = moved(view, {order.vehicle: (north, east, home[2])}, airborne=False)
+            view = moved(view, {order.vehicle: (north, east, floor)}, airborne=False)
     return view
 
 
