@@ -104,7 +104,7 @@ class Detector:
         ``height_m``: of the camera above the symbol. Without it all heights are searched. A wrong one costs time: where
         nothing is found at it and about 20 % either way, heights from a third to three times of it are searched, less
         closely and in grey alone. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right
-        side down, nose up); without them the frame is taken as level, which costs recall from about 10 degrees on.
+        side down, nose up); without them the frame is taken as level, which makes the heading less exact.
         ``near``: look only about this one of the last frame; an empty list says that it is lost.
         Raises :class:`BadInput` for a frame or a number that is none.
         """
