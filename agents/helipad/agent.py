@@ -33,6 +33,8 @@ SILENCE = 3.0
 """s without a picture after which that is said"""
 WAIT = 0.25
 """s that a picture waits for the attitude of its time"""
+DOUBT = 5
+"""one of so many pictures with nothing in them is searched at other heights than the one that is known, too"""
 RECENT = 50
 """pictures of which delays and times are told"""
 
@@ -76,6 +78,8 @@ class Helipad(zmav.Agent):
         self._delays: deque[float] = deque(maxlen=RECENT)
         self._took: deque[float] = deque(maxlen=RECENT)
         self._looked = self._seen = 0
+        self._missed = 0
+        """pictures in a row in which nothing was found"""
         self._sights: zenoh.Publisher | None = None
         self._local: wire.Vector | None = None
         """the autopilot's own LOCAL_POSITION_NED, which PX4's landing wants"""
@@ -146,9 +150,11 @@ class Helipad(zmav.Agent):
         level = pose is None or optics.gimbal
         roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
         found = detector.detect(image, hint, roll, pitch, near=self._last) if self._last is not None else []
-        if not found:
-            found = detector.detect(image, hint, roll, pitch)
+        if not found:  # whether the height is wrong is asked now and then: that search takes several times as long
+            trusted = hint is not None and self._missed % DOUBT != DOUBT - 1
+            found = detector.detect(image, hint, roll, pitch, trust_height=trusted)
         self._last = found[0] if found else None
+        self._missed = 0 if found else self._missed + 1
         told = [self._located(each, optics, pose, plane) for each in found if each.score >= self["score"]]
         took = time.perf_counter() - begun
         own = self.settings
