@@ -72,7 +72,7 @@ class Helipad(zmav.Agent):
     def __init__(self, *args: Any, **rest: Any) -> None:
         super().__init__(*args, **rest)
         self.poses = Poses()
-        self._detectors: dict[tuple[int, int], tuple[Detector, Optics]] = {}
+        self._detectors: dict[tuple[int, int], tuple[Detector, Detector, Optics]] = {}
         self._info: wire.CameraInfo | None = None
         self._last: Detection | None = None
         self._delays: deque[float] = deque(maxlen=RECENT)
@@ -142,7 +142,7 @@ class Helipad(zmav.Agent):
         begun = time.perf_counter()
         image = picture.decode()
         height, width = image.shape[:2]
-        detector, optics = self._detector(width, height)
+        detector, doubting, optics = self._detector(width, height)
         plane = self._plane()
         hint = camera_height(optics, pose, plane) if pose is not None and plane is not None else None
         if hint is not None and hint <= 0.1:
@@ -151,8 +151,8 @@ class Helipad(zmav.Agent):
         roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
         found = detector.detect(image, hint, roll, pitch, near=self._last) if self._last is not None else []
         if not found:  # whether the height is wrong is asked now and then: that search takes several times as long
-            trusted = hint is not None and self._missed % DOUBT != DOUBT - 1
-            found = detector.detect(image, hint, roll, pitch, trust_height=trusted)
+            doubts = hint is None or self._missed % DOUBT == DOUBT - 1
+            found = (doubting if doubts else detector).detect(image, hint, roll, pitch)
         self._last = found[0] if found else None
         self._missed = 0 if found else self._missed + 1
         told = [self._located(each, optics, pose, plane) for each in found if each.score >= self["score"]]
@@ -163,15 +163,22 @@ class Helipad(zmav.Agent):
             delay=time.time() - picture.t, found=told,
         )  # fmt: skip
 
-    def _detector(self, width: int, height: int) -> tuple[Detector, Optics]:
-        """For pictures of this size: a camera on a narrow link sends smaller ones."""
+    def _detector(self, width: int, height: int) -> tuple[Detector, Detector, Optics]:
+        """For pictures of this size, as a camera on a narrow link sends smaller ones: one that believes the height that
+        it is told, and one that does not.
+        """
         known = self._detectors.get((width, height))
         if known is None:
             assert self._info is not None
             optics = Optics.of(self._info).scaled(width, height)
             own = self.settings
-            detector = Detector(optics.matrix, own.symbol_m, own.template or None, distortion=optics.distortion)
-            known = self._detectors[width, height] = (detector, optics)
+            trusting, doubting = (
+                Detector(
+                    optics.matrix, own.symbol_m, own.template or None, distortion=optics.distortion, trust_height=trusts
+                )
+                for trusts in (True, False)
+            )  # fmt: skip
+            known = self._detectors[width, height] = (trusting, doubting, optics)
             self._last = None
         return known
 
