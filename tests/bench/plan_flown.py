@@ -119,7 +119,8 @@ class Truth:
 
     def _run(self) -> None:
         while not self._stop.wait(0.05):
-            places = [vehicle.ned_m for vehicle in self._remote.status().vehicles]
+            found = {vehicle.name: vehicle.ned_m for vehicle in self._remote.status().vehicles}
+            places = [found[name] for name in self.names]
             before = self._last or places
             for i, j in itertools.combinations(range(len(places)), 2):
                 away = _nearest(before[i], places[i], before[j], places[j]) + 2 * RADIUS
