@@ -144,7 +144,8 @@ class Agent:
     def _speak(self) -> None:
         detail = {**self._detail, "params": dict(self._values), "events": list(self._events)}
         try:
-            self.z.say_status(self.name, self._state, self._text, vehicle=self.vehicle.name, **detail)
+            told = msgspec.to_builtins(detail, enc_hook=str)
+            self.z.say_status(self.name, self._state, self._text, vehicle=self.vehicle.name, **told)
         except zenoh.ZError as e:  # a closed session hears nothing
             logger.debug("no status: %s", e)
 

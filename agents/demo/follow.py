@@ -43,7 +43,8 @@ center = [{north}, {east}]
 size = [5.0, 5.0]
 height_m = 2.5
 """
-READY = 90.0
+READY, SEEN = 90.0, 90.0
+"""s for the vehicles and the agents to be there, and for the rover to be seen"""
 EVERY = 0.1
 """s between two looks at where everything truly is"""
 
@@ -174,10 +175,10 @@ class Demonstration:
 
     async def follow(self, way: Way, seconds: float) -> None:
         """The rover drives, the quadrotor takes off, finds it and stays above it for so long."""
-        driving = asyncio.create_task(drive(self.rover, way, self.place(ROVER), seconds + 60.0))
+        driving = asyncio.create_task(drive(self.rover, way, self.place(ROVER), seconds + SEEN + 10.0))
         try:
             await self.quad.tell("follower", "follow", target=ROVER, height=HEIGHT)
-            await self.until(lambda: self.phase == "track", "the sight of the rover", 90.0)
+            await self.until(lambda: self.phase == "track", "the sight of the rover", SEEN)
             begun = time.monotonic()
             while time.monotonic() < begun + seconds:
                 if driving.done():

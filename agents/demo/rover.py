@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 
 import zmav
-from zmav.errors import NotHolder
 
 TICK = 0.1
 Way = Callable[[float], tuple[float, float]]
@@ -26,7 +25,7 @@ def eight(speed: float, length: float = 9.0, width: float = 4.0) -> Way:
     return place
 
 
-def walk(speed: float, seed: int, reach: float = 10.0, seconds: float = 300.0) -> Way:
+def walk(speed: float, seed: int, reach: float = 10.0, seconds: float = 4000.0) -> Way:
     """Heading and speed (up to ``speed``) change all the time, at random, and back where it leaves ``reach`` metres."""
     rng, places, heading, now = random.Random(seed), [(0.0, 0.0)], 0.0, 0.3 * speed
     for _ in range(int(seconds / TICK)):
@@ -57,8 +56,5 @@ async def drive(rover: zmav.Vehicle, way: Way, start: tuple[float, float], secon
         while (t := time.monotonic() - begun) < seconds:
             (a, b), (c, d) = way(t), way(t + TICK)
             vel = ((c - a) / TICK, (d - b) / TICK, 0.0)
-            try:
-                lease.setpoint(pos=(start[0] + a - origin[0], start[1] + b - origin[1], 0.0), vel=vel)
-            except NotHolder:
-                return
+            lease.setpoint(pos=(start[0] + a - origin[0], start[1] + b - origin[1], 0.0), vel=vel)
             await asyncio.sleep(TICK)

@@ -25,6 +25,8 @@ TICK = 0.05
 """s between two setpoints"""
 VALID = 0.4
 """s until a setpoint is flown no more, and the vehicle holds"""
+SLOT = "above"
+"""its place relative to the target: one vehicle keeps it"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
@@ -40,8 +42,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """whose sights count, of the vehicle's own"""
     deck_m: float = 0.0
     """m of the pad above the target's reference point"""
-    slot: str = "above"
-    """its place relative to the target: one vehicle keeps it"""
     priority: int = 0
     """of its lease"""
 
@@ -71,6 +71,7 @@ class Follower(zmav.Agent):
         "search_top": Tunable(10.0, 2.0, 50.0, "m", "above the pad to which a search rises"),
         "search_climb": Tunable(0.3, 0.0, 2.0, "m/s", "of a search"),
         "search_speed": Tunable(1.5, 0.2, 10.0, "m/s", "along its spiral"),
+        "search_seconds": Tunable(180.0, 5.0, 3600.0, "s", "after which a search is given up, and it holds"),
         "search_radius": Tunable(12.0, 1.0, 100.0, "m", "of the spiral at most, before it begins anew"),
     }
     verbs: ClassVar = {
@@ -89,6 +90,8 @@ class Follower(zmav.Agent):
         self._sight = 0.0
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
+        self._plane_told: float | None = None
+        """how far down the pad is by what its carrier said last in this flight"""
 
     async def run(self) -> None:
         """Wait for orders, for ever."""
@@ -105,15 +108,17 @@ class Follower(zmav.Agent):
             raise Refused(f"height {args.height:g} m; expected 0.5 to 100", field="height", value=args.height)
         if args.target == self.vehicle.name:
             raise Refused(f"{args.target} cannot follow itself", field="target", value=args.target)
+        if args.target:
+            await self.z.wait_for(args.target, timeout=5.0)
         if self._flight is not None and not self._flight.done():
             if args.target != self.target or self.guide is None:
                 raise Refused(f"it follows {self.target or 'what it sees'} already: abort that first")
             self.guide.wanted, self.guide.height = "follow", args.height
             return {"target": self.target, "height": args.height}
-        if args.target:
-            await self.z.wait_for(args.target, timeout=5.0)
         started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._flight = asyncio.create_task(self._fly(args, started))
+        self.guide, self.target = Guide(self.__getitem__, args.height, Tracker(self["accel"])), args.target
+        self._flight = asyncio.create_task(self._fly(args, self.guide, started))
+        self._flight.add_done_callback(_looked_at)
         await started
         return {"target": args.target, "height": args.height}
 
@@ -125,15 +130,18 @@ class Follower(zmav.Agent):
         guide, flight = self._flying(), self._flight
         assert flight is not None
         guide.wanted = "land"
-        await asyncio.wait({flight})
+        while not (await asyncio.wait({flight}, timeout=0.2))[0]:
+            if guide.wanted != "land":
+                raise Refused("it was told otherwise, or did not find the pad: it does not land", phase=guide.phase)
         if (error := flight.exception()) is not None:
             raise error
         return {"lost": guide.lost}
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         self._flying()
-        await self._end()
-        await self.vehicle.hold()
+        await self._end()  # also before it has taken off
+        if not self.vehicle.state.landed:
+            await self.vehicle.hold()
         return {}
 
     def _flying(self) -> Guide:
@@ -148,28 +156,27 @@ class Follower(zmav.Agent):
 
     # In flight.
 
-    async def _fly(self, args: Follow, started: asyncio.Future[None]) -> None:
+    async def _fly(self, args: Follow, guide: Guide, started: asyncio.Future[None]) -> None:
         """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
-        guide = Guide(self.__getitem__, args.height, Tracker(self["accel"]))
         text, lost = "", asyncio.Event()
         fleet, me = self.vehicle.fleet, self.vehicle.name
+        self._plane_told = None
 
         def on_lost(who: str) -> None:
-            self.say("slot", "warning", f"{who} keeps the place {self.settings.slot} {args.target} since before us")
+            self.say("slot", "warning", f"{who} keeps the place {SLOT} {args.target} since before us")
             lost.set()
 
         try:
             async with contextlib.AsyncExitStack() as stack:
                 if args.target:
-                    slot = Slot(self.z.session, fleet, me, args.target, self.settings.slot, on_lost)
-                    await stack.enter_async_context(slot)
+                    await stack.enter_async_context(Slot(self.z.session, fleet, me, args.target, SLOT, on_lost))
                 lease = await stack.enter_async_context(self.vehicle.lease(self.name, priority=self.settings.priority))
-                self.target, self.guide = args.target, guide
+                self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
-                await self._take_off(args.height)
+                await self._take_off(guide, lost)
                 seeing = asyncio.create_task(self._see(guide))
                 try:
-                    await self._follow(guide, lease, lost)
+                    await self._follow(guide, lease, lost, seeing)
                 finally:
                     seeing.cancel()
                     await asyncio.gather(seeing, return_exceptions=True)
@@ -177,26 +184,36 @@ class Follower(zmav.Agent):
         except asyncio.CancelledError:
             text = "ended by an order"
             raise
-        except ZmavError as e:
-            text = e.message
+        except Exception as e:
+            text = e.message if isinstance(e, ZmavError) else f"the follower's own fault: {e!r}"
             if not started.done():
                 started.set_exception(e)
                 return
-            self.say("flight", "error", f"it follows no more: {e.message}")
+            self.say("flight", "error", f"it follows no more: {text}")
             raise
         finally:
-            self.guide, self.target = None, ""
+            if self.guide is guide:
+                self.guide, self.target = None, ""
             if not started.done():
                 started.cancel()
             self.status("idle", text)
 
-    async def _take_off(self, height: float) -> None:
+    async def _take_off(self, guide: Guide, lost: asyncio.Event) -> None:
         state = self.vehicle.state
         if not state.landed and state.armed:
             return
-        self.status("takeoff", f"to {height:g} m")
+        self.status("takeoff", f"to {guide.height:g} m")
         await self.vehicle.arm()
-        await self.vehicle.takeoff(height)
+        climbing = asyncio.create_task(self.vehicle.takeoff(guide.height))
+        try:
+            while not (await asyncio.wait({climbing}, timeout=0.1))[0]:
+                if guide.wanted == "hold" or lost.is_set():
+                    await self.vehicle.hold()
+                    return
+            climbing.result()
+        finally:
+            climbing.cancel()
+            await asyncio.gather(climbing, return_exceptions=True)
 
     async def _see(self, guide: Guide) -> None:
         """Whatever is found in the vehicle's own pictures, wherever they are looked at."""
@@ -208,14 +225,19 @@ class Follower(zmav.Agent):
         async with self.z.subscribe(key, convert, depth=20) as sights:
             async for sight in sights:
                 guide.tracker.accel = self["accel"]
-                if guide.see(sight.t, sight.found, self._told(), self["score"]):
+                me = self._place()
+                if me is not None and guide.see(time.time(), sight.t, sight.found, me, self._told(), self["score"]):
                     self._sight = sight.t
 
-    async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event) -> None:
+    async def _follow(
+        self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, seeing: asyncio.Task[None]
+    ) -> None:  # fmt: skip
         said, due = "", time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:
                 raise lease.lost
+            if seeing.done():
+                seeing.result()
             try:
                 state = self.vehicle.state
             except Stale as e:  # the vehicle holds by itself
@@ -234,11 +256,8 @@ class Follower(zmav.Agent):
 
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""
-        assert state.local is not None
-        now, late = time.time(), self._lateness(state)
-        age = min((self.vehicle.age or 0.0) + late + state.ages.get("position", 0.0), MOST_LATE)
-        vel = state.velocity or (0.0, 0.0, 0.0)
-        me = (state.local[0] + vel[0] * age, state.local[1] + vel[1] * age, state.local[2] + vel[2] * age)
+        now, late, me = time.time(), self._lateness(state), self._place()
+        assert me is not None
         command = guide.step(now, me, self._told(), self._plane(state), late)
         with contextlib.suppress(NotHolder):  # said by lease.lost
             lease.setpoint(pos=command.pos, vel=command.vel, valid=VALID)
@@ -256,22 +275,33 @@ class Follower(zmav.Agent):
             self._late += LATE_GAIN * (max(0.0, min(age, MOST_LATE)) - self._late)
         return self._late
 
+    def _place(self) -> wire.Vector | None:
+        """Where the vehicle is now, carried on from when it said so."""
+        state = self.vehicle.last_state
+        if state is None or state.local is None:
+            return None
+        age = min((self.vehicle.age or 0.0) + self._late + state.ages.get("position", 0.0), MOST_LATE)
+        north, east, down = (x + age * v for x, v in zip(state.local, state.velocity or (0.0,) * 3, strict=True))
+        return north, east, down
+
     def _told(self) -> Told | None:
         """Where the target says that it is, where that is not old."""
         if not self.target:
             return None
         target = self.z.vehicle(self.target)
         state, age = target.last_state, target.age
-        if state is None or state.local is None or age is None or age > OLD:
+        if state is None or state.local is None or age is None:
             return None
-        return Told(time.time() - age, state.local, state.velocity or (0.0, 0.0, 0.0))
+        age += state.ages.get("position", 0.0)
+        return Told(time.time() - age, state.local, state.velocity or (0.0, 0.0, 0.0)) if age < OLD else None
 
     def _plane(self, state: wire.VehicleState) -> float:
-        """How far down the pad is: by the target's own height, else at that of our home."""
+        """How far down the pad is: by the target's own height, also when it is silent now; else as our home is."""
         assert state.local is not None
-        told = self._told()
-        if told is not None:
-            return told.pos[2] - float(self.settings.deck_m)
+        if (told := self._told()) is not None:
+            self._plane_told = told.pos[2] - float(self.settings.deck_m)
+        if self._plane_told is not None:
+            return self._plane_told
         above = state.position.alt_rel if state.position is not None else 0.0
         return state.local[2] + above - float(self.settings.deck_m)
 
@@ -290,3 +320,9 @@ class Follower(zmav.Agent):
         if self._delays:
             detail["delay_ms"] = round(1e3 * statistics.median(self._delays), 1)
         self.status(guide.phase, f"{guide.phase} {self.target}".strip(), **detail)
+
+
+def _looked_at(flight: asyncio.Task[None]) -> None:
+    """It was said how it ended: asyncio need not complain that nobody asked."""
+    if not flight.cancelled():
+        flight.exception()

@@ -25,6 +25,14 @@ ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
 BLIND, TOUCH = 0.8, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
+AHEAD, OLDEST = 0.3, 3.0
+"""s by which a sight may be from after now, by clocks that are not one, and from before it"""
+WIDE = 6.0
+"""times its height that a vehicle may see to the side"""
+LEVELS = 0.3
+"""weight of a new sight in how far down the pad is"""
+TOUCHING = 8.0
+"""s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
 
@@ -63,10 +71,11 @@ class Guide:
     wanted: Literal["follow", "hold", "land"] = "follow"
     lost: int = 0
     """how often the target was lost after it had been tracked"""
+    seen_plane: float | None = None
+    """m down of the pad, by the sights: their size has its say in it"""
     _since: float = 0.0
     _held: Vector | None = None
     _angle: float = 0.0
-    _turned: float = 0.0
     _level: float | None = None
     """m above the pad that is flown at now while descending or climbing"""
     _before: float = 0.0
@@ -74,32 +83,51 @@ class Guide:
 
     # What is seen.
 
-    def see(self, t: float, found: Sequence[Detection], told: Told | None, least: float) -> bool:
+    def see(
+        self, now: float, t: float, found: Sequence[Detection], me: Vector, told: Told | None, least: float
+    ) -> bool:  # fmt: skip
         """A picture of ``t`` was looked at; whether something in it was believed. Of several pads the one counts that
-        is nearest to what is predicted, or to where the target says that it is.
+        is nearest to what is predicted, or to where the target says that it is; none that is far from that counts.
         """
-        places = [each for each in found if each.pos is not None and each.score >= least]
-        about = self._about(t, told)
-        if about is not None:
-            places.sort(key=lambda each: _away(each, about[0]))
-            places = [each for each in places if _away(each, about[0]) <= about[1]]
+        if not now - OLDEST < t < now + AHEAD:
+            return False
+        aim, within = self._about(t, told)
+        places = [each for each in found if each.score >= least and self._may_be(each, t, me, told)]
+        if aim is not None:
+            places = [each for each in places if _away(each, aim) <= within]
+            places.sort(key=lambda each: _away(each, aim))
         for each in places[:1]:
             assert each.pos is not None
-            return self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance)
+            if self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance):
+                before = each.pos[2] if self.seen_plane is None else self.seen_plane
+                self.seen_plane = before + LEVELS * (each.pos[2] - before)
+                return True
         return False
 
-    def _about(self, t: float, told: Told | None) -> tuple[tuple[float, float], float] | None:
-        """Where a sight may be, and within how many metres; None: anywhere."""
+    def _may_be(self, each: Detection, t: float, me: Vector, told: Told | None) -> bool:
+        if each.pos is None or not all(map(math.isfinite, each.pos)):
+            return False
+        if _away(each, (me[0], me[1])) > WIDE * max(each.pos[2] - me[2], 1.0):
+            return False
+        return told is None or _away(each, told.at(t)) <= TRUST
+
+    def _about(self, t: float, told: Told | None) -> tuple[tuple[float, float] | None, float]:
+        """Where a sight may be, None for anywhere, and within how many metres."""
         estimate = self.tracker.at(t)
-        if estimate is not None and self.phase in ("track", "coast", "descend", "touch"):
+        if estimate is not None and self.phase not in ("approach", "search"):
             return (float(estimate.pos[0]), float(estimate.pos[1])), ANYWHERE + 3.0 * estimate.sigma
-        return (told.at(t), TRUST) if told is not None else None
+        return (None if told is None else told.at(t)), TRUST
 
     # What is flown.
 
     def step(self, now: float, me: Vector, told: Told | None, plane: float, late: float = 0.0) -> Command:
         """``me``: where the vehicle is; ``plane``: how far down the pad is; ``late``: s until it hears the command."""
-        dt, self._before = (min(now - self._before, 0.5) if self._before else 0.0), now
+        dt, self._before = (min(max(now - self._before, 0.0), 0.5) if self._before else 0.0), now
+        if self.tracker.t is not None and self.tracker.t > now + AHEAD:  # the clock was set back
+            self.tracker.forget()
+            self._since = now
+        if self.seen_plane is not None and self.phase not in ("approach", "search"):
+            plane = self.seen_plane
         self._turn(now, me, told)
         if self.phase == "hold":
             self._held = self._held or me
@@ -119,21 +147,23 @@ class Guide:
         else:
             seen = self.tracker.t
             unseen = math.inf if seen is None else now - seen
-            if before == "touch" or (before == "descend" and unseen < self.tuned("coast")):
+            if self.wanted == "land" and (before == "touch" or (before == "descend" and unseen < self.tuned("coast"))):
                 pass  # so near above it nothing is seen any more
             elif unseen < COAST_AFTER:
                 self.phase = "descend" if self.wanted == "land" else "track"
             elif unseen < self.tuned("coast"):
                 self.phase = "coast"
             elif before != "search":
-                self.lost += before in ("track", "coast", "descend")
+                self.lost += before in ("track", "coast", "descend", "touch")
                 self.phase = "approach"
+            elif now - self._since > self.tuned("search_seconds"):
+                self.wanted, self.phase = "hold", "hold"
             if self.phase == "approach":
                 place = self._place(now, told)
                 if place is None or math.hypot(place[0] - me[0], place[1] - me[1]) < ARRIVED:
                     self.phase = "search"
         if self.phase != before:
-            self._since, self._angle, self._turned = now, 0.0, 0.0
+            self._since, self._angle = now, 0.0
             if self.phase not in ("descend", "touch"):
                 self._level = None
 
@@ -151,7 +181,7 @@ class Guide:
         vel = (told.vel[0], told.vel[1], 0.0) if told is not None else (0.0, 0.0, 0.0)
         if self.phase == "approach":
             return Command((place[0], place[1], plane - self.height), vel)
-        height = min(top, self.height + self.tuned("search_climb") * (now - self._since))
+        height = min(top, self.height + self.tuned("search_climb") * max(0.0, now - self._since))
         pitch = TURN * 2.0 * 0.46 * height  # the narrower half of a view of 63 by 49 degrees is 0.46 of the height
         radius = pitch * self._angle / math.tau
         if radius > self.tuned("search_radius"):
@@ -176,9 +206,10 @@ class Guide:
             here = self.tracker.at(now)
             assert here is not None
             off = math.hypot(me[0] - float(here.pos[0]), me[1] - float(here.pos[1]))
-            if self.phase == "descend" and self._level <= BLIND and off < self.tuned("gate"):
-                self.phase = "touch"
-            if self.phase == "touch" or off < max(self.tuned("gate"), 0.12 * self._level):
+            fresh = self.tracker.t is not None and now - self.tracker.t < COAST_AFTER
+            if self.phase == "descend" and fresh and self._level <= BLIND and off < self.tuned("gate"):
+                self.phase, self._since = "touch", now
+            if self.phase == "touch" or (fresh and off < max(self.tuned("gate"), 0.12 * self._level)):
                 down = self.tuned("sink")
                 floor = 0.0 if self.phase == "touch" else BLIND
                 self._level = max(floor, self._level - down * dt)
@@ -187,7 +218,9 @@ class Guide:
         speed = math.hypot(u, v)
         if speed > (most := self.tuned("speed")):
             u, v = u * most / speed, v * most / speed
-        land = self.phase == "touch" and plane - me[2] < TOUCH + 0.3 and level < TOUCH
+        land = self.phase == "touch" and (
+            (plane - me[2] < TOUCH + 0.3 and level < TOUCH) or now - self._since > TOUCHING
+        )  # fmt: skip
         return Command((north, east, plane - level), (u, v, down), land)
 
 

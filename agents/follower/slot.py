@@ -40,7 +40,6 @@ class Slot:
         self._others: dict[str, tuple[Claim, str]] = {}
         self._token: zenoh.LivelinessToken | None = None
         self._subscriber: Any = None
-        self._heard = asyncio.Event()
 
     async def __aenter__(self) -> Slot:
         wide = keys.SLOT.key(self._fleet, "*", target=self._target, slot=self._slot, since="*", instance="*")
@@ -81,7 +80,7 @@ class Slot:
         self._token = self._subscriber = None
 
     def _taken(self, who: str) -> Refused:
-        text = f"{who} keeps the place {self._slot} {self._target} already: choose another slot, or end that one"
+        text = f"{who} keeps the place {self._slot} {self._target} already: end that one first"
         return Refused(text, holder=who, target=self._target, slot=self._slot)
 
     def _on_token(self, sample: zenoh.Sample) -> None:

@@ -47,7 +47,7 @@ class Tracker:
         self._t: float | None = None
         self._x: Array = np.zeros(4)
         self._p: Array = np.zeros((4, 4))
-        self._strays: list[tuple[float, Array, Array]] = []
+        self._strays: list[tuple[float, Array]] = []
         self.rejected = 0
         """sights outside of the gate since the last one inside"""
 
@@ -104,13 +104,15 @@ class Tracker:
         """Outside of the gate. Where enough such sights in a row are one moving thing, that is the target."""
         self.rejected += 1
         if self._strays:
-            before, place, _ = self._strays[-1]
+            before, place = self._strays[-1]
+            if t <= before:
+                return False
             if float(np.linalg.norm(z - place)) > NEAR + 2.0 * FIRST_SPEED * (t - before):
                 self._strays = []
-        self._strays.append((t, z, r))
+        self._strays.append((t, z))
         if len(self._strays) < SURE:
             return False
-        first, place, _ = self._strays[0]
+        first, place = self._strays[0]
         self._begin(t, z, r, (z - place) / (t - first))
         return True
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import statistics
 import time
 from collections import deque
@@ -34,7 +35,11 @@ SILENCE = 3.0
 WAIT = 0.25
 """s that a picture waits for the attitude of its time"""
 DOUBT = 5
-"""one of so many pictures with nothing in them is searched at other heights than the one that is known, too"""
+"""one of so many pictures with nothing in them is searched at other heights than the one that is known, too; and one of
+so many in which something was found for other pads than that one
+"""
+SIZES, APART = 4, 0.5
+"""of pictures for which there are detectors; heights of the symbol within which two sights are one"""
 RECENT = 50
 """pictures of which delays and times are told"""
 
@@ -90,16 +95,22 @@ class Helipad(zmav.Agent):
         Detector([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]], own.symbol_m, own.template or None)
         key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=own.camera)
         self._sights = self.z.session.declare_publisher(key, **keys.DETECTION.publishing())
-        tasks = [asyncio.create_task(each) for each in (self._turns(), self._places(), self._autopilot_frame())]
+        work = (self._turns(), self._places(), self._autopilot_frame(), self._watch())
+        tasks = [asyncio.create_task(each) for each in work]
         try:
-            async with Reader(self.z, self.vehicle.name, own.camera, name=self.name) as pictures:
-                self._info = await self._ask(pictures)
-                await self._look(pictures)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
+            for task in done:
+                task.result()
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             self._sights.undeclare()
+
+    async def _watch(self) -> None:
+        async with Reader(self.z, self.vehicle.name, self.settings.camera, name=self.name) as pictures:
+            self._info = await self._ask(pictures)
+            await self._look(pictures)
 
     async def _ask(self, pictures: Reader) -> wire.CameraInfo:
         while True:
@@ -110,13 +121,17 @@ class Helipad(zmav.Agent):
             await asyncio.sleep(ASK_AGAIN)
 
     async def _look(self, pictures: Reader) -> None:
-        due = 0.0
+        due, silent = 0.0, False
         while True:
             try:
                 picture = await asyncio.wait_for(pictures.get(), SILENCE)
             except asyncio.TimeoutError:
+                silent = True
                 self.status("blind", f"no picture of {self.settings.camera} for {SILENCE:g} s", **self._figures())
                 continue
+            if silent:  # it may be another camera by now
+                silent, self._info = False, await self._ask(pictures)
+                self._detectors.clear()
             now = time.monotonic()
             if now < due:
                 continue
@@ -153,6 +168,8 @@ class Helipad(zmav.Agent):
         if not found:  # whether the height is wrong is asked now and then: that search takes several times as long
             doubts = hint is None or self._missed % DOUBT == DOUBT - 1
             found = (doubting if doubts else detector).detect(image, hint, roll, pitch)
+        elif self._looked % DOUBT == 0:
+            found += [each for each in detector.detect(image, hint, roll, pitch) if _another(each, found[0])]
         self._last = found[0] if found else None
         self._missed = 0 if found else self._missed + 1
         told = [self._located(each, optics, pose, plane) for each in found if each.score >= self["score"]]
@@ -170,6 +187,8 @@ class Helipad(zmav.Agent):
         known = self._detectors.get((width, height))
         if known is None:
             assert self._info is not None
+            if len(self._detectors) >= SIZES:
+                self._detectors.clear()
             optics = Optics.of(self._info).scaled(width, height)
             own = self.settings
             trusting, doubting = (
@@ -217,7 +236,7 @@ class Helipad(zmav.Agent):
         own = self.settings
         if own.target:
             state = self.z.vehicle(own.target).last_state
-            if state is not None and state.local is not None:
+            if state is not None and state.local is not None:  # old, too: it is a height
                 return state.local[2] - float(own.deck_m)
         state = self.vehicle.last_state
         if state is None or state.local is None or state.position is None:
@@ -258,7 +277,8 @@ class Helipad(zmav.Agent):
         boot = state.clock.boot_t if state.clock is not None else 0.0
         usec = max(0, int(1e6 * (sight.t - boot))) if boot else 0
         data = landing_target.frame(
-            self.z.dialect, state.autopilot or "", state.sysid, usec, best.offset, pose.yaw, self.settings.symbol_m,
+            self.z.dialect, state.autopilot or "", state.sysid, usec, best.offset,
+            (pose.roll, pose.pitch, pose.yaw), self.settings.symbol_m,
             self._local,
         )  # fmt: skip
         if data is not None:
@@ -297,3 +317,7 @@ class Helipad(zmav.Agent):
                 with contextlib.suppress(TypeError, KeyError):
                     x, y, z = (float(message.fields[name]) for name in ("x", "y", "z"))
                     self._local = (x, y, z)
+
+
+def _another(one: Detection, known: Detection) -> bool:
+    return math.hypot(one.u - known.u, one.v - known.v) > APART * max(one.scale_px, known.scale_px)

@@ -34,7 +34,9 @@ class Pose:
 
 
 class Poses:
-    """The last few seconds. Times are UTC seconds; what comes out of order, or is no number, is left out."""
+    """The last few seconds. Times are UTC seconds; what comes out of order, or is no number, is left out. A time far
+    before the last one begins anew: the clock was set back, or the last one was of the future.
+    """
 
     def __init__(self) -> None:
         self._attitudes: list[tuple[float, float, float, float]] = []
@@ -42,6 +44,8 @@ class Poses:
 
     def turned(self, t: float, roll: float, pitch: float, yaw: float) -> None:
         """An attitude, rad."""
+        if self._attitudes and t < self._attitudes[-1][0] - KEEP:
+            self._attitudes.clear()
         if all(map(math.isfinite, (t, roll, pitch, yaw))) and not (self._attitudes and t <= self._attitudes[-1][0]):
             self._attitudes.append((t, roll, pitch, yaw))
             while self._attitudes[0][0] < t - KEEP:
@@ -49,6 +53,8 @@ class Poses:
 
     def was(self, t: float, pos: Vector, vel: Vector) -> None:
         """A place and the velocity there."""
+        if self._places and t < self._places[-1][0] - KEEP:
+            self._places.clear()
         if all(map(math.isfinite, (t, *pos, *vel))) and not (self._places and t <= self._places[-1][0]):
             self._places.append((t, pos, vel))
             while self._places[0][0] < t - KEEP:

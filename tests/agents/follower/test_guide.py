@@ -11,7 +11,7 @@ import pytest
 
 from agents.follower.agent import Follower
 from agents.follower.guide import Command, Guide, Told
-from zmav.wire import Detection
+from zmav.wire import Detection, Vector
 
 TICK, LAG = 0.05, 0.35
 DECK = -0.3
@@ -31,12 +31,18 @@ class World:
         self.told_off = (1.5, -1.0)
         """m by which the target's own positioning is wrong"""
         self.told = True
+        self.plane = DECK
+        """m down of the pad, as it is told"""
         self.delay, self.lost = delay, lost
         self._due: deque[tuple[float, float, list[Detection]]] = deque()
         self.off: list[float] = []
         self.phases: list[str] = []
         self.command = Command((0.0, 0.0, 0.0))
         self.frame = 0
+
+    @property
+    def me(self) -> tuple[float, float, float]:
+        return float(self.pos[0]), float(self.pos[1]), float(self.pos[2])
 
     def word(self) -> Told | None:
         if not self.told:
@@ -58,9 +64,9 @@ class World:
             self._due.append((self.t + self.delay, self.t, self.picture()))
         while self._due and self._due[0][0] <= self.t:
             _, taken, found = self._due.popleft()
-            self.guide.see(taken, found, self.word(), 0.3)
-        me = (float(self.pos[0]), float(self.pos[1]), float(self.pos[2]))
-        self.command = self.guide.step(self.t, me, self.word(), DECK)
+            self.guide.see(self.t, taken, found, self.me, self.word(), 0.3)
+        me = self.me
+        self.command = self.guide.step(self.t, me, self.word(), self.plane)
         # It flies to where the place that moves was a little ago: see docs/vision.md.
         aim = np.array(self.command.pos) - LAG * np.array(self.command.vel)
         want = np.array(self.command.vel) + np.clip(1.2 * (aim - self.pos), -4.0, 4.0)
@@ -209,3 +215,85 @@ def test_hold_stays_where_it_was_told_and_goes_on_when_asked() -> None:
     world.run(25.0)
     assert world.guide.phase == "track"
     assert world.off[-1] < 0.3
+
+
+def test_a_landing_is_called_off() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    world.guide.wanted = "land"
+    world.run(5.0)
+    assert world.phases[-1] == "descend"
+    world.guide.wanted = "follow"
+    world.run(6.0)
+    assert world.phases[-1] == "track"
+    assert DECK - world.pos[2] == pytest.approx(5.0, abs=0.2)
+    assert not world.command.land
+
+
+def test_it_does_not_sink_unseen() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    world.guide.wanted = "land"
+    world.run(60.0, lambda world: DECK - float(world.pos[2]) < 2.0)
+    lowest = DECK - float(world.pos[2])
+    world.hidden = lambda t: True
+    for _ in range(60):
+        world.run(TICK)
+        assert not world.command.land
+        assert DECK - float(world.pos[2]) > lowest - 0.4
+
+
+def test_sights_of_the_future_of_another_place_or_nonsense_change_nothing() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    seen, now = world.guide.tracker.t, world.t
+
+    def see(t: float, pos: Vector) -> bool:
+        pad = Detection(symbol="H", u=0.0, v=0.0, scale_px=20.0, heading=0.0, score=0.9, pos=pos)
+        return world.guide.see(now, t, [pad], world.me, world.word(), 0.3)
+
+    for t, pos in (
+        (now + 3600.0, (0.0, 0.0, DECK)),
+        (1e200, (0.0, 0.0, DECK)),
+        (now - 60.0, (0.0, 0.0, DECK)),
+        (now, (1e6, 0.0, DECK)),
+        (now, (math.nan, 0.0, DECK)),
+        (now, (9.0, 9.0, DECK)),
+    ):
+        assert not see(t, pos)
+    assert world.guide.tracker.t == seen
+    world.run(2.0)
+    assert world.phases[-1] == "track"
+
+
+def test_a_clock_that_is_set_back_is_survived() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    world.t -= 60.0
+    world._due.clear()
+    world.run(5.0)
+    assert world.phases[-1] == "track"
+    world.hidden = lambda t: True
+    world.run(30.0)
+    assert world.phases[-1] == "search"
+    world.t -= 60.0
+    world.run(2.0)
+    assert world.command.pos[2] < DECK - 4.0, "never below what was asked for"
+
+
+@pytest.mark.parametrize("wrong", [-0.6, 1.5])
+def test_a_height_that_was_told_wrong_is_made_up_for_by_what_is_seen(wrong: float) -> None:
+    """The deck's height was forgotten: the sights say how far down the pad is."""
+    world = World(lambda t: (0.0, 0.0))
+    world.plane = DECK + wrong
+    world.run(15.0)
+    assert DECK - world.pos[2] == pytest.approx(5.0, abs=0.2)
+    world.guide.wanted = "land"
+    world.run(60.0, lambda world: world.command.land)
+    assert world.command.land
+    assert 0.0 < DECK - world.pos[2] < 0.6
+
+
+def test_a_search_ends() -> None:
+    world = World(lambda t: (0.0, 0.0))
+    world.hidden = lambda t: True
+    world.tuned["search_seconds"] = 20.0
+    world.run(40.0)
+    assert world.phases == ["approach", "search", "hold"]
+    assert world.guide.wanted == "hold"
