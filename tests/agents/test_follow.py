@@ -106,7 +106,7 @@ async def test_it_finds_the_rover_follows_it_and_lands_on_it(net: Net, onboard: 
             away.append(off())
         assert sum(away[20:]) / len(away[20:]) < 0.4, away
         assert follower.guide is not None
-        assert follower.guide.phase == "track"
+        assert follower.guide.lost == 0
         assert any(sight.found and sight.found[0].pos is not None for sight in sights)
         (best,) = [sight.found[0] for sight in sights if sight.found][-1:]
         assert best.lat_deg == pytest.approx(ORIGIN.lat_deg, abs=1e-3)

@@ -275,7 +275,7 @@ def test_the_simulators_camera() -> None:
         assert latest is not None
         assert latest.jpeg is not None
         assert decode(latest.jpeg).shape == (120, 160, 3)
-        assert 1000.0 < latest.t < 1100.0  # the world's time, not ours
+        assert abs(time.time() - latest.t) < 5.0  # the world's time is of another day: it is set right
         found = numbers(url)
         assert found is not None
         assert found.calibration.focal == (130.0, 130.0)
