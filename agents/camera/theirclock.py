@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections import deque
 
-LATE, EARLY = 0.05, -0.005
+LATE, EARLY = 0.02, -0.005
 """s from exposure to arrival, at the least, beyond which the two clocks are not one"""
-USUAL = 0.02
+USUAL = 0.008
 """s that it takes at the least where they are not: to be rendered or read out, and handed over"""
 WINDOW = 5.0
 """s of arrivals that are looked at"""

@@ -61,10 +61,10 @@ class Follower(zmav.Agent):
     name = "follower"
     settings_type = Settings
     tunables: ClassVar = {
-        "lead": Tunable(0.35, 0.0, 2.0, "s", "ahead of now at which the target is aimed at: what the autopilot lags"),
+        "lead": Tunable(0.1, 0.0, 2.0, "s", "ahead of now at which the target is aimed at: what the autopilot lags"),
         "coast": Tunable(3.0, 0.5, 20.0, "s", "without a sight for which the prediction is flown"),
         "score": Tunable(0.3, 0.0, 1.0, "", "least score of a sight"),
-        "accel": Tunable(0.8, 0.05, 10.0, "m/s²", "of the target, as its filter expects"),
+        "accel": Tunable(0.3, 0.05, 10.0, "m/s²", "of the target, as its filter expects"),
         "speed": Tunable(5.0, 0.1, 20.0, "m/s", "at most fed forward"),
         "sink": Tunable(0.4, 0.1, 2.0, "m/s", "of the descent onto the pad"),
         "gate": Tunable(0.15, 0.05, 2.0, "m", "off the pad's middle at which it goes lower"),

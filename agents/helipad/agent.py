@@ -58,6 +58,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """m of the pad above that vehicle's reference point, or above the ground"""
     attitude_hz: float = 30.0
     """at which the autopilot is asked for its attitude"""
+    position_hz: float = 10.0
+    """and for its position"""
     landing_target: bool = False
     """send LANDING_TARGET frames to the autopilot, too"""
 
@@ -72,6 +74,7 @@ class Helipad(zmav.Agent):
     tunables: ClassVar = {
         "score": Tunable(0.0, 0.0, 1.0, "", "least score that is told of"),
         "most_hz": Tunable(50.0, 0.5, 200.0, "Hz", "pictures looked at"),
+        "shift": Tunable(0.0, -0.5, 0.5, "s", "later than it says that a picture was taken, where the camera is wrong"),
     }
 
     def __init__(self, *args: Any, **rest: Any) -> None:
@@ -136,6 +139,7 @@ class Helipad(zmav.Agent):
             if now < due:
                 continue
             due = max(due + 1.0 / self["most_hz"], now)
+            picture = picture._replace(t=picture.t + self["shift"])
             pose = await self._pose(picture.t)
             try:
                 sight = await asyncio.to_thread(self._work, picture, pose)
@@ -302,12 +306,20 @@ class Helipad(zmav.Agent):
         return state.clock.boot_t + float(message.fields["time_boot_ms"]) / 1e3
 
     async def _places(self) -> None:
-        while True:
-            await self.z.news(0.2)
-            state = self.vehicle.last_state
-            if state is not None and state.local is not None:
-                t = state.t - state.ages.get("position", 0.0)
-                self.poses.was(t, state.local, state.velocity or (0.0, 0.0, 0.0))
+        """From its states, and between them from its positions, which come more often."""
+        async with self.vehicle.stream("GLOBAL_POSITION_INT", depth=50, hz=self.settings.position_hz) as places:
+            async for message in places:
+                state = self.vehicle.last_state
+                if state is None or state.local is None or state.position is None:
+                    continue
+                fields, known, base = message.fields, state.position, state.local
+                here = wire.Origin(lat_deg=known.lat_deg, lon_deg=known.lon_deg, alt_amsl=known.alt_amsl)
+                with contextlib.suppress(TypeError, KeyError):
+                    lat, lon, alt = (float(fields[name]) for name in ("lat", "lon", "alt"))
+                    vx, vy, vz = (float(fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
+                    north, east, down = geo.to_ned(here, lat / 1e7, lon / 1e7, alt / 1e3)
+                    pos = (base[0] + north, base[1] + east, base[2] + down)
+                    self.poses.was(self._time(message), pos, (vx, vy, vz))
 
     async def _autopilot_frame(self) -> None:
         if not self.settings.landing_target:

@@ -25,6 +25,7 @@ class World:
         self.target, self.pos, self.vel = target, np.array((0.0, 0.0, -5.3)), np.zeros(3)
         self.t, self.rng = 0.0, np.random.default_rng(5)
         self.tuned = {name: each.default for name, each in Follower.tunables.items()}
+        self.tuned["lead"] = LAG
         self.guide = Guide(self.tuned.__getitem__, 5.0)
         self.hidden: Callable[[float], bool] = lambda t: False
         self.more: Callable[[float], list[tuple[float, float]]] = lambda t: []
