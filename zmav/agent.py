@@ -16,6 +16,7 @@ the vehicle under a lease like everybody else.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import time
@@ -35,6 +36,7 @@ from zmav.services.orders import Guarded, Orders
 from zmav.services.port import on_loop
 from zmav.trust.gate import Gate, Origin
 from zmav.verbs import Access, Verb
+from zmav.waiting import within
 
 if TYPE_CHECKING:
     from zmav.client import Client
@@ -153,10 +155,8 @@ class Agent:
         while True:
             self._changed.clear()
             self._speak()
-            try:
-                await asyncio.wait_for(self._changed.wait(), HEARTBEAT)
-            except asyncio.TimeoutError:
-                continue
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(HEARTBEAT, self._changed.wait())
 
     # What it is asked.
 

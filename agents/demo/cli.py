@@ -20,12 +20,12 @@ from rich.table import Table
 from rich.text import Text
 
 import zmav
-from agents.demo.processes import Processes, free_port, free_udp_ports
+from agents.demo.processes import Processes, connect, free_port, free_udp_ports
 from agents.demo.watch import Watch
 from zmav.cli.common import console
 from zmav.cli.ls import fleet_view
-from zmav.errors import SessionError, ZmavError
-from zmav.session import DEFAULT_ROUTER, SessionSettings
+from zmav.errors import ZmavError
+from zmav.session import DEFAULT_ROUTER
 from zmav.sim import Home
 
 FLEET = "demo"
@@ -129,7 +129,7 @@ def start_fleet(processes: Processes, ground: str, console: Console) -> None:
 
 async def _fly(processes: Processes, ground: str, console: Console, live: bool) -> tuple[int, Watch]:
     async with contextlib.AsyncExitStack() as stack:
-        z = await _connect(stack, ground, processes)
+        z = await connect(stack, FLEET, ground, processes)
         watch = Watch(z, NAMES)
         watching = asyncio.create_task(watch.run())
         planner = processes.start("planner", "swarm", "swap", *NAMES, "--fleet", FLEET, "-e", ground, may_end=True)
@@ -138,18 +138,6 @@ async def _fly(processes: Processes, ground: str, console: Console, live: bool) 
             code = await _until_ended(planner, processes, z, watch, view, console)
         watching.cancel()
         return code, watch
-
-
-async def _connect(stack: contextlib.AsyncExitStack, ground: str, processes: Processes) -> zmav.Client:
-    """A client of the ground's router, once that router is up."""
-    deadline = time.monotonic() + 40.0  # five interpreters start at once, perhaps on a busy machine
-    while True:
-        processes.check()
-        try:
-            return await stack.enter_async_context(zmav.open(fleet=FLEET, settings=SessionSettings(connect=[ground])))
-        except SessionError:
-            if time.monotonic() > deadline:
-                raise
 
 
 async def _until_ended(

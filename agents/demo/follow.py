@@ -21,11 +21,10 @@ from pathlib import Path
 from rich.console import Console
 
 import zmav
-from agents.demo.processes import Processes, free_port, free_udp_ports
+from agents.demo.processes import Processes, connect, free_port, free_udp_ports
 from agents.demo.rover import Way, drive, eight, walk
 from zmav import keys, wire
-from zmav.errors import SessionError, TimedOut
-from zmav.session import SessionSettings
+from zmav.errors import TimedOut
 from zmav.sim import Home, Remote
 
 FLEET, QUAD, ROVER = "demo", "quad1", "rover1"
@@ -197,26 +196,13 @@ def scene(bridge: bool) -> str:
     return FIELD + (BRIDGE.format(north=AWAY + 6.0, east=4.0) if bridge else "")
 
 
-async def connect(stack: contextlib.AsyncExitStack, rig: Rig) -> zmav.Client:
-    """A client of the ground's router, once that router is up."""
-    deadline = time.monotonic() + 40.0
-    while True:
-        rig.processes.check()
-        try:
-            settings = SessionSettings(connect=[rig.ground])
-            return await stack.enter_async_context(zmav.open(fleet=FLEET, settings=settings))
-        except SessionError:
-            if time.monotonic() > deadline:
-                raise
-
-
 async def fly(
     rig: Rig, console: Console, way: Way, seconds: float, hide: bool, land: bool = True
 ) -> Demonstration:  # fmt: skip
     """All of it. Raises what went wrong, in words."""
     async with contextlib.AsyncExitStack() as stack:
         rig.start(scene(hide))
-        z = await connect(stack, rig)
+        z = await connect(stack, FLEET, rig.ground, rig.processes)
         shown = Demonstration(z, rig.control, console)
         await shown.ready()
         rig.start_agents()

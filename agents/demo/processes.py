@@ -13,7 +13,9 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from zmav.errors import ZmavError
+import zmav
+from zmav.errors import SessionError, ZmavError
+from zmav.session import SessionSettings
 from zmav.trust.credentials import VARIABLE
 
 
@@ -108,6 +110,21 @@ class Processes:
 
     def _log(self, name: str) -> Path:
         return Path(self._folder.name) / f"{name}.log"
+
+
+async def connect(
+    stack: contextlib.AsyncExitStack, fleet: str, endpoint: str, processes: Processes
+) -> zmav.Client:  # fmt: skip
+    """A client of a router that they hold, once that router is up."""
+    deadline = time.monotonic() + 40.0  # many interpreters start at once, perhaps on a busy machine
+    while True:
+        processes.check()
+        try:
+            settings = SessionSettings(connect=[endpoint])
+            return await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
+        except SessionError:
+            if time.monotonic() > deadline:
+                raise
 
 
 def _leave(number: int) -> None:

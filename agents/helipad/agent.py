@@ -27,6 +27,7 @@ from zmav.mavlink import MavMessage
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose, Poses
 from zmav.vision.reader import Picture, Reader
+from zmav.waiting import within
 
 ASK_AGAIN = 1.0
 """s between two questions to a camera that does not answer"""
@@ -127,7 +128,7 @@ class Helipad(zmav.Agent):
         due, silent = 0.0, False
         while True:
             try:
-                picture = await asyncio.wait_for(pictures.get(), SILENCE)
+                picture = await within(SILENCE, pictures.get())
             except asyncio.TimeoutError:
                 silent = True
                 self.status("blind", f"no picture of {self.settings.camera} for {SILENCE:g} s", **self._figures())
@@ -259,12 +260,11 @@ class Helipad(zmav.Agent):
             self.z.put(keys.DETECTION, str(self._sights.key_expr), sight, publisher=self._sights)
         if sight.found and self.settings.landing_target and pose is not None:
             self._guide_landing(sight, pose)
-        state = "sees" if sight.found else "looks"
+        state, text = "looks", "nothing"
         if pose is None:
-            state, text = "looks", "sees pictures, but not the vehicle's attitude and place of their time"
-        else:
-            best = f"{sight.found[0].symbol}, score {sight.found[0].score:.2f}" if sight.found else "nothing"
-            text = best
+            text = "sees pictures, but not the vehicle's attitude and place of their time"
+        elif sight.found:
+            state, text = "sees", f"{sight.found[0].symbol}, score {sight.found[0].score:.2f}"
         self.status(state, text, **self._figures())
 
     def _figures(self) -> dict[str, Any]:

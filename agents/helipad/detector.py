@@ -114,13 +114,8 @@ class Detector:
         pitch = _number("pitch", pitch, -MOST_TILT, MOST_TILT)
         if near is not None:
             return self._track(frame, near, height, roll, pitch)
-        grey = Pyramid(channels.grey(frame))
         supposed, effort = (self._heights, UNKNOWN) if height is None else ([height], KNOWN)
-        found = self._search(grey, supposed, roll, pitch, effort)
-        if not found:
-            paint = channels.yellow(frame)
-            if paint is not None:
-                found = self._search(Pyramid(paint), supposed, roll, pitch, effort)
+        grey, found = self._in_grey_or_yellow(frame, (0, 0), supposed, roll, pitch, effort)
         if not found and height is not None and not self._trust_height:
             found = self._search(grey, self._others(height), roll, pitch, ASTRAY)
         return found
@@ -145,12 +140,17 @@ class Detector:
         if height is None:
             height = self._symbol_m * float(self._k[1, 1]) / max(near.scale_px, 1.0)
         origin = (int(low[0]), int(low[1]))
-        found = self._search(Pyramid(channels.grey(part), origin), [height], roll, pitch, KNOWN)
-        if not found:
-            paint = channels.yellow(part)
-            if paint is not None:
-                found = self._search(Pyramid(paint, origin), [height], roll, pitch, KNOWN)
-        return found
+        return self._in_grey_or_yellow(part, origin, [height], roll, pitch, KNOWN)[1]
+
+    def _in_grey_or_yellow(
+        self, part: Picture, origin: tuple[int, int], heights: list[float], roll: float, pitch: float, effort: Effort
+    ) -> tuple[Pyramid, list[Detection]]:
+        """What is found in the intensity of a part of the frame, else in its yellow; and that intensity."""
+        grey = Pyramid(channels.grey(part), origin)
+        found = self._search(grey, heights, roll, pitch, effort)
+        if not found and (paint := channels.yellow(part)) is not None:
+            found = self._search(Pyramid(paint, origin), heights, roll, pitch, effort)
+        return grey, found
 
     def _search(
         self, picture: Pyramid, heights: list[float], roll: float, pitch: float, effort: Effort

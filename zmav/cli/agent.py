@@ -19,6 +19,7 @@ from zmav.cli.common import assignments, console, dump, fleet_option, json_optio
 from zmav.errors import BadConfig, BadInput
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
+from zmav.waiting import within
 
 GROUP = "zmav.agents"
 vehicle_option = click.option("--vehicle", required=True, help="The vehicle that it runs for.")
@@ -116,7 +117,7 @@ async def _list(vehicles: str, seconds: float, fleet: str, as_json: bool, settin
 
         async with z.subscribe(key, take) as heard:
             with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(_read(heard), seconds)
+                await within(seconds, _read(heard))
     if as_json:
         for (vehicle, _), status in sorted(found.items()):
             click.echo(dump({"vehicle": vehicle, **msgspec.to_builtins(status)}, pretty=False))

@@ -8,9 +8,11 @@ from __future__ import annotations
 import bisect
 import math
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from zmav.wire import Vector
 
+Row = TypeVar("Row", bound=tuple[Any, ...])
 KEEP = 3.0
 """s of the past that are kept: pictures over a bad network are so old"""
 AHEAD = 0.15
@@ -44,21 +46,13 @@ class Poses:
 
     def turned(self, t: float, roll: float, pitch: float, yaw: float) -> None:
         """An attitude, rad."""
-        if self._attitudes and t < self._attitudes[-1][0] - KEEP:
-            self._attitudes.clear()
-        if all(map(math.isfinite, (t, roll, pitch, yaw))) and not (self._attitudes and t <= self._attitudes[-1][0]):
-            self._attitudes.append((t, roll, pitch, yaw))
-            while self._attitudes[0][0] < t - KEEP:
-                del self._attitudes[0]
+        if all(map(math.isfinite, (t, roll, pitch, yaw))):
+            _keep(self._attitudes, (t, roll, pitch, yaw))
 
     def was(self, t: float, pos: Vector, vel: Vector) -> None:
         """A place and the velocity there."""
-        if self._places and t < self._places[-1][0] - KEEP:
-            self._places.clear()
-        if all(map(math.isfinite, (t, *pos, *vel))) and not (self._places and t <= self._places[-1][0]):
-            self._places.append((t, pos, vel))
-            while self._places[0][0] < t - KEEP:
-                del self._places[0]
+        if all(map(math.isfinite, (t, *pos, *vel))):
+            _keep(self._places, (t, pos, vel))
 
     def at(self, t: float) -> Pose | None:
         """None where too little is known of that time."""
@@ -96,3 +90,14 @@ class Poses:
             for k in range(3)
         ]
         return found[0], found[1], found[2]
+
+
+def _keep(rows: list[Row], row: Row) -> None:
+    """Rows begin with their time."""
+    t: float = row[0]
+    if rows and t < rows[-1][0] - KEEP:
+        rows.clear()
+    if not (rows and t <= rows[-1][0]):
+        rows.append(row)
+        while rows[0][0] < t - KEEP:
+            del rows[0]
