@@ -35,6 +35,10 @@ TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
+CLOSE, MOST = 1.0, 1.0
+"""m off within which the integral grows; m/s that is added to the target's velocity, at most"""
+TOO_LATE = 0.2
+"""s until a command is heard from which on nothing is added: a loop that is closed so late would swing"""
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,8 @@ class Guide:
     """m above the pad that is flown at now while descending or climbing"""
     _before: float = 0.0
     _begun: tuple[float, float] | None = None
+    _trim: tuple[float, float] = (0.0, 0.0)
+    """m/s north, east: the integral of how far off it has been, against a steady wind"""
 
     # What is seen.
 
@@ -137,7 +143,7 @@ class Guide:
             return self._look(now, dt, me, told, plane)
         estimate = self.tracker.at(now + self.tuned("lead") + late)
         assert estimate is not None
-        return self._above(estimate, dt, me, now, plane)
+        return self._above(estimate, dt, me, now, plane, late)
 
     def _turn(self, now: float, me: Vector, told: Told | None) -> None:
         """To the phase that follows from what is known now."""
@@ -166,6 +172,8 @@ class Guide:
             self._since, self._angle = now, 0.0
             if self.phase not in ("descend", "touch"):
                 self._level = None
+            if self.phase not in ("track", "coast", "descend", "touch"):
+                self._trim = (0.0, 0.0)
 
     def _place(self, now: float, told: Told | None) -> tuple[float, float] | None:
         """Where to look: where it says that it is, else where it was seen last."""
@@ -196,16 +204,19 @@ class Guide:
             self._begun = (me[0], me[1])
         return self._begun
 
-    def _above(self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float) -> Command:
+    def _above(
+        self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float, late: float
+    ) -> Command:  # fmt: skip
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
         level, down = self.height, 0.0
+        here = self.tracker.at(now)
+        assert here is not None
+        behind = (float(here.pos[0]) - me[0], float(here.pos[1]) - me[1])
         if self.phase in ("descend", "touch"):
             if self._level is None:
                 self._level = max(plane - me[2], 0.0)
-            here = self.tracker.at(now)
-            assert here is not None
-            off = math.hypot(me[0] - float(here.pos[0]), me[1] - float(here.pos[1]))
+            off = math.hypot(*behind)
             fresh = self.tracker.t is not None and now - self.tracker.t < COAST_AFTER
             if self.phase == "descend" and fresh and self._level <= BLIND and off < self.tuned("gate"):
                 self.phase, self._since = "touch", now
@@ -218,10 +229,27 @@ class Guide:
         speed = math.hypot(u, v)
         if speed > (most := self.tuned("speed")):
             u, v = u * most / speed, v * most / speed
+        more = self._against(behind, dt, late)
         land = self.phase == "touch" and (
             (plane - me[2] < TOUCH + 0.3 and level < TOUCH) or now - self._since > TOUCHING
         )  # fmt: skip
-        return Command((north, east, plane - level), (u, v, down), land)
+        return Command((north, east, plane - level), (u + more[0], v + more[1], down), land)
+
+    def _against(self, behind: tuple[float, float], dt: float, late: float) -> tuple[float, float]:
+        """m/s north, east that are added to the velocity against gusts. An autopilot takes about a second over a
+        metre; a share of how far off it is, and its integral, make that stiffer. Both end where they are heard late.
+        """
+        share = max(0.0, 1.0 - late / TOO_LATE)
+        if math.hypot(*behind) < CLOSE:
+            gain = share * self.tuned("trim") * dt
+            self._trim = _bounded((self._trim[0] + gain * behind[0], self._trim[1] + gain * behind[1]), MOST)
+        stiff = share * self.tuned("stiff")
+        return _bounded((self._trim[0] + stiff * behind[0], self._trim[1] + stiff * behind[1]), MOST)
+
+
+def _bounded(vector: tuple[float, float], most: float) -> tuple[float, float]:
+    size = math.hypot(*vector)
+    return vector if size <= most else (vector[0] * most / size, vector[1] * most / size)
 
 
 def _away(found: Detection, place: tuple[float, float]) -> float:

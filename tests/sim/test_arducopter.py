@@ -188,6 +188,15 @@ def test_landing_takes_the_measured_time_and_disarms(desk: Desk) -> None:
     assert (heartbeat["base_mode"], heartbeat["custom_mode"], heartbeat["system_status"]) == (89, LAND, 3)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_it_lands_and_disarms_in_gusts(make_desk: MakeDesk, seed: int) -> None:
+    """What has touched the ground does not lean against the wind, which would keep it from taking itself for landed."""
+    desk = make_desk(wind=(0.0, 5.0, 0.0), gusts="light", noise="typical", seed=seed)
+    desk.take_off(3.0)
+    assert desk.command(21) == ACCEPTED
+    assert desk.until(lambda: not desk.vehicle.copter.armed) < 20.0
+
+
 def test_an_armed_vehicle_on_the_ground_disarms_itself(desk: Desk) -> None:
     desk.world.step(1.0)
     assert desk.command(SET_MODE, 1, GUIDED) == ACCEPTED

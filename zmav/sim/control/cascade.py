@@ -121,8 +121,8 @@ class Cascade:
         self._vel_i[:2] *= ~by_hand
         self._vel_i[2] *= ~ballistic
         acc = ref.acc + error * gains.vel_p + self._vel_i
-        acc[:2] = limit_length(acc[:2], GRAVITY * np.tan(sp.limits.lean))
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
+        acc[:2] = limit_length(acc[:2], np.minimum(GRAVITY, GRAVITY - acc[2]) * np.tan(sp.limits.lean))
         self.want_vel, self.want_acc = want_vel, acc
         self._lean_and_lift(est, acc, by_hand, ballistic)
 

@@ -157,6 +157,11 @@ class SetpointHandle:
         t.horizontal[i] = Axis.DIRECT
         t.roll[i], t.pitch[i] = roll, pitch
 
+    @property
+    def leans(self) -> bool:
+        """Its attitude is held as told."""
+        return bool(self._t.horizontal[self._i] == Axis.DIRECT)
+
     def climb(self, down_speed: float) -> None:
         """Hold a vertical speed, m/s, positive down."""
         t, i = self._t, self._i

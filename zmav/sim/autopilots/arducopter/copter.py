@@ -27,6 +27,7 @@ from zmav.sim.geo import Position
 from zmav.sim.protocol.params import ParamStore
 
 LANDED_AFTER_S = 1.0  # of standing on the ground without thrust
+SOFTENED_AFTER_S = 0.2  # of that, from which on a landing gives up its place
 LOW_THRUST_SHARE = 0.65  # of the hover throttle
 HARD_TOUCH = 0.25  # m/s
 MAV_TYPE_QUADROTOR, MAV_TYPE_HEXAROTOR = 2, 13
@@ -113,6 +114,11 @@ class ArduCopter(ArduVehicle):
         if self.mode is self.guided:
             return self.guided.taking_off
         return self.mode is self.auto and self.auto.taking_off
+
+    @property
+    def touched(self) -> bool:
+        """It may have landed: what has touched the ground must not lean against the wind until it falls over."""
+        return self._quiet_since is not None and self.now - self._quiet_since >= SOFTENED_AFTER_S
 
     @property
     def settled(self) -> bool:

@@ -213,4 +213,8 @@ def descend(copter: ArduCopter) -> None:
     fast = copter.params["LAND_SPEED_HIGH"] * CENTI or copter.sp.limit_of("speed_down")
     # From above it slows down in time to pass LAND_ALT_LOW at LAND_SPEED.
     speed = min(fast, math.sqrt(slow * slow + 2.0 * 0.5 * max(height - low, 0.0)))
+    if copter.touched:
+        copter.sp.lean(0.0, 0.0)
+    elif copter.sp.leans:  # thrown up again
+        copter.sp.move(pos=(copter.sense.north, copter.sense.east, 0.0), vertical=Axis.VELOCITY)
     copter.sp.climb(max(speed, slow))
