@@ -79,11 +79,14 @@ class Rig:
         mavlink, pictures = free_udp_ports(2), free_port()
         origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
+        # To the ground two links: what is best effort (pictures, states) must not wait for what a bad one has to repeat.
+        down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel={rel}" for rel in (1, 0)]
+        two = ("--cfg", "transport/unicast/max_links:2")
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
-            more = ["-e", links[0]] if name == ROVER else []
+            more = ["-e", links[0]] if name == ROVER else [*_each("-l", down), *two]
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,
                   "-l", link, "-l", own, *origin, *more)  # fmt: skip
-        start("ground", "router", "-l", self.ground, "-e", self._way(links[0]))
+        start("ground", "router", "-l", self.ground, *_each("-e", [self._way(each) for each in down]), *two)
         start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", str(AWAY), "--control", str(self.control),
               "--endpoint", f"udp:127.0.0.1:{mavlink}+1", "--camera", "copter1:15", "--pad", "rover1",
               "--camera-port", str(pictures), "--scene", str(self.folder / "scene.toml"), *self._options)  # fmt: skip
@@ -96,7 +99,8 @@ class Rig:
         run = ("agent", "run")
         common = ("--vehicle", QUAD, "--fleet", FLEET)
         start = self.processes.start
-        start("camera", "camera", "run", url, *common, "--rate", "15", "--budget", "300kB/s", "-e", board)
+        budget = "60kB/s" if self.on_ground else "300kB/s"  # to begin with
+        start("camera", "camera", "run", url, *common, "--rate", "15", "--budget", budget, "-e", board)
         deck = ("-o", f"target={ROVER}", "-o", f"deck_m={DECK}")
         start("helipad", *run, "helipad", *common, *deck, "-e", where)
         start("follower", *run, "follower", *common, "-o", f"deck_m={DECK}", "-e", where)
@@ -189,6 +193,10 @@ class Demonstration:
 
     async def land(self) -> None:
         await self.quad.tell("follower", "land")
+
+
+def _each(option: str, values: list[str]) -> list[str]:
+    return [word for value in values for word in (option, value)]
 
 
 def scene(bridge: bool) -> str:

@@ -30,7 +30,7 @@ SLOT = "above"
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
 PATIENCE = 20.0
-"""s for a target that was never heard: over a bad link the first word takes some"""
+"""s for a vehicle that was not heard yet: over a bad link the first word takes some"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
 """of the smoothed time from the vehicle to us; s of it that are believed"""
 DELAYS = 50
@@ -71,7 +71,7 @@ class Follower(zmav.Agent):
         "stiff": Tunable(0.8, 0.0, 2.0, "1/s", "of how far off it is, added to the velocity against gusts"),
         "trim": Tunable(0.4, 0.0, 2.0, "1/s²", "of that distance's integral"),
         "sink": Tunable(0.4, 0.1, 2.0, "m/s", "of the descent onto the pad"),
-        "gate": Tunable(0.15, 0.05, 2.0, "m", "off the pad's middle at which it goes lower"),
+        "gate": Tunable(0.12, 0.05, 2.0, "m", "off the pad's middle at which it goes lower"),
         "search_top": Tunable(10.0, 2.0, 50.0, "m", "above the pad to which a search rises"),
         "search_climb": Tunable(0.3, 0.0, 2.0, "m/s", "of a search"),
         "search_speed": Tunable(1.5, 0.2, 10.0, "m/s", "along its spiral"),
@@ -112,8 +112,7 @@ class Follower(zmav.Agent):
             raise Refused(f"height {args.height:g} m; expected 0.5 to 100", field="height", value=args.height)
         if args.target == self.vehicle.name:
             raise Refused(f"{args.target} cannot follow itself", field="target", value=args.target)
-        if args.target:
-            await self.z.wait_for(args.target, timeout=PATIENCE)
+        await self.z.wait_for(self.vehicle.name, *([args.target] if args.target else []), timeout=PATIENCE)
         if self._flight is not None and not self._flight.done():
             if args.target != self.target or self.guide is None:
                 raise Refused(f"it follows {self.target or 'what it sees'} already: abort that first")

@@ -23,7 +23,7 @@ TRUST = 12.0
 """m from where the target is told to be that a first sight of it may be: two positioning errors, and what it moved"""
 ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
-BLIND, TOUCH = 0.8, 0.15
+BLIND, TOUCH = 0.6, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
 AHEAD, OLDEST = 0.3, 3.0
 """s by which a sight may be from after now, by clocks that are not one, and from before it"""
@@ -134,7 +134,7 @@ class Guide:
             self._since = now
         if self.seen_plane is not None and self.phase not in ("approach", "search"):
             plane = self.seen_plane
-        self._turn(now, me, told)
+        self._turn(now, me, told, late)
         if self.phase == "hold":
             self._held = self._held or me
             return Command(self._held)
@@ -145,8 +145,8 @@ class Guide:
         assert estimate is not None
         return self._above(estimate, dt, me, now, plane, late)
 
-    def _turn(self, now: float, me: Vector, told: Told | None) -> None:
-        """To the phase that follows from what is known now."""
+    def _turn(self, now: float, me: Vector, told: Told | None, late: float) -> None:
+        """To the phase that follows from what is known now; a sight comes as late as everything else."""
         before = self.phase
         if self.wanted == "hold":
             self.phase = "hold"
@@ -155,7 +155,7 @@ class Guide:
             unseen = math.inf if seen is None else now - seen
             if self.wanted == "land" and (before == "touch" or (before == "descend" and unseen < self.tuned("coast"))):
                 pass  # so near above it nothing is seen any more
-            elif unseen < COAST_AFTER:
+            elif unseen - late < COAST_AFTER:
                 self.phase = "descend" if self.wanted == "land" else "track"
             elif unseen < self.tuned("coast"):
                 self.phase = "coast"
@@ -217,7 +217,7 @@ class Guide:
             if self._level is None:
                 self._level = max(plane - me[2], 0.0)
             off = math.hypot(*behind)
-            fresh = self.tracker.t is not None and now - self.tracker.t < COAST_AFTER
+            fresh = self.tracker.t is not None and now - self.tracker.t - late < COAST_AFTER
             if self.phase == "descend" and fresh and self._level <= BLIND and off < self.tuned("gate"):
                 self.phase, self._since = "touch", now
             if self.phase == "touch" or (fresh and off < max(self.tuned("gate"), 0.12 * self._level)):

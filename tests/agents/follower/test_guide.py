@@ -127,7 +127,7 @@ def test_old_pictures_are_made_up_for() -> None:
 
 @pytest.mark.parametrize(("late", "least", "most"), [(0.0, 0.0, 0.08), (0.3, 0.3, 0.5)])
 def test_it_leans_against_a_steady_wind_where_it_is_heard_in_time(late: float, least: float, most: float) -> None:
-    """By itself the vehicle would be 0.5 / 1.2 m off. A loop closed with 0.3 s of delay would swing: it is left open."""
+    """By itself the vehicle would be 0.5 / 1.2 m off. A loop closed 0.3 s late would swing: it is left open."""
     world = World(lambda t: (0.0, 0.0))
     world.push, world.late, world.tuned["lead"] = 0.5, late, 0.0
     world.run(20.0)
