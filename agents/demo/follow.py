@@ -58,6 +58,14 @@ class Truth:
         """m between the two over the ground, in these phases."""
         return [math.dist(row[1:3], row[4:6]) for row in self.rows if row[6] in phases]
 
+    def touched(self) -> float:
+        """m between the two as the landing vehicle's feet, which no deck stops here, came to the deck's height."""
+        stands = self.rows[-1][3]
+        down = next(
+            (row for row in self.rows if row[6] in ("touch", "land") and row[3] - stands <= DECK), self.rows[-1]
+        )
+        return math.dist(down[1:3], down[4:6])
+
 
 class Rig:
     """The processes of one demonstration; ``with Rig(processes, ...)``."""
@@ -79,7 +87,7 @@ class Rig:
         mavlink, pictures = free_udp_ports(2), free_port()
         origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
-        # To the ground two links: what is best effort (pictures, states) must not wait for what a bad one has to repeat.
+        # To the ground two links: pictures and states, sent once, must not wait for what a bad one has to repeat.
         down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel={rel}" for rel in (1, 0)]
         two = ("--cfg", "transport/unicast/max_links:2")
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
