@@ -261,7 +261,7 @@ class Follower(zmav.Agent):
         """One setpoint; True where it is time to land."""
         now, late, me = time.time(), self._lateness(state), self._place()
         assert me is not None
-        command = guide.step(now, me, self._told(), self._plane(state), late)
+        command = guide.step(now, me, self._told(), self._plane(state), late, state.velocity or (0.0, 0.0, 0.0))
         with contextlib.suppress(NotHolder):  # said by lease.lost
             lease.setpoint(pos=command.pos, vel=command.vel, valid=VALID)
         if self._sight:

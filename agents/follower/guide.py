@@ -31,6 +31,8 @@ WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3
 """weight of a new sight in how far down the pad is"""
+STEADY, FASTER = 0.2, 1.5
+"""m/s beside the pad above which it is not gone down onto unseen; times ``sink`` at which it is then: before a gust"""
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
@@ -126,8 +128,13 @@ class Guide:
 
     # What is flown.
 
-    def step(self, now: float, me: Vector, told: Told | None, plane: float, late: float = 0.0) -> Command:
-        """``me``: where the vehicle is; ``plane``: how far down the pad is; ``late``: s until it hears the command."""
+    def step(
+        self, now: float, me: Vector, told: Told | None, plane: float, late: float = 0.0,
+        vel: Vector = (0.0, 0.0, 0.0),
+    ) -> Command:  # fmt: skip
+        """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
+        hears the command.
+        """
         dt, self._before = (min(max(now - self._before, 0.0), 0.5) if self._before else 0.0), now
         if self.tracker.t is not None and self.tracker.t > now + AHEAD:  # the clock was set back
             self.tracker.forget()
@@ -143,7 +150,7 @@ class Guide:
             return self._look(now, dt, me, told, plane)
         estimate = self.tracker.at(now + self.tuned("lead") + late)
         assert estimate is not None
-        return self._above(estimate, dt, me, now, plane, late)
+        return self._above(estimate, dt, me, now, plane, late, vel)
 
     def _turn(self, now: float, me: Vector, told: Told | None, late: float) -> None:
         """To the phase that follows from what is known now; a sight comes as late as everything else."""
@@ -205,7 +212,7 @@ class Guide:
         return self._begun
 
     def _above(
-        self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float, late: float
+        self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
     ) -> Command:  # fmt: skip
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
@@ -218,11 +225,13 @@ class Guide:
                 self._level = max(plane - me[2], 0.0)
             off = math.hypot(*behind)
             fresh = self.tracker.t is not None and now - self.tracker.t - late < COAST_AFTER
-            if self.phase == "descend" and fresh and self._level <= BLIND and off < self.tuned("gate"):
+            steady = math.hypot(vel[0] - u, vel[1] - v) < STEADY
+            if self.phase == "descend" and fresh and steady and self._level <= BLIND and off < self.tuned("gate"):
                 self.phase, self._since = "touch", now
             if self.phase == "touch" or (fresh and off < max(self.tuned("gate"), 0.12 * self._level)):
-                down = self.tuned("sink")
-                floor = 0.0 if self.phase == "touch" else BLIND
+                down, floor = self.tuned("sink"), BLIND
+                if self.phase == "touch":
+                    down, floor = FASTER * down, 0.0
                 self._level = max(floor, self._level - down * dt)
                 down = down if self._level > floor else 0.0
             level = self._level
@@ -231,7 +240,7 @@ class Guide:
             u, v = u * most / speed, v * most / speed
         more = self._against(behind, dt, late)
         land = self.phase == "touch" and (
-            (plane - me[2] < TOUCH + 0.3 and level < TOUCH) or now - self._since > TOUCHING
+            (plane - me[2] < TOUCH + 0.1 and level < TOUCH) or now - self._since > TOUCHING
         )  # fmt: skip
         return Command((north, east, plane - level), (u + more[0], v + more[1], down), land)
 

@@ -5,9 +5,11 @@
 alone: what to compare with: no rover, no camera; the autopilot is told the same figure of eight exactly, place and
 velocity, and how far it is off by its own estimate is what its own controller makes of that wind. board: pictures are
 looked at beside the camera. ground: on the far side of a link of 200 ms and 10 % loss each way, and followed from
-there. land: on a rover at rest, again and again; measured as the feet come to the deck, through which they go. Each run starts everything anew (agents/demo/follow.py), and a mean
-begins 5 s after the first sight. Light gusts are those of MIL-F-8785C for a mean wind of 7.7 m/s, moderate ones for 15.
-Ends with 1 where a mean distance, or a landing, was worse than what is asked for: 0.25 m, 0.6 m, 0.15 m.
+there. land: on a rover at rest, again and again, measured as the feet come to the deck, through which they go.
+
+Each run starts everything anew (agents/demo/follow.py), and a mean begins 5 s after the first sight. Light gusts are
+those of MIL-F-8785C for a mean wind of 7.7 m/s, moderate ones for 15 m/s. Ends with 1 where a mean distance, or a
+landing, was worse than what is asked for: 0.25 m, 0.6 m, 0.15 m.
 """
 
 from __future__ import annotations

@@ -69,7 +69,8 @@ class World:
             _, taken, found = self._due.popleft()
             self.guide.see(self.t, taken, found, self.me, self.word(), 0.3)
         me = self.me
-        self.command = self.guide.step(self.t, me, self.word(), self.plane, self.late)
+        vel = (float(self.vel[0]), float(self.vel[1]), float(self.vel[2]))
+        self.command = self.guide.step(self.t, me, self.word(), self.plane, self.late, vel)
         # It flies to where the place that moves was a little ago: see docs/vision.md.
         aim = np.array(self.command.pos) - LAG * np.array(self.command.vel)
         want = np.array(self.command.vel) + np.clip(1.2 * (aim - self.pos), -4.0, 4.0)
