@@ -15,7 +15,7 @@ import zmav
 from zmav import keys, wire
 from zmav.agent import Tunable
 from zmav.cli.agent import command, find
-from zmav.errors import BadInput, Refused, TimedOut
+from zmav.errors import BadInput, Clash, Refused, TimedOut
 from zmav.verbs import Access, Verb
 
 if TYPE_CHECKING:
@@ -104,6 +104,18 @@ async def test_a_vehicle_without_that_agent_says_how_to_start_one(desk: Desk, mo
     assert (await desk.quad.tell("counter", "count", to=3))["counted"] == 3
     with pytest.raises(TimedOut, match="zmav agent run follower --vehicle quad1"):
         await desk.quad.tell("follower", "follow")
+
+
+async def test_a_second_one_of_its_name_is_refused_while_the_first_one_runs(net: Net) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as one, zmav.open(connect=[endpoint]) as other:
+        async with Counter(one, "quad1"):
+            with pytest.raises(Clash, match="counter runs for quad1 already"):
+                await Counter(other, "quad1").__aenter__()
+            async with Counter(other, "quad2"):
+                pass
+        async with Counter(other, "quad1"):
+            pass
 
 
 async def test_its_last_word_is_that_it_has_ended(net: Net) -> None:

@@ -30,7 +30,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, ZmavError
+from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
 from zmav.services.orders import Guarded, Orders
 from zmav.services.port import on_loop
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from zmav.client import Client
 
 logger = logging.getLogger(__name__)
+ALONE = 1.0
+"""s for another one of the name to answer, where there is one"""
 HEARTBEAT = 1.0
 """s between two words of its status, where nothing changes"""
 EVENTS = 10
@@ -179,6 +181,11 @@ class Agent:
     # Its life.
 
     async def __aenter__(self) -> Agent:
+        """Raises :class:`~zmav.errors.Clash` where one of its name runs for the vehicle: both would hear its orders."""
+        where = keys.AGENT_DO.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, verb="params")
+        if await self.z.ask(where, b"{}", ALONE, enough=lambda answer: True):
+            text = f"an agent {self.name} runs for {self.vehicle.name} already: end that one first"
+            raise Clash(text, vehicle=self.vehicle.name, agent=self.name)
         if self._gate is not None:
             self._orders.prove = self._gate.check
             refused = on_loop(asyncio.get_running_loop(), self._on_refused)
