@@ -89,7 +89,8 @@ class Rig:
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
         # To the ground two links: pictures and states, sent once, must not wait for what a bad one has to repeat.
         down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel={rel}" for rel in (1, 0)]
-        two = ("--cfg", "transport/unicast/max_links:2")
+        patient = [f"transport/unicast/{side}_timeout:3000" for side in ("open", "accept")]
+        two = _each("--cfg", ["transport/unicast/max_links:2", *patient])
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
             more = ["-e", links[0]] if name == ROVER else [*_each("-l", down), *two]
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,

@@ -46,6 +46,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """m of the pad above the target's reference point"""
     priority: int = 0
     """of its lease"""
+    lease_s: float = 6.0
+    """it lasts without being renewed, which may take some over a bad link; unheard, the vehicle holds long before"""
 
 
 class Follow(wire.Order, kw_only=True):
@@ -173,7 +175,7 @@ class Follower(zmav.Agent):
             async with contextlib.AsyncExitStack() as stack:
                 if args.target:
                     await stack.enter_async_context(Slot(self.z.session, fleet, me, args.target, SLOT, on_lost))
-                lease = await stack.enter_async_context(self.vehicle.lease(self.name, priority=self.settings.priority))
+                lease = await stack.enter_async_context(self._lease())
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
@@ -200,6 +202,10 @@ class Follower(zmav.Agent):
             if not started.done():
                 started.cancel()
             self.status("idle", text)
+
+    def _lease(self) -> contextlib.AbstractAsyncContextManager[zmav.Lease]:
+        own = self.settings
+        return self.vehicle.lease(self.name, ttl=float(own.lease_s), priority=own.priority)
 
     async def _take_off(self, guide: Guide, lost: asyncio.Event) -> None:
         state = self.vehicle.state

@@ -11,7 +11,6 @@ reliable messages a second. Printed is what came of each, and how late.
 from __future__ import annotations
 
 import contextlib
-import json
 import socket
 import statistics
 import struct
@@ -25,6 +24,7 @@ import zenoh
 
 from agents.demo.processes import free_port
 from tests.bench._relay import Relay
+from zmav.session import SessionSettings, open_session
 
 TICK, CHUNKS = 0.1, 5
 SIZES = {"state": 200, "picture": 1100, "reliable": 100}
@@ -32,14 +32,11 @@ LINKS = {"one": ["?rel=1;mixed_rel=1"], "two": ["?rel=1", "?rel=0"]}
 
 
 def router(listen: list[str], connect: list[str], links: int) -> zenoh.Session:
-    config = zenoh.Config()
-    values = {
-        "mode": "router", "scouting/multicast/enabled": False, "listen/endpoints": listen,
-        "connect/endpoints": connect, "transport/unicast/max_links": links,
-    }  # fmt: skip
-    for path, value in values.items():
-        config.insert_json5(path, json.dumps(value))
-    return zenoh.open(config)
+    patience = [
+        f"transport/unicast/{side}_timeout:3000" for side in ("open", "accept")
+    ]  # 2 round trips of 0.4 s, and losses
+    cfg = (f"transport/unicast/max_links:{links}", *patience)
+    return open_session(SessionSettings(mode="router", listen=tuple(listen), connect=tuple(connect), cfg=cfg))
 
 
 def run(name: str, seconds: float) -> None:
@@ -64,8 +61,11 @@ def run(name: str, seconds: float) -> None:
             once = zenoh.Reliability.RELIABLE if what == "reliable" else zenoh.Reliability.BEST_EFFORT
             priority = zenoh.Priority.BACKGROUND if what == "picture" else zenoh.Priority.INTERACTIVE_HIGH
             puts[what] = near.declare_publisher(f"bench/{what}", reliability=once, priority=priority)
-        deadline = time.monotonic() + 20.0
-        while not all(put.matching_status for put in puts.values()) and time.monotonic() < deadline:
+        deadline = time.monotonic() + 60.0
+        # Zenoh's stub says that it is a bool.
+        while not all(put.matching_status.matching for put in puts.values()):  # type: ignore[attr-defined]
+            if time.monotonic() > deadline:
+                raise SystemExit(f"{name}: the two have not met within 60 s")
             time.sleep(0.1)
         sent = dict.fromkeys(SIZES, 0)
         for tick in range(round(seconds / TICK)):
