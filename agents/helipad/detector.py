@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MIN_HEIGHT_M, MAX_HEIGHT_M = 0.5, 13.0
 HEIGHT_STEP = 1.4
 """between the heights that are supposed where none is known; the search at one of them reaches half-way to the next"""
-ASTRAY_STEP, ASTRAY_STEPS = 1.35, 4
+ASTRAY_STEP, ASTRAY_STEPS = 1.5, 2
 """a given height is believed to be wrong by a factor of 3.3 at most"""
 MOST_TILT = math.radians(60.0)
 REFINE_PX = 26.0
