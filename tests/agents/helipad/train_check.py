@@ -25,7 +25,7 @@ from tests.agents.helipad.generator import CAMERA, SYMBOL_M, Sample, sample
 Image = NDArray[np.float32]
 
 FIRST_SEED = 10_000_000
-HIDDEN = 24
+HIDDEN = 48
 VIEWS = 2
 """of each frame, with other errors of the hints"""
 EPOCHS = 60
@@ -48,7 +48,7 @@ def gather(frames: int) -> tuple[Image, Image]:
             seed,
             kind,
             bool(rng.random() < 0.7),
-            (2.5, 12.0) if many else (1.0, 12.0),
+            (2.5, 12.5) if many else (1.0, 12.5),
             whole_pad=bool(rng.random() < 0.25),
             pads=3 if many else 1,
         )
@@ -63,7 +63,7 @@ def gather(frames: int) -> tuple[Image, Image]:
                 if label is not None:
                     patches.append(patch)
                     labels.append(label)
-        if i % 500 == 499:
+        if i % 250 == 249:
             print(f"{i + 1} frames, {len(labels)} patches, {int(sum(labels))} of an H", flush=True)
     return np.array(patches, dtype=np.float32), np.array(labels, dtype=np.float32)
 
