@@ -2,7 +2,7 @@
 
 Renders frames with and without a pad (seeds that no test and no benchmark uses), lets the detector's own stages propose
 places in them, and fits one hidden layer to tell an H from all else. Writes agents/helipad/check.npz. Some minutes
-for 2000 frames.
+for 4000 frames.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def fit(patches: Image, labels: Image) -> Check:
 
 def main() -> None:
     cv2.setNumThreads(1)
-    patches, labels = gather(int(sys.argv[1]) if len(sys.argv) > 1 else 2000)
+    patches, labels = gather(int(sys.argv[1]) if len(sys.argv) > 1 else 4000)
     held = np.arange(len(labels)) >= 0.85 * len(labels)  # of later frames
     trial = fit(patches[~held], labels[~held])
     chance = trial.probability(patches[held])
