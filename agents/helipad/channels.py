@@ -36,7 +36,7 @@ def check_frame(frame: object) -> Picture:
 
 
 def grey(frame: Picture) -> Picture:
-    """(height, width): intensity, and of a frame with colour a little less of what is blue, so that yellow paint is about
+    """(height, width): intensity; of a frame with colour a little less of what is blue, so that yellow paint is about
     as bright as white paint is.
     """
     if frame.ndim == 2:
