@@ -28,9 +28,9 @@ HEADINGS = 24
 """of a whole turn"""
 NOISE = 2.0
 """standard deviation in steps of 8 bits below which structure counts as noise"""
-LEAST = 0.40
+LEAST = 0.30
 """of the response"""
-MOST_BLOBS = 200
+MOST_BLOBS = 400
 """that are compared with the whole symbol"""
 MOST = 32
 

@@ -17,6 +17,7 @@ from zmav.errors import BadInput
 
 Picture = NDArray[np.uint8]
 """(height, width), one channel"""
+LESS_BLUE = 0.3
 LEAST_YELLOW = 40
 """steps of 8 bits above the median; paler things than that are no paint"""
 
@@ -35,10 +36,14 @@ def check_frame(frame: object) -> Picture:
 
 
 def grey(frame: Picture) -> Picture:
-    """(height, width): intensity."""
+    """(height, width): intensity; of a frame with colour a little less of what is blue, so that yellow paint is about
+    as bright as white paint is.
+    """
     if frame.ndim == 2:
         return frame
-    return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    intensity = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+    blue = cv2.extractChannel(frame, 0)
+    return np.asarray(cv2.addWeighted(intensity, 1.0 + LESS_BLUE, blue, -LESS_BLUE, 0.0), dtype=np.uint8)
 
 
 def yellow(frame: Picture) -> Picture | None:

@@ -1,6 +1,6 @@
 """A small learned check of aligned patches: is this the built-in H?
 
-One hidden layer of 24. ``check.npz`` holds its weights; tests/agents/helipad/train_check.py makes them from rendered
+One hidden layer of 48. ``check.npz`` holds its weights; tests/agents/helipad/train_check.py makes them from rendered
 frames. Alone it is too sure of itself on pictures that it has not seen the like of, so the detector lets it judge only
 what correlates with the symbol.
 """

@@ -42,7 +42,7 @@ class Effort(NamedTuple):
     """probability that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.2, 0.45, 0.85)
+KNOWN = Effort(8.0, 0.40, 0.85)
 UNKNOWN = Effort(6.0, 0.62, 0.93)
 """one of many heights that are tried"""
 ASTRAY = Effort(5.0, 0.6, 0.93)

@@ -54,22 +54,22 @@ def test_a_pad_is_found_to_10_m_and_measured() -> None:
         scales.append(abs(best[0].scale_px / truth.scale_px - 1.0))
         assert 0.0 < best[0].score <= 1.0
         assert 0.0 <= best[0].heading < math.pi
-    assert missed <= 3
+    assert missed <= 2
     assert np.median(places) < 0.12
     assert np.median(headings) < 0.5
     assert np.median(scales) < 0.05
 
 
 def test_a_pad_is_found_from_10_to_12_m() -> None:
-    assert hits(FIRST_SEED + 100, 25, False, (10.0, 12.0)) >= 22
+    assert hits(FIRST_SEED + 100, 25, False, (10.0, 12.0)) >= 23
 
 
 def test_a_pad_is_found_in_hard_frames() -> None:
-    assert hits(FIRST_SEED + 200, 40, True, (1.0, 10.0)) >= 21
+    assert hits(FIRST_SEED + 200, 40, True, (1.0, 10.0)) >= 24
 
 
 @pytest.mark.parametrize(
-    ("kind", "hard", "most"), [("clutter", False, 1), ("clutter", True, 1), ("lookalike", False, 2)]
+    ("kind", "hard", "most"), [("clutter", False, 1), ("clutter", True, 1), ("lookalike", False, 1)]
 )
 def test_frames_without_a_pad_give_none(kind: str, hard: bool, most: int) -> None:
     false = sum(bool(found_in(sample(FIRST_SEED + 300 + i, kind, hard))) for i in range(25))
