@@ -14,7 +14,7 @@ import socket
 import statistics
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,6 +28,9 @@ from zmav.errors import TimedOut
 from zmav.sim import Home, Remote
 
 FLEET, QUAD, ROVER = "demo", "quad1", "rover1"
+LINK = "?rel=1;mixed_rel=1"
+MANY = ("max_links:2", "open_timeout:3000", "accept_timeout:3000")
+"""Zenoh's settings where there are two links, which may be bad: opening one takes two round trips"""
 DECK = 0.31
 """m: a simulated rover's top, where its pad is, above the ground"""
 HEIGHT = 5.0
@@ -72,30 +75,28 @@ class Rig:
 
     def __init__(
         self, processes: Processes, folder: Path, options: list[str], on_ground: bool,
-        way: Callable[[str], str] = lambda endpoint: endpoint,
+        way: Callable[[str], str] = lambda endpoint: endpoint, kinds: Sequence[str] = (LINK,),
     ) -> None:  # fmt: skip
-        """``way``: the endpoint at which the ground reaches what listens at another."""
+        """``way``: the endpoint at which the ground reaches what listens at another; ``kinds``: of its links."""
         self.processes, self.folder, self.on_ground, self._way = processes, folder, on_ground, way
         self.ground = f"tcp/127.0.0.1:{free_port()}"
         self.control = folder / "sim.sock"
-        self._options = options
+        self._options, self._kinds = options, kinds
 
     def start(self, scene: str) -> None:
         start, home = self.processes.start, Home()
         (self.folder / "scene.toml").write_text(scene)
-        links = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel=1;mixed_rel=1" for _ in (QUAD, ROVER)]
+        links = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}{LINK}" for _ in (QUAD, ROVER)]
         mavlink, pictures = free_udp_ports(2), free_port()
         origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
-        # To the ground two links: pictures and states, sent once, must not wait for what a bad one has to repeat.
-        down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel={rel}" for rel in (1, 0)]
-        patient = [f"transport/unicast/{side}_timeout:3000" for side in ("open", "accept")]
-        two = _each("--cfg", ["transport/unicast/max_links:2", *patient])
+        down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}{kind}" for kind in self._kinds]
+        many = _each("--cfg", [f"transport/unicast/{path}" for path in MANY]) if len(down) > 1 else []
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
-            more = ["-e", links[0]] if name == ROVER else [*_each("-l", down), *two]
+            more = ["-e", links[0]] if name == ROVER else [*_each("-l", down), *many]
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,
                   "-l", link, "-l", own, *origin, *more)  # fmt: skip
-        start("ground", "router", "-l", self.ground, *_each("-e", [self._way(each) for each in down]), *two)
+        start("ground", "router", "-l", self.ground, *_each("-e", [self._way(each) for each in down]), *many)
         start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", str(AWAY), "--control", str(self.control),
               "--endpoint", f"udp:127.0.0.1:{mavlink}+1", "--camera", "copter1:15", "--pad", "rover1",
               "--camera-port", str(pictures), "--scene", str(self.folder / "scene.toml"), *self._options)  # fmt: skip

@@ -14,12 +14,16 @@ import time
 class Relay:
     """``with Relay(port, delay, loss) as relay``: what is sent to loopback's ``relay.port`` reaches ``port``, and back.
 
-    ``delay``: s each way, ``jitter``: s more or less; ``loss``: share of datagrams each way.
+    ``delay``: s each way, ``jitter``: s more or less; ``loss``: share of datagrams each way, all in the first ``after``
+    seconds.
     """
 
-    def __init__(self, port: int, delay: float, loss: float, jitter: float = 0.0, seed: int = 0) -> None:
+    def __init__(
+        self, port: int, delay: float, loss: float, jitter: float = 0.0, seed: int = 0, after: float = 0.0
+    ) -> None:  # fmt: skip
         self._to, self._delay, self._jitter, self.loss = ("127.0.0.1", port), delay, jitter, loss
         self._rng, self._stop = random.Random(seed), threading.Event()
+        self._opens = time.monotonic() + after
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
         self.port = int(self._near.getsockname()[1])
@@ -56,7 +60,7 @@ class Relay:
                     out, to = self._far[sender], self._to
                 else:
                     out, to = self._near, callers[each]
-                if self._rng.random() < self.loss:
+                if self._rng.random() < self.loss or time.monotonic() < self._opens:
                     self.lost += 1
                     continue
                 due = time.monotonic() + self._delay + self._rng.uniform(-self._jitter, self._jitter)

@@ -27,6 +27,8 @@ from tests.bench._relay import Relay
 from zmav.session import SessionSettings, open_session
 
 TICK, CHUNKS = 0.1, 5
+AFTER = 10.0
+"""s until the plain link opens: alone at first, it would lose declarations, which nobody repeats"""
 SIZES = {"state": 200, "picture": 1100, "reliable": 100}
 LINKS = {"one": ["?rel=1;mixed_rel=1"], "two": ["?rel=1", "?rel=0"]}
 
@@ -43,7 +45,8 @@ def run(name: str, seconds: float) -> None:
     kinds, came = LINKS[name], {what: list[float]() for what in SIZES}
     with contextlib.ExitStack() as stack:
         ports = [free_port(socket.SOCK_DGRAM) for _ in kinds]
-        far = [stack.enter_context(Relay(port, 0.2, 0.1, seed=i)).port for i, port in enumerate(ports)]
+        relays = [Relay(port, 0.2, 0.1, seed=i, after=AFTER * i) for i, port in enumerate(ports)]
+        far = [stack.enter_context(relay).port for relay in relays]
         near = stack.enter_context(
             router([f"udp/127.0.0.1:{p}{k}" for p, k in zip(ports, kinds, strict=True)], [], len(kinds))
         )
@@ -67,6 +70,7 @@ def run(name: str, seconds: float) -> None:
             if time.monotonic() > deadline:
                 raise SystemExit(f"{name}: the two have not met within 60 s")
             time.sleep(0.1)
+        time.sleep(AFTER + 3.0)
         sent = dict.fromkeys(SIZES, 0)
         for tick in range(round(seconds / TICK)):
             for what, count in (("state", 1), ("picture", CHUNKS), ("reliable", int(tick % 5 == 0))):
