@@ -29,8 +29,11 @@ from zmav.sim import Home, Remote
 
 FLEET, QUAD, ROVER = "demo", "quad1", "rover1"
 LINK = "?rel=1;mixed_rel=1"
-MANY = ("max_links:2", "open_timeout:3000", "accept_timeout:3000")
-"""Zenoh's settings where there are two links, which may be bad: opening one takes two round trips"""
+MANY = (
+    "transport/unicast/max_links:2", "transport/unicast/open_timeout:3000", "transport/unicast/accept_timeout:3000",
+    "transport/link/tx/lease:5000", "transport/link/tx/keep_alive:8",
+)  # fmt: skip
+"""Zenoh's settings where there are two links, which may be bad: as mesh/profiles.py has them"""
 DECK = 0.31
 """m: a simulated rover's top, where its pad is, above the ground"""
 HEIGHT = 5.0
@@ -91,7 +94,7 @@ class Rig:
         origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
         down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}{kind}" for kind in self._kinds]
-        many = _each("--cfg", [f"transport/unicast/{path}" for path in MANY]) if len(down) > 1 else []
+        many = _each("--cfg", list(MANY)) if len(down) > 1 else []
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
             more = ["-e", links[0]] if name == ROVER else [*_each("-l", down), *many]
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,

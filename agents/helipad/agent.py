@@ -125,7 +125,7 @@ class Helipad(zmav.Agent):
             await asyncio.sleep(ASK_AGAIN)
 
     async def _look(self, pictures: Reader) -> None:
-        due, silent = 0.0, False
+        due, silent, before = 0.0, False, b""
         while True:
             try:
                 picture = await within(SILENCE, pictures.get())
@@ -136,6 +136,10 @@ class Helipad(zmav.Agent):
             if silent:  # it may be another camera by now
                 silent, self._info = False, await self._ask(pictures)
                 self._detectors.clear()
+            if picture.jpeg == before:  # no two exposures are alike to the bit: what is seen in it is where it was then
+                self.status("blind", f"{self.settings.camera} sends one picture again and again", **self._figures())
+                continue
+            before = picture.jpeg
             now = time.monotonic()
             if now < due:
                 continue

@@ -51,7 +51,9 @@ async def drive(rover: zmav.Vehicle, speed: float) -> None:
 
 
 @pytest.mark.slow
-async def test_it_finds_the_rover_follows_it_and_lands_on_it(net: Net, onboard: StartOnboard) -> None:
+async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_it(
+    net: Net, onboard: StartOnboard
+) -> None:
     specs = [
         VehicleSpec(name="quad1", camera=LENS),
         VehicleSpec(name="rover1", autopilot="ardurover", start_ned_m=(4.0, 1.0, 0.0), pad=PadSpec()),
@@ -112,6 +114,15 @@ async def test_it_finds_the_rover_follows_it_and_lands_on_it(net: Net, onboard: 
         assert best.lat_deg == pytest.approx(ORIGIN.lat_deg, abs=1e-3)
         assert best.covariance is not None
         assert 0.0 < best.covariance[0] < 0.1
+
+        # A picture that stands still has the pad wherever the vehicle goes: it must not be chased.
+        lens = world.camera("quad1")
+        lens.blackout = "frozen"
+        await until(lambda: follower.guide is not None and follower.guide.lost == 1, "it believes a frozen picture")
+        assert helipad._state == "blind"
+        assert off() < 5.0  # where the rover says that it is
+        lens.blackout = None
+        await until(lambda: follower.guide is not None and follower.guide.phase == "track", "it does not find it again")
 
         driving.cancel()
         await asyncio.gather(driving, return_exceptions=True)
