@@ -14,7 +14,7 @@ import socket
 import statistics
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,11 +29,6 @@ from zmav.sim import Home, Remote
 
 FLEET, QUAD, ROVER = "demo", "quad1", "rover1"
 LINK = "?rel=1;mixed_rel=1"
-MANY = (
-    "transport/unicast/max_links:2", "transport/unicast/open_timeout:3000", "transport/unicast/accept_timeout:3000",
-    "transport/link/tx/lease:5000", "transport/link/tx/keep_alive:8",
-)  # fmt: skip
-"""Zenoh's settings where there are two links, which may be bad: as mesh/profiles.py has them"""
 DECK = 0.31
 """m: a simulated rover's top, where its pad is, above the ground"""
 HEIGHT = 5.0
@@ -78,13 +73,13 @@ class Rig:
 
     def __init__(
         self, processes: Processes, folder: Path, options: list[str], on_ground: bool,
-        way: Callable[[str], str] = lambda endpoint: endpoint, kinds: Sequence[str] = (LINK,),
+        camera: str = "down",
     ) -> None:  # fmt: skip
-        """``way``: the endpoint at which the ground reaches what listens at another; ``kinds``: of its links."""
-        self.processes, self.folder, self.on_ground, self._way = processes, folder, on_ground, way
+        """``camera``: whose pictures are looked at."""
+        self.processes, self.folder, self.on_ground, self._camera = processes, folder, on_ground, camera
         self.ground = f"tcp/127.0.0.1:{free_port()}"
         self.control = folder / "sim.sock"
-        self._options, self._kinds = options, kinds
+        self._options = options
 
     def start(self, scene: str) -> None:
         start, home = self.processes.start, Home()
@@ -93,29 +88,27 @@ class Rig:
         mavlink, pictures = free_udp_ports(2), free_port()
         origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
-        down = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}{kind}" for kind in self._kinds]
-        many = _each("--cfg", list(MANY)) if len(down) > 1 else []
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
-            more = ["-e", links[0]] if name == ROVER else [*_each("-l", down), *many]
+            more = ["-e", links[0]] if name == ROVER else []
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,
                   "-l", link, "-l", own, *origin, *more)  # fmt: skip
-        start("ground", "router", "-l", self.ground, *_each("-e", [self._way(each) for each in down]), *many)
+        start("ground", "router", "-l", self.ground, "-e", links[0])
         start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", str(AWAY), "--control", str(self.control),
               "--endpoint", f"udp:127.0.0.1:{mavlink}+1", "--camera", "copter1:15", "--pad", "rover1",
               "--camera-port", str(pictures), "--scene", str(self.folder / "scene.toml"), *self._options)  # fmt: skip
-        self._agents = (local[0], f"http://127.0.0.1:{pictures}/copter1.mjpeg")
+        self.board, self._pictures = local[0], f"http://127.0.0.1:{pictures}/copter1.mjpeg"
 
     def start_agents(self) -> None:
         """Once the vehicles are there: the camera on board; the others there or on the ground."""
-        board, url = self._agents
-        where = self.ground if self.on_ground else board
+        where = self.ground if self.on_ground else self.board
         run = ("agent", "run")
         common = ("--vehicle", QUAD, "--fleet", FLEET)
         start = self.processes.start
         budget = "60kB/s" if self.on_ground else "300kB/s"  # to begin with
-        start("camera", "camera", "run", url, *common, "--rate", "15", "--budget", budget, "-e", board)
+        start("camera", "camera", "run", self._pictures, *common, "--rate", "15", "--budget", budget, "-e", self.board)
         deck = ("-o", f"target={ROVER}", "-o", f"deck_m={DECK}")
-        start("helipad", *run, "helipad", *common, *deck, "-e", where)
+        see = ("-o", f"camera={self._camera}")
+        start("helipad", *run, "helipad", *common, *deck, *see, "-e", where)
         start("follower", *run, "follower", *common, "-o", f"deck_m={DECK}", "-e", where)
 
 
@@ -206,10 +199,6 @@ class Demonstration:
 
     async def land(self) -> None:
         await self.quad.tell("follower", "land")
-
-
-def _each(option: str, values: list[str]) -> list[str]:
-    return [word for value in values for word in (option, value)]
 
 
 def scene(bridge: bool) -> str:

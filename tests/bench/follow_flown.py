@@ -4,8 +4,8 @@
 
 alone: what to compare with: no rover, no camera; the autopilot is told the same figure of eight exactly, place and
 velocity, and how far it is off by its own estimate is what its own controller makes of that wind. board: pictures are
-looked at beside the camera. ground: on the far side of links of 200 ms and 10 % loss each way (one for what is
-reliable, and a plain one for the rest: two_links.py), and followed from there. land: on a rover at rest, again and
+looked at beside the camera. ground: on the far side of a video link of 200 ms that loses 10 % of the pictures' chunks
+and of the reports on them (all else goes another way), and followed from there. land: on a rover at rest, again and
 again, measured as the feet come to the deck, through which they go.
 
 Each run starts everything anew (agents/demo/follow.py), and a mean begins 5 s after the first sight. Light gusts are
@@ -20,7 +20,6 @@ import asyncio
 import contextlib
 import math
 import os
-import re
 import statistics
 import sys
 import tempfile
@@ -31,16 +30,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rich.console import Console
 
-from agents.demo.follow import FLEET, Demonstration, Rig, figures, fly, scene
+from agents.demo.follow import FLEET, QUAD, Demonstration, Rig, figures, fly, scene
 from agents.demo.processes import Processes, connect
 from agents.demo.rover import Way, eight
-from tests.bench._relay import Relay
+from tests.bench._video import FAR, BadVideo
 from zmav.errors import ZmavError
 
 ASKED = {"alone": math.inf, "board": 0.25, "ground": 0.6, "land": 0.15}
 DELAY, LOSS = 0.2, 0.1
-TWO, SECOND = ("?rel=1", "?rel=0"), 15.0
-"""links to the ground: docs/qos.md; s after which the second one opens, for one that opens first loses declarations"""
 SETTLED = 5.0
 """s from the first sight until the distance counts"""
 TICK = 0.05
@@ -57,19 +54,10 @@ def run(what: str, args: argparse.Namespace, seed: int) -> float:
     with contextlib.ExitStack() as stack:
         processes = stack.enter_context(Processes())
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="zmav-follow-"))
-
-        def bad(endpoint: str) -> str:
-            port = int(re.search(r":(\d+)", endpoint)[1])  # type: ignore[index]
-            after = SECOND if endpoint.endswith(TWO[1]) else 0.0
-            relay = stack.enter_context(Relay(port, DELAY, LOSS, seed=seed, after=after))
-            return endpoint.replace(str(port), str(relay.port))
-
-        far = what == "ground"
-        rig = (
-            Rig(processes, Path(folder), options, far, bad, TWO)
-            if far
-            else Rig(processes, Path(folder), options, False)
-        )
+        if what == "ground":
+            rig: Rig = stack.enter_context(contextlib.closing(Far(processes, Path(folder), options, True, FAR)))
+        else:
+            rig = Rig(processes, Path(folder), options, False)
         if what == "alone":
             found = statistics.mean(asyncio.run(alone(rig, way, args.seconds)))
             print(f"  {what}, seed {seed}: {found:.2f} m")
@@ -90,6 +78,20 @@ def run(what: str, args: argparse.Namespace, seed: int) -> float:
         on_ground = f" ({math.dist(rows[-1][1:3], rows[-1][4:6]):.2f} m on the ground below)" if what == "land" else ""
         print(f"  {what}, seed {seed}: {found:.2f} m{on_ground}; {'; '.join(figures(shown))}", flush=True)
         return found
+
+
+class Far(Rig):
+    """Pictures come to the ground over a bad link."""
+
+    _video: BadVideo | None = None
+
+    def start_agents(self) -> None:
+        self._video = BadVideo(self.board, self.ground, FLEET, QUAD, DELAY, LOSS)
+        super().start_agents()
+
+    def close(self) -> None:
+        if self._video is not None:
+            self._video.close()
 
 
 async def alone(rig: Rig, way: Way, seconds: float) -> list[float]:
