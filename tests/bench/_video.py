@@ -1,4 +1,4 @@
-"""A bad link for pictures alone: what a camera sends on board comes to the ground late and with holes, as camera "far"."""
+"""A bad link for pictures alone: what a camera sends on board comes late and with holes to the ground, as another one."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ NEAR, FAR = "down", "far"
 
 
 class BadVideo:
-    """``BadVideo(board, ground, fleet, vehicle, delay=0.2, loss=0.1)`` until ``close()``: between two routers' endpoints. Chunks
-    of pictures go one way, readers' reports the other, each ``delay`` s late, a share of ``loss`` of them never.
+    """Between two routers' endpoints, until :meth:`close`. Chunks of pictures go one way, readers' reports the other,
+    each ``delay`` s late, a share of ``loss`` of them never.
     """
 
     def __init__(
@@ -73,4 +73,4 @@ class BadVideo:
                 if self._stop:
                     return
                 _, _, to, channel, key, payload = heapq.heappop(self._waiting)
-            to.put(key, payload, **channel.publishing())
+            to.put(key, payload, **channel.qos.options())
