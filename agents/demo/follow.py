@@ -26,6 +26,7 @@ from agents.demo.rover import Way, drive, eight, walk
 from zmav import keys, wire
 from zmav.errors import TimedOut
 from zmav.sim import Home, Remote
+from zmav.sim.lineup import ROVERS_SOUTH
 
 FLEET, QUAD, ROVER = "demo", "quad1", "rover1"
 LINK = "?rel=1;mixed_rel=1"
@@ -33,7 +34,7 @@ DECK = 0.31
 """m: a simulated rover's top, where its pad is, above the ground"""
 HEIGHT = 5.0
 AWAY = 15.0
-"""m between the two at the start"""
+"""m that the rover stands south of the quadrotor at the start"""
 FIELD = """ground = "grass"
 [[roads]]
 points = [[-60.0, 4.0], [60.0, -4.0]]
@@ -93,7 +94,8 @@ class Rig:
             start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,
                   "-l", link, "-l", own, *origin, *more)  # fmt: skip
         start("ground", "router", "-l", self.ground, "-e", links[0])
-        start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", str(AWAY), "--control", str(self.control),
+        spacing = str(AWAY / ROVERS_SOUTH)
+        start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", spacing, "--control", str(self.control),
               "--endpoint", f"udp:127.0.0.1:{mavlink}+1", "--camera", "copter1:15", "--pad", "rover1",
               "--camera-port", str(pictures), "--scene", str(self.folder / "scene.toml"), *self._options)  # fmt: skip
         self.board, self._pictures = local[0], f"http://127.0.0.1:{pictures}/copter1.mjpeg"
@@ -203,7 +205,7 @@ class Demonstration:
 
 def scene(bridge: bool) -> str:
     """With something over the way that hides the rover for longer than a prediction is flown."""
-    return FIELD + (BRIDGE.format(north=AWAY + 6.0, east=4.0) if bridge else "")
+    return FIELD + (BRIDGE.format(north=6.0 - AWAY, east=4.0) if bridge else "")
 
 
 async def fly(

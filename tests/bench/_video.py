@@ -1,4 +1,4 @@
-"""A bad link for pictures alone: what a camera sends on board comes late and with holes to the ground, as another one."""
+"""A bad link for pictures alone: what a camera sends on board comes late and with holes to the ground as another."""
 
 from __future__ import annotations
 

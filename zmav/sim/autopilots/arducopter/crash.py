@@ -46,10 +46,12 @@ class CrashCheck:
 
     @property
     def off_deg(self) -> float:
-        """Between the attitude and the one asked for."""
+        """Between the thrust's direction and the one asked for; the heading does not count."""
         s = self._copter.sense
-        dot = s.qw * s.want_qw + s.qx * s.want_qx + s.qy * s.want_qy + s.qz * s.want_qz
-        return math.degrees(2.0 * math.acos(min(abs(dot), 1.0)))
+        is_down = _down(s.qw, s.qx, s.qy, s.qz)
+        want_down = _down(s.want_qw, s.want_qx, s.want_qy, s.want_qz)
+        dot = sum(a * b for a, b in zip(is_down, want_down, strict=True))
+        return math.degrees(math.acos(min(max(dot, -1.0), 1.0)))
 
     def _felt(self) -> float:
         """Acceleration over the ground, m/s^2: what the accelerometers feel but for gravity."""
@@ -58,3 +60,8 @@ class CrashCheck:
         # Gravity in body axes: the last row of the attitude's matrix.
         gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         return math.sqrt((s.fx + GRAVITY * gx) ** 2 + (s.fy + GRAVITY * gy) ** 2 + (s.fz + GRAVITY * gz) ** 2)
+
+
+def _down(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The body's down axis in the world: the last column of the attitude's matrix."""
+    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
