@@ -118,11 +118,12 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
         # A picture that stands still has the pad wherever the vehicle goes: it must not be chased.
         lens = world.camera("quad1")
         lens.blackout = "frozen"
-        await until(lambda: follower.guide is not None and follower.guide.lost == 1, "it believes a frozen picture")
+        guide = follower.guide
+        await until(lambda: guide.lost == 1, "it believes a frozen picture")
         assert helipad._state == "blind"
         assert off() < 5.0  # where the rover says that it is
         lens.blackout = None
-        await until(lambda: follower.guide is not None and follower.guide.phase == "track", "it does not find it again")
+        await until(lambda: guide.phase == "track", "it does not find it again")
 
         driving.cancel()
         await asyncio.gather(driving, return_exceptions=True)
