@@ -22,7 +22,7 @@ from agents.helipad.templates import Symbol
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-WINDOW = 0.8
+WINDOW = 0.75
 """half the side of the window, in heights"""
 TURN = 64
 HARMONIC, OVERTONE = 0.9, 1.1

@@ -14,7 +14,7 @@ from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.judge import Judge
 from agents.helipad.refine import heading, window
-from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, Effort, Proposals, Searcher
+from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, YELLOW, Effort, Proposals, Searcher
 from agents.helipad.templates import letter_h, load
 from zmav.errors import BadInput
 
@@ -155,7 +155,13 @@ class Detector:
         found = self._search(grey, heights, roll, pitch, effort)
         if not found and (yellow := channels.yellow(part)) is not None:
             paint, (u, v) = yellow
-            found = self._search(Pyramid(paint, (origin[0] + u, origin[1] + v)), heights, roll, pitch, effort)
+            found = self._search(
+                Pyramid(paint, (origin[0] + u, origin[1] + v)),
+                heights,
+                roll,
+                pitch,
+                YELLOW if effort is KNOWN else effort,
+            )
         return grey, found
 
     def _search(

@@ -42,7 +42,9 @@ class Effort(NamedTuple):
     """probability that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.0, 120, 0.75)
+KNOWN = Effort(6.5, 120, 0.85)
+YELLOW = Effort(5.5, 60, 0.85)
+"""the same in yellow, which shows little else"""
 UNKNOWN = Effort(5.0, 40, 0.93)
 """one of many heights that are tried"""
 ASTRAY = Effort(5.0, 40, 0.93)
