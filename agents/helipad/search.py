@@ -20,7 +20,6 @@ Image = NDArray[np.float32]
 
 FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
-MOST_ALIGNED = 8
 LEAST_MATCH = 0.4
 """correlation of the polar patch"""
 LARGEST_PX = 400_000
@@ -38,16 +37,18 @@ class Effort(NamedTuple):
     """height of a symbol in the picture that they are sought in; the work grows with its square"""
     most: int
     """candidates"""
+    aligned: int
+    """of them"""
     sure: float
     """probability that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.5, 120, 0.85)
-YELLOW = Effort(5.5, 60, 0.85)
+KNOWN = Effort(6.5, 120, 8, 0.85)
+YELLOW = Effort(5.5, 60, 8, 0.85)
 """the same in yellow, which shows little else"""
-UNKNOWN = Effort(5.0, 40, 0.93)
+UNKNOWN = Effort(6.0, 80, 5, 0.93)
 """one of many heights that are tried"""
-ASTRAY = Effort(5.0, 40, 0.93)
+ASTRAY = Effort(5.0, 40, 8, 0.93)
 """the same where another height was given, and nothing found there"""
 
 
@@ -88,7 +89,7 @@ class Searcher:
         middles = (middles - origin + 0.5) * to_fine - 0.5
         patches = polar.normalised(polar.sample(fine, middles, affines, *self._grid), self._bank.weight)
         match, symbols, scales, angles = self._bank.match(patches)
-        best = np.argsort(-match, kind="stable")[:MOST_ALIGNED]
+        best = np.argsort(-match, kind="stable")[: effort.aligned]
         best = best[match[best] > LEAST_MATCH]
         if not len(best):
             return self._none()
