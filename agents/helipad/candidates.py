@@ -1,10 +1,11 @@
-"""Where a symbol may be: blobs of a rotation-invariant response over a small picture.
+"""Where a symbol may be: peaks of a rotation-invariant response over a small picture.
 
 The paper's circular filter (means on rings) and radial filter (means along rays, over all cyclic shifts) are the
 angular harmonics of one template: the ring means are the harmonic 0, and a shift turns the phase of the others only.
-So each harmonic is one pair of small kernels, and the sum of the magnitudes bounds the normalised correlation over all
-headings at every pixel. Binarising that, rather than the intensity, gives blobs which light and texture hardly disturb;
-their peaks are the only candidates.
+So each harmonic is one pair of small kernels. The strongest tells the heading at every pixel, and twice its order must
+agree with that: the sum of the three is about the normalised correlation with the symbol at its best heading.
+Binarising that, rather than the intensity, gives blobs which light and texture hardly disturb; their peaks are the
+candidates.
 """
 
 from __future__ import annotations
@@ -21,24 +22,37 @@ from agents.helipad.templates import Symbol
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-WINDOW = 0.8
+WINDOW = 0.75
 """half the side of the window, in heights"""
 TURN = 64
-HEADINGS = 24
-"""of a whole turn"""
-NOISE = 2.0
+HARMONIC, OVERTONE = 0.9, 1.1
+"""weights of the strongest harmonic and of twice its order, where the ring means have 1"""
+NOISE = 6.0
 """standard deviation in steps of 8 bits below which structure counts as noise"""
-LEAST = 0.30
+LEAST = 0.25
 """of the response"""
-MOST_BLOBS = 400
-"""that are compared with the whole symbol"""
-MOST = 32
+TINY = 1e-3
+PICTURES = 8
+
+
+class Room:
+    """Where responses are computed. New pictures for each would cost more time than what is done in them."""
+
+    def __init__(self) -> None:
+        self._kept: Image = np.empty((PICTURES, 0), dtype=np.float32)
+
+    def pictures(self, shape: tuple[int, ...]) -> list[Image]:
+        """``PICTURES`` of ``shape`` (height, width), with anything in them."""
+        size = math.prod(shape)
+        if self._kept.shape[1] < size:
+            self._kept = np.empty((PICTURES, size), dtype=np.float32)
+        return [flat[:size].reshape(shape) for flat in self._kept]
 
 
 class Kernels:
     """The harmonics of the mean of ``symbols``, ``scale`` pixels high, under a window that falls off to its edge."""
 
-    def __init__(self, symbols: list[Symbol], scale: float) -> None:
+    def __init__(self, symbols: list[Symbol], scale: float, room: Room) -> None:
         self.box = max(round(WINDOW * scale), 2)
         # Two boxes one after the other make the window; correlation and spread are both weighed by it.
         tent = np.convolve(np.ones(self.box), np.ones(self.box)) / self.box**2
@@ -52,7 +66,7 @@ class Kernels:
         around = np.mean([symbol.at(*places) for symbol in symbols], axis=0)
         spectrum = np.fft.fft(around, axis=1) / TURN  # of each ring
         waves = []
-        for m in range(5):
+        for m in range(9):
             radial = np.interp(distance, rings, spectrum[:, m].real) + 1j * np.interp(
                 distance, rings, spectrum[:, m].imag
             )
@@ -60,61 +74,57 @@ class Kernels:
             waves.append(window * (wave - (window * wave).sum()))
         power = [float((abs(w) ** 2 / window).sum()) / (1.0 if m == 0 else 2.0) for m, w in enumerate(waves)]
         strongest = max(range(1, 5), key=lambda m: power[m])
-        whole = math.sqrt(power[0] + power[strongest])
-        ring, ray = waves[0] / whole, waves[strongest] / whole
-        self._ring: Image = ring.real.astype(np.float32)
-        self._rays: tuple[Image, Image] = (ray.real.astype(np.float32), ray.imag.astype(np.float32))
-        self._window: Image = window.ravel().astype(np.float32)
-        self._full = self._templates(symbols, x, y)
-
-    def _templates(self, symbols: list[Symbol], x: Array, y: Array) -> Image:
-        """(pixels, M): the symbols at all headings, with their windows."""
-        columns = []
-        for symbol in symbols:
-            for angle in np.arange(HEADINGS) * 2.0 * math.pi / HEADINGS:
-                c, s = math.cos(angle), math.sin(angle)
-                column = symbol.at(c * x + s * y, c * y - s * x).ravel()
-                column = column - self._window @ column
-                columns.append(self._window * column / math.sqrt(self._window @ column**2))
-        return np.ascontiguousarray(np.array(columns, dtype=np.float32).T)
+        orders = (0, strongest, 2 * strongest)
+        whole = math.sqrt(sum(power[m] for m in orders))
+        ring, ray, over = (waves[m] / whole for m in orders)
+        parts = (ring.real, HARMONIC * ray.real, HARMONIC * ray.imag, OVERTONE * over.real, OVERTONE * over.imag)
+        self._kernels: tuple[Image, ...] = tuple(np.ascontiguousarray(part, dtype=np.float32) for part in parts)
+        self._room = room
 
     def response(self, level: Picture) -> Image:
-        """(height, width): at each pixel, the correlation of the two harmonics at their best heading, normalised."""
-        values = level.astype(np.float32)
-        total = cv2.filter2D(values, cv2.CV_32F, self._ring)
-        a, b = (cv2.filter2D(values, cv2.CV_32F, part) for part in self._rays)
-        total = cv2.add(total, cv2.magnitude(a, b))
+        """(height, width): at each pixel, the correlation of the harmonics at the heading of the strongest, normalised.
+        It is overwritten by the next one.
+        """
+        values, total, a, b, c, d, x, y = self._room.pictures(level.shape)
+        np.copyto(values, level)  # filter2D is several times as fast from these as from 8 bits
+        for kernel, into in zip(self._kernels, (total, a, b, c, d), strict=True):
+            cv2.filter2D(values, cv2.CV_32F, kernel, dst=into)
+        # (c, d) along the square of the direction of (a, b), which is (a a - b b, 2 a b) / (a a + b b).
+        cv2.multiply(a, a, dst=x)
+        cv2.multiply(b, b, dst=y)
+        cv2.multiply(a, b, dst=a, scale=2.0)
+        cv2.subtract(x, y, dst=b)
+        cv2.add(x, y, dst=x)
+        cv2.multiply(c, b, dst=c)
+        cv2.multiply(d, a, dst=d)
+        cv2.add(c, d, dst=c)
+        cv2.sqrt(x, dst=y)
+        cv2.add(total, y, dst=total)
+        x += TINY
+        cv2.divide(c, x, dst=c)
+        cv2.add(total, c, dst=total)
         side = 2 * round(math.sqrt(6.0 * (self.box**2 - 1) / 12.0 + 0.25)) + 1  # about as wide as the window
-        mean = cv2.boxFilter(level, cv2.CV_32F, (side, side))
-        power = cv2.sqrBoxFilter(level, cv2.CV_32F, (side, side))
-        spread = cv2.subtract(power, cv2.multiply(mean, mean))
-        return np.asarray(total / np.sqrt(np.maximum(spread, NOISE * NOISE)), dtype=np.float32)
+        cv2.boxFilter(values, cv2.CV_32F, (side, side), dst=a)
+        cv2.sqrBoxFilter(values, cv2.CV_32F, (side, side), dst=b)
+        cv2.multiply(a, a, dst=a)
+        cv2.subtract(b, a, dst=b)
+        np.maximum(b, NOISE * NOISE, out=b)
+        cv2.sqrt(b, dst=b)
+        cv2.divide(total, b, dst=total)
+        return total
 
-    def correlation(self, level: Picture, pixels: NDArray[np.intp]) -> Array:
-        """(N,): of (N, 2) ``pixels``, the normalised correlation with the whole symbol at its best heading."""
-        edge = round(math.sqrt(len(self._full)))
-        before = edge // 2
-        framed = cv2.copyMakeBorder(level, before, edge, before, edge, cv2.BORDER_REPLICATE)
-        windows = np.lib.stride_tricks.sliding_window_view(framed, (edge, edge))
-        patches = windows[pixels[:, 1], pixels[:, 0]].reshape(len(pixels), -1).astype(np.float32)
-        patches -= (patches @ self._window)[:, None]
-        spread = np.sqrt((patches * patches) @ self._window + NOISE * NOISE)
-        return np.asarray((patches @ self._full).max(axis=1) / spread, dtype=float)
-
-    def candidates(self, level: Picture, least: float) -> Array:
-        """(N, 2) pixels of ``level``, between pixels, best first; ``least``: correlation."""
+    def candidates(self, level: Picture, most: int) -> Array:
+        """(N, 2) pixels of ``level``, between pixels: the peaks, ``most`` at most, best first."""
         response = self.response(level)
         top = cv2.dilate(response, np.ones((3, 3), dtype=np.uint8))
         index = np.flatnonzero((response >= top) & (response > LEAST))
-        if len(index) > MOST_BLOBS:
-            index = index[np.argpartition(-response.ravel()[index], MOST_BLOBS)[:MOST_BLOBS]]
+        strength = response.ravel()[index]
+        if len(index) > most:
+            best = np.argpartition(-strength, most)[:most]
+            index, strength = index[best], strength[best]
+        index = index[np.lexsort((index, -strength))]
         v, u = np.divmod(index, response.shape[1])
-        if not len(index):
-            return np.zeros((0, 2))
-        quality = self.correlation(level, np.column_stack([u, v]))
-        order = np.lexsort((index, -quality))[:MOST]
-        order = order[quality[order] > least]
-        return _between(response, u[order], v[order])
+        return _between(response, u, v)
 
 
 def _between(response: Image, u: NDArray[np.intp], v: NDArray[np.intp]) -> Array:

@@ -19,7 +19,11 @@ Picture = NDArray[np.uint8]
 """(height, width), one channel"""
 LESS_BLUE = 0.3
 LEAST_YELLOW = 40
-"""steps of 8 bits above the median; paler things than that are no paint"""
+"""steps of 8 bits; paler things than that are no paint"""
+STRIDE = 3
+"""pixels between those that are looked at for yellow"""
+LEAST_ABOUT = 16
+"""pixels about the yellow that are searched with it; and a third of its extent"""
 
 
 def check_frame(frame: object) -> Picture:
@@ -46,15 +50,22 @@ def grey(frame: Picture) -> Picture:
     return np.asarray(cv2.addWeighted(intensity, 1.0 + LESS_BLUE, blue, -LESS_BLUE, 0.0), dtype=np.uint8)
 
 
-def yellow(frame: Picture) -> Picture | None:
-    """(height, width): min(red, green) - blue, not below 0; None where nothing in the frame is yellow paint."""
+def yellow(frame: Picture) -> tuple[Picture, tuple[int, int]] | None:
+    """min(red, green) - blue, not below 0, of the part of ``frame`` that has yellow paint in it, and that part's first
+    pixel (u, v); None where nothing is yellow paint.
+    """
     if frame.ndim == 2:
         return None
-    small = frame[::4, ::4].astype(np.int16)
-    if not np.any(np.minimum(small[..., 1], small[..., 2]) - small[..., 0] > LEAST_YELLOW):
+    blue, green, red = cv2.split(np.ascontiguousarray(frame[::STRIDE, ::STRIDE]))
+    least = cv2.threshold(cv2.subtract(cv2.min(green, red), blue), LEAST_YELLOW, 255.0, cv2.THRESH_BINARY)[1]
+    u, v, width, height = cv2.boundingRect(least)
+    if not width:
         return None
-    blue, green, red = cv2.split(frame)
-    return np.asarray(cv2.subtract(cv2.min(green, red), blue), dtype=np.uint8)
+    u, v, right, foot = (STRIDE * i for i in (u, v, u + width, v + height))
+    about = LEAST_ABOUT + max(right - u, foot - v) // 3
+    u, v = max(u - about, 0), max(v - about, 0)
+    blue, green, red = cv2.split(frame[v : foot + about, u : right + about])
+    return np.asarray(cv2.subtract(cv2.min(green, red), blue), dtype=np.uint8), (u, v)
 
 
 class Pyramid:

@@ -1,8 +1,8 @@
 """A small learned check of aligned patches: is this the built-in H?
 
-One hidden layer of 48. ``check.npz`` holds its weights; tests/agents/helipad/train_check.py makes them from rendered
-frames. Alone it is too sure of itself on pictures that it has not seen the like of, so the detector lets it judge only
-what correlates with the symbol.
+Two hidden layers, of 96 and 32. ``check.npz`` holds their weights; tests/agents/helipad/train_check.py makes them from
+rendered frames. Alone it is too sure of itself on pictures that it has not seen the like of, so the detector lets it
+judge only what correlates with the symbol.
 """
 
 from __future__ import annotations
@@ -19,20 +19,35 @@ WEIGHTS = Path(__file__).with_name("check.npz")
 
 
 class Check:
-    """``first`` (M, hidden), ``bias`` (hidden,), ``second`` (hidden,), ``offset`` (1,)."""
+    """``weights``: of each layer (inputs, outputs), the last has one output; ``biases``: of each layer (outputs,)."""
 
-    def __init__(self, first: Image, bias: Image, second: Image, offset: Image) -> None:
-        self.first, self.bias, self.second, self.offset = (a.astype(np.float32) for a in (first, bias, second, offset))
+    def __init__(self, weights: list[Image], biases: list[Image]) -> None:
+        self.weights = [w.astype(np.float32) for w in weights]
+        self.biases = [b.astype(np.float32) for b in biases]
 
     @classmethod
     def built_in(cls) -> Check:
         with np.load(WEIGHTS) as stored:
-            return cls(*(stored[name] for name in ("first", "bias", "second", "offset")))
+            layers = range(len(stored.files) // 2)
+            return cls([stored[f"weights{i}"] for i in layers], [stored[f"biases{i}"] for i in layers])
+
+    def save(self) -> None:
+        """As what :meth:`built_in` gives."""
+        arrays = {f"weights{i}": w.astype(np.float16) for i, w in enumerate(self.weights)}
+        arrays |= {f"biases{i}": b.astype(np.float16) for i, b in enumerate(self.biases)}
+        np.savez_compressed(WEIGHTS, **arrays)  # type: ignore[arg-type]  # its stub takes the names for allow_pickle
+
+    def outputs(self, inputs: Image) -> list[Image]:
+        """Of :func:`scaled` patches: what each layer gives, (N, outputs); the last is the logarithm of the odds."""
+        result: list[Image] = []
+        for w, b in zip(self.weights, self.biases, strict=True):
+            before = np.maximum(result[-1], 0.0) if result else inputs
+            result.append(before @ w + b)
+        return result
 
     def probability(self, patches: Image) -> Array:
         """(N,): of (N, M) aligned and normalised patches, how likely each is an H, 0 to 1."""
-        hidden = np.maximum(scaled(patches) @ self.first + self.bias, 0.0)
-        logit = (hidden @ self.second + self.offset).astype(float)
+        logit = self.outputs(scaled(patches))[-1][:, 0].astype(float)
         result: Array = 1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))
         return result
 

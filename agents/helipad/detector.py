@@ -14,7 +14,7 @@ from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.judge import Judge
 from agents.helipad.refine import heading, window
-from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, Effort, Proposals, Searcher
+from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, YELLOW, Effort, Proposals, Searcher
 from agents.helipad.templates import letter_h, load
 from zmav.errors import BadInput
 
@@ -65,7 +65,8 @@ class Detector:
     Raises :class:`BadInput`.
 
     After Coombes et al. 2014 and Ciratefi (Kim and de Araújo 2007); docs/vision.md says what is different. One detector
-    belongs to one thread at a time; a result depends on the arguments alone.
+    belongs to one thread at a time. A result depends on the arguments alone, but for which other height is looked at
+    where a given one shows nothing.
     """
 
     def __init__(
@@ -90,6 +91,8 @@ class Detector:
         symbols = letter_h() if template is None else [load(template)]
         self._searcher = Searcher(symbols)
         self._judge = Judge(symbols, learned=template is None)
+        self._lost = 0
+        """searches with a height that found nothing there: tells which other one is next"""
 
     def detect(
         self,
@@ -101,10 +104,11 @@ class Detector:
     ) -> list[Detection]:
         """The symbols in ``frame_bgr`` ((height, width, 3) BGR or (height, width) grey, uint8), best first.
 
-        ``height_m``: of the camera above the symbol. Without it all heights are searched. A wrong one costs time: where
-        nothing is found at it and about 20 % either way, four from 0.44 to 2.25 times of it are searched, less
-        closely and in grey alone. ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right
-        side down, nose up); without them the frame is taken as level, which makes the heading less exact.
+        ``height_m``: of the camera above the symbol. Without it all heights are searched. Where nothing is found at it
+        and about 20 % either way, one of four from 0.44 to 2.25 times of it is searched, less closely and in grey
+        alone: the next one in every such frame, so that a wrong height is got over within four frames.
+        ``roll``, ``pitch``: of the camera as of a vehicle that carries it, radians (right side down, nose up); without
+        them the frame is taken as level, which makes the heading less exact.
         ``near``: look only about this one of the last frame; an empty list says that it is lost.
         Raises :class:`BadInput` for a frame or a number that is none.
         """
@@ -116,8 +120,9 @@ class Detector:
             return self._track(frame, near, height, roll, pitch)
         supposed, effort = (self._heights, UNKNOWN) if height is None else ([height], KNOWN)
         grey, found = self._in_grey_or_yellow(frame, (0, 0), supposed, roll, pitch, effort)
-        if not found and height is not None and not self._trust_height:
-            found = self._search(grey, self._others(height), roll, pitch, ASTRAY)
+        if not found and height is not None and not self._trust_height and (others := self._others(height)):
+            found = self._search(grey, [others[self._lost % len(others)]], roll, pitch, ASTRAY)
+            self._lost += 1
         return found
 
     def _others(self, height: float) -> list[float]:
@@ -148,8 +153,15 @@ class Detector:
         """What is found in the intensity of a part of the frame, else in its yellow; and that intensity."""
         grey = Pyramid(channels.grey(part), origin)
         found = self._search(grey, heights, roll, pitch, effort)
-        if not found and (paint := channels.yellow(part)) is not None:
-            found = self._search(Pyramid(paint, origin), heights, roll, pitch, effort)
+        if not found and (yellow := channels.yellow(part)) is not None:
+            paint, (u, v) = yellow
+            found = self._search(
+                Pyramid(paint, (origin[0] + u, origin[1] + v)),
+                heights,
+                roll,
+                pitch,
+                YELLOW if effort is KNOWN else effort,
+            )
         return grey, found
 
     def _search(

@@ -14,7 +14,7 @@ from agents.helipad.templates import Symbol
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-ANGLES = 48
+ANGLES = 32
 RINGS = np.arange(0.04, 0.70, 0.08)
 """radii, in heights of the symbol"""
 NOISE = 1.5

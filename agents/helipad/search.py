@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.helipad import polar
-from agents.helipad.candidates import Kernels
+from agents.helipad.candidates import Kernels, Room
 from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.refine import Aligner, turned
@@ -20,8 +20,7 @@ Image = NDArray[np.float32]
 
 FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
-MOST_ALIGNED = 10
-LEAST_MATCH = 0.45
+LEAST_MATCH = 0.4
 """correlation of the polar patch"""
 LARGEST_PX = 400_000
 """of the picture that candidates are sought in: a view toward the horizon is cut"""
@@ -36,16 +35,20 @@ class Effort(NamedTuple):
 
     coarse_px: float
     """height of a symbol in the picture that they are sought in; the work grows with its square"""
-    least: float
-    """correlation of a candidate there"""
+    most: int
+    """candidates"""
+    aligned: int
+    """of them"""
     sure: float
     """probability that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(8.0, 0.40, 0.85)
-UNKNOWN = Effort(6.0, 0.62, 0.93)
+KNOWN = Effort(6.5, 120, 8, 0.85)
+YELLOW = Effort(5.5, 60, 8, 0.85)
+"""the same in yellow, which shows little else"""
+UNKNOWN = Effort(6.0, 80, 5, 0.93)
 """one of many heights that are tried"""
-ASTRAY = Effort(5.0, 0.6, 0.93)
+ASTRAY = Effort(5.0, 40, 8, 0.93)
 """the same where another height was given, and nothing found there"""
 
 
@@ -70,6 +73,7 @@ class Searcher:
     def __init__(self, symbols: list[Symbol]) -> None:
         self.symbols = symbols
         self._kernels: dict[float, Kernels] = {}
+        self._room = Room()
         self._bank = polar.Bank(symbols, SCALES, math.pi if turns_alike(symbols[0]) else 2.0 * math.pi)
         self._grid = polar.grid()
         self.aligner = Aligner(symbols)
@@ -85,7 +89,7 @@ class Searcher:
         middles = (middles - origin + 0.5) * to_fine - 0.5
         patches = polar.normalised(polar.sample(fine, middles, affines, *self._grid), self._bank.weight)
         match, symbols, scales, angles = self._bank.match(patches)
-        best = np.argsort(-match, kind="stable")[:MOST_ALIGNED]
+        best = np.argsort(-match, kind="stable")[: effort.aligned]
         best = best[match[best] > LEAST_MATCH]
         if not len(best):
             return self._none()
@@ -112,7 +116,7 @@ class Searcher:
         from_level = np.array([[1.0 / scale, 0.0, low[0] / scale], [0.0, 1.0 / scale, low[1] / scale], [0.0, 0.0, 1.0]])
         matrix = view.matrix @ from_level
         level = pyramid.warped(matrix, (max(int(size[0]), 8), max(int(size[1]), 8)), scale / view.scale)
-        found = self._kernels_for(scale).candidates(level, effort.least)
+        found = self._kernels_for(scale).candidates(level, effort.most)
         pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:]
         inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array((width, height))), axis=1)
@@ -143,7 +147,7 @@ class Searcher:
         """Those for symbols about that many pixels high; made once for each quarter of a pixel."""
         key = max(round(4.0 * scale), 10) / 4.0
         if key not in self._kernels:
-            self._kernels[key] = Kernels(self.symbols, key)
+            self._kernels[key] = Kernels(self.symbols, key, self._room)
         return self._kernels[key]
 
     def _none(self) -> Proposals:

@@ -109,10 +109,12 @@ def test_two_pads_are_both_found(detector: Detector) -> None:
         assert sum(at_pad(one, made, number) for one in found) == 1
 
 
-def test_a_wrong_height_is_survived(detector: Detector, pad_frame: Sample) -> None:
+def test_a_wrong_height_is_survived_within_four_frames(detector: Detector, pad_frame: Sample) -> None:
     for wrong in (0.4, 0.75, 1.3, 2.2):
-        found = detector.detect(pad_frame.frame, wrong * pad_frame.height_m, pad_frame.roll, pad_frame.pitch)
-        assert at_pad(only(found), pad_frame), wrong
+        hints = (wrong * pad_frame.height_m, pad_frame.roll, pad_frame.pitch)
+        found = [one for _ in range(4) for one in detector.detect(pad_frame.frame, *hints)]
+        assert found, wrong
+        assert all(at_pad(one, pad_frame) for one in found), wrong
 
 
 def test_a_trusted_height_is_the_only_one(pad_frame: Sample) -> None:

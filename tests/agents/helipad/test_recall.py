@@ -65,11 +65,17 @@ def test_a_pad_is_found_from_10_to_12_m() -> None:
 
 
 def test_a_pad_is_found_in_hard_frames() -> None:
-    assert hits(FIRST_SEED + 200, 40, True, (1.0, 10.0)) >= 24
+    assert hits(FIRST_SEED + 200, 40, True, (1.0, 10.0)) >= 26
+
+
+def test_a_small_pad_is_found_to_10_m() -> None:
+    """The pad, not the letter, is 0.25 m wide."""
+    assert hits(FIRST_SEED + 500, 30, False, (1.0, 10.0), whole_pad=True) >= 26
 
 
 @pytest.mark.parametrize(
-    ("kind", "hard", "most"), [("clutter", False, 1), ("clutter", True, 1), ("lookalike", False, 1)]
+    ("kind", "hard", "most"),
+    [("clutter", False, 1), ("clutter", True, 1), ("lookalike", False, 1), ("lookalike", True, 2)],
 )
 def test_frames_without_a_pad_give_none(kind: str, hard: bool, most: int) -> None:
     false = sum(bool(found_in(sample(FIRST_SEED + 300 + i, kind, hard))) for i in range(25))
