@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input --quiet
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11 python3.10 python)
 PACKAGES := $(wildcard zmav agents mesh ground tests)
 BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
-PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 ARGS ?=
 
 # Stale: its Python is gone, was upgraded or is not the one asked for by PYTHON=; it was made for a tree elsewhere (its
@@ -36,7 +36,7 @@ help: ## say what can be made (the default)
 	@echo
 	@echo "  PYTHON=python3.12   the Python to make .venv with"
 	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
-	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: one more than there are cores, as most of them wait)"
+	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: two more than there are cores, as most of them wait)"
 
 demo: $(VENV)/.core ## fly three simulated copters behind three linked routers
 	@echo "==> zmav demo $(ARGS)"
