@@ -29,7 +29,7 @@ SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
-PATIENCE = 20.0
+PATIENCE = 10.0
 """s for a vehicle that was not heard yet: over a bad link the first word takes some"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
 """of the smoothed time from the vehicle to us; s of it that are believed"""

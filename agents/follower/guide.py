@@ -252,8 +252,9 @@ class Guide:
         if math.hypot(*behind) < CLOSE:
             gain = share * self.tuned("trim") * dt
             self._trim = _bounded((self._trim[0] + gain * behind[0], self._trim[1] + gain * behind[1]), MOST)
-        stiff = share * self.tuned("stiff")
-        return _bounded((self._trim[0] + stiff * behind[0], self._trim[1] + stiff * behind[1]), MOST)
+        stiff = self.tuned("stiff")
+        north, east = (share * (trim + stiff * off) for trim, off in zip(self._trim, behind, strict=True))
+        return _bounded((north, east), MOST)
 
 
 def _bounded(vector: tuple[float, float], most: float) -> tuple[float, float]:
