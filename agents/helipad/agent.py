@@ -90,8 +90,8 @@ class Helipad(zmav.Agent):
         self._missed = 0
         """pictures in a row in which nothing was found"""
         self._sights: zenoh.Publisher | None = None
-        self._local: wire.Vector | None = None
-        """the autopilot's own LOCAL_POSITION_NED, which PX4's landing wants"""
+        self._theirs = Poses()
+        """places in the autopilot's own frame, of LOCAL_POSITION_NED, which PX4's landing wants"""
 
     async def run(self) -> None:
         """Until cancelled. Raises :class:`~zmav.errors.BadInput` for a template that is none."""
@@ -287,7 +287,7 @@ class Helipad(zmav.Agent):
         data = landing_target.frame(
             self.z.dialect, state.autopilot or "", state.sysid, usec, best.offset,
             (pose.roll, pose.pitch, pose.yaw), self.settings.symbol_m,
-            self._local,
+            self._theirs.place(sight.t),
         )  # fmt: skip
         if data is not None:
             key = keys.TX.key(state.fleet, state.name, sys=state.sysid, comp=state.compid or 1, msg="LANDING_TARGET")
@@ -331,8 +331,8 @@ class Helipad(zmav.Agent):
         async with self.vehicle.stream("LOCAL_POSITION_NED", depth=10) as places:
             async for message in places:
                 with contextlib.suppress(TypeError, KeyError):
-                    x, y, z = (float(message.fields[name]) for name in ("x", "y", "z"))
-                    self._local = (x, y, z)
+                    x, y, z, vx, vy, vz = (float(message.fields[name]) for name in ("x", "y", "z", "vx", "vy", "vz"))
+                    self._theirs.was(self._time(message), (x, y, z), (vx, vy, vz))
 
 
 def _another(one: Detection, known: Detection) -> bool:

@@ -65,3 +65,11 @@ def test_of_what_is_too_far_off_nothing_is_said() -> None:
         poses.turned(3.0 + 0.1 * k, 0.0, 0.0, 0.0)
     assert poses.at(3.0 + 99.9 - KEEP - 1.0) is None
     assert len(poses._attitudes) < 40
+
+
+def test_a_place_needs_no_attitude_and_is_forgotten() -> None:
+    poses = Poses()
+    poses.was(10.0, (1.0, 2.0, -4.5), (0.5, 0.0, 0.0))
+    assert poses.at(10.2) is None
+    assert poses.place(10.2) == pytest.approx((1.1, 2.0, -4.5))
+    assert poses.place(11.5) is None

@@ -56,7 +56,7 @@ class Poses:
 
     def at(self, t: float) -> Pose | None:
         """None where too little is known of that time."""
-        attitude, pos = self._attitude(t), self._place(t)
+        attitude, pos = self._attitude(t), self.place(t)
         return None if attitude is None or pos is None else Pose(t, pos, *attitude)
 
     def _attitude(self, t: float) -> tuple[float, float, float, float] | None:
@@ -76,8 +76,10 @@ class Poses:
         roll, pitch, yaw = (x + share * d for x, d in zip(a, turn, strict=True))
         return roll, pitch, (yaw + math.pi) % math.tau - math.pi, math.hypot(turn[0], turn[1]) / (t1 - t0)
 
-    def _place(self, t: float) -> Vector | None:
-        """The nearest two mixed: each carried with its velocity, the nearer one counts more."""
+    def place(self, t: float) -> Vector | None:
+        """Where it was: the nearest two mixed, each carried with its velocity, the nearer one counts more. None where
+        neither is near.
+        """
         known = self._places
         i = bisect.bisect(known, t, key=lambda each: each[0])
         near = [each for each in known[max(i - 1, 0) : i + 1] if abs(t - each[0]) <= CARRIED]
