@@ -194,6 +194,11 @@ def test_home_in_four_words_or_one(start: StartProcess, tmp_path: Path, words: t
     assert plane["heading_deg"] == pytest.approx(270.0, abs=1.0)
 
 
+def listens(control: Path) -> bool:
+    with socket.socket(socket.AF_UNIX) as caller:
+        return caller.connect_ex(str(control)) == 0
+
+
 def test_it_flies_on_when_nobody_reads_what_it_says(tmp_path: Path) -> None:
     reader, writer = os.pipe()
     os.close(reader)
@@ -202,7 +207,7 @@ def test_it_flies_on_when_nobody_reads_what_it_says(tmp_path: Path) -> None:
     with subprocess.Popen(command, stdout=writer, stderr=subprocess.PIPE, text=True) as sim:
         os.close(writer)
         try:
-            while not control.exists():
+            while not listens(control):
                 assert sim.poll() is None
             assert Here("--control", str(control))("sim", "status", "--json").lines
         finally:

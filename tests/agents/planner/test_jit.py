@@ -45,7 +45,8 @@ def test_what_was_compiled_is_not_used_after_a_kernel_in_another_file_has_change
     said = []
     for text in (CALLED, CALLED, CALLED.replace("1.0", "2.0")):
         (package / "called.py").write_text(text)
-        run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        # -B: Python itself takes two sources of one size and second for the same.
+        run = subprocess.run([sys.executable, "-B", "-c", program], capture_output=True, text=True, check=True)
         said.append(run.stdout.split())
     assert said == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
 

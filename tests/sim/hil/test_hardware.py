@@ -146,7 +146,7 @@ def test_a_controller_gets_no_reading_before_it_is_in_hil(make_world: MakeWorld,
     board = make_board(willing=False)
     world = make_world(hardware(board.link), speed=1.0)
     until(lambda: any("SYS_HITL" in note for note in world.externals.notes))
-    assert board.counts["SET_MODE"] >= 5
+    until(lambda: board.counts["SET_MODE"] >= 5)
     assert "HIL_SENSOR" not in board.counts
     assert world.status().vehicles[0].mode == "waiting"
 
