@@ -29,7 +29,6 @@ from zmav.sim import Home, Remote
 from zmav.sim.lineup import ROVERS_SOUTH
 
 FLEET, QUAD, ROVER = "demo", "quad1", "rover1"
-LINK = "?rel=1;mixed_rel=1"
 DECK = 0.31
 """m: a simulated rover's top, where its pad is, above the ground"""
 HEIGHT = 5.0
@@ -85,7 +84,7 @@ class Rig:
     def start(self, scene: str) -> None:
         start, home = self.processes.start, Home()
         (self.folder / "scene.toml").write_text(scene)
-        links = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}{LINK}" for _ in (QUAD, ROVER)]
+        links = [f"udp/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?rel=1;mixed_rel=1" for _ in (QUAD, ROVER)]
         mavlink, pictures = free_udp_ports(2), free_port()
         origin = ["--origin", str(home.lat_deg), str(home.lon_deg), str(home.alt_amsl_m)]
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]

@@ -49,7 +49,7 @@ def walk(speed: float, seed: int, reach: float = 10.0, seconds: float = 4000.0) 
 
 async def drive(rover: zmav.Vehicle, way: Way, start: tuple[float, float], seconds: float) -> None:
     """Under a lease, in GUIDED or what its autopilot calls it; it stops where it is at the end or when cancelled."""
-    async with rover.lease("driver", ttl=10.0) as lease:  # over a bad link renewing takes some
+    async with rover.lease("driver") as lease:
         await rover.arm()
         begun = time.monotonic()
         origin = way(0.0)

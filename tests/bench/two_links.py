@@ -34,10 +34,9 @@ LINKS = {"one": ["?rel=1;mixed_rel=1"], "two": ["?rel=1", "?rel=0"]}
 
 
 def router(listen: list[str], connect: list[str], links: int) -> zenoh.Session:
-    patience = [
-        f"transport/unicast/{side}_timeout:3000" for side in ("open", "accept")
-    ]  # 2 round trips of 0.4 s, and losses
-    cfg = (f"transport/unicast/max_links:{links}", *patience)
+    # Opening takes two round trips of 0.4 s, and what is lost on them.
+    values = {"max_links": links, "open_timeout": 3000, "accept_timeout": 3000}
+    cfg = tuple(f"transport/unicast/{name}:{value}" for name, value in values.items())
     return open_session(SessionSettings(mode="router", listen=tuple(listen), connect=tuple(connect), cfg=cfg))
 
 
@@ -61,9 +60,9 @@ def run(name: str, seconds: float) -> None:
                 came[what].append(1e3 * (time.time() - sent))
 
             away.declare_subscriber(f"bench/{what}", take)
-            once = zenoh.Reliability.RELIABLE if what == "reliable" else zenoh.Reliability.BEST_EFFORT
+            lane = zenoh.Reliability.RELIABLE if what == "reliable" else zenoh.Reliability.BEST_EFFORT
             priority = zenoh.Priority.BACKGROUND if what == "picture" else zenoh.Priority.INTERACTIVE_HIGH
-            puts[what] = near.declare_publisher(f"bench/{what}", reliability=once, priority=priority)
+            puts[what] = near.declare_publisher(f"bench/{what}", reliability=lane, priority=priority)
         deadline = time.monotonic() + 60.0
         # Zenoh's stub says that it is a bool.
         while not all(put.matching_status.matching for put in puts.values()):  # type: ignore[attr-defined]
