@@ -1,0 +1,98 @@
+"""What a user writes: one class, and no build step.
+
+    from agents.controllers import Controller, RatesThrust, parameter
+
+    class Mine(Controller):
+        level = "attitude"                       # what it takes over; from the rates on it stays with the autopilot
+        kp = parameter(6.0, 0.0, 20.0, "1/s", "of the tilt")
+
+        def update(self, state, reference):
+            error = ...
+            self.signal(error=error)             # a stream for viewer and recorder
+            return RatesThrust(self.kp * error, reference.thrust)
+
+``zmav agent run mine.py --vehicle hex1``. Saving the file has it loaded again between two cycles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from agents.controllers.types import LEVELS, OUTPUTS, USUAL, Level, Output, Reference, State, Trim
+from zmav.agent import Tunable
+from zmav.errors import BadConfig
+
+
+def parameter(default: float, low: float, high: float, unit: str = "", doc: str = "") -> float:
+    """A parameter, as a class attribute: a number on each instance, changed in flight within its bounds."""
+    return cast("float", Tunable(default, low, high, unit, doc))
+
+
+class Controller:
+    """Base of controllers. A subclass gives :attr:`level`, where not usual :attr:`gives`, and :meth:`update`.
+
+    Raises :class:`~zmav.errors.BadConfig`, when the class is made, for a level or an output that there is not.
+    """
+
+    level: ClassVar[Level]
+    """the outermost loop that it takes over, and so the kind of reference that it follows"""
+    gives: ClassVar[str] = ""
+    """velocity, acceleration, attitude, rates or torque; empty: that of the level below its own"""
+    keeps: ClassVar[tuple[str, ...]] = ()
+    """attributes that go over to the class as loaded again from a saved file; without any it begins by :meth:`reset`"""
+    tunables: ClassVar[Mapping[str, Tunable]] = {}
+
+    def __init_subclass__(cls, **rest: Any) -> None:
+        super().__init_subclass__(**rest)
+        found = dict(cls.tunables)
+        for name, value in list(vars(cls).items()):
+            if isinstance(value, Tunable):
+                found[name] = value
+        cls.tunables = found
+        level = getattr(cls, "level", None)
+        if level is None:
+            return  # a base of others
+        if level not in LEVELS:
+            raise _bad(cls, "level", level, ", ".join(LEVELS))
+        if not vars(cls).get("gives"):
+            inherited = any(vars(base).get("gives") for base in cls.__mro__[1:] if "level" not in vars(cls))
+            cls.gives = cls.gives if inherited else USUAL[cast("Level", level)]
+        if cls.gives not in OUTPUTS:
+            raise _bad(cls, "gives", cls.gives, ", ".join(OUTPUTS))
+
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
+        for name, each in self.tunables.items():
+            setattr(self, name, each.default)
+        for name, value in (tuned or {}).items():
+            setattr(self, name, value)
+        self.signals: dict[str, float] = {}
+
+    def reset(self, state: State, reference: Reference, trim: Trim) -> None:
+        """Begin from what is: called with every cycle while the autopilot flies, so that nothing jumps when this takes
+        over. Integrators begin where :meth:`update` would give what ``trim`` says.
+        """
+
+    def update(self, state: State, reference: Reference) -> Output:
+        """One cycle. Raising, or giving what is not finite, hands back to the autopilot at once."""
+        raise NotImplementedError
+
+    def signal(self, **values: Any) -> None:
+        """Streams for viewer, recorder and report: numbers, or vectors of three (told as name.x, .y, .z) or more
+        (name.0, ...).
+        """
+        for name, value in values.items():
+            if isinstance(value, float | int):
+                self.signals[name] = float(value)
+                continue
+            row = np.asarray(value, dtype=float).ravel()
+            ends = "xyz" if len(row) == 3 else [str(i) for i in range(len(row))]
+            for end, each in zip(ends, row, strict=True):
+                self.signals[f"{name}.{end}"] = float(each)
+
+
+def _bad(cls: type[Controller], field: str, value: object, expected: str) -> BadConfig:
+    text = f"{cls.__name__}.{field} is {value!r}; expected one of {expected}"
+    return BadConfig(text, field=field, value=value, expected=expected)
