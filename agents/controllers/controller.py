@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, cast
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from agents.controllers.types import LEVELS, OUTPUTS, USUAL, Level, Output, Reference, State, Trim
 from zmav.agent import Tunable
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 
 
 def parameter(default: float, low: float, high: float, unit: str = "", doc: str = "") -> float:
@@ -67,8 +68,20 @@ class Controller:
         for name, each in self.tunables.items():
             setattr(self, name, each.default)
         for name, value in (tuned or {}).items():
-            setattr(self, name, value)
+            self.tune(name, value)
         self.signals: dict[str, float] = {}
+
+    def tune(self, name: str, value: float) -> None:
+        """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
+        known = self.tunables.get(name)
+        if known is None:
+            names = ", ".join(self.tunables) or "none"
+            text = f"{type(self).__name__} has no parameter {name!r}; there are {names}"
+            raise BadInput(text, field="name", value=name, expected=names)
+        if not (math.isfinite(value) and known.low <= value <= known.high):
+            expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
+            raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
+        setattr(self, name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         """Begin from what is: called with every cycle while the autopilot flies, so that nothing jumps when this takes
