@@ -87,6 +87,8 @@ class Cycles:
         """monotonic s of the last attitude"""
         self.tripped = 0.0
         """monotonic s at which the last engagement ended by itself"""
+        self.stuck = False
+        """the controller's process does not answer any more"""
         self._lease: Lease | None = None
         self._worker: Worker | None = None
         self._busy = False
@@ -108,7 +110,7 @@ class Cycles:
     def fly_by(self, worker: Worker | None) -> None:
         """Whose outputs count from the next cycle on."""
         with self.lock:
-            self._worker, self._busy, self._late = worker, False, 0
+            self._worker, self._busy, self._late, self.stuck = worker, False, 0, False
 
     def engage(self, lease: Lease, height: float) -> None:
         """Send outputs; ``height``: m above home."""
@@ -183,6 +185,7 @@ class Cycles:
         self.tally.late += 1
         self._late += 1
         if self._late >= self.guard.envelope.late:
+            self.stuck = True
             self._trip(f"no output for {self._late} cycles")
 
     # A worker's thread.
@@ -202,7 +205,8 @@ class Cycles:
             self._put(answer.output)
             now = time.monotonic()
             self.took.append((now - self._begun, answer.took))
-            self._applied = _applied(answer.output, self.estimate.state)
+            if self.phase is Phase.IN_FORCE:
+                self._applied = _applied(answer.output, self.estimate.state)
             self._stream(worker, answer, now)
 
     def on_failed(self, worker: Worker, text: str) -> None:

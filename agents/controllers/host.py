@@ -12,6 +12,7 @@ import base64
 import copy
 import gc
 import pickle
+import signal
 import socket
 import sys
 import time
@@ -27,6 +28,8 @@ from agents.controllers.types import OUTPUTS, Output, Reference, State, Trim
 
 LOOKING_ON, IN_FORCE = 0, 1
 """a cycle's phase; in any other its output goes out, and nothing is remembered from cycle to cycle"""
+TRIAL = 1.0
+"""s for the cycle on which a controller is tried out"""
 COLLECT_EVERY = 500
 """cycles between two looks for garbage, after an output has gone out"""
 
@@ -64,7 +67,8 @@ class Host:
             self._failed = False
         except Exception as e:
             if not self._failed or phase:  # while it only looks on, once is enough
-                self._say(failed=where(e, self._what), number=number)
+                self._say(failed=f"{type(e).__name__}: {e}")  # at once: to find out where takes longer than some cycles
+                self._say(because=where(e, self._what))
             self._failed = True
             return
         self._tell_names(tuple(signals))
@@ -145,7 +149,22 @@ def checked(output: object, gives: str) -> Output:
 
 
 def _try(stack: Stack) -> None:
-    """One cycle at a hover: what is wrong with every cycle shows before it flies."""
+    """One cycle at a hover: what is wrong with every cycle shows before it flies. Raises what it raises, and
+    TimeoutError where it does not end.
+    """
+
+    def too_long(number: int, frame: object) -> None:
+        raise TimeoutError(f"one cycle took longer than {TRIAL:g} s")
+
+    signal.signal(signal.SIGALRM, too_long)
+    signal.setitimer(signal.ITIMER_REAL, TRIAL)
+    try:
+        _one_cycle(stack)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _one_cycle(stack: Stack) -> None:
     state, reference, trim = State(), Reference(level=stack.controller.level), Trim()
     state.sticks[2] = 0.5
     stack.reset(state, reference, trim)

@@ -136,11 +136,18 @@ class Supervisor(zmav.Agent):
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
         self.workshop = Workshop(
-            settings.controller, settings.cls, self.cycles.fly_by, self._agree, self.cycles.on_answer, self._on_failed
+            settings.controller,
+            settings.cls,
+            self.cycles.fly_by,
+            self._agree,
+            self.cycles.on_answer,
+            self._on_failed,
+            self._on_because,
         )
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
-        self._failed_on_loop = on_loop(asyncio.get_running_loop(), self._failed)
+        loop = asyncio.get_running_loop()
+        self._failed_on_loop, self._say_on_loop = on_loop(loop, self._failed), on_loop(loop, self.say)
         self._replacing: asyncio.Task[None] | None = None
         self._engaged: asyncio.Task[None] | None = None
         self._over = asyncio.Event()
@@ -239,9 +246,9 @@ class Supervisor(zmav.Agent):
             with contextlib.suppress(ZmavError):
                 await self._load_again()
 
-    async def _load_again(self) -> float:
+    async def _load_again(self, *, kept: bool = True) -> float:
         try:
-            took = await self._load()
+            took = await self._load(kept=kept)
         except ZmavError as e:
             self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
             raise
@@ -255,10 +262,13 @@ class Supervisor(zmav.Agent):
     def _on_failed(self, worker: Worker, text: str) -> None:
         """A worker's thread: what it did is over before anybody hears of it."""
         self.cycles.on_failed(worker, text)
-        self._failed_on_loop(worker, text)
+        self._failed_on_loop(worker)
 
-    def _failed(self, worker: Worker, text: str) -> None:
-        self.say("controller", "error", text)
+    def _on_because(self, worker: Worker, text: str) -> None:
+        """A worker's thread."""
+        self._say_on_loop("controller", "error", text)
+
+    def _failed(self, worker: Worker) -> None:
         if self.workshop.gone(worker):
             self._replacing = asyncio.get_running_loop().create_task(self._replace())
 
@@ -316,6 +326,8 @@ class Supervisor(zmav.Agent):
         if self.cycles.phase:
             return {"state": "controller"}
         self._check_ready()
+        if self.workshop.worker is None or not self.workshop.worker.alive:
+            await self._load_again(kept=False)
         self._over, self._why = asyncio.Event(), ""
         taken, begun = asyncio.Event(), time.monotonic()
         self._engaged = flight = asyncio.create_task(self._fly(taken))
@@ -388,6 +400,8 @@ class Supervisor(zmav.Agent):
         """The engagement has ended by itself; no output goes out any more."""
         self._why = text
         self._over.set()
+        if self.cycles.stuck:
+            self.workshop.end_stuck()
 
     async def _hand_back(self, lease: Lease) -> None:
         """Have the autopilot fly, unless somebody else has taken the vehicle already."""

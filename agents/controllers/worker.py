@@ -40,14 +40,16 @@ class Loaded(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Worker:
-    """A process of :mod:`agents.controllers.host`. ``on_answer(worker, answer)`` and ``on_failed(worker, text)`` are
-    called from its thread; ``on_failed`` too when it is gone and nobody closed it.
+    """A process of :mod:`agents.controllers.host`. ``on_answer(worker, answer)``, ``on_failed(worker, text)`` and,
+    where in the user's file that was, ``on_because(worker, text)`` are called from its thread; ``on_failed`` too when
+    it is gone and nobody closed it.
     """
 
     def __init__(
-        self, on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None]
+        self, on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None],
+        on_because: Callable[[Worker, str], None],
     ) -> None:  # fmt: skip
-        self._on_answer, self._on_failed = on_answer, on_failed
+        self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
         self._loop = asyncio.get_running_loop()
         self.names: tuple[str, ...] = ()
         """of the signals"""
@@ -149,6 +151,8 @@ class Worker:
                 self.names = tuple(said["names"])
             elif "failed" in said:
                 self._on_failed(self, str(said["failed"]))
+            elif "because" in said:
+                self._on_because(self, str(said["because"]))
             else:
                 answered(said)
         if not self._closed:

@@ -25,15 +25,16 @@ class Workshop:
     """Of one supervisor, on its event loop. ``what``: a file or a name, ``cls``: which class of the file.
 
     ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded;
-    ``on_answer`` and ``on_failed`` are called from the processes' threads.
+    ``on_answer``, ``on_failed`` and ``on_because`` are called from the processes' threads.
     """
 
     def __init__(
         self, what: str, cls: str, fly_by: Callable[[Worker | None], None], agree: Callable[[Loaded], None],
         on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None],
+        on_because: Callable[[Worker, str], None],
     ) -> None:  # fmt: skip
         self._what, self._cls, self._fly_by, self._agree = what, cls, fly_by, agree
-        self._on_answer, self._on_failed = on_answer, on_failed
+        self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
         self.worker: Worker | None = None
         self.loaded: Loaded | None = None
         self.broken = ""
@@ -82,6 +83,11 @@ class Workshop:
             await asyncio.sleep(SAVED)
         self._stamp = self._look()
 
+    def end_stuck(self) -> None:
+        """The process that flew does not answer: end it."""
+        if self.worker is not None:
+            self.worker.process.kill()
+
     def gone(self, worker: Worker) -> bool:
         """The process that flew is no more: nobody's outputs count."""
         if worker is not self.worker or worker.alive:
@@ -90,7 +96,7 @@ class Workshop:
         return True
 
     def _new(self) -> Worker:
-        return Worker(self._on_answer, self._on_failed)
+        return Worker(self._on_answer, self._on_failed, self._on_because)
 
     def _look(self) -> tuple[float, int] | None:
         """None while there is no such file: an editor may put a new one in the old one's place."""

@@ -26,7 +26,7 @@ from zmav.session import SessionSettings
 from zmav.waiting import within
 
 GROUP, CONTROLLERS, VERBS = "zmav.agents", "zmav.controllers", "zmav.agent.verbs"
-"""entry points: agents by name, controllers that the agent of that name runs, and verbs of packages above the library"""
+"""entry points: agents by name, controllers that an agent runs, and verbs of packages above the library"""
 CONTROLLER = "controller"
 """the agent that runs a controller"""
 vehicle_option = click.option("--vehicle", required=True, help="The vehicle that it runs for.")
