@@ -9,7 +9,7 @@
     dwell = 2.0
     yaw = 1.57
 
-A CSV file begins with ``north,east,down`` and those of ``speed,dwell,yaw`` that it has; an empty field is one not given.
+A CSV file begins with ``north,east,down`` and those of ``speed,dwell,yaw`` that it has; empty fields are not given.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class RouteFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def load(path: str | Path, centre: Vector = (0.0, 0.0, 0.0), heading: float = 0.0, rounding: float = 0.0) -> Route:
-    """The route of a file, turned clockwise by ``heading`` (rad) and moved by ``centre`` (m NED); ``rounding`` (m) where
-    the file says none. Raises :class:`~zmav.errors.BadInput` that names the file and the field.
+    """The route of a file, turned clockwise by ``heading`` (rad) and moved by ``centre`` (m NED); ``rounding`` (m)
+    where the file says none. Raises :class:`~zmav.errors.BadInput` that names the file and the field.
     """
     path = Path(path)
     with reading(path, "the route"):

@@ -1,13 +1,15 @@
 """How far along a way one is at a time: with limited speed, acceleration and jerk from rest to rest.
 
-Between two speeds the acceleration rises at the jerk's limit, stays, and falls again (an S curve); it is nought wherever
+Between two speeds the acceleration rises at the jerk's limit, stays, and falls again (an S curve); it is nought where
 one leg ends and the next begins, so that each is planned by itself between the speeds at its ends.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,7 +70,7 @@ class Law:
         return high
 
     def braked(self, t: float, accel: float, jerk: float) -> Law:
-        """The same until ``t``, and then to rest at these limits, or where it rests next by itself if that is sooner."""
+        """The same until ``t``, and then to rest at these limits, or where it rests next by itself if sooner."""
         (s,), (v,), (a,) = self.at(np.array([t]))
         phases = _halt(float(v), float(a), accel, jerk)
         made = _chain(float(s), float(v), phases, t)
@@ -89,7 +91,7 @@ def plan(legs: list[Leg]) -> Law:
     ends = _speeds(legs)
     rows: list[tuple[Array, ...]] = []
     t = s = 0.0
-    for leg, (first, last) in zip(legs, zip(ends, ends[1:], strict=False), strict=True):
+    for leg, (first, last) in zip(legs, pairwise(ends), strict=True):
         made = _chain(s, first, _phases(leg, first, last), t)
         rows.append(tuple(x[:-1] for x in made))
         t, s = float(made[0][-1]), s + leg.length
@@ -103,7 +105,7 @@ def plan(legs: list[Leg]) -> Law:
 def _speeds(legs: list[Leg]) -> list[float]:
     """At the legs' ends, the first one's beginning included: as high as can be reached and left again."""
     ends = [0.0]
-    for leg, after in zip(legs, legs[1:], strict=False):
+    for leg, after in pairwise(legs):
         ends.append(0.0 if leg.stop is not None else min(leg.speed, after.speed))
     ends.append(0.0)
     for k, leg in enumerate(legs):
@@ -133,9 +135,8 @@ def _phases(leg: Leg, first: float, last: float) -> list[Phase]:
     return [*_ramp(first, top, leg), *cruise, *_ramp(top, last, leg)]
 
 
-def _greatest(low: float, high: float, true: object) -> float:
+def _greatest(low: float, high: float, true: Callable[[float], bool]) -> float:
     """Where a condition that holds at ``low`` and not at ``high`` ends to hold."""
-    assert callable(true)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if true(middle) else (low, middle)

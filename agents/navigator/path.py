@@ -53,7 +53,7 @@ class Line:
 
 
 class Curve:
-    """A regular curve from the parameter ``u0`` to ``u1``, read by its distance: a table, and Hermite's cubics in it."""
+    """A regular curve from the parameter ``u0`` to ``u1``, read by its distance: a table, and cubics in it."""
 
     def __init__(self, shape: Shape, u0: float, u1: float) -> None:
         self._shape, self._u = shape, np.linspace(u0, u1, NODES)
@@ -123,8 +123,8 @@ def lemniscate(length: float, width: float) -> Shape:
 
 
 def rounded(before: Array, corner: Array, after: Array, reach: float) -> Curve:
-    """A corner cut from ``reach`` metres before it on the way from ``before`` to as far behind it: a Bézier curve of the
-    fifth degree that joins both straight ways without a jump of curvature.
+    """A corner cut from ``reach`` metres before it on the way from ``before`` to as far behind it: a Bézier curve of
+    the fifth degree that joins both straight ways without a jump of curvature.
     """
     into = (corner - before) / np.linalg.norm(corner - before)
     out = (after - corner) / np.linalg.norm(after - corner)

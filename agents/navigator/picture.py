@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,10 +58,7 @@ def picture(path: str | Path, flights: Mapping[str, Flight], trajectory: Traject
         raise BadInput(f"cannot write {path}: {e.strerror}", field="picture", value=str(path)) from e
 
 
-def _space(ax: object, flights: Mapping[str, Flight], trajectory: Trajectory) -> None:
-    from mpl_toolkits.mplot3d.axes3d import Axes3D
-
-    assert isinstance(ax, Axes3D)
+def _space(ax: Any, flights: Mapping[str, Flight], trajectory: Trajectory) -> None:
     route = trajectory.route
     total = route.begins + route.length
     meant = route.at(np.linspace(route.begins, total, max(2, round(total / 0.05))))[0]
@@ -72,15 +70,13 @@ def _space(ax: object, flights: Mapping[str, Flight], trajectory: Trajectory) ->
         ax.plot(*_shown(places[mine]), color=shade, lw=1.1, label=name)
     ax.set(xlabel="east, m", ylabel="north, m", zlabel="up, m")
     low, high = _shown(meant).min(axis=1), _shown(meant).max(axis=1)
-    ax.set_box_aspect(tuple(np.maximum(high - low, 0.25 * float((high - low).max()))))
+    ax.set_box_aspect(tuple(np.maximum(high - low, 0.25 * float((high - low).max()))), zoom=0.85)
     ax.legend(loc="upper left", fontsize=8)
 
 
-def _time(ax: object, found: Mapping[str, Errors], trajectory: Trajectory, label: str, value: object) -> None:
-    from matplotlib.axes import Axes
-
-    assert isinstance(ax, Axes)
-    assert callable(value)
+def _time(
+    ax: Any, found: Mapping[str, Errors], trajectory: Trajectory, label: str, value: Callable[[Errors], Array]
+) -> None:
     for at in trajectory.corners[0]:
         ax.axvline(at, color=CORNER, lw=0.9, ls=":")
     for (name, each), shade in zip(found.items(), FLOWN * len(found), strict=False):

@@ -1,8 +1,8 @@
 """Routes as data: where to go, where to stop and for how long, which way to look. NED about the fleet's origin.
 
 Made by :func:`shape` (``ev3``, ``square``, ``circle``, ``lemniscate``, ``steps``), :func:`through` waypoints, or
-:func:`agents.navigator.files.load`. ``ev3`` is the navigation test of the MAS paper (its validation EV3): a level square,
-followed by an upright rectangle that shares one side with it.
+:func:`agents.navigator.files.load`. ``ev3`` is the navigation test of the MAS paper (its validation EV3): a level
+square, followed by an upright rectangle that shares one side with it.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ class Route:
         which = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, len(self.stages) - 1)
         first = np.array([each[0] for each in ends if each is not None])[which]
         share = (s - starts[which]) / np.diff(starts)[which]
-        return first + np.clip(share, 0.0, 1.0) * (np.array(turns)[which] - first)
+        found: Array = first + np.clip(share, 0.0, 1.0) * (np.array(turns)[which] - first)
+        return found
 
     def looking(self, yaw: float) -> Route:
         """The same with this yaw where it says none."""
@@ -183,7 +184,7 @@ def shape(
     name: str, centre: Vector = (0.0, 0.0, 0.0), heading: float = 0.0, *, rounding: float = 0.0, dwell: float = 0.0,
     **sizes: float | None,
 ) -> Route:  # fmt: skip
-    """A route by name about ``centre`` (m NED), turned clockwise by ``heading`` (rad). Sizes in metres, by :data:`SIZES`:
+    """A route by name about ``centre`` (m NED), turned clockwise by ``heading`` (rad). Sizes in m, by :data:`SIZES`:
 
     ``ev3`` (side, height): a level square about the centre, from its south-western corner (``heading`` 0) east about;
     then the rectangle that stands upwards on its first side, the southern one. ``square`` (side). ``circle`` (radius),
@@ -269,7 +270,7 @@ def _wrap(angle: float) -> float:
 
 def check(field: str, value: float, low: float, high: float, unit: str) -> None:
     """Raise :class:`~zmav.errors.BadInput` for what is not between them, or not finite."""
-    if not (isinstance(value, int | float) and low <= value <= high):
+    if not low <= value <= high:
         raise bad(field, value, f"{low:g} to {high:g} {unit}")
 
 

@@ -64,9 +64,11 @@ class Trajectory:
 
     @property
     def begins(self) -> float:
-        """s at which the route itself does, at the end of the way to it, dwell included"""
+        """s at which the route itself does, at the end of the way to it, dwell included; inf: it is not come to"""
+        if self.route.begins == 0.0:
+            return 0.0
         rows = np.flatnonzero(self.law.s > self.route.begins + 1e-9)
-        return float(self.law.t[max(int(rows[0]) - 1, 0)]) if len(rows) and self.route.begins > 0.0 else 0.0
+        return float(self.law.t[int(rows[0]) - 1]) if len(rows) else math.inf
 
     @property
     def corners(self) -> tuple[Array, Array]:
