@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 
 from agents.navigator.path import turned
-from agents.navigator.routes import Route, Waypoint, bad, through
+from agents.navigator.routes import FAR, Route, Waypoint, bad, check, through
 from zmav.config.table import reading
 from zmav.wire import Vector
 
@@ -59,6 +59,9 @@ def load(path: str | Path, centre: Vector = (0.0, 0.0, 0.0), heading: float = 0.
         else:
             raise bad("file", path.name, "a file that ends in " + " or ".join(KINDS))
         turn = turned(heading)
+        for k, each in enumerate(read.waypoint):
+            for axis, value in zip(NEEDED, each.pos, strict=True):
+                check(f"waypoint[{k}].{axis}", value, -FAR, FAR, "m")
         waypoints = [_placed(each, turn @ np.array(each.pos) + np.array(centre), heading) for each in read.waypoint]
         return through(path.stem, waypoints, read.rounding or rounding)
 

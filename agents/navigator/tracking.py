@@ -99,7 +99,8 @@ class Way:
 
     def __init__(self, route: Route) -> None:
         total = route.begins + route.length
-        self._along = np.linspace(0.0, total, max(2, round(total / GRAIN) + 1))
+        grid = np.linspace(0.0, total, max(2, round(total / GRAIN) + 1))
+        self._along = np.unique(np.concatenate((grid, route.starts.clip(0.0, total))))
         self._places = route.at(self._along)[0]
 
     def off(self, place: Array, along: float) -> float:

@@ -20,8 +20,8 @@ WINDOW = 20.0
 """s of the way that a segment has before it brakes"""
 KNOT, REST = 0.25, 5.0
 """s between two points of a segment on a curve, and elsewhere, at most"""
-CLOSEST = 0.04
-"""s between two points at least"""
+CLOSEST, BESIDE = 0.021, 0.1
+"""s between two points at least; beside where the jerk changes, so that what is left out there bends nothing farther"""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Trajectory:
         """From ``begin`` until it rests; ``t0``: UTC s at which it is at 0. Between two of them the vehicle flies the
         polynomial of the fifth degree, which on straight ways is the way itself, and elsewhere less than 1 mm off it.
         """
-        times = self._knots(begin)
+        times = np.round(self._knots(begin) + t0, 6) - t0  # it is where it should be at the times that are told
         found = self.at(times)
         points = []
         for k, t in enumerate(times):
@@ -138,9 +138,12 @@ class Trajectory:
         found = [begin]
         for mark in (*marks, end):
             gap = float(mark) - found[-1]
-            every = KNOT if self._bends(0.5 * (found[-1] + float(mark))) else REST
-            count = max(1, math.ceil(gap / every))
-            found += [found[-1] + gap * k / count for k in range(1, count + 1)]
+            if gap > 4 * BESIDE:
+                bends = self._bends(0.5 * (found[-1] + float(mark)))
+                first, inside = found[-1] + BESIDE, gap - 2 * BESIDE
+                count = math.ceil(inside / (KNOT if bends else REST))
+                found += [first + inside * k / count for k in range(count + 1)]
+            found.append(float(mark))
         return np.array(_thinned(found))
 
     def _bends(self, t: float) -> bool:
@@ -169,5 +172,5 @@ def _thinned(times: list[float]) -> list[float]:
 
 
 def _vector(row: Array) -> wire.Vector:
-    north, east, down = (round(float(x), 6) + 0.0 for x in row)
+    north, east, down = (round(float(x), 7) + 0.0 for x in row)
     return north, east, down
