@@ -8,6 +8,8 @@ counted here as three of the position's error, three of the filter (Ω_ref) and 
 Decided here, besides limits and windup:
 
 - Φ_ref' comes from the outer loop's own equations and is not filtered.
+- Roll and pitch are those that point the thrust at the heading that the vehicle has, not at the one that it is to have:
+  otherwise it is pushed aside while it turns.
 - Newtons of full thrust are found at hand-over from what the autopilot hovers with, as battery and air change them;
   torques are scaled alike.
 - Of the rotors' lag, which the equations leave out, torques are rid by a lead of (1 + ``rotor_tau`` s) / (1 +
@@ -22,7 +24,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents.controllers.backstepping import Backstepping, Inner, Vec, add, less, scaled
+from agents.controllers.backstepping import Backstepping, Inner, Vec, add, angle_rates, less, scaled
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.linearising import GRAVITY, Aim, Linearising, Outer
 from agents.controllers.types import Array, Output, Reference, State, TorqueThrust, Trim
@@ -73,7 +75,7 @@ class Ev2(Controller):
     filter_tilt = parameter(18.0, 1.0, 200.0, "1/s", "Γ̄ about the forward and right axes")
     filter_yaw = parameter(10.0, 1.0, 200.0, "1/s", "Γ̄ about the down axis")
 
-    speed_max = parameter(6.0, 0.5, 30.0, "m/s", "beside the reference's, that an error of position asks for")
+    speed_max = parameter(5.0, 0.5, 30.0, "m/s", "beside the reference's, that an error of position asks for")
     integral_max = parameter(5.0, 0.0, 20.0, "m/s²", "that an integral grows to")
     lean_max = parameter(45.0, 5.0, 70.0, "deg", "that is asked for")
     thrust_low = parameter(0.08, 0.01, 0.5, "", "least thrust, of the full")
@@ -103,12 +105,14 @@ class Ev2(Controller):
 
     def update(self, state: State, reference: Reference) -> Output:
         dt = min(max(state.dt, 1e-4), LONGEST_S)
-        yaw, turn = reference.yaw, reference.yaw_rate
         error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
         acc, vel, axis = _vec(reference.acc), _vec(state.vel), _axis(state.q)
-        aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, yaw, turn, axis, dt)
-        wanted, slopes = (aim.roll, aim.pitch, yaw), (aim.roll_slope, aim.pitch_slope, turn)
-        torque = self.inner.step(self._inner_gains(), _euler(state.q), _vec(state.rates), wanted, slopes, dt)
+        angles, rates = _euler(state.q), _vec(state.rates)
+        turn = angle_rates(angles, rates)[2]
+        aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, angles[2], turn, axis, dt)
+        wanted = (aim.roll, aim.pitch, reference.yaw)
+        slopes = (aim.roll_slope, aim.pitch_slope, reference.yaw_rate)
+        torque = self.inner.step(self._inner_gains(), angles, rates, wanted, slopes, dt)
         self._tell(error, slip, wanted, slopes, torque, aim)
         return self._normalised(self._led(torque, dt), aim.thrust)
 
