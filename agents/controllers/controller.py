@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, cast
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from agents.controllers.types import LEVELS, OUTPUTS, USUAL, Level, Output, Reference, State, Trim
 from zmav.agent import Tunable
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 
 
 def parameter(default: float, low: float, high: float, unit: str = "", doc: str = "") -> float:
@@ -67,8 +68,13 @@ class Controller:
         for name, each in self.tunables.items():
             setattr(self, name, each.default)
         for name, value in (tuned or {}).items():
-            setattr(self, name, value)
+            self.tune(name, value)
         self.signals: dict[str, float] = {}
+
+    def tune(self, name: str, value: float) -> None:
+        """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
+        check(type(self).__name__, self.tunables, name, value)
+        setattr(self, name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         """Begin from what is: called with every cycle while the autopilot flies, so that nothing jumps when this takes
@@ -91,6 +97,17 @@ class Controller:
             ends = "xyz" if len(row) == 3 else [str(i) for i in range(len(row))]
             for end, each in zip(ends, row, strict=True):
                 self.signals[f"{name}.{end}"] = float(each)
+
+
+def check(who: str, tunables: Mapping[str, Tunable], name: str, value: float) -> None:
+    """Raises :class:`~zmav.errors.BadInput` where there is no parameter of that name, or the value is out of bounds."""
+    known = tunables.get(name)
+    if known is None:
+        names = ", ".join(tunables) or "none"
+        raise BadInput(f"{who} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names)
+    if not (math.isfinite(value) and known.low <= value <= known.high):
+        expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
+        raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
 
 
 def _bad(cls: type[Controller], field: str, value: object, expected: str) -> BadConfig:

@@ -1,0 +1,164 @@
+"""A controller with EV1's loops above it, so that it can be given a reference of any outer level.
+
+Whatever the reference's level, only the loops from there inwards run; what each gives is merged into the reference of
+the next. Parameters and signals of the loops above are called ``position.kp``, ``velocity.error.x`` and so on; the
+controller's own have no prefix.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+from agents.controllers.controller import Controller, check
+from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, VelocityLoop
+from agents.controllers.types import (
+    LEVELS,
+    AttitudeThrust,
+    Level,
+    Output,
+    RatesThrust,
+    Reference,
+    State,
+    Trim,
+    Velocity,
+)
+from zmav.agent import Tunable
+from zmav.errors import BadInput
+
+OWN = "controller"
+LOOPS: Mapping[Level, type[Controller]] = {
+    "position": PositionLoop,
+    "velocity": VelocityLoop,
+    "altitude": AltitudeLoop,
+    "attitude": AttitudeLoop,
+}
+
+
+class Stack:
+    """``controller`` and the loops above it; ``own``: a prefix of the controller's parameters and signals."""
+
+    def __init__(self, controller: Controller, own: str = "") -> None:
+        self.controller = controller
+        self.loops: dict[str, Controller] = {
+            level: loop() for level, loop in LOOPS.items() if LEVELS.index(level) < LEVELS.index(controller.level)
+        }
+        """those above it, by their levels"""
+        self._own = own
+        self._ran: tuple[str, ...] = ()
+
+    # ---- parameters, signals, state
+
+    def _parts(self) -> list[tuple[str, Controller]]:
+        """From the outermost to the innermost, with the prefixes of their names."""
+        return [*((f"{level}.", loop) for level, loop in self.loops.items()), (self._own, self.controller)]
+
+    @property
+    def tunables(self) -> dict[str, Tunable]:
+        """All parameters, by the names that :meth:`tune` takes."""
+        return {before + name: each for before, part in self._parts() for name, each in part.tunables.items()}
+
+    def tune(self, name: str, value: float) -> None:
+        """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
+        check(type(self.controller).__name__, self.tunables, name, value)
+        level, _, rest = name.partition(".")
+        if level in self.loops:
+            self.loops[level].tune(rest, value)
+        else:
+            self.controller.tune(name.removeprefix(self._own), value)
+
+    @property
+    def signals(self) -> dict[str, float]:
+        """Of the controller and of the loops that ran in this cycle."""
+        found = {f"{level}.{name}": value for level in self._ran for name, value in self.loops[level].signals.items()}
+        for name, value in self.controller.signals.items():
+            found[self._own + name] = value
+        return found
+
+    def kept(self) -> dict[str, dict[str, Any]]:
+        """What goes over to the same controller loaded again: of each part the attributes that its class keeps."""
+        parts = {**self.loops, OWN: self.controller}
+        return {
+            place: {name: copy.deepcopy(getattr(part, name)) for name in part.keeps if hasattr(part, name)}
+            for place, part in parts.items()
+        }
+
+    def keep(self, kept: Mapping[str, Mapping[str, Any]]) -> None:
+        """Take over what :meth:`kept` gave, as far as each class still keeps it."""
+        for place, part in {**self.loops, OWN: self.controller}.items():
+            for name, value in kept.get(place, {}).items():
+                if name in part.keeps:
+                    setattr(part, name, value)
+
+    # ---- flying
+
+    def reset(self, state: State, reference: Reference, trim: Trim) -> None:
+        """All loops begin where the autopilot is; each believes that those above ask for what the autopilot asks for.
+        Raises as :meth:`update`.
+        """
+        handed = reference
+        for level in self._path(reference):
+            loop = self.loops[level]
+            loop.reset(state, handed, trim)
+            if level == "position":
+                handed = merged(handed, loop.update(state, handed))
+            elif level == "attitude":
+                handed = merged(handed, RatesThrust(trim.rates, trim.thrust))
+            else:
+                handed = merged(handed, AttitudeThrust(trim.attitude, trim.thrust, reference.yaw_rate))
+        self.controller.reset(state, self._fitting(state, reference, handed), trim)
+
+    def update(self, state: State, reference: Reference) -> Output:
+        """One cycle. Raises :class:`~zmav.errors.BadInput` for a reference of a level inside the controller's own."""
+        handed = reference
+        self._ran = self._path(reference)
+        for level in self._ran:
+            handed = merged(handed, self.loops[level].update(state, handed))
+        return self.controller.update(state, self._fitting(state, reference, handed))
+
+    def _path(self, reference: Reference) -> tuple[str, ...]:
+        """The levels of the loops above that have to run."""
+        level, own = reference.level, self.controller.level
+        if LEVELS.index(level) > LEVELS.index(own):
+            name = type(self.controller).__name__
+            expected = " or ".join(LEVELS[: LEVELS.index(own) + 1])
+            text = (
+                f"{name} follows references of level {own}, and the loops above it those further out; {level} is inside"
+            )
+            raise BadInput(f"{text}: expected {expected}", field="level", value=level, expected=expected)
+        outer = LEVELS.index(level)
+        # Who holds velocities holds the height as well.
+        return tuple(
+            each for each in self.loops if LEVELS.index(each) >= outer and (each != "altitude" or level == "altitude")
+        )
+
+    def _fitting(self, state: State, reference: Reference, handed: Reference) -> Reference:
+        """For the controller itself: of its own level."""
+        if self.controller.level != "altitude" or reference.level == "altitude":
+            return handed
+        # The height is its own task: it gets the reference of it, and of those above only the lean.
+        mine = copy.copy(handed)
+        mine.level, mine.vel = "altitude", reference.vel
+        if reference.level == "velocity":
+            mine.pos = state.pos  # there is no height to hold, but a climb
+        return mine
+
+
+def merged(reference: Reference, output: Output) -> Reference:
+    """What the loop below is to follow: the reference, with what the loop above gives in place of its own parts."""
+    below = copy.copy(reference)
+    if isinstance(output, Velocity):
+        below.level, below.vel = "velocity", output.vel
+        if output.yaw is not None:
+            below.yaw = output.yaw
+        if output.yaw_rate is not None:
+            below.yaw_rate = output.yaw_rate
+    elif isinstance(output, AttitudeThrust):
+        below.level, below.attitude = "attitude", output.attitude
+        below.thrust, below.yaw_rate = output.thrust, output.yaw_rate
+    elif isinstance(output, RatesThrust):
+        below.level, below.rates, below.thrust = "rates", output.rates, output.thrust
+    else:
+        raise TypeError(f"no loop of EV1 follows a {type(output).__name__}")
+    return below
