@@ -11,7 +11,7 @@ import copy
 from collections.abc import Mapping
 from typing import Any
 
-from agents.controllers.controller import Controller
+from agents.controllers.controller import Controller, check
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, VelocityLoop
 from agents.controllers.types import (
     LEVELS,
@@ -61,6 +61,7 @@ class Stack:
 
     def tune(self, name: str, value: float) -> None:
         """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
+        check(type(self.controller).__name__, self.tunables, name, value)
         level, _, rest = name.partition(".")
         if level in self.loops:
             self.loops[level].tune(rest, value)
@@ -122,10 +123,8 @@ class Stack:
         if LEVELS.index(level) > LEVELS.index(own):
             name = type(self.controller).__name__
             expected = " or ".join(LEVELS[: LEVELS.index(own) + 1])
-            text = (
-                f"{name} follows references of level {own}, and the loops above it those further out; {level} is inside"
-            )
-            raise BadInput(f"{text}: expected {expected}", field="level", value=level, expected=expected)
+            text = f"{name} takes over from the {own} on, a reference of {level} is inside that; expected {expected}"
+            raise BadInput(text, field="level", value=level, expected=expected)
         outer = LEVELS.index(level)
         # Who holds velocities holds the height as well.
         return tuple(
