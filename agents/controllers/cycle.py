@@ -20,7 +20,7 @@ import numpy as np
 import zenoh
 
 from agents.controllers import packets
-from agents.controllers.estimate import Estimate
+from agents.controllers.estimate import MOST_DT, Estimate
 from agents.controllers.guard import Guard, fit
 from agents.controllers.packets import Answer
 from agents.controllers.references import References
@@ -44,6 +44,8 @@ from zmav.vehicle.lease import Lease
 logger = logging.getLogger(__name__)
 INNER_VALID, OUTER_VALID = 0.1, 0.4
 """s that a setpoint is flown without the next one"""
+BURST = 0.5
+"""of a cycle, within which two attitudes are told as one"""
 KEPT = 10_000
 """cycles whose times are kept"""
 
@@ -95,6 +97,8 @@ class Cycles:
         self._late = 0
         """cycles in a row"""
         self._number = 0
+        self._dt = 0.0
+        """s by the autopilot's clock since the controller was asked last"""
         self._begun = 0.0
         self._reference = Reference()
         self._applied: Trim | None = None
@@ -171,9 +175,13 @@ class Cycles:
             if why is not None:
                 self._trip(why)
                 return
+        self._dt += state.dt
         if self._busy or worker is None:
-            self._overdue()
+            # Links bring frames in bursts: one close behind another is no cycle of its own.
+            if worker is None or now - self._begun > BURST * estimate.period:
+                self._overdue()
             return
+        state.dt, self._dt = min(self._dt, MOST_DT), 0.0
         self._number = (self._number + 1) & 0xFFFFFFFF
         self._busy, self._begun = True, now
         trim = estimate.trim if self._applied is None else self._applied

@@ -337,6 +337,7 @@ class Supervisor(zmav.Agent):
         if self.cycles.phase:
             return {"state": "controller"}
         self._check_ready()
+        await self._check_parameters()
         if self.workshop.worker is None or not self.workshop.worker.alive:
             await self._load_again(kept=False)
         self._over, self._why = asyncio.Event(), ""
@@ -376,6 +377,19 @@ class Supervisor(zmav.Agent):
                 f"(-o rate_hz={max(hz * 0.9, 1.0):.0f})"
             )
             raise Refused(text, hz=hz, wanted=wanted)
+
+    async def _check_parameters(self) -> None:
+        """Raises :class:`Refused` where the autopilot would take an output for something else than it says."""
+        state, loaded = self.vehicle.state, self.workshop.loaded
+        needs = autopilot_named(state.autopilot, state.kind).needs_by_level
+        for need in next((each for level, each in needs.items() if loaded and level == loaded.gives), ()):
+            values: dict[str, float] = {}
+            for name in need.params:
+                with contextlib.suppress(ZmavError):  # another firmware's name
+                    values[name] = (await self.vehicle.params.get(name)).value
+            why = need.unmet(values.get, state.sysid or 1)
+            if why is not None:
+                raise Refused(why, vehicle=state.name, parameter=need.params[0])
 
     async def _fly(self, taken: asyncio.Event) -> None:
         """One engagement, from the lease to the autopilot's having it again."""

@@ -68,7 +68,7 @@ class Field:
     def mode(self) -> str:
         """By the autopilot itself."""
         vehicle = self.world.vehicles[0]
-        return vehicle.px4.mode.name if vehicle.px4 is not None else str(vehicle.copter.mode)
+        return vehicle.px4.mode.name if vehicle.spec.autopilot == "px4" else str(vehicle.copter.mode)
 
     async def listen(self, agent: str) -> None:
         """Collect an agent's signals from now on."""
@@ -95,8 +95,8 @@ async def field(net: Net, onboard: StartOnboard, request: pytest.FixtureRequest)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
         (vehicle,) = await z.wait_for("hex1", timeout=PATIENCE_S)
         await vehicle.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
-        px4 = world.vehicles[0].px4
-        if px4 is not None:
+        if spec.autopilot == "px4":
+            px4 = world.vehicles[0].px4
             px4.sticks.radio = True
             px4.sticks.pilot.sticks(throttle=0.5)
         world.set_speed(SPEED)
