@@ -37,6 +37,8 @@ from zmav.sim.fleets.copter import CopterFleet
 
 CYCLE = 0.004
 TICK_HZ = 500
+QUICK = {"MPC_TKO_RAMP_T": 0.0, "COM_SPOOLUP_TIME": 0.0}
+"""PX4 parameters that only make the takeoff shorter"""
 ReferenceAt = Callable[[float], Reference]
 
 
@@ -131,7 +133,9 @@ class Flight:
         height: float = 5.0,
         params: dict[str, float] | None = None,
     ) -> None:
-        spec = VehicleSpec(autopilot="px4", airframe="hexa", firmware="1.13", endpoints=(), params=params or {})
+        spec = VehicleSpec(
+            autopilot="px4", airframe="hexa", firmware="1.13", endpoints=(), params=QUICK | (params or {})
+        )
         self.world = World(
             [spec], epoch_s=0.0, ready_s=0.5, tick_hz=TICK_HZ, wind=wind, gusts=gusts, noise=noise, seed=seed
         )
