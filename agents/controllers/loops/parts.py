@@ -37,7 +37,7 @@ class Axis:
         self.integral = 0.0
         self.slope = 0.0
         self.fading = 0.0
-        self._begun = False
+        self._unseen = math.inf
         self._needed, self._flies = Lately(), Lately()
         self._value, self._t = 0.0, -math.inf
 
@@ -58,13 +58,14 @@ class Axis:
         where this one's lies elsewhere until it takes over: of the two, what has been smaller lately.
         """
         needed = flies - partly
-        share = dt / (dt + SETTLE) if self._begun else 1.0
+        since = dt + self._unseen
+        share = since / (since + SETTLE) if math.isfinite(since) else 1.0
         self._needed.take(needed, share)
         self._flies.take(flies, share)
         lasts = self._needed if self._needed.square < self._flies.square else self._flies
         self.integral = clamp(lasts.mean, -most, most)
         self.fading = needed - self.integral
-        self._begun = True
+        self._unseen = 0.0
 
     def forget(self, dt: float) -> None:
         """Let the integrator run down."""
@@ -73,7 +74,7 @@ class Axis:
     def add(self, change: float, dt: float, most: float) -> None:
         """After each cycle."""
         self.integral = clamp(self.integral + change * dt, -most, most)
-        self._begun = False
+        self._unseen += dt
         self.fading *= FADE / (FADE + dt)
 
 

@@ -28,7 +28,7 @@ def reference(t: float) -> Reference:
 
 
 def flight() -> Flight:
-    return Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3)
+    return Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, slow=10)
 
 
 @pytest.fixture(scope="module")
