@@ -18,9 +18,9 @@ from zmav import geo, wire
 
 RATES_HZ: Mapping[str, float] = {
     "ATTITUDE_QUATERNION": 0.0, "LOCAL_POSITION_NED": 0.0, "GLOBAL_POSITION_INT": 5.0, "RC_CHANNELS": 50.0,
-    "ATTITUDE_TARGET": 25.0, "SERVO_OUTPUT_RAW": 25.0,
+    "ATTITUDE_TARGET": 25.0, "SERVO_OUTPUT_RAW": 25.0, "HEARTBEAT": 10.0,
 }  # fmt: skip
-"""what is wanted of the autopilot; 0: as often as there are cycles"""
+"""what is wanted of the autopilot; 0: as often as there are cycles. Of a mode that has changed a HEARTBEAT tells"""
 MOST_DT = 0.1
 """s: after a longer silence a controller is not asked to make up for it"""
 ROUNDED = 0.0015

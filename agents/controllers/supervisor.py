@@ -38,6 +38,8 @@ LOOK = 0.02
 """s between two looks at whether the autopilot's state still comes"""
 TAKE_OVER = 6.0
 """s for the autopilot to follow: PX4 wants a second of the stream before"""
+MODE_TOLD = 0.3
+"""s in which a HEARTBEAT tells of the mode for certain: an older one may be of the engagement before"""
 ENOUGH = 0.8
 """of the rate that is wanted: below it nobody takes over"""
 PATIENCE = 10.0
@@ -59,6 +61,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """the mode it is handed back in; empty: the autopilot is told to hold"""
     rc: tuple[int, int, int, int] = (1, 2, 3, 4)
     """channels of the pilot's roll, pitch, throttle and yaw"""
+    by_switch: bool = False
+    """the pilot's switch (``[pilot_switch]`` in the fleet file) turned away from him engages it, too"""
     priority: int = 0
     lease_s: float = 3.0
 
@@ -150,6 +154,8 @@ class Supervisor(zmav.Agent):
         self._failed_on_loop, self._say_on_loop = on_loop(loop, self._failed), on_loop(loop, self.say)
         self._replacing: asyncio.Task[None] | None = None
         self._engaged: asyncio.Task[None] | None = None
+        self._switched: asyncio.Task[None] | None = None
+        self._pilot_has_it = False
         self._over = asyncio.Event()
         self._why = ""
         self._began = 0.0
@@ -178,6 +184,8 @@ class Supervisor(zmav.Agent):
             await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
             for name, hz in RATES_HZ.items():
                 stack.enter_context(self.vehicle.rates.want(name, hz or self.settings.rate_hz))
+                if name == "HEARTBEAT":  # the vehicle's own agent reads it
+                    continue
                 key = keys.RX.key(self.vehicle.fleet, self.vehicle.name, sys="*", comp="1", msg=name)
                 subscriber = self.z.session.declare_subscriber(key, self._on_frame)
                 stack.callback(subscriber.undeclare)
@@ -197,6 +205,9 @@ class Supervisor(zmav.Agent):
                     self.estimate.boot_t = state.clock.boot_t
                 if state.position is not None and state.local is not None:
                     self.estimate.anchor(state.position, state.local)
+                if self._pilot_has_it and state.pilot is None and self.settings.by_switch:
+                    self._switched = asyncio.get_running_loop().create_task(self._by_switch())
+                self._pilot_has_it = state.pilot is not None
             self._tell()
 
     def _tell(self) -> None:
@@ -342,6 +353,12 @@ class Supervisor(zmav.Agent):
         self.say("engaged", "notice", f"{self._described()} flies{by}", took_ms=took)
         return {"state": "controller", "took_ms": took}
 
+    async def _by_switch(self) -> None:
+        try:
+            await self.on_engage(wire.Order(), None, None)
+        except ZmavError as e:
+            self.say("engaged", "error", f"the pilot's switch: {e}")
+
     def _check_ready(self) -> None:
         """Raises :class:`Refused` with what is missing."""
         state, estimate = self.vehicle.state, self.estimate
@@ -386,9 +403,10 @@ class Supervisor(zmav.Agent):
         deadline = time.monotonic() + TAKE_OVER
         while time.monotonic() < deadline and not self._over.is_set():
             now = self.vehicle.last_state
-            if now is not None and now.mode == guided and now.setpoints.get("flown", 0) > flown:
+            told = time.monotonic() > deadline - TAKE_OVER + MODE_TOLD
+            if told and now is not None and now.mode == guided and now.setpoints.get("flown", 0) > flown:
                 return self.cycles.in_force()
-            if not self._refused.empty() and time.monotonic() > deadline - TAKE_OVER + 0.3:
+            if told and not self._refused.empty():
                 self._why = self._refused.get_nowait()
                 return False
             await asyncio.sleep(0.005)

@@ -98,6 +98,8 @@ async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Fie
     assert supervisor.cycles.phase == 0
     assert re.search(FAULTS[fault], supervisor._why), supervisor._why
     await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
+    upright = lambda s: s.attitude is not None and abs(s.attitude.roll) + abs(s.attitude.pitch) < 0.2  # noqa: E731
+    await field.vehicle.wait_until(upright, 20.0)
     # Mended, it can be had again.
     await field.vehicle.tell("mine", "set", name="fault", value=0.0)
     await field.vehicle.tell("mine", "engage")
@@ -117,6 +119,16 @@ async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field,
     await field.vehicle.wait_until(lambda s: s.pilot is None, 10.0)
     assert field.mode == "HOLD"
     await field.vehicle.tell("mine", "engage")
+    assert field.mode == "OFFBOARD"
+
+
+async def test_the_switch_turned_back_is_the_pilots_own_request(field: Field, mine: Path) -> None:
+    supervisor = await field.supervise(mine, by_switch=True)
+    pilot = field.world.vehicles[0].px4.sticks.pilot
+    pilot.flip(7, 1900)
+    await field.vehicle.wait_until(lambda s: s.pilot is not None, 10.0)
+    pilot.flip(7, 1000)
+    await field.until(lambda: supervisor.cycles.phase == 1, "it does not take over")
     assert field.mode == "OFFBOARD"
 
 
@@ -143,7 +155,7 @@ async def test_a_saved_file_is_loaded_in_flight_and_a_broken_one_is_not(field: F
     assert counts == sorted(counts), "what it keeps did not go over"
     assert field.signals[-1].values["second"] == 0.5, "its parameter did not go over"
     for text, where in (
-        (MINE + "\n    def broken(:\n", "mine.py:41"),
+        (MINE + "\n    def broken(:\n", "mine.py:37"),
         (MINE.replace("import numpy", "import nunpy"), "mine.py:3"),
     ):
         mine.write_text(text)
