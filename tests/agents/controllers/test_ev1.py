@@ -17,7 +17,7 @@ from agents.controllers.stack import Stack
 from tests.agents.controllers.flying import CYCLE, Flight, Log, circle, steps
 
 KINDS: tuple[type[Controller], ...] = (Ev1, Ev1Rates, Ev1Attitude, Ev1Altitude, Ev1Velocity, Ev1Position)
-TAKEN_OVER, TURNED, END = 4.0, 10.0, 20.0
+TAKEN_OVER, TURNED, END = 4.0, 9.0, 16.5
 HAND_OVER = round(0.1 / CYCLE)
 """cycles in which a jump would show: PX4's outer loops look at a setpoint every 20 ms"""
 
@@ -28,21 +28,14 @@ def reference(t: float) -> Reference:
 
 
 def flight() -> Flight:
-    return Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3)
+    return Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, slow=10)
 
 
 @pytest.fixture(scope="module")
 def autopilot() -> Log:
-    """Its own flight, from the moment when otherwise somebody takes over."""
+    """Its own flight."""
     with flight() as each:
-        each.fly_autopilot(reference, TAKEN_OVER)
-        return each.fly_autopilot(reference, END - TAKEN_OVER)
-
-
-@pytest.fixture(scope="module")
-def before() -> Log:
-    with flight() as each:
-        return each.fly_autopilot(reference, TAKEN_OVER)
+        return each.fly_autopilot(reference, END)
 
 
 @pytest.fixture(scope="module", params=KINDS, ids=lambda kind: kind.__name__)
@@ -66,7 +59,7 @@ def apart(one: Array, other: Array) -> Array:
 
 def test_the_flight_is_an_aggressive_one(autopilot: Log) -> None:
     assert autopilot.lean().max() > math.radians(25.0) and np.abs(autopilot.ref_acc).max() > 3.0
-    assert autopilot.motors.min() < 0.05 and autopilot.motors.max() > 0.95
+    assert autopilot.motors.min() < 0.15 and autopilot.motors.max() > 0.95
 
 
 def test_it_tracks_within_a_tenth_of_the_autopilots_own_error(flown: Log, autopilot: Log) -> None:
@@ -74,16 +67,18 @@ def test_it_tracks_within_a_tenth_of_the_autopilots_own_error(flown: Log, autopi
         assert rms(flown, begin, end) < 1.1 * rms(autopilot, begin, end)
 
 
-def test_the_hand_over_is_no_jump(flown: Log, autopilot: Log, before: Log) -> None:
+def test_the_hand_over_is_no_jump(flown: Log, autopilot: Log) -> None:
     """Thrust and torques change from cycle to cycle hardly more than while the autopilot flies the turn; the attitude
     stays by that of its own flight.
     """
-    usual = np.abs(np.diff(before.wrench[before.t > 2.0], axis=0)).max(axis=0)
+    turn = (autopilot.t > 2.0) & (autopilot.t < TAKEN_OVER)
+    usual = np.abs(np.diff(autopilot.wrench[turn], axis=0)).max(axis=0)
     at_once = np.abs(np.diff(flown.wrench[:HAND_OVER], axis=0)).max(axis=0)
     assert (at_once < 1.5 * usual + [0.0, 0.0, 0.0, 0.005]).all()
-    second = round(1.0 / CYCLE)
-    assert apart(flown.q[:second], autopilot.q[:second]).max() < math.radians(2.0)
-    assert np.linalg.norm(flown.pos[:second] - autopilot.pos[:second], axis=1).max() < 0.1
+    begin, second = round(TAKEN_OVER / CYCLE), round(1.0 / CYCLE)
+    theirs = slice(begin, begin + second)
+    assert apart(flown.q[:second], autopilot.q[theirs]).max() < math.radians(2.0)
+    assert np.linalg.norm(flown.pos[:second] - autopilot.pos[theirs], axis=1).max() < 0.1
 
 
 def test_the_outputs_are_those_of_the_level_that_it_says(flown: Log) -> None:
@@ -93,7 +88,7 @@ def test_the_outputs_are_those_of_the_level_that_it_says(flown: Log) -> None:
     assert all(np.isfinite(list(signals.values())).all() for signals in flown.signals)
 
 
-@pytest.mark.parametrize("moment", [11.0, 12.9])
+@pytest.mark.parametrize("moment", [10.0, 11.4])
 def test_it_takes_over_where_the_motors_are_at_their_ends(moment: float, autopilot: Log) -> None:
     """In the midst of a jump, and just before the next: it leans and turns as the autopilot itself would."""
     stack = Stack(Ev1())

@@ -12,6 +12,7 @@ import pytest
 from agents.controllers import Array, Controller, Level, Reference, State, Trim
 from agents.controllers.ev1 import Ev1
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, RatesLoop, VelocityLoop
+from agents.controllers.loops.parts import attitude_of
 from agents.controllers.stack import Stack
 from tests.agents.controllers.flying import CYCLE, Flight, Log
 from zmav.sim.control.gains import px4_gains
@@ -172,17 +173,39 @@ class TestBumpless:
             last = loop.update(STILL, reference).rates
         assert np.allclose(last, own, atol=0.01) and not np.allclose(own, trim.rates, atol=0.1)
 
-    def test_the_integrator_takes_what_lasts(self) -> None:
-        """The autopilot holds against a wind; the reference lies 20 m away until this takes over."""
+    @pytest.mark.parametrize("streams", [False, True])
+    def test_the_integrator_takes_what_lasts(self, streams: bool) -> None:
+        """The autopilot holds against a wind; the reference lies 20 m away until this takes over. ``streams``: it gives
+        outputs already, though nobody flies by them.
+        """
         wind, lean = 1.2, math.atan(1.2 / GRAVITY)
         trim = Trim(HOVER / math.cos(lean), np.array([math.cos(lean / 2), 0.0, -math.sin(lean / 2), 0.0]))
         for far in (0.0, 20.0):
             loop = VelocityLoop()
             reference = Reference("velocity", vel=np.array([-far, 0.5 * far, 0.0]))
             for k in range(2000):
-                loop.reset(State(t=k * CYCLE, dt=CYCLE, q=trim.attitude), reference, trim)
+                state = State(t=k * CYCLE, dt=CYCLE, q=trim.attitude)
+                loop.reset(state, reference, trim)
+                if streams:
+                    loop.update(state, reference)
             integral = [axis.integral for axis in loop.axes]
             assert integral == pytest.approx([wind, 0.0, 0.0], abs=0.02)
+
+    def test_a_turn_does_not_bias_it(self) -> None:
+        """The autopilot flies a circle in the wind, and the reference is the same: what it asks for is mostly fed
+        forward.
+        """
+        loop, wind = VelocityLoop(), 1.0
+        for k in range(2200):
+            angle = 1.25 * k * CYCLE
+            acc = 3.0 * np.array([math.cos(angle), math.sin(angle), 0.0])
+            lean = np.array([acc[0] - wind, acc[1], 0.0]) / GRAVITY
+            down = np.array([-lean[0], -lean[1], 1.0])
+            thrust = HOVER * float(np.linalg.norm(down))
+            attitude = np.array(attitude_of(tuple(down / np.linalg.norm(down)), 0.0))
+            state = State(t=k * CYCLE, dt=CYCLE, q=attitude)
+            loop.reset(state, Reference("velocity", acc=acc), Trim(thrust, attitude))
+        assert [axis.integral for axis in loop.axes[:2]] == pytest.approx([-wind, 0.0], abs=0.02)
 
     def test_what_is_learned_on_the_ground_is_forgotten(self) -> None:
         loop, reference = VelocityLoop(), Reference("velocity")
