@@ -78,8 +78,8 @@ class Agent:
     origin)`` as of :class:`~zmav.services.orders.Orders`.
     """
 
-    name: ClassVar[str]
-    """in keys"""
+    name: str
+    """in keys: the class's, or one that it gives itself before :meth:`__init__`"""
     settings_type: ClassVar[type[msgspec.Struct]] = NoSettings
     tunables: ClassVar[Mapping[str, Tunable]] = MappingProxyType({})
     verbs: ClassVar[Mapping[str, Verb]] = MappingProxyType({})
@@ -90,7 +90,8 @@ class Agent:
     ) -> None:  # fmt: skip
         self.z, self.vehicle = z, z.vehicle(vehicle)
         self.settings: Any = self.settings_type() if settings is None else settings
-        self._values = {name: each.default for name, each in self.tunables.items()}
+        self._declared = self.tunables
+        self._values = {name: each.default for name, each in self._declared.items()}
         for name, value in tuned.items():
             self.tune(name, value)
         self._state, self._text, self._detail = "starting", "", dict[str, Any]()
@@ -101,6 +102,7 @@ class Agent:
         self._orders = Orders(
             z.session, self.vehicle.fleet, vehicle, keys.AGENT_DO, table, parts={"agent": self.name}
         )  # fmt: skip
+        self._params: zenoh.Queryable[Any] | None = None
         self._gate = Gate(z.member.credentials) if z.member else None
         for verb in table:
             handler: Guarded = getattr(self, f"on_{verb}")
@@ -118,16 +120,28 @@ class Agent:
 
     def tune(self, name: str, value: float) -> float:
         """Change a parameter; gives what it was. Raises :class:`~zmav.errors.BadInput`."""
-        known = self.tunables.get(name)
+        known = self._declared.get(name)
         if known is None:
-            names = ", ".join(self.tunables) or "none"
+            names = ", ".join(self._declared) or "none"
             raise BadInput(f"{self.name} has no parameter {name!r}; there are {names}", field="name", value=name,
                            expected=names)  # fmt: skip
         if not (math.isfinite(value) and known.low <= value <= known.high):
             expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
             raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
         before, self._values[name] = self._values[name], value
+        self.tuned(name, value)
         return before
+
+    def tuned(self, name: str, value: float) -> None:
+        """A parameter has another value."""
+
+    def declare(self, tunables: Mapping[str, Tunable]) -> None:
+        """Have other parameters from now on; one that was there before keeps its value, where that is within bounds."""
+        before, self._declared = self._values, tunables
+        self._values = {name: each.default for name, each in tunables.items()}
+        for name in before.keys() & tunables.keys():
+            if tunables[name].low <= before[name] <= tunables[name].high:
+                self._values[name] = before[name]
 
     # What it says.
 
@@ -167,16 +181,25 @@ class Agent:
         by = f", by {origin.name}" if origin else ""
         self.say("param", "notice", f"{args.name} is {args.value:g}, was {before:g}{by}", name=args.name,
                  value=args.value, before=before)  # fmt: skip
+        self.z.put(keys.AGENT_PARAM, self._param_key(args.name), self._tunable(args.name))
         return {"name": args.name, "value": args.value, "before": before}
 
     async def on_params(self, args: wire.Order, report: object, origin: Origin | None) -> dict[str, Any]:
-        found = {
-            name: wire.TunableInfo(
-                value=self[name], default=t.default, low=t.low, high=t.high, unit=t.unit, doc=t.doc
-            )
-            for name, t in self.tunables.items()
-        }  # fmt: skip
-        return {name: msgspec.to_builtins(info) for name, info in found.items()}
+        return {name: msgspec.to_builtins(self._tunable(name)) for name in self._declared}
+
+    def _tunable(self, name: str) -> wire.TunableInfo:
+        t = self._declared[name]
+        return wire.TunableInfo(value=self[name], default=t.default, low=t.low, high=t.high, unit=t.unit, doc=t.doc)
+
+    def _param_key(self, name: str) -> str:
+        return keys.AGENT_PARAM.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, param=name)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        """Each parameter that the asked key expression fits."""
+        with query:
+            for name in self._declared:
+                if query.key_expr.intersects(zenoh.KeyExpr(self._param_key(name))):
+                    query.reply(self._param_key(name), wire.encode(self._tunable(name)), encoding=keys.JSON)
 
     # Its life.
 
@@ -191,6 +214,8 @@ class Agent:
             refused = on_loop(asyncio.get_running_loop(), self._on_refused)
             self._gate.on_refused = refused
         self._orders.start()
+        loop = asyncio.get_running_loop()
+        self._params = self.z.session.declare_queryable(self._param_key("*"), on_loop(loop, self._on_query))
         self._heart = asyncio.create_task(self._beat())
         return self
 
@@ -200,6 +225,8 @@ class Agent:
         if self._heart is not None:
             self._heart.cancel()
             await asyncio.gather(self._heart, return_exceptions=True)
+        if self._params is not None:
+            self._params.undeclare()
         await self._orders.close()
         self.status("ended", str(error) if isinstance(error, ZmavError) else "")
         self._speak()

@@ -194,6 +194,15 @@ CHANNELS: dict[str, Channel] = {
             recorded=True, proven=True,
         ),
         Channel(
+            "agent_param", "{fleet}/{vehicle}/agent/{agent}/param/{param}", "pub", wire.TunableInfo, Qos.LATEST_WINS,
+            "a parameter of an agent when it changes; answers queries too", (AGENT, PLANNER, OPERATOR), recorded=True,
+        ),
+        Channel(
+            "agent_out", "{fleet}/{vehicle}/agent/{agent}/out/{topic}", "pub", wire.Signals, Qos.LATEST_WINS,
+            "numbers that an agent streams: references, errors, integrators, outputs", (AGENT, PLANNER, OPERATOR),
+            rate_hz=50.0, stale_after=1.0, recorded=True, repeated=False,
+        ),
+        Channel(
             "slot", "{fleet}/{vehicle}/slot/{target}/{slot}/{since}/{instance}", "token", None, Qos.MUST_ARRIVE,
             "liveliness token: the vehicle keeps a place relative to a target, since when (UTC ms); the first has it",
             (PLANNER, AGENT, OPERATOR),
@@ -277,6 +286,7 @@ FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["u
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
 AGENT_DO, SLOT = CHANNELS["agent_do"], CHANNELS["slot"]
+AGENT_PARAM, AGENT_OUT = CHANNELS["agent_param"], CHANNELS["agent_out"]
 FRAME, CAMERA, FRAME_REPORT = CHANNELS["camera_frame"], CHANNELS["camera"], CHANNELS["frame_report"]
 DETECTION = CHANNELS["camera_detection"]
 BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]

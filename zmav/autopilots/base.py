@@ -102,6 +102,11 @@ class Target(msgspec.Struct, frozen=True):
             return "manual"
         return "rc" if self.rc is not None else "servo"
 
+    @property
+    def inner(self) -> bool:
+        """It is for a loop within that of the velocities: an old one leads anywhere."""
+        return self.attitude is not None or self.rates is not None or self.torque is not None
+
 
 @dataclass(frozen=True)
 class Need:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib.util
+import re
 import time
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 import click
@@ -16,16 +19,37 @@ import zmav
 from zmav import keys, wire
 from zmav.agent import Agent
 from zmav.cli.common import assignments, console, dump, fleet_option, json_option, run, seconds_option, zenoh_options
+from zmav.config.table import reading
 from zmav.errors import BadConfig, BadInput
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.waiting import within
 
-GROUP = "zmav.agents"
+GROUP, CONTROLLERS, VERBS = "zmav.agents", "zmav.controllers", "zmav.agent.verbs"
+"""entry points: agents by name, controllers that an agent runs, and verbs of packages above the library"""
+CONTROLLER = "controller"
+"""the agent that runs a controller"""
 vehicle_option = click.option("--vehicle", required=True, help="The vehicle that it runs for.")
 
 
-@click.group("agent")
+class Group(click.Group):
+    """Takes verbs of the packages above the library in."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*super().list_commands(ctx), *(point.name for point in entry_points(group=VERBS))})
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        own = super().get_command(ctx, name)
+        if own is not None:
+            return own
+        found = [point for point in entry_points(group=VERBS) if point.name == name]
+        if not found:
+            return None
+        verb: click.Command = found[0].load()
+        return verb
+
+
+@click.group("agent", cls=Group)
 def command() -> None:
     """Agents: 'zmav agent run helipad --vehicle quad1', 'zmav agent list', 'zmav agent about follower'.
 
@@ -45,10 +69,11 @@ def run_(
 ) -> None:
     """Run an agent until SIGTERM or Ctrl-C, or until it has done what it does.
 
-    'zmav agent about NAME' shows its settings, parameters and orders.
+    NAME is an agent, a controller (ev1, ev2...), or a Python file that holds a class of either: 'zmav agent run
+    my_controller.py --vehicle hex1'. 'zmav agent about NAME' shows its settings, parameters and orders.
     """
-    kind = find(name)
-    own = _settings(kind, assignments(options))
+    kind, given = resolve(name)
+    own = _settings(kind, {**given, **assignments(options)})
     run(_run(kind, vehicle, own, assignments(tuned), fleet, settings))
 
 
@@ -61,7 +86,7 @@ async def _run(
     async with zmav.open(fleet=fleet, settings=settings) as z:
         agent = kind(z, vehicle, own, tuned)
         async with agent:
-            say(f"{vehicle}/{kind.name}: runs")
+            say(f"{vehicle}/{agent.name}: runs")
             working, stopped = asyncio.create_task(agent.run()), asyncio.create_task(until_stopped())
             try:
                 await asyncio.wait({working, stopped}, return_when=asyncio.FIRST_COMPLETED)
@@ -77,7 +102,7 @@ async def _run(
 @click.argument("name")
 def about(name: str) -> None:
     """Show what an agent is, its settings, parameters and orders."""
-    kind = find(name)
+    kind, _ = resolve(name)
     out = console()
     out.print((kind.__doc__ or "").strip(), markup=False)
     table = Table("setting", "default", box=None, pad_edge=False, header_style="bold")
@@ -194,6 +219,45 @@ async def _tell(
         bounds = f"{each.low:g} to {each.high:g}"
         rows.add_row(name, f"{each.value:g}", f"{each.default:g}", bounds, each.unit, each.doc)
     console().print(rows)
+
+
+def resolve(what: str) -> tuple[type[Agent], dict[str, Any]]:
+    """The agent that is meant, and settings that go with it: of a name, or of a file that holds a class.
+
+    Raises :class:`~zmav.errors.BadInput` for a name that there is not, :class:`BadConfig` for a file that holds none.
+    """
+    if what.endswith(".py"):
+        own = _agent_in(Path(what))
+        return (own, {}) if own is not None else (find(CONTROLLER), {"controller": what})
+    known = entry_points(group=GROUP).names
+    if what not in known and what in entry_points(group=CONTROLLERS).names:
+        return find(CONTROLLER), {"controller": what}
+    return find(what), {}
+
+
+def _agent_in(path: Path) -> type[Agent] | None:
+    """The agent that a file holds. A controller's file is not run here, but in a process of its own: None."""
+    with reading(path, "agent"):
+        text = path.read_text()
+    if not re.search(r"^class \w+\((zmav\.)?Agent\)", text, re.MULTILINE):
+        return None
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as e:
+        raise BadConfig(f"{path}: {type(e).__name__}: {e}", field="name", value=str(path), expected="an agent") from e
+    found = [
+        each
+        for each in vars(module).values()
+        if isinstance(each, type) and issubclass(each, Agent) and each.__module__ == path.stem
+    ]
+    if len(found) != 1 or not hasattr(found[0], "name"):
+        names = ", ".join(each.__name__ for each in found) or "none"
+        text = f"{path} holds {names}; expected one class derived from zmav.Agent, with a name"
+        raise BadConfig(text, field="name", value=str(path), expected="one agent")
+    return found[0]
 
 
 def find(name: str) -> type[Agent]:

@@ -122,6 +122,8 @@ class PilotSwitch(Table, frozen=True):
     channel: Annotated[int, msgspec.Meta(ge=1, le=18)]
     low: Annotated[int, msgspec.Meta(ge=700, le=2500)] = 1700
     high: Annotated[int, msgspec.Meta(ge=700, le=2500)] = 2200
+    mode: str | None = None
+    """what the autopilot is asked for where it follows setpoints; None: what it holds its position in by itself"""
 
 
 class Signing(Table, frozen=True):

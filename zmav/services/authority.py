@@ -10,9 +10,9 @@ import msgspec
 import zenoh
 
 from zmav import wire
-from zmav.autopilots import Target
+from zmav.autopilots import Autopilot, Target
 from zmav.config import Failsafe, Geofence, Limits, PilotSwitch, check_failsafe
-from zmav.errors import Refused
+from zmav.errors import Refused, Unsupported, ZmavError
 from zmav.services.bounds import Bounds
 from zmav.services.carrot import Carrot
 from zmav.services.command import Commander
@@ -75,6 +75,7 @@ class Authority:
         """UTC at which each member signed its last order that makes safe"""
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
+        self._handing: asyncio.Task[None] | None = None
         self._ordered_under = 0
         """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
 
@@ -89,6 +90,7 @@ class Authority:
         ladder.count = lambda what: setpoints.counts.update({what: 1})
         setpoints.guard, setpoints.busy = self._guard, lambda: self._commander.moving
         pilot.on_taken, self.leases.may_take = self.taken, pilot.check
+        pilot.on_switch = self._to_autopilot
         self.leases.on_end = self._on_lease_end
         self.leases.start()
         pilot.start()
@@ -159,6 +161,19 @@ class Authority:
             self._events.emit("pilot", "warning", f"{text}: released")
         self.leases.end("pilot", f"{text}: the lease has ended")
 
+    def _to_autopilot(self) -> None:
+        """The switch ends the stream, but the autopilot would wait for more of it for seconds: it is told to fly."""
+        autopilot = self._identity.autopilot
+        if autopilot is not None and self._identity.armed and _follows_setpoints(autopilot, self._identity.mode):
+            self._handing = asyncio.get_running_loop().create_task(self._hand(autopilot))
+
+    async def _hand(self, autopilot: Autopilot) -> None:
+        try:
+            switch = self.pilot.switch
+            await self._commander.enter((switch.mode if switch else None) or autopilot.loiter())
+        except ZmavError as e:
+            self._events.emit("pilot", "error", f"the pilot's switch: it cannot be handed to the autopilot: {e}")
+
     def changed(self) -> None:
         """The HEARTBEAT shows another mode, arming or autopilot."""
         self.pilot.changed()
@@ -196,6 +211,13 @@ class Authority:
     def _on_acted(self, lease: int) -> None:
         if lease == self.leases.number:
             self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
+
+
+def _follows_setpoints(autopilot: Autopilot, mode: str | None) -> bool:
+    try:
+        return mode == autopilot.guided
+    except Unsupported:
+        return False
 
 
 def _named(command: str) -> str:

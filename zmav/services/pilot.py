@@ -37,6 +37,8 @@ class Pilot:
     def __init__(self, port: Port, identity: Identity, commander: Commander, switch: PilotSwitch | None) -> None:
         self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
         self.on_taken: Callable[[str], None] = lambda text: None
+        self.on_switch: Callable[[], None] = lambda: None
+        """called after that, where it was the switch"""
         self.has_it: str | None = None
         """why no agent may have the vehicle; None: it may"""
         self._mode: str | None = None
@@ -119,6 +121,7 @@ class Pilot:
         elif self.has_it is None:
             self.has_it = f"his switch (channel {switch.channel}) is at {pwm} µs"
             self.on_taken(f"the pilot's switch (channel {switch.channel}) is at {pwm} µs")
+            self.on_switch()
 
 
 def _landing_modes(autopilot: Autopilot) -> set[str]:

@@ -162,7 +162,10 @@ class Setpoints:
             target = resolve(point, self._origin)
             self._bounds.check(target)
             self._leave_switch(target)
-            return target, target, now + self._ladder.failsafe.hold_after
+            fresh = self._ladder.failsafe.hold_after
+            if target.inner:  # an old attitude, rate or torque leads anywhere: its sender says how long it is good for
+                fresh = min(fresh, point.deadline - utc)
+            return target, target, now + fresh
         self._leases.check_clock()
         segment = Segment(point.segment, self._origin)
         lasts = segment.end - utc

@@ -87,12 +87,17 @@ class Segment:
 
     def at(self, t_utc: float) -> Target:
         """What to fly then: position, velocity and acceleration; before the start and after the end it rests there."""
+        pos, vel, acc, yaw = self.local(t_utc)
+        lat, lon, alt = geo.to_global(self.origin, pos)
+        return Target(lat, lon, alt, None, vel, acc, yaw)
+
+    def local(self, t_utc: float) -> tuple[wire.Vector, wire.Vector, wire.Vector, float | None]:
+        """As :meth:`at`: position, velocity, acceleration (NED about the origin) and yaw."""
         index = min(max(bisect.bisect_right(self._times, t_utc) - 1, 0), len(self.pieces) - 1)
         pos, vel, acc = self.pieces[index].at(t_utc)
         if not self.start <= t_utc < self.end:
             vel, acc = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        lat, lon, alt = geo.to_global(self.origin, pos)
-        return Target(lat, lon, alt, None, vel, acc, self._yaw(index, t_utc))
+        return pos, vel, acc, self._yaw(index, t_utc)
 
     def _yaw(self, index: int, t: float) -> float | None:
         first, second = self._yaws[index], self._yaws[index + 1]

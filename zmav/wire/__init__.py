@@ -9,7 +9,7 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 from __future__ import annotations
 
 from zmav.wire import swarm
-from zmav.wire.agent import SetTunable, TunableInfo
+from zmav.wire.agent import SetTunable, Signals, TunableInfo
 from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 from zmav.wire.files import (
@@ -167,6 +167,7 @@ __all__ = [
     "SetTunable",
     "Setpoint",
     "Severity",
+    "Signals",
     "StoredFile",
     "TakeLease",
     "Takeoff",

@@ -13,6 +13,14 @@ class SetTunable(Order, kw_only=True):
     value: float
 
 
+class Signals(Wire, kw_only=True):
+    """What an agent streams on ``agent/{agent}/out/{topic}``: numbers of one moment by their names."""
+
+    t: float
+    """UTC seconds"""
+    values: dict[str, float]
+
+
 class TunableInfo(Wire, kw_only=True):
     """One parameter of an agent: its value now, and what it may be."""
 

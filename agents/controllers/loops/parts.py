@@ -19,6 +19,17 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
+class Lately:
+    """Mean and mean square of what has come in lately."""
+
+    def __init__(self) -> None:
+        self.mean = self.square = 0.0
+
+    def take(self, value: float, share: float) -> None:
+        self.mean += (value - self.mean) * share
+        self.square += (value * value - self.square) * share
+
+
 class Axis:
     """State of a PID on one axis: integrator, slope of what is measured, and what fades out after a hand-over."""
 
@@ -26,7 +37,8 @@ class Axis:
         self.integral = 0.0
         self.slope = 0.0
         self.fading = 0.0
-        self._begun = False
+        self._unseen = math.inf
+        self._needed, self._flies = Lately(), Lately()
         self._value, self._t = 0.0, -math.inf
 
     def measure(self, value: float, t: float, cutoff_hz: float) -> float:
@@ -43,14 +55,17 @@ class Axis:
         """``flies``: what the autopilot asks for now; ``partly``: what the loop gives without integrator.
 
         The integrator is to be what lasts. That is the difference where both follow the same reference, but the whole
-        where this one's lies elsewhere until it takes over: in both cases the smaller of the two.
+        where this one's lies elsewhere until it takes over: of the two, what has been smaller lately.
         """
         needed = flies - partly
-        lasts = needed if abs(needed) < abs(flies) else flies
-        share = dt / (dt + SETTLE) if self._begun else 1.0
-        self.integral += (clamp(lasts, -most, most) - self.integral) * share
+        since = dt + self._unseen
+        share = since / (since + SETTLE) if math.isfinite(since) else 1.0
+        self._needed.take(needed, share)
+        self._flies.take(flies, share)
+        lasts = self._needed if self._needed.square < self._flies.square else self._flies
+        self.integral = clamp(lasts.mean, -most, most)
         self.fading = needed - self.integral
-        self._begun = True
+        self._unseen = 0.0
 
     def forget(self, dt: float) -> None:
         """Let the integrator run down."""
@@ -59,6 +74,7 @@ class Axis:
     def add(self, change: float, dt: float, most: float) -> None:
         """After each cycle."""
         self.integral = clamp(self.integral + change * dt, -most, most)
+        self._unseen += dt
         self.fading *= FADE / (FADE + dt)
 
 
@@ -85,6 +101,11 @@ class Hover:
 
 def clamp(value: float, low: float, high: float) -> float:
     return low if value < low else high if value > high else value
+
+
+def wrapped(angle: float) -> float:
+    """Brought into [-pi, pi]."""
+    return math.remainder(angle, math.tau)
 
 
 def shortened(x: float, y: float, most: float) -> tuple[float, float]:

@@ -37,6 +37,8 @@ from zmav.sim.fleets.copter import CopterFleet
 
 CYCLE = 0.004
 TICK_HZ = 500
+QUICK = {"MPC_TKO_RAMP_T": 0.0, "COM_SPOOLUP_TIME": 0.0}
+"""PX4 parameters that only make the takeoff shorter"""
 ReferenceAt = Callable[[float], Reference]
 
 
@@ -117,7 +119,8 @@ class Log:
 class Flight:
     """A hexarotor in the air, hovering at the origin ``height`` m up. ``wind`` (m/s NED), ``gusts``, ``noise`` and
     ``seed``: the world's; ``delay``: cycles between a state and the autopilot's hearing of the output made from it;
-    ``params``: PX4's that differ.
+    ``slow``: cycles between two words of what the autopilot asks for and what the motors get, 10 for the 25 Hz that
+    a real one's streams of it have; ``params``: PX4's that differ.
     """
 
     def __init__(
@@ -128,10 +131,13 @@ class Flight:
         noise: str = "none",
         seed: int = 0,
         delay: int = 1,
+        slow: int = 1,
         height: float = 5.0,
         params: dict[str, float] | None = None,
     ) -> None:
-        spec = VehicleSpec(autopilot="px4", airframe="hexa", firmware="1.13", endpoints=(), params=params or {})
+        spec = VehicleSpec(
+            autopilot="px4", airframe="hexa", firmware="1.13", endpoints=(), params=QUICK | (params or {})
+        )
         self.world = World(
             [spec], epoch_s=0.0, ready_s=0.5, tick_hz=TICK_HZ, wind=wind, gusts=gusts, noise=noise, seed=seed
         )
@@ -145,7 +151,9 @@ class Flight:
         self._shares = frame.wrench_matrix() * frame.thrust_max_n
         self._expo = frame.thrust_expo
         self._delay, self._queue = delay, deque[Wish]()
+        self._slow, self._cycles = slow, 0
         self._begun = 0.0
+        self._told = self._asks(), self.motors()
         self._take_off(height)
 
     def __enter__(self) -> Flight:
@@ -172,7 +180,7 @@ class Flight:
             assert self.world.time_s < 60.0, "not in the air within a minute"
             if wish is not None:
                 self._send(wish)
-            self.world.step(CYCLE)
+            self._step()
 
     # ---- what is
 
@@ -185,13 +193,27 @@ class Flight:
         """As the autopilot's telemetry tells it, but exactly."""
         est = self.fleet.estimate
         pos, vel, q, rates = (rows[:, 0].copy() for rows in (est.pos, est.vel, est.q, est.rate))
-        return State(self.world.time_s, CYCLE, pos, vel, q, rates, self.fleet.dynamics.throttle[:, 0].copy())
+        return State(self.world.time_s, CYCLE, pos, vel, q, rates, self._told[1])
 
     def trim(self) -> Trim:
-        """What the autopilot asks for now."""
+        """What the autopilot asks for, as last told."""
+        return self._told[0]
+
+    def motors(self) -> Array:
+        """(6,) what each is given now, 0 to 1"""
+        return self.fleet.dynamics.throttle[:, 0].copy()
+
+    def _asks(self) -> Trim:
         loops = self.fleet.cascade
         thrust = float(loops.thrust[0]) / self.full_n
         return Trim(thrust, loops.attitude[:, 0].copy(), loops.want_rate[:, 0].copy())
+
+    def _step(self) -> None:
+        """One cycle on."""
+        self.world.step(CYCLE)
+        self._cycles += 1
+        if self._cycles % self._slow == 0:
+            self._told = self._asks(), self.motors()
 
     # ---- flying
 
@@ -203,7 +225,7 @@ class Flight:
             output = controller.update(state, wanted)
             return wish_of(output), output
 
-        return self._run(decide, reference, seconds, getattr(controller, "signals", {}))
+        return self._run(decide, reference, seconds, lambda: getattr(controller, "signals", {}))
 
     def fly_autopilot(self, reference: ReferenceAt, seconds: float, shadow: Flies | None = None) -> Log:
         """Have the autopilot fly the same reference: from its level on inwards, with what is fed forward. ``shadow``
@@ -215,30 +237,30 @@ class Flight:
                 shadow.reset(state, wanted, self.trim())
             return followed(wanted), None
 
-        return self._run(decide, reference, seconds, {})
+        return self._run(decide, reference, seconds, dict)
 
     def _run(
         self,
         decide: Callable[[State, Reference], tuple[Wish, Output | None]],
         reference: ReferenceAt,
         seconds: float,
-        signals: dict[str, float],
+        signals: Callable[[], dict[str, float]],
     ) -> Log:
-        rows: list[tuple[float, State, Array, Trim]] = []
+        rows: list[tuple[float, State, Array, Array, Trim]] = []
         references: list[Reference] = []
         outputs: list[Output | None] = []
         told: list[dict[str, float]] = []
         for _ in range(round(seconds / CYCLE)):
             at, state, wanted = self.t, self.state(), reference(self.t)
-            rows.append((at, state, self.fleet.dynamics.pos[:, 0].copy(), self.trim()))
+            rows.append((at, state, self.fleet.dynamics.pos[:, 0].copy(), self.motors(), self._asks()))
             references.append(wanted)
             wish, output = decide(state, wanted)
             outputs.append(output)
-            told.append(dict(signals))
+            told.append(dict(signals()))
             self._queue.append(wish)
             while len(self._queue) > self._delay:
                 self._send(self._queue.popleft())
-            self.world.step(CYCLE)
+            self._step()
             assert self.px4.mode is OFFBOARD, f"PX4 flies in {self.px4.mode.name} after {self.t:.2f} s"
         return self._log(rows, references, outputs, told)
 
@@ -248,13 +270,13 @@ class Flight:
 
     def _log(
         self,
-        rows: list[tuple[float, State, Array, Trim]],
+        rows: list[tuple[float, State, Array, Array, Trim]],
         references: list[Reference],
         outputs: list[Output | None],
         told: list[dict[str, float]],
     ) -> Log:
-        times, states, true, trims = zip(*rows, strict=True)
-        motors = np.array([each.motors for each in states])
+        times, states, true, given, trims = zip(*rows, strict=True)
+        motors = np.array(given)
         shares = motors * (1.0 - self._expo) + motors * motors * self._expo
         return Log(
             t=np.array(times),

@@ -104,6 +104,8 @@ async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> N
         "@fleet/plan": b'{"quad1": []}', "@group/north/states": b'{"t": 1.0, "group": "north"}',
         "@obstacle/tower": b'{"name": "tower", "t": 1.0, "what": null}',
         "quad1/camera/down/detection": b'{"t": 1.0, "camera": "down", "found": []}',
+        "quad1/agent/ev1/out/signals": b'{"t": 1.0, "values": {"ref.x": 1.0}}',
+        "quad1/agent/ev1/param/kp": b'{"value": 1.0, "default": 1.0, "low": 0.0, "high": 2.0}',
     }  # fmt: skip
     recorded = {c.name for c in keys.CHANNELS.values() if c.recorded and c.kind in ("pub", "put")}
     assert {keys.match(f"zmav/demo/{key}")[0].name for key in sent} == recorded

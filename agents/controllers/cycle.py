@@ -1,0 +1,301 @@
+"""The hot path: the autopilot's attitude in, a cycle to the controller, its output out as a setpoint.
+
+One frame's way: Zenoh's thread calls :meth:`Cycles.on_frame`; an attitude begins a cycle, which goes to the
+controller's process; its answer comes in that process's reader thread, is looked at, and is put as a setpoint. No event
+loop is on the way. What goes wrong ends the engagement at once, and says so to the event loop.
+"""
+
+from __future__ import annotations
+
+import enum
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+import zenoh
+
+from agents.controllers import packets
+from agents.controllers.estimate import Estimate
+from agents.controllers.guard import Guard, fit
+from agents.controllers.packets import Answer
+from agents.controllers.references import References
+from agents.controllers.types import (
+    Array,
+    AttitudeThrust,
+    Output,
+    RatesThrust,
+    Reference,
+    State,
+    TorqueThrust,
+    Trim,
+    Velocity,
+)
+from agents.controllers.worker import Worker
+from zmav import wire
+from zmav.errors import ZmavError
+from zmav.mavlink import Dialect, decode, parse_frame
+from zmav.vehicle.lease import Lease
+
+logger = logging.getLogger(__name__)
+INNER_VALID, OUTER_VALID = 0.1, 0.4
+"""s that a setpoint is flown without the next one"""
+KEPT = 10_000
+"""cycles whose times are kept"""
+
+
+class Phase(enum.IntEnum):
+    """Numbers as in a cycle's packet."""
+
+    LOOKING_ON = 0
+    """the autopilot flies; the controller follows what it does"""
+    IN_FORCE = 1
+    ENGAGING = 2
+    """its first outputs go out, and the autopilot is yet to follow them"""
+
+
+class Tally(msgspec.Struct):
+    """What became of the cycles since the controller took over last."""
+
+    cycles: int = 0
+    late: int = 0
+    """that began before the output of the one before had come"""
+    clipped: int = 0
+    """outputs with a thrust or a torque out of range"""
+
+
+class Cycles:
+    """One vehicle's. ``on_trip(text)`` and ``on_signals(t, values)`` are called from carrying threads."""
+
+    def __init__(self, dialect: Dialect, estimate: Estimate) -> None:
+        self._dialect, self.estimate = dialect, estimate
+        self.lock = threading.Lock()
+        """held while anything here is read or changed"""
+        self.references, self.guard = References(), Guard()
+        self.on_trip: Callable[[str], None] = lambda text: None
+        self.on_signals: Callable[[float, dict[str, float]], None] = lambda t, values: None
+        self.signals_hz = 50.0
+        self.phase = Phase.LOOKING_ON
+        self.tally = Tally()
+        self.took: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        """s from a cycle's frame to its setpoint's put, and s in the controller"""
+        self.heard = 0.0
+        """monotonic s of the last attitude"""
+        self.tripped = 0.0
+        """monotonic s at which the last engagement ended by itself"""
+        self.stuck = False
+        """the controller's process does not answer any more"""
+        self._lease: Lease | None = None
+        self._worker: Worker | None = None
+        self._busy = False
+        self._late = 0
+        """cycles in a row"""
+        self._number = 0
+        self._begun = 0.0
+        self._reference = Reference()
+        self._applied: Trim | None = None
+        """what the last output asked for: where the next class begins that is loaded in flight"""
+        self._said = 0.0
+        self._takers = {
+            "LOCAL_POSITION_NED": estimate.local, "GLOBAL_POSITION_INT": estimate.globally,
+            "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target, "SERVO_OUTPUT_RAW": estimate.outputs,
+        }  # fmt: skip
+
+    # The event loop, without the lock.
+
+    def fly_by(self, worker: Worker | None) -> None:
+        """Whose outputs count from the next cycle on."""
+        with self.lock:
+            self._worker, self._busy, self._late, self.stuck = worker, False, 0, False
+
+    def engage(self, lease: Lease, height: float) -> None:
+        """Send outputs; ``height``: m above home."""
+        with self.lock:
+            self.guard.begin(self.estimate.state, height)
+            self._lease, self.tally = lease, Tally()
+            self._late, self._applied = 0, None
+            self.took.clear()
+            self.phase = Phase.ENGAGING
+
+    def in_force(self) -> bool:
+        """The autopilot follows; False: it has ended already."""
+        with self.lock:
+            if self.phase is not Phase.ENGAGING:
+                return False
+            self.phase = Phase.IN_FORCE
+            return True
+
+    def end(self) -> None:
+        """No output goes out any more once this returns."""
+        with self.lock:
+            self._end()
+
+    def watch(self) -> None:
+        """To be called often: the autopilot's state must keep coming."""
+        with self.lock:
+            silent = time.monotonic() - self.heard
+            if self.phase and silent > max(0.1, 10.0 * self.estimate.period):
+                self._trip(f"no attitude came for {silent * 1e3:.0f} ms")
+
+    # Zenoh's thread.
+
+    def on_frame(self, sample: zenoh.Sample) -> None:
+        try:
+            frame = parse_frame(sample.payload.to_bytes(), self._dialect)
+            name, fields = self._dialect.name_of(frame.msgid), decode(frame, self._dialect)
+        except ZmavError as e:
+            logger.debug("no frame: %s", e)
+            return
+        with self.lock:
+            if name != "ATTITUDE_QUATERNION":
+                self._takers[name](fields)
+            elif self.estimate.attitude(fields):
+                self._begin()
+
+    def _begin(self) -> None:
+        self.heard = now = time.monotonic()
+        worker, estimate, phase = self._worker, self.estimate, self.phase
+        if not estimate.located:
+            return
+        state = estimate.state
+        if not phase:
+            self.references.hold(state)
+        self._reference = reference = self.references.at(state)
+        if phase:
+            self.tally.cycles += 1
+            why = self.guard.check(state, reference)
+            if why is not None:
+                self._trip(why)
+                return
+        if self._busy or worker is None:
+            self._overdue()
+            return
+        self._number = (self._number + 1) & 0xFFFFFFFF
+        self._busy, self._begun = True, now
+        trim = estimate.trim if self._applied is None else self._applied
+        worker.send(packets.pack_cycle(self._number, phase, state, reference, trim))
+
+    def _overdue(self) -> None:
+        if not self.phase:
+            return
+        self.tally.late += 1
+        self._late += 1
+        if self._late >= self.guard.envelope.late:
+            self.stuck = True
+            self._trip(f"no output for {self._late} cycles")
+
+    # A worker's thread.
+
+    def on_answer(self, worker: Worker, answer: Answer) -> None:
+        with self.lock:
+            if worker is not self._worker:
+                return
+            self._busy, self._late = False, 0
+            if answer.output is None or not self.phase:
+                return
+            why, clipped = fit(answer.output)
+            self.tally.clipped += clipped
+            if why is not None:
+                self._trip(why)
+                return
+            self._put(answer.output)
+            now = time.monotonic()
+            self.took.append((now - self._begun, answer.took))
+            if self.phase is Phase.IN_FORCE:
+                self._applied = _applied(answer.output, self.estimate.state)
+            self._stream(worker, answer, now)
+
+    def on_failed(self, worker: Worker, text: str) -> None:
+        with self.lock:
+            if worker is self._worker:
+                self._busy = False
+                if self.phase:
+                    self._trip(text)
+
+    def _put(self, output: Output) -> None:
+        assert self._lease is not None
+        try:
+            self._lease.setpoint(**setpoint(output))
+        except ZmavError as e:
+            self._trip(str(e))
+
+    def _trip(self, text: str) -> None:
+        self.tripped = time.monotonic()
+        self._end()
+        self.on_trip(text)
+
+    def _end(self) -> None:
+        self.phase, self._lease, self._applied = Phase.LOOKING_ON, None, None
+
+    def _stream(self, worker: Worker, answer: Answer, now: float) -> None:
+        if now - self._said < 0.999 / self.signals_hz:
+            return
+        self._said = now
+        values = told(self.estimate.state, self._reference, answer.output)
+        values.update(zip(worker.names, answer.signals, strict=False))
+        values["inject"] = self.references.injected
+        values["took_us"], values["late"] = (now - self._begun) * 1e6, float(self.tally.late)
+        self.on_signals(self.estimate.state.t, values)
+
+
+def setpoint(output: Output) -> dict[str, Any]:
+    """As :meth:`zmav.vehicle.lease.Lease.setpoint` takes it."""
+    if isinstance(output, TorqueThrust):
+        return {"torque": _vector(output.torque), "thrust": output.thrust, "valid": INNER_VALID}
+    if isinstance(output, RatesThrust):
+        return {"rates": _vector(output.rates), "thrust": output.thrust, "valid": INNER_VALID}
+    if isinstance(output, AttitudeThrust):
+        q = tuple(float(each) for each in output.attitude)
+        return {"attitude": q, "thrust": output.thrust, "valid": INNER_VALID}
+    turn = {"yaw": output.yaw, "yaw_rate": output.yaw_rate, "valid": OUTER_VALID}
+    if isinstance(output, Velocity):
+        return {"vel": _vector(output.vel), **turn}
+    return {"acc": _vector(output.acc), **turn}
+
+
+def told(state: State, reference: Reference, output: Output | None) -> dict[str, float]:
+    """The signals that every controller has: what is, what is asked for from outside, and what goes out."""
+    values: dict[str, float] = {}
+    _spread(values, "is.", ("x", "y", "z"), state.pos)
+    _spread(values, "is.", ("vx", "vy", "vz"), state.vel)
+    _spread(values, "is.", ("roll", "pitch", "yaw"), state.euler)
+    _spread(values, "is.", ("p", "q", "r"), state.rates)
+    if reference.level == "position":
+        _spread(values, "ref.", ("x", "y", "z"), reference.pos)
+    if reference.level in ("position", "velocity"):
+        _spread(values, "ref.", ("vx", "vy", "vz"), reference.vel)
+        values["ref.yaw"] = reference.yaw
+    elif reference.level == "attitude":
+        _spread(values, "ref.", ("roll", "pitch", "yaw"), State(q=reference.attitude).euler)
+    elif reference.level == "rates":
+        _spread(values, "ref.", ("p", "q", "r"), reference.rates)
+    for name, value in vars(output).items():
+        if isinstance(value, np.ndarray):
+            _spread(values, f"out.{name}.", "wxyz" if len(value) == 4 else "xyz", value)
+        elif value is not None:
+            values[f"out.{name}"] = float(value)
+    if state.motors is not None:
+        values["motors.low"], values["motors.high"] = float(state.motors.min()), float(state.motors.max())
+    return values
+
+
+def _spread(values: dict[str, float], start: str, ends: Any, vector: Array) -> None:
+    for end, value in zip(ends, vector, strict=True):
+        values[start + end] = float(value)
+
+
+def _vector(vector: Array) -> wire.Vector:
+    return float(vector[0]), float(vector[1]), float(vector[2])
+
+
+def _applied(output: Output, state: State) -> Trim | None:
+    """Where another class begins that takes over from this one; None: what the autopilot says that it does."""
+    if isinstance(output, AttitudeThrust):
+        return Trim(output.thrust, output.attitude, state.rates)
+    if isinstance(output, RatesThrust):
+        return Trim(output.thrust, state.q, output.rates)
+    return Trim(output.thrust, state.q, state.rates) if isinstance(output, TorqueThrust) else None

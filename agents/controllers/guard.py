@@ -1,0 +1,130 @@
+"""The envelope: what a controller may do to the vehicle before the autopilot has it back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.controllers.types import (
+    AttitudeThrust,
+    Output,
+    RatesThrust,
+    Reference,
+    State,
+    TorqueThrust,
+    Velocity,
+)
+
+ERROR_LASTS = 0.3
+"""s for which a reference may be missed by more than is allowed: a step is no fault"""
+MOST_VELOCITY, MOST_ACCELERATION, MOST_RATE = 30.0, 30.0, 20.0
+"""m/s, m/s² and rad/s that are no sane output"""
+
+
+@dataclass
+class Envelope:
+    """Limits, in SI units and radians."""
+
+    tilt: float = math.radians(60.0)
+    rate: float = math.radians(400.0)
+    low: float = 1.0
+    """m above home"""
+    high: float = 120.0
+    radius: float = 100.0
+    """m over the ground from where it took over"""
+    error: float = 5.0
+    """m off a reference of positions"""
+    attitude_error: float = math.radians(60.0)
+    """off a reference of attitudes"""
+    late: int = 8
+    """cycles in a row without an output"""
+
+
+class Guard:
+    """Looks at each cycle of one engagement."""
+
+    def __init__(self) -> None:
+        self.envelope = Envelope()
+        self._start = np.zeros(3)
+        self._height = 0.0
+        self._missed_since: float | None = None
+
+    def begin(self, state: State, height: float) -> None:
+        """``height``: m above home, now."""
+        self._start, self._height = state.pos.copy(), height
+        self._missed_since = None
+
+    def check(self, state: State, reference: Reference) -> str | None:
+        """Why the autopilot must have it back; None: it need not."""
+        e = self.envelope
+        w, x, y, z = (float(each) for each in state.q)
+        down = 1.0 - 2.0 * (x * x + y * y)
+        if not math.isfinite(w + z + down) or not np.isfinite(state.pos).all() or not np.isfinite(state.vel).all():
+            return "the autopilot's estimate is not finite"
+        if down < math.cos(e.tilt):
+            return f"tilt {math.degrees(math.acos(max(down, -1.0))):.0f}° is beyond {math.degrees(e.tilt):.0f}°"
+        rate = float(np.abs(state.rates).max())
+        if not rate <= e.rate:
+            return f"it turns at {math.degrees(rate):.0f}°/s, beyond {math.degrees(e.rate):.0f}°/s"
+        return self._place(state) or self._following(state, reference)
+
+    def _place(self, state: State) -> str | None:
+        e = self.envelope
+        height = self._height - float(state.pos[2] - self._start[2])
+        if not e.low <= height <= e.high:
+            return f"{height:.1f} m above home is not within {e.low:g} to {e.high:g} m"
+        away = math.hypot(*(state.pos[:2] - self._start[:2]))
+        if away > e.radius:
+            return f"{away:.0f} m from where it took over is beyond {e.radius:g} m"
+        return None
+
+    def _following(self, state: State, reference: Reference) -> str | None:
+        if reference.level == "position":
+            error, most, unit = math.dist(state.pos, reference.pos), self.envelope.error, "m"
+        elif reference.level == "attitude":
+            turn = 2.0 * math.acos(min(abs(float(np.dot(state.q, reference.attitude))), 1.0))
+            error, most, unit = math.degrees(turn), math.degrees(self.envelope.attitude_error), "°"
+        else:
+            return None
+        if error <= most:
+            self._missed_since = None
+            return None
+        if self._missed_since is None:
+            self._missed_since = state.t
+        if state.t - self._missed_since < ERROR_LASTS:
+            return None
+        return f"it is {error:.1f} {unit} off its reference for {ERROR_LASTS:g} s; at most {most:g} {unit} are allowed"
+
+
+def fit(output: Output) -> tuple[str | None, bool]:
+    """Why it cannot be flown at all (None: it can), and whether a thrust or a torque had to be brought into its range,
+    which is done in place.
+    """
+    numbers = [part for value in vars(output).values() if value is not None for part in np.ravel(value)]
+    if not all(math.isfinite(part) for part in numbers):
+        return f"the controller's output is not finite: {output}", False
+    if isinstance(output, AttitudeThrust):
+        length = float(np.linalg.norm(output.attitude))
+        if abs(length - 1.0) > 0.01:
+            return f"the controller's attitude is no rotation: a quaternion of length {length:.3g}", False
+    elif isinstance(output, RatesThrust | TorqueThrust):
+        vector = output.rates if isinstance(output, RatesThrust) else output.torque
+        most = MOST_RATE if isinstance(output, RatesThrust) else 1.0
+        clipped = bool(np.abs(vector).max() > most)
+        np.clip(vector, -most, most, out=vector)
+        return None, _fit_thrust(output) or clipped
+    else:
+        vector, most = (output.vel, MOST_VELOCITY) if isinstance(output, Velocity) else (output.acc, MOST_ACCELERATION)
+        if float(np.abs(vector).max()) > most:
+            return f"the controller's output is no sane one: {output}", False
+        return None, False
+    return None, _fit_thrust(output)
+
+
+def _fit_thrust(output: AttitudeThrust | RatesThrust | TorqueThrust) -> bool:
+    thrust = min(max(float(output.thrust), 0.0), 1.0)
+    clipped = thrust != output.thrust
+    output.thrust = thrust
+    return clipped

@@ -1,0 +1,247 @@
+"""Steps, doublets and chirps that are added to a controller's reference in flight: what a response is measured by.
+
+A step or a doublet is added to the one channel and to nothing else: what a jump would feed forward is no number, and
+how the loop follows by itself is what the report is about. A chirp feeds its derivative forward (a position's velocity,
+a velocity's acceleration, a yaw's rate) only where ``feed`` asks for it: the response is then that of loop and
+feed-forward together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from agents.controllers.types import Array, Level, Reference
+from zmav import wire
+from zmav.errors import BadInput
+
+Kind = Literal["step", "doublet", "chirp"]
+KINDS: tuple[Kind, ...] = ("step", "doublet", "chirp")
+SHORTEST, LONGEST = 0.02, 300.0
+"""s of an injection"""
+SLOWEST, FASTEST = 0.01, 50.0
+"""Hz of a chirp"""
+TAPER = 0.05
+"""of a chirp's duration, at each end, over which its amplitude grows and fades"""
+MOST_TURN = 0.8
+"""rad that rates about roll or pitch may add up to while they are injected"""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A number of the reference that can be added to."""
+
+    levels: tuple[Level, ...]
+    """of the references that have it"""
+    unit: str
+    most: float
+    """amplitude, in that unit"""
+    axis: int = 0
+    """of the vector that it is part of"""
+    fed: str = ""
+    """what its derivative is fed forward by; empty: a reference has no place for it"""
+
+
+CHANNELS: dict[str, Channel] = {
+    "x": Channel(("position",), "m", 20.0, 0, "vel"),
+    "y": Channel(("position",), "m", 20.0, 1, "vel"),
+    "z": Channel(("position", "altitude"), "m", 10.0, 2, "vel"),
+    "vx": Channel(("velocity",), "m/s", 8.0, 0, "acc"),
+    "vy": Channel(("velocity",), "m/s", 8.0, 1, "acc"),
+    "vz": Channel(("velocity",), "m/s", 3.0, 2, "acc"),
+    "roll": Channel(("altitude", "attitude"), "rad", 0.6),
+    "pitch": Channel(("altitude", "attitude"), "rad", 0.6),
+    "yaw": Channel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, 0, "yaw_rate"),
+    "p": Channel(("rates",), "rad/s", 4.0, 0),
+    "q": Channel(("rates",), "rad/s", 4.0, 1),
+    "r": Channel(("rates",), "rad/s", 2.0, 2),
+}
+"""North, east and down (z is down), their velocities, Euler angles (yaw, then pitch, then roll), rates about the body's
+axes. An altitude reference is a height and an attitude."""
+
+
+class Inject(wire.Order, kw_only=True):
+    """Add a signal to the reference: ``do/inject`` of a controller's agent."""
+
+    kind: Kind
+    channel: str
+    """of :data:`CHANNELS`"""
+    amplitude: float
+    """in the channel's unit; a negative one begins the other way"""
+    seconds: float
+    """it lasts; of a doublet, each half"""
+    f0: float = 0.1
+    """Hz at which a chirp begins"""
+    f1: float = 5.0
+    """Hz at which it ends: the frequency grows by the same factor each second"""
+    feed: bool = False
+    """a chirp's derivative is fed forward, too"""
+
+
+class Injection:
+    """What is added at each time from ``start_t`` on (s, by the clock of :meth:`apply`'s ``t``).
+
+    Raises :class:`~zmav.errors.BadInput` as :func:`check` does.
+    """
+
+    def __init__(self, args: Inject, level: Level, start_t: float) -> None:
+        check(args, level)
+        self.args, self.level, self.start_t = args, level, start_t
+        self.channel = CHANNELS[args.channel]
+        self.seconds = duration(args)
+
+    def done(self, t: float) -> bool:
+        """It is over: nothing is added any more."""
+        return t - self.start_t >= self.seconds
+
+    def value(self, t: float) -> tuple[float, float]:
+        """What is added at ``t``, and for a chirp its derivative (zero else), both before :attr:`Inject.feed`."""
+        since = t - self.start_t
+        if not 0.0 <= since < self.seconds:
+            return 0.0, 0.0
+        if self.args.kind == "step":
+            return self.args.amplitude, 0.0
+        if self.args.kind == "doublet":
+            return (self.args.amplitude if since < self.args.seconds else -self.args.amplitude), 0.0
+        return _chirp(self.args, since)
+
+    def apply(self, reference: Reference, t: float) -> float:
+        """Add to ``reference`` as it is to be at ``t``; gives what was added.
+
+        The reference's vectors are replaced and not written to: whoever else holds them sees no change. A reference of
+        another level than it was made for (another controller was loaded) gets nothing.
+        """
+        if reference.level != self.level:
+            return 0.0
+        added, slope = self.value(t)
+        if added == 0.0 and slope == 0.0:
+            return 0.0
+        name, axis = self.args.channel, self.channel.axis
+        if name in ("x", "y", "z"):
+            reference.pos = _plus(reference.pos, axis, added)
+        elif name in ("vx", "vy", "vz"):
+            reference.vel = _plus(reference.vel, axis, added)
+        elif name in ("p", "q", "r"):
+            reference.rates = _plus(reference.rates, axis, added)
+        elif name == "yaw" and self.level in ("position", "velocity"):
+            reference.yaw = math.remainder(reference.yaw + added, 2.0 * math.pi)
+        else:
+            reference.attitude = turned(reference.attitude, name, added)
+        if self.args.feed:
+            if self.channel.fed == "vel":
+                reference.vel = _plus(reference.vel, axis, slope)
+            elif self.channel.fed == "acc":
+                reference.acc = _plus(reference.acc, axis, slope)
+            else:
+                reference.yaw_rate += slope
+        return added
+
+
+def duration(args: Inject) -> float:
+    """s from the beginning to the end of what is injected."""
+    return 2.0 * args.seconds if args.kind == "doublet" else args.seconds
+
+
+def check(args: Inject, level: Level) -> None:
+    """Raises :class:`~zmav.errors.BadInput` naming the field, the value and what was expected, for a channel that a
+    reference of ``level`` does not have, and for numbers that are none or beyond what is sane to fly.
+    """
+    if args.kind not in KINDS:
+        raise _bad("kind", args.kind, ", ".join(KINDS))
+    channels = [name for name, each in CHANNELS.items() if level in each.levels]
+    if args.channel not in channels:
+        raise _bad("channel", args.channel, f"one that a reference of level {level} has: {', '.join(channels)}")
+    channel = CHANNELS[args.channel]
+    if not (0.0 < abs(args.amplitude) <= channel.most):  # false for nan, too
+        raise _bad("amplitude", args.amplitude, f"at most {channel.most:g} {channel.unit} either way, and not 0")
+    if not SHORTEST <= args.seconds <= LONGEST:
+        raise _bad("seconds", args.seconds, f"{SHORTEST:g} to {LONGEST:g} s")
+    if args.kind == "chirp":
+        _check_chirp(args)
+    if args.feed and (args.kind != "chirp" or not channel.fed):
+        fed = ", ".join(name for name in channels if CHANNELS[name].fed)
+        raise _bad("feed", args.feed, f"only with a chirp of a channel that has a place for it ({fed or 'none here'})")
+    if args.channel in ("p", "q"):
+        turn = _turn(args)
+        if turn > MOST_TURN:
+            most = f"at most {MOST_TURN:g} rad that the rates add up to; here {turn:.2f}"
+            raise _bad("amplitude", args.amplitude, most)
+
+
+def _check_chirp(args: Inject) -> None:
+    for name, value in (("f0", args.f0), ("f1", args.f1)):
+        if not SLOWEST <= value <= FASTEST:
+            raise _bad(name, value, f"{SLOWEST:g} to {FASTEST:g} Hz")
+    if args.f1 < 1.05 * args.f0:
+        raise _bad("f1", args.f1, f"above f0 ({args.f0:g} Hz)")
+    if args.seconds * args.f0 < 1.0:
+        raise _bad("seconds", args.seconds, f"at least one period of f0: {1.0 / args.f0:g} s")
+
+
+def _turn(args: Inject) -> float:
+    """rad that an injected rate adds up to; of a chirp, at most in its first and widest swing."""
+    amplitude = abs(args.amplitude)
+    return amplitude / (math.pi * args.f0) if args.kind == "chirp" else amplitude * args.seconds
+
+
+def _chirp(args: Inject, since: float) -> tuple[float, float]:
+    """An exponential sweep, and its derivative.
+
+    Phase 2 pi f0 T / ln k (k^(t/T) - 1) with k = f1/f0: A. Farina, "Simultaneous measurement of impulse response and
+    distortion with a swept-sine technique", AES 108, 2000. A raised cosine fades it in and out.
+    """
+    log, fade = math.log(args.f1 / args.f0), TAPER * args.seconds
+    grown = math.exp(log * since / args.seconds)
+    phase = 2.0 * math.pi * args.f0 * args.seconds / log * (grown - 1.0)
+    frequency = 2.0 * math.pi * args.f0 * grown
+    window, slope = 1.0, 0.0
+    left = args.seconds - since
+    if min(since, left) < fade:
+        angle = math.pi * min(since, left) / fade
+        window = 0.5 * (1.0 - math.cos(angle))
+        slope = 0.5 * math.pi / fade * math.sin(angle) * (1.0 if since < left else -1.0)
+    sine, cosine = math.sin(phase), math.cos(phase)
+    return args.amplitude * window * sine, args.amplitude * (slope * sine + window * frequency * cosine)
+
+
+def turned(q: Array, name: str, angle: float) -> Array:
+    """``q`` (4,) with ``angle`` rad added to just its roll, pitch or yaw (Z-Y-X), whatever the other two are.
+
+    Yaw turns about the down axis, roll about the body's nose, pitch about the level axis to the right of the heading.
+    """
+    cosine, sine = math.cos(angle / 2.0), math.sin(angle / 2.0)
+    w, x, y, z = q
+    if name == "roll":
+        turned = _product(q, np.array([cosine, sine, 0.0, 0.0]))
+    elif name == "yaw":
+        turned = _product(np.array([cosine, 0.0, 0.0, sine]), q)
+    else:
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        turned = _product(np.array([cosine, -sine * math.sin(heading), sine * math.cos(heading), 0.0]), q)
+    return turned / float(np.linalg.norm(turned))
+
+
+def _product(a: Array, b: Array) -> Array:
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return np.array(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ]
+    )
+
+
+def _plus(vector: Array, axis: int, value: float) -> Array:
+    changed = vector.copy()
+    changed[axis] += value
+    return changed
+
+
+def _bad(field: str, value: object, expected: str) -> BadInput:
+    return BadInput(f"inject: {field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)

@@ -1,0 +1,135 @@
+"""What supervisor and controller say to each other, one datagram each over a Unix socket: cycles and outputs in fixed
+binary form, 250 times a second, and everything else as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.controllers.types import (
+    LEVELS,
+    MOTORS,
+    OUTPUTS,
+    Acceleration,
+    AttitudeThrust,
+    Output,
+    RatesThrust,
+    Reference,
+    State,
+    TorqueThrust,
+    Trim,
+    Velocity,
+)
+
+MOST = 1 << 17
+"""bytes of a datagram"""
+CYCLE, OUTPUT, TALK = b"c", b"o", b"j"
+_CYCLE = struct.Struct(f"<cBBI{19 + MOTORS + 19 + 8}d")
+"""kind, phase (see :mod:`agents.controllers.cycle`), the reference's level, number; state, motors, reference, trim"""
+_OUTPUT = struct.Struct("<cBI7d")
+"""kind, which output, number; seconds it took, and its six numbers"""
+_CLASSES = tuple(OUTPUTS.values())
+NOTHING = 255
+"""in place of an output: the controller only follows what the autopilot does"""
+
+
+class Answer(NamedTuple):
+    """What came of one cycle."""
+
+    number: int
+    took: float
+    """s in the controller"""
+    output: Output | None
+    signals: tuple[float, ...]
+    """in the order of the names that were told"""
+
+
+def pack_cycle(number: int, phase: int, state: State, reference: Reference, trim: Trim) -> bytes:
+    s, r = state, reference
+    motors = [math.nan] * MOTORS if s.motors is None else [*s.motors, *[math.nan] * MOTORS][:MOTORS]
+    return _CYCLE.pack(
+        CYCLE, phase, LEVELS.index(r.level), number,
+        s.t, s.dt, *s.pos, *s.vel, *s.q, *s.rates, *s.sticks, *motors,
+        *r.pos, *r.vel, *r.acc, r.yaw, r.yaw_rate, *r.attitude, *r.rates, r.thrust,
+        trim.thrust, *trim.attitude, *trim.rates,
+    )  # fmt: skip
+
+
+def unpack_cycle(data: bytes) -> tuple[int, int, State, Reference, Trim]:
+    _, phase, level, number, *values = _CYCLE.unpack(data)
+    row = np.array(values)
+    motors = row[19 : 19 + MOTORS]
+    motors = motors[~np.isnan(motors)]
+    state = State(
+        values[0], values[1], row[2:5], row[5:8], row[8:12], row[12:15], motors if len(motors) else None, row[15:19]
+    )
+    r = row[19 + MOTORS :]
+    reference = Reference(
+        LEVELS[level], r[0:3], r[3:6], r[6:9], float(r[9]), float(r[10]), r[11:15], r[15:18], float(r[18])
+    )
+    return number, phase, state, reference, Trim(float(r[19]), r[20:24], r[24:27])
+
+
+def pack_output(number: int, took: float, output: Output | None, signals: dict[str, float]) -> bytes:
+    """Raises TypeError, ValueError or struct.error for what is no output."""
+    if output is None:
+        return _OUTPUT.pack(OUTPUT, NOTHING, number, took, *[math.nan] * 6)
+    which = _CLASSES.index(type(output))
+    head = _OUTPUT.pack(OUTPUT, which, number, took, *_numbers(output))
+    return head + struct.pack(f"<{len(signals)}d", *signals.values())
+
+
+def unpack_output(data: bytes) -> Answer:
+    _, which, number, took, *values = _OUTPUT.unpack_from(data)
+    signals = struct.unpack_from(f"<{(len(data) - _OUTPUT.size) // 8}d", data, _OUTPUT.size)
+    return Answer(number, took, None if which == NOTHING else _output(_CLASSES[which], values), signals)
+
+
+def _numbers(output: Output) -> tuple[float, ...]:
+    if isinstance(output, Velocity | Acceleration):
+        vector = output.vel if isinstance(output, Velocity) else output.acc
+        return (*_exactly(3, vector), _or_nan(output.yaw), _or_nan(output.yaw_rate), 0.0)
+    if isinstance(output, AttitudeThrust):
+        return (*_exactly(4, output.attitude), float(output.thrust), float(output.yaw_rate))
+    vector = output.rates if isinstance(output, RatesThrust) else output.torque
+    return (*_exactly(3, vector), float(output.thrust), 0.0, 0.0)
+
+
+def _output(cls: type[Output], v: list[float]) -> Output:
+    if cls is Velocity or cls is Acceleration:
+        return cls(np.array(v[:3]), _or_none(v[3]), _or_none(v[4]))
+    if cls is AttitudeThrust:
+        return AttitudeThrust(np.array(v[:4]), v[4], v[5])
+    return RatesThrust(np.array(v[:3]), v[3]) if cls is RatesThrust else TorqueThrust(np.array(v[:3]), v[3])
+
+
+def _exactly(count: int, vector: Any) -> list[float]:
+    row = [float(part) for part in vector]
+    if len(row) != count:
+        raise ValueError(f"it has {len(row)} numbers; expected {count}")
+    return row
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def talk(**what: Any) -> bytes:
+    return TALK + json.dumps(what).encode()
+
+
+def heard(data: bytes) -> dict[str, Any]:
+    """Raises ValueError for what is not JSON."""
+    said = json.loads(data[1:])
+    if not isinstance(said, dict):
+        raise ValueError("expected an object")
+    return said

@@ -1,0 +1,510 @@
+"""``zmav agent run my_controller.py --vehicle hex1``: a controller in place of a part of the autopilot's cascade.
+
+The supervisor runs in a process of its own beside the controller's. It decides who flies: the pilot's switch and mode
+first, then the controller while it is engaged and keeps to the envelope, else the autopilot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import re
+import time
+from pathlib import Path
+from typing import Any, ClassVar
+
+import msgspec
+
+import zmav
+from agents.controllers import loading
+from agents.controllers.cycle import Cycles, Phase
+from agents.controllers.estimate import RATES_HZ, Estimate
+from agents.controllers.inject import Inject
+from agents.controllers.references import Sticks
+from agents.controllers.types import LEVELS
+from agents.controllers.worker import Loaded, Worker
+from agents.controllers.workshop import Workshop
+from zmav import keys, wire
+from zmav.agent import Tunable
+from zmav.autopilots import autopilot_named
+from zmav.errors import BadConfig, BadInput, Refused, ZmavError
+from zmav.services.port import on_loop
+from zmav.trust.gate import Origin
+from zmav.vehicle.lease import Lease
+from zmav.verbs import Access, Verb
+
+LOOK = 0.02
+"""s between two looks at whether the autopilot's state still comes"""
+TAKE_OVER = 6.0
+"""s for the autopilot to follow: PX4 wants a second of the stream before"""
+MODE_TOLD = 0.3
+"""s in which a HEARTBEAT tells of the mode for certain: an older one may be of the engagement before"""
+ENOUGH = 0.8
+"""of the rate that is wanted: below it nobody takes over"""
+PATIENCE = 10.0
+"""s for a vehicle that was not heard yet"""
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Fixed while it runs."""
+
+    controller: str
+    """a file that ends in .py, or the name of one that is installed"""
+    cls: str = ""
+    """which class of the file, where it has several"""
+    name: str = ""
+    """in keys; empty: that of the file"""
+    rate_hz: float = 250.0
+    """cycles a second that are wanted of the autopilot"""
+    back: str = ""
+    """the mode it is handed back in; empty: the autopilot is told to hold"""
+    rc: tuple[int, int, int, int] = (1, 2, 3, 4)
+    """channels of the pilot's roll, pitch, throttle and yaw"""
+    by_switch: bool = False
+    """the pilot's switch (``[pilot_switch]`` in the fleet file) turned away from him engages it, too"""
+    priority: int = 0
+    lease_s: float = 3.0
+
+
+class GoTo(wire.Order, kw_only=True):
+    """A place to fly to under the controller."""
+
+    pos: wire.Vector
+    """m, NED about the fleet's origin"""
+    yaw: float | None = None
+    """rad"""
+    speed: float = 2.0
+    """m/s at most"""
+    accel: float = 2.0
+    """m/s² at most"""
+
+
+class FollowSegment(wire.Order, kw_only=True):
+    """A trajectory to follow under the controller."""
+
+    segment: list[wire.SegmentPoint]
+
+
+class ByStick(wire.Order, kw_only=True):
+    """The pilot's sticks as reference."""
+
+    level: str = "attitude"
+    """velocity, attitude or rates"""
+
+
+def slug(what: str) -> str:
+    """A name for keys from a file's or a controller's."""
+    stem = Path(what).stem.lower() if loading.is_file(what) else what
+    return re.sub("[^a-z0-9_-]+", "-", stem).strip("-") or "controller"
+
+
+class Supervisor(zmav.Agent):
+    """Runs a controller for a vehicle, watches over it, and hands back to the autopilot."""
+
+    name = "controller"
+    settings_type = Settings
+    tunables: ClassVar = {
+        "guard_tilt_deg": Tunable(60.0, 5.0, 85.0, "deg", "of tilt at most"),
+        "guard_rate_dps": Tunable(400.0, 30.0, 1500.0, "deg/s", "about any axis at most"),
+        "guard_low": Tunable(1.0, -1000.0, 1000.0, "m", "above home at least"),
+        "guard_high": Tunable(120.0, 1.0, 10000.0, "m", "above home at most"),
+        "guard_radius": Tunable(100.0, 1.0, 10000.0, "m", "over the ground from where it took over, at most"),
+        "guard_error": Tunable(5.0, 0.1, 100.0, "m", "off a reference of positions at most"),
+        "guard_error_deg": Tunable(60.0, 5.0, 180.0, "deg", "off a reference of attitudes at most"),
+        "guard_late": Tunable(8.0, 2.0, 25.0, "cycles", "in a row without an output at most"),
+        "stick_tilt_deg": Tunable(35.0, 5.0, 60.0, "deg", "of the full stick"),
+        "stick_yaw_dps": Tunable(120.0, 10.0, 400.0, "deg/s", "of the full stick"),
+        "stick_rate_dps": Tunable(220.0, 10.0, 720.0, "deg/s", "of roll and pitch of the full stick"),
+        "stick_speed": Tunable(3.0, 0.2, 15.0, "m/s", "of the full stick"),
+        "stick_climb": Tunable(1.5, 0.2, 5.0, "m/s", "of the full stick"),
+        "signals_hz": Tunable(50.0, 1.0, 500.0, "Hz", "of the stream of signals"),
+    }
+    verbs: ClassVar = {
+        "engage": Verb("engage", wire.Order, Access.MOVE, "take over from the autopilot, and stay where it is"),
+        "release": Verb("release", wire.Order, Access.OPEN, "hand back to the autopilot"),
+        "hold": Verb("hold", wire.Order, Access.OPEN, "under the controller, stay where it is"),
+        "goto": Verb("goto", GoTo, Access.MOVE, "under the controller, fly to a place"),
+        "follow": Verb("follow", FollowSegment, Access.MOVE, "under the controller, follow a trajectory"),
+        "sticks": Verb("sticks", ByStick, Access.MOVE, "under the controller, follow the pilot's sticks"),
+        "inject": Verb("inject", Inject, Access.MOVE, "add a step, doublet or chirp to the reference"),
+        "reload": Verb("reload", wire.Order, Access.CHANGE, "load the file again, as saving it does"),
+    }
+
+    def __init__(self, z: zmav.Client, vehicle: str, settings: Any = None, tuned: Any = ()) -> None:
+        assert isinstance(settings, Settings)
+        self.name = keys.check_name(settings.name or slug(settings.controller), "name")
+        self.wished = dict(tuned)
+        """values of parameters to begin with; the controller's own are known when it has been loaded"""
+        super().__init__(z, vehicle, settings)
+        self.estimate = Estimate(settings.rc)
+        self.cycles = Cycles(z.dialect, self.estimate)
+        self.workshop = Workshop(
+            settings.controller,
+            settings.cls,
+            self.cycles.fly_by,
+            self._agree,
+            self.cycles.on_answer,
+            self._on_failed,
+            self._on_because,
+        )
+        self.handed_back_ms: float | None = None
+        """from what ended the last engagement to the autopilot's having it"""
+        loop = asyncio.get_running_loop()
+        self._failed_on_loop, self._say_on_loop = on_loop(loop, self._failed), on_loop(loop, self.say)
+        self._replacing: asyncio.Task[None] | None = None
+        self._engaged: asyncio.Task[None] | None = None
+        self._switched: asyncio.Task[None] | None = None
+        self._pilot_has_it = False
+        self._over = asyncio.Event()
+        self._why = ""
+        self._began = 0.0
+        self._refused: asyncio.Queue[str] = asyncio.Queue(maxsize=10)
+
+    # Its life.
+
+    async def run(self) -> None:
+        """Wait for orders, for ever."""
+        loop = asyncio.get_running_loop()
+        self.cycles.on_trip = on_loop(loop, self._tripped)
+        out = keys.AGENT_OUT.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, topic="signals")
+        publisher = self.z.session.declare_publisher(out, **keys.AGENT_OUT.publishing())
+
+        def stream(t: float, values: dict[str, float]) -> None:
+            publisher.put(wire.encode(wire.Signals(t=t, values={k: v for k, v in values.items() if math.isfinite(v)})))
+
+        self.cycles.on_signals = stream
+        async with contextlib.AsyncExitStack() as stack:
+            stack.callback(publisher.undeclare)
+            stack.callback(self.workshop.close)
+            await self._load()
+            for name, value in self.wished.items():
+                self.tune(name, value)
+            self.say("loaded", "info", f"{self._described()} is ready")
+            await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
+            for name, hz in RATES_HZ.items():
+                stack.enter_context(self.vehicle.rates.want(name, hz or self.settings.rate_hz))
+                if name == "HEARTBEAT":  # the vehicle's own agent reads it
+                    continue
+                key = keys.RX.key(self.vehicle.fleet, self.vehicle.name, sys="*", comp="1", msg=name)
+                subscriber = self.z.session.declare_subscriber(key, self._on_frame)
+                stack.callback(subscriber.undeclare)
+            try:
+                await zmav.waiting.together(self._look(), self._watch_file(), self._watch_events())
+            finally:
+                await self._release("the supervisor ends")
+
+    async def _look(self) -> None:
+        """Whether the state still comes, what the state says of places, and who flies."""
+        while True:
+            await asyncio.sleep(LOOK)
+            self.cycles.watch()
+            state = self.vehicle.last_state
+            if state is not None:
+                if state.clock is not None:
+                    self.estimate.boot_t = state.clock.boot_t
+                if state.position is not None and state.local is not None:
+                    self.estimate.anchor(state.position, state.local)
+                if self._pilot_has_it and state.pilot is None and self.settings.by_switch:
+                    self._switched = asyncio.get_running_loop().create_task(self._by_switch())
+                self._pilot_has_it = state.pilot is not None
+            self._tell()
+
+    def _tell(self) -> None:
+        """The status: who flies, and how it goes."""
+        cycles, what, broken = self.cycles, self._described(), self.workshop.broken
+        hz = 1.0 / self.estimate.period if self.estimate.period else 0.0
+        detail: dict[str, Any] = {
+            "controller": what, "hz": round(hz, 1), "cycles": cycles.tally.cycles, "late": cycles.tally.late,
+            "clipped": cycles.tally.clipped, "handed_back_ms": self.handed_back_ms, "why": self._why,
+            "broken": broken,
+        }  # fmt: skip
+        state = self.vehicle.last_state
+        if cycles.phase is Phase.IN_FORCE:
+            word, text = "controller", f"{what} flies, and follows {cycles.references.what}"
+        elif cycles.phase is Phase.ENGAGING:
+            word, text = "engaging", f"{what} takes over"
+        elif state is not None and state.pilot:
+            word, text = "pilot", f"the pilot has it: {state.pilot}"
+        else:
+            word, text = "autopilot", f"{what} is ready" + (f"; last: {self._why}" if self._why else "")
+        if broken:
+            text += f"; the file as saved is broken: {broken}"
+        self.status(word, text, **detail)
+
+    # What is loaded.
+
+    async def _load(self, *, kept: bool = True) -> float:
+        shop = self.workshop
+        names = shop.loaded.tunables if shop.loaded is not None else ()
+        return await shop.load({name: self[name] for name in names}, kept=kept)
+
+    def _agree(self, loaded: Loaded) -> None:
+        """Raises :class:`BadConfig` for what cannot take the place of what flies."""
+        before = self.workshop.loaded
+        if self.cycles.phase and before is not None and (loaded.level, loaded.gives) != (before.level, before.gives):
+            text = f"it now takes over {loaded.level} and gives {loaded.gives}: release before changing that"
+            raise BadConfig(text, field="level", value=loaded.level, expected=before.level)
+        clash = sorted(self.tunables.keys() & loaded.tunables.keys())
+        if clash:
+            text = f"{loaded.loaded} has a parameter called {clash[0]}, which the supervisor has: call it otherwise"
+            raise BadConfig(text, field=clash[0], value=clash[0], expected="another name")
+        self.declare({**self.tunables, **loaded.declared()})
+
+    async def _watch_file(self) -> None:
+        while True:
+            await self.workshop.saved()
+            with contextlib.suppress(ZmavError):
+                await self._load_again()
+
+    async def _load_again(self, *, kept: bool = True) -> float:
+        try:
+            took = await self._load(kept=kept)
+        except ZmavError as e:
+            self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
+            raise
+        self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
+        return took
+
+    def _described(self) -> str:
+        loaded = self.workshop.loaded
+        return "nothing" if loaded is None else f"{loaded.loaded} ({loaded.level} to {loaded.gives})"
+
+    def _on_failed(self, worker: Worker, text: str) -> None:
+        """A worker's thread: what it did is over before anybody hears of it."""
+        self.cycles.on_failed(worker, text)
+        self._failed_on_loop(worker)
+
+    def _on_because(self, worker: Worker, text: str) -> None:
+        """A worker's thread."""
+        self._say_on_loop("controller", "error", text)
+
+    def _failed(self, worker: Worker) -> None:
+        if self.workshop.gone(worker):
+            self._replacing = asyncio.get_running_loop().create_task(self._replace())
+
+    async def _replace(self) -> None:
+        """Another process in place of one that is gone, ready for whoever engages it anew."""
+        with contextlib.suppress(ZmavError):
+            await self._load(kept=False)
+
+    def tuned(self, name: str, value: float) -> None:
+        guard, sticks = self.cycles.guard.envelope, self.cycles.references.sticks
+        shop = self.workshop
+        if shop.loaded is not None and name in shop.loaded.tunables:
+            if shop.worker is not None:
+                shop.worker.tune(name, value)
+            return
+        radians = math.radians(value)
+        with self.cycles.lock:
+            match name:
+                case "guard_tilt_deg":
+                    guard.tilt = radians
+                case "guard_rate_dps":
+                    guard.rate = radians
+                case "guard_error_deg":
+                    guard.attitude_error = radians
+                case "guard_late":
+                    guard.late = round(value)
+                case "guard_low" | "guard_high" | "guard_radius" | "guard_error":
+                    setattr(guard, name.removeprefix("guard_"), value)
+                case "signals_hz":
+                    self.cycles.signals_hz = value
+                case _:
+                    fields = {
+                        "stick_tilt_deg": ("tilt", radians), "stick_yaw_dps": ("yaw_rate", radians),
+                        "stick_rate_dps": ("rate", radians), "stick_speed": ("speed", value),
+                        "stick_climb": ("climb", value),
+                    }  # fmt: skip
+                    field, number = fields[name]
+                    self.cycles.references.sticks = Sticks(**{**sticks._asdict(), field: number})
+
+    # Who flies.
+
+    def _on_frame(self, sample: Any) -> None:
+        self.cycles.on_frame(sample)
+
+    async def _watch_events(self) -> None:
+        """Why the vehicle drops setpoints of ours: said while it takes over."""
+        key = keys.EVENT.key(self.vehicle.fleet, self.vehicle.name)
+        async with self.z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.Event, "event")) as events:
+            async for event in events:
+                if event.kind == "setpoint" and f"setpoint of {self.name} dropped" in event.text:
+                    with contextlib.suppress(asyncio.QueueFull):
+                        self._refused.put_nowait(event.text.partition("dropped: ")[2])
+
+    async def on_engage(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        if self.cycles.phase:
+            return {"state": "controller"}
+        self._check_ready()
+        if self.workshop.worker is None or not self.workshop.worker.alive:
+            await self._load_again(kept=False)
+        self._over, self._why = asyncio.Event(), ""
+        taken, begun = asyncio.Event(), time.monotonic()
+        self._engaged = flight = asyncio.create_task(self._fly(taken))
+        waiting = asyncio.create_task(taken.wait())
+        await asyncio.wait({waiting, flight}, return_when=asyncio.FIRST_COMPLETED)
+        waiting.cancel()
+        if not taken.is_set():
+            await flight
+            raise Refused(f"it did not take over: {self._why}", reason=self._why)
+        took = (time.monotonic() - begun) * 1e3
+        by = f", by {origin.name}" if origin else ""
+        self.say("engaged", "notice", f"{self._described()} flies{by}", took_ms=took)
+        return {"state": "controller", "took_ms": took}
+
+    async def _by_switch(self) -> None:
+        try:
+            await self.on_engage(wire.Order(), None, None)
+        except ZmavError as e:
+            self.say("engaged", "error", f"the pilot's switch: {e}")
+
+    def _check_ready(self) -> None:
+        """Raises :class:`Refused` with what is missing."""
+        state, estimate = self.vehicle.state, self.estimate
+        if state.pilot:
+            raise Refused(f"the pilot has it: {state.pilot}", count="pilot")
+        if not state.armed or state.landed:
+            raise Refused("it is on the ground or disarmed: a controller takes over in the air; order a takeoff first")
+        if not estimate.ready:
+            raise Refused("no ATTITUDE_QUATERNION and LOCAL_POSITION_NED yet: is the link up, has it a position?")
+        hz, wanted = 1.0 / max(estimate.period, 1e-6), self.settings.rate_hz
+        if hz < ENOUGH * wanted:
+            text = (
+                f"the autopilot's state comes at {hz:.0f} Hz of {wanted:g}: give the link more room (a higher baud, "
+                f"SERIALn_BAUD or SER_TELn_BAUD; 'zmav rate list {state.name}' shows who reads what), or ask for less "
+                f"(-o rate_hz={max(hz * 0.9, 1.0):.0f})"
+            )
+            raise Refused(text, hz=hz, wanted=wanted)
+
+    async def _fly(self, taken: asyncio.Event) -> None:
+        """One engagement, from the lease to the autopilot's having it again."""
+        try:
+            async with self.vehicle.lease(self.name, self.settings.lease_s, self.settings.priority) as lease:
+                if await self._take_over(lease):
+                    taken.set()
+                    await self._over.wait()
+                self.cycles.end()
+                await self._hand_back(lease)
+        except ZmavError as e:
+            self._why = self._why or str(e)
+        finally:
+            self.cycles.end()
+
+    async def _take_over(self, lease: Lease) -> bool:
+        """Stream until the autopilot follows. False: it does not, and why is said."""
+        state = self.vehicle.state
+        guided = autopilot_named(state.autopilot, state.kind).guided
+        height = state.position.alt_rel if state.position else 0.0
+        while not self._refused.empty():
+            self._refused.get_nowait()
+        flown = state.setpoints.get("flown", 0)
+        self.cycles.engage(lease, height)
+        deadline = time.monotonic() + TAKE_OVER
+        while time.monotonic() < deadline and not self._over.is_set():
+            now = self.vehicle.last_state
+            told = time.monotonic() > deadline - TAKE_OVER + MODE_TOLD
+            if told and now is not None and now.mode == guided and now.setpoints.get("flown", 0) > flown:
+                return self.cycles.in_force()
+            if told and not self._refused.empty():
+                self._why = self._refused.get_nowait()
+                return False
+            await asyncio.sleep(0.005)
+        refused = "" if self._refused.empty() else f": {self._refused.get_nowait()}"
+        self._why = self._why or f"{guided} did not come within {TAKE_OVER:g} s{refused}"
+        return False
+
+    def _tripped(self, text: str) -> None:
+        """The engagement has ended by itself; no output goes out any more."""
+        self._why = text
+        self._over.set()
+        if self.cycles.stuck:
+            self.workshop.end_stuck()
+
+    async def _hand_back(self, lease: Lease) -> None:
+        """Have the autopilot fly, unless somebody else has taken the vehicle already."""
+        began = max(self.cycles.tripped, self._began)
+        reason = (lease.lost.detail.get("reason") if lease.lost else None) or ""
+        if lease.lost is None:
+            try:
+                if self.settings.back:
+                    await self.vehicle.set_mode(self.settings.back)
+                else:
+                    await self.vehicle.hold()
+            except ZmavError as e:
+                self.say("back", "error", f"the autopilot cannot be told to hold: {e}; the vehicle's own ladder will")
+        self.handed_back_ms = (time.monotonic() - began) * 1e3
+        who = "the pilot" if reason == "pilot" else "the autopilot"
+        severity: wire.Severity = "notice" if self._why.startswith("release") else "warning"
+        self.say(
+            "back", severity, f"{self._why}: {who} has it", why=self._why, took_ms=self.handed_back_ms, reason=reason
+        )
+
+    async def _release(self, why: str) -> None:
+        self._began = time.monotonic()
+        if self._engaged is None or self._engaged.done():
+            return
+        self.cycles.end()
+        self._why = self._why or why
+        self._over.set()
+        await asyncio.gather(self._engaged, return_exceptions=True)
+
+    async def on_release(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        by = f" by {origin.name}" if origin else ""
+        await self._release(f"released{by}")
+        return {"state": "autopilot", "took_ms": self.handed_back_ms}
+
+    # What it follows.
+
+    def _in_force(self) -> None:
+        if self.cycles.phase is not Phase.IN_FORCE:
+            why = f" ({self._why})" if self._why else ""
+            raise Refused(f"{self.name} is not engaged{why}: 'zmav agent do {self.name} engage' first")
+
+    async def on_hold(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._in_force()
+        with self.cycles.lock:
+            self.cycles.references.hold(self.estimate.state)
+        return {}
+
+    async def on_goto(self, args: GoTo, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._in_force()
+        self._follows("position")
+        for field, value, low, high in (("speed", args.speed, 0.05, 20.0), ("accel", args.accel, 0.05, 20.0)):
+            if not low <= value <= high:
+                text = f"{field} = {value:g}; expected {low:g} to {high:g}"
+                raise BadInput(text, field=field, value=value, expected=f"{low:g} to {high:g}")
+        with self.cycles.lock:
+            lasts = self.cycles.references.goto(args.pos, args.yaw, args.speed, args.accel, self.estimate.state)
+        return {"seconds": lasts}
+
+    async def on_follow(self, args: FollowSegment, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._in_force()
+        self._follows("position")
+        with self.cycles.lock:
+            self.cycles.references.follow(args.segment, self.estimate.state)
+            return {"ends": self.cycles.references.ends}
+
+    async def on_sticks(self, args: ByStick, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._in_force()
+        self._follows(args.level)
+        with self.cycles.lock:
+            trim = self.estimate.trim
+            self.cycles.references.by_sticks(args.level, self.estimate.state, trim.thrust)
+        return {"level": args.level}
+
+    async def on_inject(self, args: Inject, report: Any, origin: Origin | None) -> dict[str, Any]:
+        self._in_force()
+        with self.cycles.lock:
+            self.cycles.references.inject(args, self.estimate.state)
+        return {"level": self.cycles.references.level}
+
+    async def on_reload(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        return {"took_ms": await self._load_again()}
+
+    def _follows(self, level: str) -> None:
+        """Raises :class:`Refused` for a reference from further in than the controller begins."""
+        loaded = self.workshop.loaded
+        if loaded is not None and level in LEVELS and LEVELS.index(level) > LEVELS.index(loaded.level):
+            text = f"{loaded.loaded} takes over from {loaded.level} on inwards: it cannot follow {level}"
+            raise Refused(text, level=level, expected=loaded.level)

@@ -1,0 +1,173 @@
+"""One controller's process, as its supervisor has it: started, spoken to, and ended whatever it does."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from agents.controllers import packets
+from agents.controllers.packets import Answer
+from zmav.agent import Tunable
+from zmav.errors import BadConfig, TimedOut
+from zmav.services.port import on_loop
+from zmav.waiting import within
+
+LOAD_TIMEOUT = 20.0
+"""s for a file to be loaded: what it imports may be large"""
+KEPT_TIMEOUT = 0.1
+"""s: cycles wait for it"""
+BUFFER = 1 << 18
+"""bytes"""
+
+
+class Loaded(msgspec.Struct, forbid_unknown_fields=True):
+    """What a controller says of itself."""
+
+    loaded: str
+    level: str
+    gives: str
+    doc: str
+    tunables: dict[str, dict[str, Any]]
+
+    def declared(self) -> dict[str, Tunable]:
+        return {name: Tunable(**each) for name, each in self.tunables.items()}
+
+
+class Worker:
+    """A process of :mod:`agents.controllers.host`. ``on_answer(worker, answer)``, ``on_failed(worker, text)`` and,
+    where in the user's file that was, ``on_because(worker, text)`` are called from its thread; ``on_failed`` too when
+    it is gone and nobody closed it.
+    """
+
+    def __init__(
+        self, on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None],
+        on_because: Callable[[Worker, str], None],
+    ) -> None:  # fmt: skip
+        self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
+        self._loop = asyncio.get_running_loop()
+        self.names: tuple[str, ...] = ()
+        """of the signals"""
+        self.about: Loaded | None = None
+        self._waiting: asyncio.Future[dict[str, Any]] | None = None
+        self._closed = False
+        self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        for end in (self._line, theirs):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        command = [sys.executable, "-m", "agents.controllers.host", str(theirs.fileno())]
+        # A session of its own: Ctrl-C at the terminal is for the supervisor, which hands back first.
+        self.process = subprocess.Popen(
+            command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True
+        )
+        theirs.close()
+        self._thread = threading.Thread(target=self._read, name="controller", daemon=True)
+        self._thread.start()
+
+    # Any thread.
+
+    @property
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    def send(self, data: bytes) -> bool:
+        """False: it does not take any more, or is gone."""
+        try:
+            self._line.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except OSError:
+            return False
+        return True
+
+    def tune(self, name: str, value: float) -> None:
+        self.send(packets.talk(tune={"name": name, "value": value}))
+
+    def close(self) -> None:
+        """End it, however stuck it is."""
+        self._closed = True
+        self.process.kill()
+        with contextlib.suppress(OSError):
+            self._line.shutdown(socket.SHUT_RDWR)
+        self.process.wait()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(2.0)
+            self._line.close()
+
+    # The event loop.
+
+    def keep(self, kept: str) -> None:
+        """What another process of the same class kept, to go on with."""
+        self.send(packets.talk(keep=kept))
+
+    async def load(self, what: str, cls: str, tuned: dict[str, float]) -> Loaded:
+        """Have it load a controller and try it out. Raises :class:`BadConfig` with file and line where it is broken,
+        :class:`TimedOut`.
+        """
+        late = f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s"
+        said = await self._ask(packets.talk(load={"what": what, "cls": cls, "tuned": tuned}), LOAD_TIMEOUT, late)
+        if "broken" in said:
+            raise BadConfig(str(said["broken"]), field="controller", value=what, expected="a controller that runs")
+        self.about = msgspec.convert(said, Loaded)
+        return self.about
+
+    async def kept(self) -> str:
+        """What its class says that it keeps, after its last cycle. Raises :class:`TimedOut`."""
+        late = "the controller that flies did not give what it keeps"
+        return str((await self._ask(packets.talk(give=True), KEPT_TIMEOUT, late))["kept"])
+
+    async def _ask(self, data: bytes, timeout: float, late: str) -> dict[str, Any]:
+        waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
+        self._waiting = waiting
+        if not self.send(data):
+            raise TimedOut("the controller's process takes nothing any more")
+
+        async def answer() -> dict[str, Any]:
+            return await waiting
+
+        try:
+            return await within(timeout, answer())
+        except asyncio.TimeoutError:
+            raise TimedOut(late) from None
+        finally:
+            self._waiting = None
+
+    def _answered(self, said: dict[str, Any]) -> None:
+        if self._waiting is not None and not self._waiting.done():
+            self._waiting.set_result(said)
+
+    # Its thread.
+
+    def _read(self) -> None:
+        answered = on_loop(self._loop, self._answered)
+        while True:
+            try:
+                data = self._line.recv(packets.MOST)
+            except OSError:
+                data = b""
+            if not data:
+                break
+            if data[:1] == packets.OUTPUT:
+                self._on_answer(self, packets.unpack_output(data))
+                continue
+            said = packets.heard(data)
+            if "names" in said:
+                self.names = tuple(said["names"])
+            elif "failed" in said:
+                self._on_failed(self, str(said["failed"]))
+            elif "because" in said:
+                self._on_because(self, str(said["because"]))
+            else:
+                answered(said)
+        if not self._closed:
+            code = self.process.wait()
+            answered({"broken": f"its process ended by itself ({_reason(code)})"})
+            self._on_failed(self, f"its process is gone ({_reason(code)})")
+
+
+def _reason(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit status {code}"

@@ -1,0 +1,116 @@
+"""Where controllers come from: one process that flies, one kept warm beside it, and the file that is watched.
+
+A saved file is loaded and tried out in the warm process; only when that has worked does it take the other's place,
+between two cycles. A broken file changes nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from agents.controllers import loading
+from agents.controllers.packets import Answer
+from agents.controllers.worker import Loaded, Worker
+from zmav.errors import ZmavError
+
+SAVED = 0.1
+"""s between two looks at whether the file was saved"""
+
+
+class Workshop:
+    """Of one supervisor, on its event loop. ``what``: a file or a name, ``cls``: which class of the file.
+
+    ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded;
+    ``on_answer``, ``on_failed`` and ``on_because`` are called from the processes' threads.
+    """
+
+    def __init__(
+        self, what: str, cls: str, fly_by: Callable[[Worker | None], None], agree: Callable[[Loaded], None],
+        on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None],
+        on_because: Callable[[Worker, str], None],
+    ) -> None:  # fmt: skip
+        self._what, self._cls, self._fly_by, self._agree = what, cls, fly_by, agree
+        self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
+        self.worker: Worker | None = None
+        self.loaded: Loaded | None = None
+        self.broken = ""
+        """what is wrong with the file as it was saved last"""
+        self._spare: Worker | None = None
+        self._stamp = self._look()
+        self._lock = asyncio.Lock()
+
+    def close(self) -> None:
+        """End both processes."""
+        for worker in (self.worker, self._spare):
+            if worker is not None:
+                worker.close()
+        self.worker = self._spare = None
+
+    async def load(self, values: Mapping[str, float], *, kept: bool = True) -> float:
+        """Load it, anew where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
+
+        ``values``: of its parameters. ``kept``: it goes on with what the class says that it keeps. Raises what is wrong
+        with it; what flew before goes on then.
+        """
+        async with self._lock:
+            begun = time.monotonic()
+            old, fresh = self.worker, self._spare or self._new()
+            self._spare = None
+            try:
+                loaded = await fresh.load(self._what, self._cls, dict(values))
+                self._agree(loaded)
+                if kept and old is not None and old.alive:
+                    await self._hand_on(old, fresh)
+            except ZmavError as e:
+                fresh.close()
+                self.broken = str(e)
+                raise
+            finally:
+                self._spare = self._new()
+            self.broken, self.loaded, self.worker = "", loaded, fresh
+            self._fly_by(fresh)
+            took = (time.monotonic() - begun) * 1e3
+            if old is not None:
+                old.close()
+            return took
+
+    async def saved(self) -> None:
+        """Wait until the file is saved; for ever where it is none."""
+        while not loading.is_file(self._what) or self._look() == self._stamp:
+            await asyncio.sleep(SAVED)
+        self._stamp = self._look()
+
+    async def _hand_on(self, old: Worker, fresh: Worker) -> None:
+        """Between two cycles, give what the class keeps from one process to the other."""
+        self._fly_by(None)
+        try:
+            fresh.keep(await old.kept())
+        except ZmavError:
+            self._fly_by(old)
+            raise
+
+    def end_stuck(self) -> None:
+        """The process that flew does not answer: end it."""
+        if self.worker is not None:
+            self.worker.process.kill()
+
+    def gone(self, worker: Worker) -> bool:
+        """The process that flew is no more: nobody's outputs count."""
+        if worker is not self.worker or worker.alive:
+            return False
+        self._fly_by(None)
+        return True
+
+    def _new(self) -> Worker:
+        return Worker(self._on_answer, self._on_failed, self._on_because)
+
+    def _look(self) -> tuple[float, int] | None:
+        """None while there is no such file: an editor may put a new one in the old one's place."""
+        with contextlib.suppress(OSError):
+            found = Path(self._what).stat()
+            return found.st_mtime, found.st_size
+        return None

@@ -1,0 +1,434 @@
+"""``zmav agent run navigator --vehicle hex1``: flies routes, by the autopilot's own cascade or by a controller's."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from typing import Any, ClassVar
+
+import msgspec
+import numpy as np
+
+import zmav
+from agents.navigator import files
+from agents.navigator.course import Course
+from agents.navigator.outlets import ByController, ByLease, Outlet
+from agents.navigator.routes import SIZES, Route, bad, check, shape
+from agents.navigator.tracking import Errors, Summary, Way, errors, summarise
+from agents.navigator.trajectory import Limits, Trajectory
+from zmav import geo, keys, wire
+from zmav.agent import Tunable
+from zmav.errors import NotHolder, Refused, Stale, ZmavError
+from zmav.mavlink import MavMessage
+from zmav.trust.gate import Origin
+from zmav.verbs import Access, Verb
+
+TICK = 0.05
+"""s between two looks"""
+BEGIN = 0.5
+"""s from an order until the way begins"""
+LOST, SILENT = 1.5, 8.0
+"""s without a position after which it is lost, and without a word of the vehicle after which it is given up"""
+PATIENCE = 10.0
+"""s for a vehicle that was not heard yet"""
+HZ = 20.0
+"""positions a second"""
+FAST_CLOCK = 20_000.0
+"""ppm by which the autopilot's clock may differ: beyond, it is a simulation's and tells no UTC"""
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Fixed while it runs."""
+
+    routes: str = ""
+    """a folder of routes as TOML or CSV files, flown by their names"""
+    priority: int = 0
+    """of its lease"""
+    lease_s: float = 6.0
+    """it lasts without being renewed"""
+
+
+class Fly(wire.Order, kw_only=True):
+    """``north``, ``east``, ``down``: where the route's middle is, m about the fleet's origin; by default where the
+    vehicle is, and the origin itself for a route of a file. Sizes in metres, of the routes that have them.
+    """
+
+    route: str = "ev3"
+    """ev3, square, circle, lemniscate, steps, or the name of a file"""
+    speed: float = 1.0
+    """m/s at most"""
+    controller: str = ""
+    """the agent that flies it; empty: the autopilot's own cascade, under the navigator's lease"""
+    north: float | None = None
+    east: float | None = None
+    down: float | None = None
+    heading: float = 0.0
+    """rad by which the route is turned clockwise"""
+    yaw: float | None = None
+    """rad, where the route says none; by default as it is"""
+    rounding: float = 0.0
+    """m before and behind a corner at which it is cut; 0: it stops there"""
+    dwell: float = 0.0
+    """s at each corner"""
+    side: float | None = None
+    height: float | None = None
+    radius: float | None = None
+    length: float | None = None
+    width: float | None = None
+    step: float | None = None
+
+
+class Navigator(zmav.Agent):
+    """Flies a route with limited speed, acceleration and jerk, as segments that the vehicle flies by itself, or that a
+    controller agent follows; tells how well it is followed, and where the greatest errors are.
+    """
+
+    name = "navigator"
+    settings_type = Settings
+    tunables: ClassVar = {
+        "accel": Tunable(1.0, 0.05, 10.0, "m/s²", "at most, of the next way that is begun"),
+        "jerk": Tunable(2.0, 0.05, 100.0, "m/s³", "at most, of the next way that is begun"),
+        "settle": Tunable(2.0, 0.0, 30.0, "s", "at rest where the route begins"),
+        "near": Tunable(1.5, 0.1, 20.0, "m", "from a corner within which an error is near it"),
+        "astray": Tunable(5.0, 0.2, 100.0, "m", "off its reference at which it holds and goes on no more"),
+    }
+    verbs: ClassVar = {
+        "fly": Verb("fly", Fly, Access.MOVE, "fly a route: returns when it has begun"),
+        "hold": Verb("hold", wire.Order, Access.OPEN, "come to rest along the way, and stay there"),
+        "resume": Verb("resume", wire.Order, Access.MOVE, "go on with what was held or broken off"),
+        "abort": Verb("abort", wire.Order, Access.OPEN, "come to rest along the way, and give the vehicle back"),
+    }
+
+    def __init__(self, *args: Any, **rest: Any) -> None:
+        super().__init__(*args, **rest)
+        self.course: Course | None = None
+        """what is flown"""
+        self.times: list[float] = []
+        self.positions: list[wire.Vector] = []
+        """UTC s and m NED, heard since the course began"""
+        self.last: Summary | None = None
+        """of the last route that was flown to its end, or as far as it was"""
+        self._flight: asyncio.Task[None] | None = None
+        self._order, self._route = Fly(), shape("ev3")
+        self._left: tuple[Route, float] | None = None
+        """what is left of the route, and what was flown of it (m)"""
+        self._past: Errors | None = None
+        self._way: Way | None = None
+        self._ends = self._holds = False
+        self._now: dict[str, float] = {}
+
+    async def run(self) -> None:
+        """Wait for orders, for ever."""
+        self.status("idle", "waits for an order to fly")
+        hearing = asyncio.create_task(self._hear())
+        try:
+            await hearing
+        finally:
+            hearing.cancel()
+            await self._end()
+            await asyncio.gather(hearing, return_exceptions=True)
+
+    # What it is asked.
+
+    async def on_fly(self, args: Fly, report: Any, origin: Origin | None) -> dict[str, Any]:
+        if self._flying:
+            raise Refused(f"it flies {self._route.name} already: abort that first")
+        await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
+        self._check_airborne()
+        route = self._made(args)
+        self._order, self._route, self._past = args, route, None
+        return await self._begin(route, 0.0, self.vehicle.local)
+
+    async def on_hold(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        course = self._under_way()
+        self._holds = True
+        course.brake(time.time())
+        return {"along": round(course.along(course.start + course.trajectory.duration), 2)}
+
+    async def on_resume(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        course = self.course
+        if self._flying and course is not None:
+            if not self._holds:
+                raise Refused("it is under way: nothing is held")
+            now = time.time()
+            if not course.ended(now):
+                raise Refused("it is not at rest yet: ask again")
+            left, done = course.left(now), course.along(now)
+            if left is None:
+                raise Refused("nothing is left of the route")
+            self._keep()
+            self.course = self._course(left, done, course.place(now))
+            self._holds = False
+            return self._told()
+        if self._left is None:
+            raise Refused("nothing was broken off: give it 'fly'")
+        await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
+        self._check_airborne()
+        return await self._begin(*self._left, self.vehicle.local)
+
+    async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
+        course, flight = self._under_way(), self._flight
+        assert flight is not None
+        if not self._holds:
+            course.brake(time.time())
+        self._ends = True
+        await asyncio.wait({flight})
+        return {"left": self._left is not None}
+
+    @property
+    def _flying(self) -> bool:
+        return self._flight is not None and not self._flight.done()
+
+    def _under_way(self) -> Course:
+        if not self._flying or self.course is None:
+            raise Refused("it flies nothing: give it 'fly' first")
+        return self.course
+
+    def _check_airborne(self) -> None:
+        state = self.vehicle.state
+        if not state.armed or state.landed:
+            raise Refused("it is not in the air: 'zmav fly takeoff' comes first", armed=state.armed)
+
+    def _made(self, args: Fly) -> Route:
+        check("dwell", args.dwell, 0.0, 600.0, "s")
+        check("heading", args.heading, -4 * math.pi, 4 * math.pi, "rad")
+        Limits(args.speed, self["accel"], self["jerk"])
+        if args.yaw is not None:
+            check("yaw", args.yaw, -math.tau, math.tau, "rad")
+        sizes = {name: getattr(args, name) for name in sorted({size for each in SIZES.values() for size in each})}
+        drawn = args.route in SIZES
+        here = self.vehicle.local if drawn else (0.0, 0.0, 0.0)
+        given = (args.north, args.east, args.down)
+        north, east, down = (a if b is None else b for a, b in zip(here, given, strict=True))
+        if drawn:
+            return shape(
+                args.route, (north, east, down), args.heading, rounding=args.rounding, dwell=args.dwell, **sizes
+            )
+        if unfit := [name for name, value in sizes.items() if value is not None]:
+            raise bad(unfit[0], sizes[unfit[0]], "no size for a route of a file")
+        known = ", ".join(SIZES)
+        if not self.settings.routes:
+            raise bad("route", args.route, f"{known}; routes of files want the setting 'routes', their folder")
+        try:
+            return files.load(
+                files.find(args.route, self.settings.routes), (north, east, down), args.heading, args.rounding
+            )
+        except OSError as e:
+            raise bad("routes", self.settings.routes, f"a folder that can be read ({e.strerror})") from e
+
+    # In flight.
+
+    async def _begin(self, route: Route, done: float, here: wire.Vector) -> dict[str, Any]:
+        self._ends = self._holds = False
+        self._left = (route, done)
+        started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._flight = asyncio.create_task(self._fly(route, done, here, started))
+        self._flight.add_done_callback(_looked_at)
+        await started
+        return self._told()
+
+    def _course(self, route: Route, done: float, here: wire.Vector) -> Course:
+        """From here to what is flown of the route, and along it."""
+        state = self.vehicle.last_state
+        facing = state.attitude.yaw if state is not None and state.attitude is not None else 0.0
+        yaw = facing if self._order.yaw is None else self._order.yaw
+        limits = Limits(self._order.speed, self["accel"], self["jerk"])
+        trajectory = Trajectory(route.reached_from(here, yaw, self["settle"]), limits, yaw)
+        self.times, self.positions, self._way = [], [], Way(trajectory.route)
+        return Course(trajectory, time.time() + BEGIN, done)
+
+    def _told(self) -> dict[str, Any]:
+        course = self.course
+        assert course is not None
+        seconds = course.trajectory.duration
+        return {"route": self._route.name, "length": round(self._route.length, 2), "seconds": round(seconds, 1)}
+
+    async def _fly(self, route: Route, done: float, here: wire.Vector, started: asyncio.Future[None]) -> None:
+        """To the route's end, until it is aborted, or the vehicle is taken from us."""
+        name, controller = self._route.name, self._order.controller
+        text = f"flew {name}"
+        try:
+            async with contextlib.AsyncExitStack() as stack:
+                outlet: Outlet
+                if controller:
+                    outlet = told = ByController(self.vehicle, controller)
+                    stack.callback(told.close)
+                else:
+                    own = self.settings
+                    how = self.vehicle.lease(self.name, ttl=float(own.lease_s), priority=own.priority)
+                    outlet = by = ByLease(self.vehicle, await stack.enter_async_context(how))
+                    listening = asyncio.create_task(self._listen(by))
+                    stack.callback(listening.cancel)
+                self.course = self._course(route, done, here)
+                await self._give(outlet, self.course.due(time.time()))
+                started.set_result(None)
+                self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
+                await self._follow(outlet)
+            if self._left is not None:
+                text = f"{name} broken off at {self._left[1]:.1f} m"
+        except asyncio.CancelledError:
+            text = f"{name} ended with the navigator"
+            raise
+        except Exception as e:
+            why = e.message if isinstance(e, ZmavError) else f"the navigator's own fault: {e!r}"
+            if not started.done():
+                text = f"{name} was not begun: {why}"
+                started.set_exception(e)
+                return
+            text = await self._back(e, f"{name} broken off: {why}")
+            raise
+        finally:
+            self._keep()
+            self.course = None
+            if not started.done():
+                started.cancel()
+            self._close(text)
+
+    async def _back(self, error: Exception, text: str) -> str:
+        """After what ended the flight: a vehicle that nobody else has holds."""
+        taken = isinstance(error, NotHolder) and error.detail.get("reason") in ("pilot", "preempted", "revoked")
+        if not taken:
+            try:
+                await self.vehicle.hold()
+                text += "; it holds"
+            except ZmavError as e:
+                text += f"; it was told to hold, but: {e.message}"
+        self.say("flight", "error", text)
+        return text
+
+    async def _follow(self, outlet: Outlet) -> None:
+        """Give what is due and look after it."""
+        due = time.monotonic()
+        while True:
+            course, now = self.course, time.time()
+            assert course is not None
+            self._check_place(course)
+            outlet.check()
+            over = course.ended(now)
+            left = course.left(now)
+            self._left = None if left is None else (left, course.along(now))
+            if over and (left is None or self._ends):
+                return
+            await self._give(outlet, course.stay(now) if over else course.due(now))
+            self._tell(course, now)
+            due = max(due + TICK, time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
+
+    async def _give(self, outlet: Outlet, points: list[wire.SegmentPoint] | None) -> None:
+        if points is not None:
+            await outlet.give(points)
+
+    def _check_place(self, course: Course) -> None:
+        state, age = self.vehicle.last_state, self.vehicle.age
+        assert state is not None
+        assert age is not None
+        if age > SILENT:  # until then the vehicle flies on by what it has
+            raise Stale(f"{self.vehicle.name} was last heard {age:.1f} s ago", vehicle=self.vehicle.name, age=age)
+        if state.local is None or state.ages.get("position", math.inf) > LOST:
+            raise Stale("the position is lost", vehicle=self.vehicle.name)
+        if self.times:
+            off = math.dist(self.positions[-1], course.place(self.times[-1]))
+            if off > self["astray"]:
+                raise Refused(f"it is {off:.1f} m off its reference; at most {self['astray']:g} m are flown", off=off)
+
+    async def _hear(self) -> None:
+        """Where it is, as often as it is told."""
+        async with self.vehicle.stream("GLOBAL_POSITION_INT", depth=200, hz=HZ) as places:
+            async for message in places:
+                state = self.vehicle.last_state
+                if state is None or state.local is None or state.position is None:
+                    continue
+                known, base, fields = state.position, state.local, message.fields
+                here = wire.Origin(lat_deg=known.lat_deg, lon_deg=known.lon_deg, alt_amsl=known.alt_amsl)
+                place = geo.to_ned(here, fields["lat"] / 1e7, fields["lon"] / 1e7, fields["alt"] / 1e3)
+                north, east, down = (a + b for a, b in zip(base, place, strict=True))
+                if self.course is not None:
+                    self._note(self._time(message, state), (north, east, down))
+
+    def _note(self, t: float, place: wire.Vector) -> None:
+        course, way = self.course, self._way
+        assert course is not None
+        assert way is not None
+        self.times.append(t)
+        self.positions.append(place)
+        moment = course.trajectory.at(np.array([t - course.start]))
+        off = np.array(place) - moment.pos[0]
+        values = {
+            "error": float(np.linalg.norm(off)),
+            "cross": way.off(np.array(place), float(moment.along[0])),
+            "along": course.along(t),
+        }
+        for what, row in (("off", off), ("reference", moment.pos[0]), ("reference_vel", moment.vel[0])):
+            values |= {f"{what}.{axis}": float(x) for axis, x in zip("xyz", row, strict=True)}
+        key = keys.AGENT_OUT.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, topic="tracking")
+        self.z.put(keys.AGENT_OUT, key, wire.Signals(t=t, values=values))
+        self._now = values
+
+    def _time(self, message: MavMessage, state: wire.VehicleState) -> float:
+        """UTC at which the autopilot was there; when it came, where its clock is not known or not a real one."""
+        now, clock = time.time(), state.clock
+        if clock is None or abs(clock.drift_ppm) > FAST_CLOCK:
+            return now
+        return min(clock.boot_t + float(message.fields["time_boot_ms"]) / 1e3, now)
+
+    async def _listen(self, outlet: ByLease) -> None:
+        """What the vehicle says of setpoints that it drops."""
+        key = keys.EVENT.key(self.vehicle.fleet, self.vehicle.name)
+
+        def convert(sample: Any) -> wire.Event:
+            return wire.decode(sample.payload.to_bytes(), wire.Event, "event")
+
+        async with self.z.subscribe(key, convert, depth=50) as events:
+            async for event in events:
+                if event.kind == "setpoint":
+                    outlet.refusal = event.text
+
+    def _tell(self, course: Course, now: float) -> None:
+        on_way = now - course.start < course.trajectory.begins
+        phase = "hold" if self._holds else "approach" if on_way else "fly"
+        along = course.along(now)
+        corners = self._route.corners - self._route.begins
+        ahead = corners[corners > along + 1e-6]
+        detail: dict[str, Any] = {
+            "route": self._route.name, "along": round(along, 2), "length": round(self._route.length, 2),
+            "left_s": round(max(0.0, course.start + course.trajectory.duration - now), 1),
+            "corner_in": round(float(ahead[0]) - along, 2) if len(ahead) else 0.0,
+        }  # fmt: skip
+        detail |= {name: round(self._now[name], 3) for name in ("error", "cross") if name in self._now}
+        share = 100.0 * along / self._route.length
+        self.status(phase, f"{self._route.name}: {share:.0f} %", **detail)
+
+    # What it says of it.
+
+    def _keep(self) -> None:
+        """Keep the errors of what was flown of the course, which another may follow."""
+        course = self.course
+        if course is None or not self.times:
+            return
+        times = np.array(self.times) - course.start
+        found = errors(times, np.array(self.positions), course.trajectory, course.done)
+        gap = float(self._past.t[-1]) if self._past is not None and len(self._past.t) else 0.0
+        self._past = found if self._past is None else self._past.then(found, gap)
+
+    def _close(self, text: str) -> None:
+        """Idle again, with what was flown summed up."""
+        detail: dict[str, Any] = {}
+        if self._past is not None and len(self._past.t):
+            self.last = summarise(self._past, self._route, self["near"])
+            detail = {"summary": self.last.told()}
+            text = f"{text}: {self.last}"
+            self.say("summary", "info", text)
+        self.status("idle", text, **detail)
+
+    async def _end(self) -> None:
+        if self._flight is not None:
+            self._flight.cancel()
+            await asyncio.gather(self._flight, return_exceptions=True)
+
+
+def _looked_at(flight: asyncio.Task[None]) -> None:
+    """It was said how it ended: asyncio need not complain that nobody asked."""
+    if not flight.cancelled():
+        flight.exception()

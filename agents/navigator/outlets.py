@@ -1,0 +1,109 @@
+"""Where segments go: to the vehicle's own setpoint service under a lease, or to a controller agent that flies them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Protocol
+
+import zmav
+from zmav import wire
+from zmav.errors import NotHolder, Refused, Stale, TimedOut
+
+TAKEN, TRIES = 1.0, 3
+"""s in which the vehicle says that it flies a segment, before it is put again; how often it is put"""
+
+
+class Outlet(Protocol):
+    """Raises the :class:`~zmav.errors.ZmavError` that ended it from either method."""
+
+    async def give(self, points: list[wire.SegmentPoint]) -> None:
+        """Let this be flown from now on."""
+
+    def check(self) -> None:
+        """Raise what has ended it since."""
+
+
+class ByLease:
+    """The autopilot's own cascade flies: segments are put under the navigator's lease."""
+
+    def __init__(self, vehicle: zmav.Vehicle, lease: zmav.Lease) -> None:
+        self._vehicle, self._lease = vehicle, lease
+        self._seen = 0.0
+        self.refusal = ""
+        """the vehicle's last word on a setpoint that it dropped"""
+
+    async def give(self, points: list[wire.SegmentPoint]) -> None:
+        """Returns when the vehicle is committed to it."""
+        for _ in range(TRIES):
+            self.refusal = ""
+            self._lease.segment(points)
+            try:
+                await self._vehicle.wait_until(lambda state: self._ended or self._flies(state), TAKEN)
+            except TimedOut:
+                if self.refusal:
+                    break
+            else:
+                self.check()
+                return
+        self._refuse()
+
+    def check(self) -> None:
+        if self._lease.lost is not None:
+            raise self._lease.lost
+        state = self._vehicle.last_state
+        if state is not None and self._flies(state):
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > TAKEN:
+            self._refuse()
+
+    @property
+    def _ended(self) -> bool:
+        return self._lease.lost is not None
+
+    def _flies(self, state: wire.VehicleState) -> bool:
+        flown = state.segment
+        return flown is not None and (flown.lease, flown.seq) == (self._lease.number, self._lease.sent)
+
+    def _refuse(self) -> None:
+        if self._lease.lost is not None:
+            raise self._lease.lost
+        text = self.refusal or "it does not say why"
+        raise Refused(f"{self._vehicle.name} does not fly the segment: {text}", reasons=[text])
+
+
+class ByController:
+    """An agent that has taken over a part of the cascade is told to follow; it has a lease of its own."""
+
+    def __init__(self, vehicle: zmav.Vehicle, controller: str) -> None:
+        self._vehicle, self._controller = vehicle, controller
+        self._told: asyncio.Task[object] | None = None
+        self._lease: int | None = None
+
+    async def give(self, points: list[wire.SegmentPoint]) -> None:
+        """Returns when the controller has taken it, or goes on with it for long."""
+        if self._told is not None:
+            self._told.cancel()
+        self._told = asyncio.create_task(self._vehicle.tell(self._controller, "follow", segment=points))
+        await asyncio.wait({self._told}, timeout=TAKEN)
+        self.check()
+
+    def check(self) -> None:
+        if self._told is not None and self._told.done() and not self._told.cancelled():
+            self._told.result()
+        state = self._vehicle.last_state
+        if state is None:
+            raise Stale(f"{self._vehicle.name} has not been heard", vehicle=self._vehicle.name)
+        if state.pilot is not None:
+            raise NotHolder(f"the pilot has {self._vehicle.name}: {state.pilot}", reason="pilot")
+        if self._lease is None:
+            self._lease = state.lease.number if state.lease is not None else None
+        elif state.lease is None or state.lease.number != self._lease:
+            end = state.lease_end
+            text = end.text if end is not None and end.number == self._lease else "its lease has ended"
+            reason = end.reason if end is not None and end.number == self._lease else "gone"
+            raise NotHolder(f"{self._controller} has the vehicle no more: {text}", reason=reason)
+
+    def close(self) -> None:
+        if self._told is not None:
+            self._told.cancel()

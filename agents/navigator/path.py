@@ -1,0 +1,168 @@
+"""Pieces of a way by the distance along them: straight lines, and curves that are given by any parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Shape = Callable[[Array], tuple[Array, Array, Array]]
+"""(N,) of a parameter -> (N, 3) each: places, and their first and second derivatives by it"""
+NODES = 400
+"""of the table from distance to parameter"""
+NUMERIC = 1.02
+"""by which the sharpest change of a curve may be more than is found at the table's nodes"""
+
+
+class Piece(Protocol):
+    """A smooth piece of a way. Metres, NED."""
+
+    length: float
+    bend: float
+    """1/m: its sharpest curvature; 0: it is straight"""
+    jolt: float
+    """1/m²: the greatest third derivative of the place by the distance"""
+
+    def at(self, s: Array) -> tuple[Array, Array, Array]:
+        """(N, 3) each at the distances ``s``: places, unit tangents, and the tangents' derivatives by the distance."""
+
+    def after(self, s: float) -> Piece:
+        """What is left of it behind the distance ``s``."""
+
+
+class Line:
+    """From ``a`` straight to ``b``, (3,) each, which are apart."""
+
+    bend = jolt = 0.0
+
+    def __init__(self, a: Array, b: Array) -> None:
+        self.a, self.b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+        self.length = float(np.linalg.norm(self.b - self.a))
+        self.direction = (self.b - self.a) / self.length
+
+    def at(self, s: Array) -> tuple[Array, Array, Array]:
+        rows = np.ones((len(s), 1))
+        return self.a + s[:, None] * self.direction, rows * self.direction, np.zeros((len(s), 3))
+
+    def after(self, s: float) -> Line:
+        return Line(self.a + s * self.direction, self.b)
+
+
+class Curve:
+    """A regular curve from the parameter ``u0`` to ``u1``, read by its distance: a table, and cubics in it."""
+
+    def __init__(self, shape: Shape, u0: float, u1: float) -> None:
+        self._shape, self._u = shape, np.linspace(u0, u1, NODES)
+        step = (u1 - u0) / (NODES - 1)
+        at, weights = np.polynomial.legendre.leggauss(4)
+        inside = self._u[:-1, None] + step * (0.5 + 0.5 * at)
+        speeds = np.linalg.norm(shape(inside.ravel())[1], axis=1).reshape(inside.shape)
+        self._s = np.concatenate(([0.0], np.cumsum(speeds @ weights * 0.5 * step)))
+        self._slope = 1.0 / np.linalg.norm(shape(self._u)[1], axis=1)
+        self.length = float(self._s[-1])
+        _, _, bends = self._by(self._u)
+        self.bend = float(np.linalg.norm(bends, axis=1).max())
+        jolts = np.gradient(bends, self._s, axis=0, edge_order=2)
+        self.jolt = NUMERIC * float(np.linalg.norm(jolts, axis=1).max())
+
+    def at(self, s: Array) -> tuple[Array, Array, Array]:
+        return self._by(self._parameter(s))
+
+    def after(self, s: float) -> Curve:
+        return Curve(self._shape, float(self._parameter(np.array([s]))[0]), float(self._u[-1]))
+
+    def _by(self, u: Array) -> tuple[Array, Array, Array]:
+        place, first, second = self._shape(u)
+        speed = np.linalg.norm(first, axis=1)[:, None]
+        tangent = first / speed
+        along = np.sum(tangent * second, axis=1)[:, None]
+        return place, tangent, (second - along * tangent) / (speed * speed)
+
+    def _parameter(self, s: Array) -> Array:
+        s = np.clip(s, 0.0, self.length)
+        k = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, NODES - 2)
+        h = self._s[k + 1] - self._s[k]
+        x = (s - self._s[k]) / h
+        rest = 1.0 - x
+        ends: Array = self._u[k] * rest * rest * (1.0 + 2.0 * x) + self._u[k + 1] * x * x * (3.0 - 2.0 * x)
+        found: Array = ends + h * x * rest * (self._slope[k] * rest - self._slope[k + 1] * x)
+        return found
+
+
+def circle(radius: float) -> Shape:
+    """About nought, clockwise from above, from the north on; the parameter in radians."""
+
+    def shape(u: Array) -> tuple[Array, Array, Array]:
+        cos, sin, none = np.cos(u), np.sin(u), np.zeros_like(u)
+        return (
+            radius * np.column_stack((cos, sin, none)),
+            radius * np.column_stack((-sin, cos, none)),
+            radius * np.column_stack((-cos, -sin, none)),
+        )
+
+    return shape
+
+
+def lemniscate(length: float, width: float) -> Shape:
+    """Gerono's figure of eight about nought, from its middle on to the north; the parameter in radians."""
+    a, b = 0.5 * length, 0.5 * width
+
+    def shape(u: Array) -> tuple[Array, Array, Array]:
+        none = np.zeros_like(u)
+        return (
+            np.column_stack((a * np.sin(u), b * np.sin(2.0 * u), none)),
+            np.column_stack((a * np.cos(u), 2.0 * b * np.cos(2.0 * u), none)),
+            np.column_stack((-a * np.sin(u), -4.0 * b * np.sin(2.0 * u), none)),
+        )
+
+    return shape
+
+
+def rounded(before: Array, corner: Array, after: Array, reach: float) -> Curve:
+    """A corner cut from ``reach`` metres before it on the way from ``before`` to as far behind it: a Bézier curve of
+    the fifth degree that joins both straight ways without a jump of curvature.
+    """
+    into = (corner - before) / np.linalg.norm(corner - before)
+    out = (after - corner) / np.linalg.norm(after - corner)
+    shares = np.array([1.0, 2.0 / 3.0, 1.0 / 3.0])[:, None] * reach
+    control = np.vstack((corner - shares * into, corner + shares[::-1] * out))
+    return Curve(_bezier(control), 0.0, 1.0)
+
+
+def placed(shape: Shape, centre: Array, heading: float) -> Shape:
+    """The same turned clockwise by ``heading`` (rad) and moved."""
+    turn = turned(heading)
+
+    def elsewhere(u: Array) -> tuple[Array, Array, Array]:
+        place, first, second = shape(u)
+        return centre + place @ turn.T, first @ turn.T, second @ turn.T
+
+    return elsewhere
+
+
+def turned(heading: float) -> Array:
+    """(3, 3) that turns what looks north to look to ``heading`` (rad, clockwise)."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _bezier(control: Array) -> Shape:
+    degree = len(control) - 1
+    first = degree * np.diff(control, axis=0)
+    second = (degree - 1) * np.diff(first, axis=0)
+
+    def shape(u: Array) -> tuple[Array, Array, Array]:
+        return _bernstein(control, u), _bernstein(first, u), _bernstein(second, u)
+
+    return shape
+
+
+def _bernstein(control: Array, u: Array) -> Array:
+    n = len(control) - 1
+    weights = np.column_stack([math.comb(n, k) * u**k * (1.0 - u) ** (n - k) for k in range(n + 1)])
+    found: Array = weights @ control
+    return found

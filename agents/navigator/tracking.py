@@ -1,0 +1,176 @@
+"""How well a trajectory was followed: errors at each moment, and where the greatest of them are."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from agents.navigator.path import Array
+from agents.navigator.routes import Route
+from agents.navigator.trajectory import Trajectory
+
+NEAR = 1.5
+"""m along the way from a corner within which a peak is near it"""
+HIGH = 1.5
+"""times the RMS: an error above it begins a peak, which lasts until the error is below the RMS again"""
+GRAIN, AROUND = 0.05, 3.0
+"""m between the points of the way that distances are taken to, and m along it around where it should be"""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """(N,) each, but for ``off``."""
+
+    t: Array
+    """s since the beginning of what was flown"""
+    off: Array
+    """(N, 3) m NED: where it was, less where it should have been then"""
+    along: Array
+    """m of the route at which it should have been"""
+    cross: Array
+    """m to the nearest place of the way around there"""
+
+    @property
+    def size(self) -> Array:
+        """(N,) m"""
+        found: Array = np.linalg.norm(self.off, axis=1)
+        return found
+
+    def then(self, other: Errors, gap: float) -> Errors:
+        """Both, the other one ``gap`` s after the beginning of this one."""
+        pairs = ((self.off, other.off), (self.along, other.along), (self.cross, other.cross))
+        return Errors(np.concatenate((self.t, other.t + gap)), *(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Peak:
+    t: float
+    """s"""
+    error: float
+    """m"""
+    along: float
+    """m of the route"""
+    to_corner: float
+    """m along the route to the nearest corner"""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Metres and seconds. ``cross``: off the way; the others: off where it should have been at the time."""
+
+    samples: int
+    seconds: float
+    length: float
+    """of the route"""
+    rms: float
+    rms_level: float
+    """north and east together"""
+    rms_upright: float
+    peak: float
+    cross_rms: float
+    cross_peak: float
+    peaks: tuple[Peak, ...]
+    near: float
+    """m from a corner that count as near it"""
+    share_near: float
+    """of the peaks that are near a corner"""
+    time_near: float
+    """of the samples that are: what the share of the peaks would be if they were anywhere"""
+
+    def told(self) -> dict[str, Any]:
+        """For a status: plain and rounded."""
+        found = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
+        found["peaks"] = [{name: round(value, 3) for name, value in asdict(peak).items()} for peak in self.peaks]
+        return found
+
+    def __str__(self) -> str:
+        peaks = f"{round(self.share_near * len(self.peaks))} of {len(self.peaks)} peaks"
+        return (
+            f"{self.length:.1f} m in {self.seconds:.1f} s: RMS {self.rms:.3f} m, peak {self.peak:.3f} m; "
+            f"{peaks} within {self.near:g} m of a corner, where {100 * self.time_near:.0f} % of the time is spent"
+        )
+
+
+class Way:
+    """A route's places, close enough to each other to measure distances to it."""
+
+    def __init__(self, route: Route) -> None:
+        total = route.begins + route.length
+        grid = np.linspace(0.0, total, max(2, round(total / GRAIN) + 1))
+        self._along = np.unique(np.concatenate((grid, route.starts.clip(0.0, total))))
+        self._places = route.at(self._along)[0]
+
+    def off(self, place: Array, along: float) -> float:
+        """m from a place (3,) to the way, around the distance ``along``."""
+        low, high = np.searchsorted(self._along, (along - AROUND, along + AROUND))
+        part = self._places[max(int(low) - 1, 0) : int(high) + 2]
+        a, d = part[:-1], np.diff(part, axis=0)
+        share = np.clip(np.sum((place - a) * d, axis=1) / np.maximum(np.sum(d * d, axis=1), 1e-12), 0.0, 1.0)
+        return float(np.linalg.norm(a + share[:, None] * d - place, axis=1).min())
+
+
+def errors(
+    times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory, done: float = 0.0
+) -> Errors:  # fmt: skip
+    """``times`` (N,) s since the trajectory's beginning, ``positions`` (N, 3) m NED: what of it is on the route itself,
+    neither on the way to it nor after its end. ``done``: m of the route that were flown before this trajectory.
+    """
+    t, places = np.asarray(times, dtype=float), np.asarray(positions, dtype=float).reshape(-1, 3)
+    mine = (t >= trajectory.begins) & (t <= trajectory.duration) & np.isfinite(places).all(axis=1)
+    t, places = t[mine], places[mine]
+    meant, way = trajectory.at(t), Way(trajectory.route)
+    cross = np.array([way.off(place, along) for place, along in zip(places, meant.along, strict=True)])
+    return Errors(t, places - meant.pos, meant.along - trajectory.route.begins + done, cross)
+
+
+def summary(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory, near: float = NEAR) -> Summary:
+    """Of one flight; arguments as of :func:`errors`. Raises :class:`ValueError` where none of it is on the route."""
+    return summarise(errors(times, positions, trajectory), trajectory.route, near)
+
+
+def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
+    """Of the errors along a route, which need not be of one flight."""
+    if not len(found.t):
+        raise ValueError("no position is on the route")
+    size, corners = found.size, route.corners - route.begins
+    away = np.abs(found.along[:, None] - corners).min(axis=1)
+    rms = _rms(size)
+    where = _peaks(size, rms)
+    peaks = tuple(Peak(float(found.t[k]), float(size[k]), float(found.along[k]), float(away[k])) for k in where)
+    return Summary(
+        samples=len(size),
+        seconds=float(found.t[-1] - found.t[0]),
+        length=route.length,
+        rms=rms,
+        rms_level=_rms(np.linalg.norm(found.off[:, :2], axis=1)),
+        rms_upright=_rms(found.off[:, 2]),
+        peak=float(size.max()),
+        cross_rms=_rms(found.cross),
+        cross_peak=float(found.cross.max()),
+        peaks=peaks,
+        near=near,
+        share_near=sum(peak.to_corner <= near for peak in peaks) / len(peaks),
+        time_near=float(np.mean(away <= near)),
+    )
+
+
+def _peaks(size: Array, rms: float) -> list[int]:
+    """The greatest error of each stretch that rises above :data:`HIGH`; where none does, the greatest of all."""
+    found: list[int] = []
+    inside = False
+    for k, error in enumerate(size):
+        if not inside and error > HIGH * rms:
+            inside = True
+            found.append(k)
+        elif inside and error < rms:
+            inside = False
+        elif inside and error > size[found[-1]]:
+            found[-1] = k
+    return found or [int(size.argmax())]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

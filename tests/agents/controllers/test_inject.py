@@ -1,0 +1,264 @@
+"""What is injected: added to the one number that was named, by as much as was asked, and to nothing else."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.controllers.inject import CHANNELS, LONGEST, Inject, Injection, duration, turned
+from agents.controllers.types import LEVELS, Level, Reference, State
+from zmav import wire
+from zmav.errors import BadInput
+
+START = 1000.0
+SMALL = {name: 0.05 * each.most for name, each in CHANNELS.items()}
+PLACES = [(level, name) for name, each in CHANNELS.items() for level in each.levels]
+
+
+def order(
+    kind: str = "step", channel: str = "z", amplitude: float = 1.0, seconds: float = 2.0, **rest: float
+) -> Inject:
+    return Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=seconds, **rest)  # type: ignore[arg-type]
+
+
+def tilted(level: Level) -> Reference:
+    """A reference of which no number is zero."""
+    attitude = quaternion(0.2, -0.3, 1.1)
+    return Reference(
+        level, np.array([1.0, 2.0, -3.0]), np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6]), 0.7, 0.05, attitude,
+        np.array([0.01, 0.02, 0.03]), 0.5,
+    )  # fmt: skip
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Of Euler angles (Z-Y-X), by the textbook."""
+    (cr, cp, cy), (sr, sp, sy) = ([f(a / 2) for a in (roll, pitch, yaw)] for f in (math.cos, math.sin))
+    first, second = (cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy), (cr * sp * cy + sr * cp * sy,)
+    return np.array([*first, *second, cr * cp * sy - sr * sp * cy])
+
+
+def numbers(reference: Reference) -> dict[str, float]:
+    """Each channel of a reference, as the signals name it, and what can be fed forward; angles are Euler's."""
+    roll, pitch, heading = State(q=reference.attitude).euler
+    by_attitude = reference.level in ("altitude", "attitude")
+    found = {"roll": roll, "pitch": pitch, "yaw": heading if by_attitude else reference.yaw}
+    found["yaw_rate"], found["thrust"] = reference.yaw_rate, reference.thrust
+    vectors = {"xyz": reference.pos, "pqr": reference.rates}
+    found |= {name: float(v) for names, vector in vectors.items() for name, v in zip(names, vector, strict=True)}
+    for start, vector in (("v", reference.vel), ("a", reference.acc)):
+        found |= {start + name: float(v) for name, v in zip("xyz", vector, strict=True)}
+    return found
+
+
+@pytest.mark.parametrize(("level", "channel"), PLACES)
+def test_a_step_is_added_to_that_channel_and_to_nothing_else(level: Level, channel: str) -> None:
+    amplitude = SMALL[channel]
+    injection = Injection(order(channel=channel, amplitude=amplitude), level, START)
+    reference, before = tilted(level), numbers(tilted(level))
+    assert injection.apply(reference, START + 0.5) == amplitude
+    after = numbers(reference)
+    expected = {**before, channel: before[channel] + amplitude}
+    assert after == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(("level", "channel"), PLACES)
+def test_whoever_else_holds_the_vectors_sees_no_change(level: Level, channel: str) -> None:
+    shared = tilted(level)
+    injection = Injection(order(channel=channel, amplitude=SMALL[channel]), level, START)
+    for cycle in range(3):  # the same reference again: nothing adds up
+        reference = copy.copy(shared)
+        injection.apply(reference, START + 0.1 * cycle)
+        before = numbers(tilted(level))
+        assert numbers(reference)[channel] == pytest.approx(before[channel] + SMALL[channel], abs=1e-12)
+    assert numbers(shared) == numbers(tilted(level))
+
+
+def test_it_begins_and_ends_when_it_is_to() -> None:
+    injection = Injection(order(seconds=2.0), "position", START)
+    for t, added in ((-0.001, 0.0), (0.0, 1.0), (1.999, 1.0), (2.0, 0.0), (50.0, 0.0)):
+        reference = Reference()
+        assert injection.apply(reference, START + t) == added
+        assert reference.pos[2] == added
+    assert not injection.done(START - 1.0)
+    assert not injection.done(START + 1.999)
+    assert injection.done(START + 2.0)
+
+
+def test_a_doublet_goes_one_way_and_then_as_long_the_other() -> None:
+    injection = Injection(order("doublet", "p", -0.4, 1.0), "rates", START)
+    said = [injection.apply(Reference("rates"), START + t) for t in (0.0, 0.999, 1.0, 1.999, 2.0)]
+    assert said == [-0.4, -0.4, 0.4, 0.4, 0.0]
+    assert duration(injection.args) == 2.0
+    assert not injection.done(START + 1.5)
+
+
+def test_a_controller_of_another_level_gets_nothing() -> None:
+    injection = Injection(order(channel="yaw", amplitude=0.1), "position", START)
+    reference = tilted("attitude")
+    assert injection.apply(reference, START + 1.0) == 0.0
+    assert numbers(reference) == numbers(tilted("attitude"))
+
+
+def test_a_yaw_goes_on_past_south() -> None:
+    reference = Reference(yaw=3.1)
+    Injection(order(channel="yaw", amplitude=0.5), "position", START).apply(reference, START)
+    assert reference.yaw == pytest.approx(3.6 - 2.0 * math.pi)
+
+
+def chirp(seconds: float = 60.0, f0: float = 0.1, f1: float = 5.0, **rest: float) -> Inject:
+    return order("chirp", "x", 0.5, seconds, f0=f0, f1=f1, **rest)
+
+
+def test_a_chirp_goes_from_the_one_frequency_to_the_other_by_the_same_factor_each_second() -> None:
+    injection = Injection(chirp(), "position", 0.0)
+    t = np.arange(0.0, 60.0, 0.001)
+    y = np.array([injection.value(float(each))[0] for each in t])
+    up = t[1:][(y[:-1] < 0.0) & (y[1:] >= 0.0)]
+    middles, found = (up[1:] + up[:-1]) / 2.0, 1.0 / np.diff(up)
+    # Over a period the frequency grows by a factor itself, so its mean is a little off that in the middle.
+    wanted = 0.1 * 50.0 ** (middles / 60.0)
+    np.testing.assert_allclose(found, wanted, rtol=0.06)
+    np.testing.assert_allclose(found[-100:], wanted[-100:], rtol=0.015)
+    assert np.abs(y).max() == pytest.approx(0.5, rel=1e-3)
+    assert np.abs(y[(t > 3.0) & (t < 57.0)]).max() == pytest.approx(0.5, rel=1e-3)
+    assert np.abs(y[t < 0.3]).max() < 0.02
+    assert np.abs(y[t > 59.9]).max() < 0.01
+
+
+@given(
+    st.floats(0.05, 2.0), st.floats(1.2, 20.0), st.floats(1.0, 30.0), st.floats(0.01, 0.99)
+)  # fmt: skip
+def test_what_is_fed_forward_is_the_derivative(f0: float, factor: float, periods: float, at: float) -> None:
+    seconds = min(periods / f0 * 1.001, LONGEST)
+    injection = Injection(chirp(seconds, f0, min(f0 * factor, 50.0), feed=True), "position", 0.0)
+    t, step = at * seconds, 1e-5 / f0 / factor
+    slope = (injection.value(t + step)[0] - injection.value(t - step)[0]) / (2.0 * step)
+    reference = Reference()
+    added = injection.apply(reference, t)
+    assert reference.pos.tolist() == [added, 0.0, 0.0]
+    assert reference.vel.tolist()[1:] == [0.0, 0.0]
+    assert reference.vel[0] == pytest.approx(slope, abs=1e-4 * 2.0 * math.pi * f0 * factor)
+
+
+@pytest.mark.parametrize(
+    ("level", "channel", "fed"),
+    [
+        ("position", "z", "vz"),
+        ("velocity", "vy", "ay"),
+        ("position", "yaw", "yaw_rate"),
+        ("attitude", "yaw", "yaw_rate"),
+    ],
+)
+def test_it_is_fed_forward_where_there_is_a_place_and_only_if_asked(level: Level, channel: str, fed: str) -> None:
+    for feed in (False, True):
+        args = Inject(kind="chirp", channel=channel, amplitude=SMALL[channel], seconds=20.0, feed=feed)
+        injection, reference, before = Injection(args, level, 0.0), tilted(level), numbers(tilted(level))
+        added = injection.apply(reference, 7.0)
+        _, slope = injection.value(7.0)
+        assert abs(slope) > 1e-3
+        expected = {**before, channel: before[channel] + added, fed: before[fed] + (slope if feed else 0.0)}
+        assert numbers(reference) == pytest.approx(expected, abs=1e-12)
+
+
+ANGLE = st.floats(-0.6, 0.6)
+
+
+@given(
+    st.floats(-3.1, 3.1), st.floats(-0.9, 0.9), st.floats(-3.1, 3.1), ANGLE, st.sampled_from(["roll", "pitch", "yaw"])
+)
+def test_an_angle_is_added_whatever_the_others_are(
+    roll: float, pitch: float, yaw: float, angle: float, name: str
+) -> None:
+    q = turned(quaternion(roll, pitch, yaw), name, angle)
+    wanted = {"roll": roll, "pitch": pitch, "yaw": yaw}
+    wanted[name] += angle
+    assert abs(float(np.dot(q, quaternion(**wanted)))) == pytest.approx(1.0, abs=1e-12)
+    assert float(np.linalg.norm(q)) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("channel", [*CHANNELS, "thrust", ""])
+def test_a_channel_that_the_reference_lacks_is_refused_with_those_that_it_has(level: Level, channel: str) -> None:
+    args = order(channel=channel, amplitude=SMALL.get(channel, 0.1))
+    if (level, channel) in PLACES:
+        Injection(args, level, START)
+        return
+    with pytest.raises(BadInput, match=f"level {level} has") as refused:
+        Injection(args, level, START)
+    assert refused.value.detail["field"] == "channel"
+    assert refused.value.detail["value"] == channel
+    assert all(name in refused.value.detail["expected"] for where, name in PLACES if where == level)
+
+
+@pytest.mark.parametrize(
+    ("field", "args"),
+    [
+        ("kind", order("ramp")),
+        ("amplitude", order(amplitude=math.nan)),
+        ("amplitude", order(amplitude=math.inf)),
+        ("amplitude", order(amplitude=0.0)),
+        ("amplitude", order(amplitude=-10.1)),
+        ("seconds", order(seconds=math.nan)),
+        ("seconds", order(seconds=0.0)),
+        ("seconds", order(seconds=-1.0)),
+        ("seconds", order(seconds=1e4)),
+        ("f0", order("chirp", f0=math.nan)),
+        ("f0", order("chirp", f0=0.0)),
+        ("f1", order("chirp", f1=math.inf)),
+        ("f1", order("chirp", f1=80.0)),
+        ("f1", order("chirp", seconds=20.0, f0=1.0, f1=1.0)),
+        ("f1", order("chirp", seconds=20.0, f0=2.0, f1=1.0)),
+        ("seconds", order("chirp", seconds=9.0, f0=0.1)),
+        ("feed", order(feed=True)),
+        ("feed", order("doublet", feed=True)),
+    ],
+)
+def test_what_is_no_number_or_beyond_what_is_sane_is_refused_by_its_name(field: str, args: Inject) -> None:
+    with pytest.raises(BadInput, match=f"inject: {field} is .*; expected") as refused:
+        Injection(args, "position", START)
+    assert refused.value.detail["field"] == field
+    assert refused.value.detail["expected"]
+
+
+def test_a_chirp_of_a_tilt_has_no_place_to_feed_forward() -> None:
+    args = Inject(kind="chirp", channel="roll", amplitude=0.1, seconds=20.0, feed=True)
+    with pytest.raises(BadInput, match=r"yaw") as refused:
+        Injection(args, "attitude", START)
+    assert refused.value.detail["field"] == "feed"
+
+
+def test_rates_that_would_turn_it_over_are_refused() -> None:
+    Injection(order(channel="p", amplitude=2.0, seconds=0.35), "rates", START)
+    Injection(order(channel="r", amplitude=1.0, seconds=3.0), "rates", START)  # it may well turn about its own axis
+    for args in (order(channel="p", amplitude=2.0, seconds=0.5), order("doublet", "q", -1.0, 1.0),
+                 order("chirp", "p", 1.0, 20.0, f0=0.2)):  # fmt: skip
+        with pytest.raises(BadInput, match="add up to"):
+            Injection(args, "rates", START)
+
+
+@given(st.floats(0.1, 2.0), st.floats(1.3, 10.0), st.floats(1.0, 8.0))
+def test_a_chirp_of_rates_turns_no_farther_than_is_reckoned_with(f0: float, factor: float, periods: float) -> None:
+    args = order("chirp", "p", 0.8 * math.pi * f0 * 0.999, periods / f0 * 1.01, f0=f0, f1=f0 * factor)
+    if abs(args.amplitude) > CHANNELS["p"].most:
+        return
+    injection = Injection(args, "rates", 0.0)
+    step = 0.002 / f0 / factor
+    t = np.arange(0.0, args.seconds, step)
+    turn = np.cumsum([injection.value(float(each))[0] for each in t]) * step
+    assert np.abs(turn).max() < 0.8
+
+
+def test_the_order_is_read_from_json_and_its_fields_are_named_when_wrong() -> None:
+    said = b'{"kind": "chirp", "channel": "roll", "amplitude": 0.1, "seconds": 20, "f0": 0.2, "f1": 8}'
+    args = wire.decode(said, Inject, "inject")
+    assert (args.kind, args.f1, args.feed) == ("chirp", 8.0, False)
+    for wrong, field in ((b'"ramp"', "kind"), (b"null", "kind")):
+        with pytest.raises(BadInput, match=field):
+            wire.decode(said.replace(b'"chirp"', wrong), Inject, "inject")
+    with pytest.raises(BadInput, match="amplitude"):
+        wire.decode(b'{"kind": "step", "channel": "z", "seconds": 2}', Inject, "inject")

@@ -1,0 +1,89 @@
+"""What is said of a flight: errors against where it should have been, the way itself, and where the peaks are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.navigator.picture import picture
+from agents.navigator.routes import shape
+from agents.navigator.tracking import errors, summarise, summary
+from agents.navigator.trajectory import Limits, Trajectory
+from zmav.errors import BadInput
+
+TRAJECTORY = Trajectory(shape("ev3", (0.0, 0.0, -6.0)).reached_from((0.0, 0.0, -5.0), 0.0, 2.0), Limits())
+T = np.arange(0.0, TRAJECTORY.duration, 0.05)
+MEANT = TRAJECTORY.at(T)
+
+
+def test_who_is_where_it_should_be_has_no_error() -> None:
+    found = summary(T, MEANT.pos, TRAJECTORY)
+    assert found.peak < 1e-9
+    assert found.cross_peak < 1e-6
+    assert found.length == pytest.approx(70.0)
+    assert found.seconds == pytest.approx(82.0, abs=0.1)  # without the way to it
+
+
+def test_who_is_late_is_off_its_reference_and_still_on_the_way() -> None:
+    late = TRAJECTORY.at(T - 0.2).pos
+    found = summary(T, late, TRAJECTORY)
+    assert found.peak == pytest.approx(0.2, abs=1e-3)
+    assert found.cross_peak < 1e-3
+    assert found.rms < found.peak
+
+
+def test_an_offset_is_told_level_and_upright() -> None:
+    found = summary(T, MEANT.pos + np.array([0.3, 0.0, -0.4]), TRAJECTORY)
+    assert found.rms == pytest.approx(0.5)
+    assert found.rms_level == pytest.approx(0.3)
+    assert found.rms_upright == pytest.approx(0.4)
+
+
+def bumps(where: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Off by 1 m to the north at some places of each side, (N, 3)."""
+    away = np.abs(MEANT.along[:, None] - TRAJECTORY.route.corners[:-1] - where).min(axis=1)
+    return MEANT.pos + np.outer(np.exp(-((away / 0.3) ** 2)), (1.0, 0.0, 0.0))
+
+
+def test_peaks_near_corners_are_told_from_those_between() -> None:
+    near, between = summary(T, bumps(0.8), TRAJECTORY), summary(T, bumps(2.5), TRAJECTORY)
+    assert near.share_near == 1.0
+    assert between.share_near == 0.0
+    assert len(near.peaks) == len(between.peaks) == 8
+    assert [peak.to_corner for peak in near.peaks] == pytest.approx([0.8] * 8, abs=0.1)
+    assert [peak.error for peak in between.peaks] == pytest.approx([1.0] * 8, abs=0.05)
+    assert near.time_near == between.time_near < 0.5
+
+
+def test_a_flight_in_two_parts_is_summed_up_as_one() -> None:
+    places = bumps(0.8)
+    whole = errors(T, places, TRAJECTORY)
+    cut = 0.5 * TRAJECTORY.duration
+    first, second = (errors(T[mine], places[mine], TRAJECTORY) for mine in (cut > T, cut <= T))
+    assert len(first.t) > 0 < len(second.t)
+    route = TRAJECTORY.route
+    assert summarise(first.then(second, 0.0), route) == summarise(whole, route)
+
+
+def test_what_is_not_of_the_route_has_no_summary(tmp_path: Path) -> None:
+    early = TRAJECTORY.begins > T
+    with pytest.raises(ValueError, match="no position"):
+        summary(T[early], MEANT.pos[early], TRAJECTORY)
+    with pytest.raises(BadInput, match="no position"):
+        picture(tmp_path / "a.png", {"flown": (T[early], MEANT.pos[early])}, TRAJECTORY)
+
+
+def test_a_picture_is_drawn_of_several_flights(tmp_path: Path) -> None:
+    flights = {"late": (T, TRAJECTORY.at(T - 0.2).pos), "bumps": (T, bumps(0.8))}
+    picture(tmp_path / "a.png", flights, TRAJECTORY, "two flights")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    picture(tmp_path / "a.svg", flights, TRAJECTORY)
+    drawn = (tmp_path / "a.svg").read_text()
+    assert drawn.count("<path") > 20
+    with pytest.raises(BadInput, match="cannot draw") as refused:
+        picture(tmp_path / "a.doc", flights, TRAJECTORY)
+    assert refused.value.detail["expected"] == "png, svg or pdf"
+    with pytest.raises(BadInput, match="cannot write"):
+        picture(tmp_path / "no" / "a.png", flights, TRAJECTORY)
