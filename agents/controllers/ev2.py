@@ -14,6 +14,8 @@ Decided here, besides limits and windup:
   torques are scaled alike.
 - Of the rotors' lag, which the equations leave out, torques are rid by a lead of (1 + ``rotor_tau`` s) / (1 +
   ``lead_tau`` s): without it the delay that the loop bears is a quarter of what it is.
+- At hand-over the reference begins at the vehicle's own motion and comes to the given one within seconds (``ease``):
+  p_e^{I,0} then is what the wind needs, and not what errors of the autopilot's own following would ask for at once.
 - The filters begin at hand-over with the vehicle's rates and no error kept account of (Ω_ref = Ω, ε = 0).
 """
 
@@ -75,6 +77,7 @@ class Ev2(Controller):
     filter_tilt = parameter(18.0, 1.0, 200.0, "1/s", "Γ̄ about the forward and right axes")
     filter_yaw = parameter(10.0, 1.0, 200.0, "1/s", "Γ̄ about the down axis")
 
+    ease = parameter(1.5, 0.3, 10.0, "1/s", "how soon the errors at hand-over are taken up")
     speed_max = parameter(5.0, 0.5, 30.0, "m/s", "beside the reference's, that an error of position asks for")
     integral_max = parameter(5.0, 0.0, 20.0, "m/s²", "that an integral grows to")
     lean_max = parameter(45.0, 5.0, 70.0, "deg", "that is asked for")
@@ -95,11 +98,14 @@ class Ev2(Controller):
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         """The first update gives the trim's thrust and aims at its tilt, whatever the errors are then."""
-        self._weigh(state, trim.thrust)
+        since = 0.0 if self._seen is None else state.t - self._seen
+        since = since if 0.0 < since < SETTLE_S else 0.0
+        self._seen = state.t
+        self._weigh(state, trim.thrust, since)
         error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
+        acc, vel, axis, asked = _vec(reference.acc), _vec(state.vel), _axis(state.q), _axis(trim.attitude)
         thrust = trim.thrust * self.full / self.mass
-        acc, vel = _vec(reference.acc), _vec(state.vel)
-        self.outer.reset(self._outer_gains(), error, slip, acc, vel, _axis(trim.attitude), thrust)
+        self.outer.reset(self._outer_gains(), error, slip, acc, vel, axis, asked, thrust, since)
         self.inner.reset(_vec(state.rates))
         self.behind = None
 
@@ -125,14 +131,14 @@ class Ev2(Controller):
 
     # ---- the vehicle's units
 
-    def _weigh(self, state: State, thrust: float) -> None:
-        """Newtons of full thrust, from what holds the vehicle up while the autopilot flies it."""
+    def _weigh(self, state: State, thrust: float, since: float) -> None:
+        """Newtons of full thrust, from what holds the vehicle up while the autopilot flies it; ``since``: the s since
+        the last look, 0: there was none.
+        """
         down, lift = float(state.vel[2]), max(thrust, 0.0) * _axis(state.q)[2]
-        if self._seen is None or not 0.0 <= state.t - self._seen < SETTLE_S:
-            self._lift, self._fall, share = lift, down, 0.0
-        else:
-            share = 1.0 - math.exp((self._seen - state.t) / SETTLE_S)
-        self._seen = state.t
+        if since <= 0.0:
+            self._lift, self._fall = lift, down
+        share = 1.0 - math.exp(-since / SETTLE_S)
         self._lift += (lift - self._lift) * share
         self._fall += (down - self._fall) * share
         # How far the speed is from its mean is its derivative, as slow as the mean of the thrust is.
@@ -163,6 +169,7 @@ class Ev2(Controller):
             least=self.thrust_low * full,
             most=self.thrust_high * full,
             rotor_tau=self.rotor_tau,
+            ease=self.ease,
         )
 
     def _inner_gains(self) -> Inner:

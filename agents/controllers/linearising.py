@@ -11,6 +11,9 @@ and the roll and pitch whose thrust is against n = (g - U) / |g - U|:
 Their derivatives are those along U' = p_ref''' + K_D p_e'' + K_P p_e' + K_I p_e, with p_ref''' from one cycle's
 acceleration to the next's, and p'' from an observer: what the rotors give by the model of their lag, and what the
 velocity shows to be missing in that (wind). Nothing measured is differentiated.
+
+At hand-over the reference begins where the vehicle is, with its velocity and acceleration, and comes to the one that is
+given as (s + ease)^3 does: neither U nor U' jumps, and the integral begins with the wind alone.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from agents.controllers.backstepping import Vec, add, less, scaled, times
 
 GRAVITY = 9.80665  # m/s²
 DOWN = (0.0, 0.0, GRAVITY)
+ZERO = (0.0, 0.0, 0.0)
 AHEAD_S = 1e-4  # the step of the tilt's derivatives
 JERK_S = 0.03  # of the filter of p_ref'''
 OBSERVER = 5.0  # 1/s, how soon the observer of p'' sees a wind
@@ -49,6 +53,8 @@ class Outer:
     most: float
     rotor_tau: float
     """s"""
+    ease: float
+    """1/s"""
 
 
 @dataclass(frozen=True)
@@ -70,28 +76,44 @@ class Linearising:
     """
 
     def __init__(self) -> None:
-        self.integral: Vec = (0.0, 0.0, 0.0)
+        self.integral: Vec = ZERO
         self.rotors = GRAVITY
         """m/s² that the rotors give now, by the model of their lag"""
-        self._vel: Vec = (0.0, 0.0, 0.0)  # the observer's
-        self._jerk: Vec = (0.0, 0.0, 0.0)
+        self._vel: Vec = ZERO  # the observer's
+        self._jerk: Vec = ZERO
         self._before: Vec | None = None
+        self._offset: tuple[Vec, Vec, Vec] = (
+            ZERO,
+            ZERO,
+            ZERO,
+        )  # of the reference from the one given, its velocity and acceleration
+        self._since = 0.0
 
-    def reset(self, k: Outer, error: Vec, slip: Vec, acc: Vec, vel: Vec, axis: Vec, thrust: float) -> None:
-        """Begin so that the first :meth:`step` of these errors asks for ``thrust`` (m/s²) against ``axis``, the down
-        axis that the autopilot asks for, NED. ``vel``: the vehicle's.
+    def reset(
+        self, k: Outer, error: Vec, slip: Vec, acc: Vec, vel: Vec, axis: Vec, asked: Vec, thrust: float, dt: float
+    ) -> None:
+        """Begin so that the first :meth:`step` asks for ``thrust`` (m/s²) against ``asked``, the down axis that the
+        autopilot asks for; the rest as of :meth:`step`. ``dt`` is since the last such call; 0: there was none, and the
+        vehicle is taken to do what the reference does.
         """
-        asked = add(acc, _feedback(k, error, slip)[0])
-        self.integral = less(less(DOWN, scaled(thrust, axis)), asked)
-        self._vel = add(vel, scaled(1.0 / OBSERVER, self.integral))  # the integral is there against a wind
-        self.rotors, self._jerk, self._before = thrust, (0.0, 0.0, 0.0), None
+        if dt <= 0.0:
+            self.rotors = thrust
+            self._vel = less(vel, scaled(1.0 / OBSERVER, less(acc, less(DOWN, scaled(thrust, axis)))))
+        now = self._acc(vel, axis, dt)
+        self._follow(k, thrust, dt)
+        self.integral = less(less(DOWN, scaled(thrust, asked)), now)
+        self._offset, self._since = (error, slip, less(acc, now)), 0.0
+        self._jerk, self._before = ZERO, None
 
     def step(
         self, k: Outer, error: Vec, slip: Vec, acc: Vec, vel: Vec, yaw: float, yaw_rate: float, axis: Vec, dt: float
-    ) -> Aim:  # fmt: skip
-        """One cycle of ``dt`` s at p_e (m), p_e' (m/s), p_ref'' (m/s²) and p' (m/s), at that heading (rad,
-        rad/s); ``axis``: the body's down, NED.
+    ) -> Aim:
+        """One cycle of ``dt`` s at p_e (m), p_e' (m/s), p_ref'' (m/s²) and p' (m/s), at that heading (rad, rad/s);
+        ``axis``: the body's down, NED.
         """
+        off, off_dot, off_acc = _fading(self._offset, k.ease, self._since)
+        self._since += dt
+        error, slip, acc = less(error, off), less(slip, off_dot), less(acc, off_acc)
         feedback, free = _feedback(k, error, slip)
         pull = less(DOWN, add(add(acc, feedback), self.integral))
         fitted = _fit(k, pull)
@@ -103,7 +125,7 @@ class Linearising:
         _, roll_then, pitch_then = _aim(then, yaw + yaw_rate * AHEAD_S)
 
         self._integrate(k, error, free, less(pull, fitted), dt)
-        self.rotors += (thrust - self.rotors) * (1.0 - math.exp(-dt / k.rotor_tau) if k.rotor_tau > 0.0 else 1.0)
+        self._follow(k, thrust, dt)
         return Aim(thrust, roll, pitch, (roll_then - roll) / AHEAD_S, (pitch_then - pitch) / AHEAD_S)
 
     def _jerk_of(self, acc: Vec, dt: float) -> Vec:
@@ -120,6 +142,9 @@ class Linearising:
         self._vel = add(self._vel, scaled(dt, now))
         return now
 
+    def _follow(self, k: Outer, thrust: float, dt: float) -> None:
+        self.rotors += (thrust - self.rotors) * (1.0 - math.exp(-dt / k.rotor_tau) if k.rotor_tau > 0.0 else 1.0)
+
     def _integrate(self, k: Outer, error: Vec, free: Vec, excess: Vec, dt: float) -> None:
         """Not where that would ask for more of what cannot be had, nor beyond the limit (but from there back)."""
         kept = []
@@ -129,6 +154,18 @@ class Linearising:
             step = k.ki[i] * error[i] * dt * free[i] if error[i] * excess[i] >= 0.0 else 0.0
             kept.append(min(max(now + step, -most), most))
         self.integral = (kept[0], kept[1], kept[2])
+
+
+def _fading(start: tuple[Vec, Vec, Vec], rate: float, t: float) -> tuple[Vec, Vec, Vec]:
+    """The solution of (d/dt + rate)^3 x = 0 with x, x' and x'' of ``start``, and its derivatives, after ``t`` s."""
+    a = start[0]
+    b = add(start[1], scaled(rate, a))
+    c = scaled(0.5, add(start[2], add(scaled(2.0 * rate, start[1]), scaled(rate * rate, a))))
+    left = math.exp(-rate * t)
+    x = scaled(left, add(a, scaled(t, add(b, scaled(t, c)))))
+    slope = scaled(left, add(b, scaled(2.0 * t, c)))
+    bend = add(scaled(2.0 * left, c), add(scaled(-2.0 * rate, slope), scaled(rate * rate, x)))
+    return x, less(slope, scaled(rate, x)), bend
 
 
 def _feedback(k: Outer, error: Vec, slip: Vec) -> tuple[Vec, Vec]:
