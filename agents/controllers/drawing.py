@@ -70,8 +70,8 @@ def figure_of(report: Report) -> Figure:
         figure.align_ylabels(axes)
         if isinstance(report.found, Chirp):
             _bode(figure, grid, report.found)
-            words = "      ".join(f"{name}  {value}" for name, value in report.found.rows()[:3])
-            figure.text(0.975, 0.921, words, fontsize=9, color=INK, ha="right")
+            words = "     ".join(f"{name} {value}" for name, value in report.found.rows()[:3])
+            figure.text(0.975, 0.921, words, fontsize=8, color=INK, ha="right")
         else:
             _table(figure, grid, report)
         _title(figure, report)

@@ -27,6 +27,8 @@ END = 0.2
 """of a step's duration, at its end, in which it is what it settles at"""
 FOLLOWS = 0.1
 """of the amplitude: less than that at the end is no response"""
+UNREST = 0.1
+"""of the amplitude: a standard deviation before it of more than that is told"""
 NOISE = 4.0
 """standard deviations of the noise before, within which it counts as settled where that is more than the band"""
 ALIKE = 0.3
@@ -197,6 +199,8 @@ def examine(
         noise = float(response[:first].std())
     error = (reference - measured)[during]
     notes = []
+    if noise > UNREST * abs(args.amplitude):
+        notes.append(f"it was not at rest before: {noise:.2g} {CHANNELS[args.channel].unit} either way")
     lasted = float(t[last]) + period
     if lasted < 0.98 * duration(args) - 2.0 * period:
         notes.append(f"it ended after {lasted:.2f} s of {duration(args):g} s")

@@ -269,6 +269,14 @@ def test_one_that_ended_early_is_told() -> None:
     assert any("ended after 2.00 s of 6 s" in note for note in report.notes)
 
 
+def test_one_that_was_not_at_rest_before_is_told() -> None:
+    args = step(6.0)
+    t = times(args)
+    u = injected(args, t)
+    report = examine(args, t, u, first_order(t, 0.2) + 0.5 * np.minimum(t, 0.0), u)
+    assert any("not at rest before: 0.14 m" in note for note in report.notes)
+
+
 def test_it_reads_as_a_table_and_as_numbers() -> None:
     report = of_step(step(8.0, -1.0), lambda t: second_order(t, 4.0, 0.5))
     assert "step of -1 m in z, 8 s" in report.text()
