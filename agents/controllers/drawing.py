@@ -55,7 +55,7 @@ def figure_of(report: Report) -> Figure:
         chirp = isinstance(report.found, Chirp)
         grid = GridSpec(
             len(heights), 2, figure, height_ratios=heights, width_ratios=(1.0, 0.95 if chirp else 0.44),
-            left=0.065, right=0.975, top=0.9, bottom=0.075, hspace=0.16, wspace=0.17 if chirp else 0.06,
+            left=0.065, right=0.975, top=0.9, bottom=0.085, hspace=0.16, wspace=0.27 if chirp else 0.06,
         )  # fmt: skip
         axes = [figure.add_subplot(grid[0, 0])]
         axes += [figure.add_subplot(grid[k, 0], sharex=axes[0]) for k in range(1, len(heights))]
@@ -70,8 +70,8 @@ def figure_of(report: Report) -> Figure:
         figure.align_ylabels(axes)
         if isinstance(report.found, Chirp):
             _bode(figure, grid, report.found)
-            words = "     ".join(f"{name}  {value}" for name, value in report.found.rows()[:3])
-            figure.text(0.065, 0.925, words, fontsize=9, color=INK)
+            words = "     ".join(f"{name} {value}" for name, value in report.found.rows()[:3])
+            figure.text(0.975, 0.921, words, fontsize=8, color=INK, ha="right")
         else:
             _table(figure, grid, report)
         _title(figure, report)
@@ -82,7 +82,7 @@ def _title(figure: Figure, report: Report) -> None:
     head, _, _ = report.text().partition("\n")
     figure.text(0.065, 0.985, head, fontsize=12, color=INK, weight="bold", va="top")
     if isinstance(report.found, Chirp) and report.notes:
-        figure.text(0.975, 0.982, "; ".join(report.notes), fontsize=8, color=WRONG, va="top", ha="right")
+        figure.text(0.975, 0.004, "; ".join(report.notes), fontsize=8, color=WRONG, va="bottom", ha="right")
 
 
 def _groups(outputs: dict[str, Array]) -> list[list[str]]:
@@ -95,8 +95,9 @@ def _groups(outputs: dict[str, Array]) -> list[list[str]]:
 
 def _followed(ax: Axes, report: Report) -> None:
     name = report.args.channel + (", down" if report.args.channel in ("z", "vz") else "")
-    ax.plot(report.t, report.reference, color=INK, linewidth=1.1, label="reference", zorder=3)
-    ax.plot(report.t, report.measured, color=MEASURED, linewidth=1.5, label="measured", zorder=4)
+    fine = 0.6 if isinstance(report.found, Chirp) else 1.0
+    ax.plot(report.t, report.reference, color=INK, linewidth=1.1 * fine, label="reference", zorder=3)
+    ax.plot(report.t, report.measured, color=MEASURED, linewidth=1.5 * fine, label="measured", zorder=4)
     ax.set_ylabel(f"{name} ({report.unit})")
     ax.margins(y=0.12)
     if isinstance(report.found, Step):
@@ -130,14 +131,16 @@ def _marks(ax: Axes, report: Report, found: Step) -> None:
     if found.overshoot is not None and found.overshoot >= 0.5 and found.t_peak is not None and found.peak is not None:
         top = at(found.t_peak, found.peak)
         ax.plot(*top, marker="o", markersize=5, color=WRONG, zorder=6)
-        words = f"overshoot {found.overshoot:.3g} % at {found.t_peak:.3g} s"
+        words = f"overshoot {found.overshoot:.1f} % at {found.t_peak:.3g} s"
         _say(ax, words, top, (8, 4 * up), WRONG, "left", "bottom" if up > 0 else "top")
-    for value, words, height in ((found.settle_5, "5 %", 0.56), (found.settle_2, "2 %", 0.40)):
+    settled = [(found.settle_5, "within 5 %", 0.36), (found.settle_2, "within 2 %", 0.58)]
+    if found.settle_5 == found.settle_2:
+        settled = [(found.settle_2, "settled", 0.47)]
+    for value, words, height in settled:
         if value is not None:
-            foot, head = at(value, 0.0)[1], at(value, found.final)[1]
-            ax.plot((value, value), (foot, head), color=SHADES[0], linewidth=1.0, linestyle="--", zorder=2)
-            level = foot + height * (head - foot)
-            _say(ax, f"within {words} after {value:.3g} s", (value, level), (6, 0), SHADES[0], "left", "center")
+            level, head = at(value, height * found.final)[1], at(value, found.final)[1]
+            ax.plot((value, value), (level, head), color=SHADES[0], linewidth=1.0, linestyle="--", zorder=2)
+            _say(ax, f"{words} after {value:.3g} s", (value, level), (6, 0), SHADES[0], "left", "center")
 
 
 def _say(
@@ -150,7 +153,7 @@ def _say(
 
 def _error(ax: Axes, report: Report) -> None:
     ax.axhline(0.0, color=GREY, linewidth=0.8)
-    ax.plot(report.t, report.error, color=WRONG, linewidth=1.1)
+    ax.plot(report.t, report.error, color=WRONG, linewidth=0.9)
     ax.fill_between(report.t, report.error, 0.0, color=WRONG, alpha=0.08, linewidth=0)
     ax.set_ylabel(f"error ({report.unit})")
 
@@ -159,7 +162,7 @@ def _outputs(ax: Axes, report: Report, names: list[str]) -> None:
     group = names[0].rpartition(".")[0]
     for name, shade in zip(names, SHADES, strict=False):
         label = name.removeprefix(group + ".") if group else None
-        ax.plot(report.t, report.outputs[name], color=shade, linewidth=1.0, label=label)
+        ax.plot(report.t, report.outputs[name], color=shade, linewidth=0.8, label=label)
     ax.set_ylabel(group or names[0])
     if group:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.0, borderaxespad=0.2)
@@ -177,9 +180,11 @@ def _table(figure: Figure, grid: GridSpec, report: Report) -> None:
         ax.text(0.16, place, name, transform=ax.transAxes, va="top", color=GREY, fontsize=9.5)
         ax.text(1.0, place, words, transform=ax.transAxes, va="top", ha="right", color=INK, fontsize=9.5)
         place -= step
-    said = [*report.notes, dict(report.rows())["recorded"]]
-    ax.text(0.16, place - 0.04, "\n".join(_wrapped(each, 46) for each in said), transform=ax.transAxes, va="top",
-            color=WRONG if report.notes else GREY, fontsize=8, linespacing=1.4)  # fmt: skip
+    ax.text(
+        0.16, place - 0.02, dict(report.rows())["recorded"], transform=ax.transAxes, va="top", color=GREY, fontsize=8
+    )
+    said = "\n".join(_wrapped(each, 44) for each in report.notes)
+    ax.text(0.16, place - 0.12, said, transform=ax.transAxes, va="top", color=WRONG, fontsize=8, linespacing=1.4)
 
 
 def _wrapped(words: str, width: int) -> str:

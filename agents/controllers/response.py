@@ -27,6 +27,8 @@ END = 0.2
 """of a step's duration, at its end, in which it is what it settles at"""
 FOLLOWS = 0.1
 """of the amplitude: less than that at the end is no response"""
+UNREST = 0.1
+"""of the amplitude: a standard deviation before it of more than that is told"""
 NOISE = 4.0
 """standard deviations of the noise before, within which it counts as settled where that is more than the band"""
 ALIKE = 0.3
@@ -134,7 +136,7 @@ class Report:
     def rows(self) -> list[tuple[str, str]]:
         """Each measure's name and its value with its unit."""
         unit = self.unit
-        errors = [("RMS error", f"{self.rms:.4g} {unit}"), ("peak error", f"{self.peak_error:.4g} {unit}")]
+        errors = [("RMS error", f"{self.rms:.3g} {unit}"), ("peak error", f"{self.peak_error:.3g} {unit}")]
         lost = f", {self.lost} lost" if self.lost else ", none lost"
         bad = f", {self.bad} no use" if self.bad else ""
         recorded = [("recorded", f"{len(self.t)} samples at {1.0 / self.period:.0f} Hz{lost}{bad}")]
@@ -197,6 +199,8 @@ def examine(
         noise = float(response[:first].std())
     error = (reference - measured)[during]
     notes = []
+    if noise > UNREST * abs(args.amplitude):
+        notes.append(f"it was not at rest before: {noise:.2g} {CHANNELS[args.channel].unit} either way")
     lasted = float(t[last]) + period
     if lasted < 0.98 * duration(args) - 2.0 * period:
         notes.append(f"it ended after {lasted:.2f} s of {duration(args):g} s")
@@ -338,11 +342,11 @@ def _doublet(args: Inject, t: Array, y: Array, injected: Array, period: float, n
 
 def seconds(value: float | None) -> str:
     """A time for a person."""
-    return "not within the record" if value is None else f"{value:.3f} s" if value < 10.0 else f"{value:.2f} s"
+    return "none" if value is None else f"{value:.3f} s" if value < 10.0 else f"{value:.2f} s"
 
 
 def _step_rows(found: Step, unit: str) -> list[tuple[str, str]]:
-    peak = "none" if found.peak is None else f"{found.peak:.4g} {unit} at {seconds(found.t_peak)}"
+    peak = "none" if found.peak is None else f"{found.peak:.3g} {unit} at {seconds(found.t_peak)}"
     over = "none" if found.overshoot is None else f"{found.overshoot:.1f} %"
     return [
         ("rise time (10-90 %)", seconds(found.rise)),
@@ -351,7 +355,7 @@ def _step_rows(found: Step, unit: str) -> list[tuple[str, str]]:
         ("peak", peak),
         ("settling time (5 %)", seconds(found.settle_5)),
         ("settling time (2 %)", seconds(found.settle_2)),
-        ("steady-state error", f"{found.steady_error:.4g} {unit}"),
+        ("steady-state error", f"{found.steady_error:.2g} {unit}"),
     ]
 
 

@@ -1,0 +1,1 @@
+"""Verbs of ``zmav agent`` that are for controllers."""

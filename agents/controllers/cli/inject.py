@@ -1,0 +1,161 @@
+"""``zmav agent inject``: have a controller answer a step, a doublet or a chirp in flight, and see how it did."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+import numpy as np
+
+import zmav
+from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
+from agents.controllers.response import Report, examine, picture
+from zmav import keys, wire
+from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.errors import BadInput, TimedOut
+from zmav.session import SessionSettings
+from zmav.waiting import within
+
+TOPIC = "signals"
+BEFORE = 1.0
+"""s recorded before it is injected"""
+SILENT = 3.0
+"""s without a signal after which nobody is waited for"""
+DEPTH = 5000
+"""signals that may wait for us"""
+PATIENCE = 5.0
+"""s for what was ordered to be seen among the signals"""
+OWN = wire.Order.__struct_fields__
+"""of every order: the one who tells it gives these"""
+SECONDS = {"step": 5.0, "doublet": 1.0, "chirp": 30.0}
+
+
+@click.command("inject")
+@click.argument("agent")
+@click.argument("kind", type=click.Choice(KINDS))
+@click.option("--channel", required=True, type=click.Choice(list(CHANNELS)), help="What is added to; z is down.")
+@click.option("--amplitude", required=True, type=float, help="In m, m/s, rad or rad/s.")
+@click.option("--seconds", type=float, help="It lasts; of a doublet, each half.  [default: 5, 1, of a chirp 30]")
+@click.option("--f0", type=float, default=0.1, show_default=True, help="Hz at which a chirp begins.")
+@click.option("--f1", type=float, default=5.0, show_default=True, help="Hz at which it ends.")
+@click.option("--feed", is_flag=True, help="Feed a chirp's derivative forward, too.")
+@click.option("--after", type=click.FloatRange(0.0, 60.0), default=2.0, show_default=True,
+              help="Seconds recorded after it.")  # fmt: skip
+@click.option("--vehicle", required=True, help="The vehicle that the agent flies.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
+              help="Draw it: png, svg or pdf.")  # fmt: skip
+@fleet_option
+@json_option
+@zenoh_options
+def inject(
+    agent: str, kind: str, channel: str, amplitude: float, seconds: float | None, f0: float, f1: float, feed: bool,
+    after: float, vehicle: str, output: Path | None, fleet: str, as_json: bool, settings: SessionSettings,
+) -> None:  # fmt: skip
+    """Add a signal to a controller's reference, and report how it follows.
+
+    'zmav agent inject mine step --channel z --amplitude -1 --vehicle hex1 -o response.png'.
+    Reports rise time, overshoot and settling of a step, delay of a doublet, bandwidth and resonance of a chirp.
+    """
+    lasts = SECONDS[kind] if seconds is None else seconds
+    args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts, f0=f0, f1=f1, feed=feed)  # type: ignore[arg-type]
+    run(_inject(args, agent, vehicle, after, output, as_json, fleet, settings))
+
+
+async def _inject(
+    args: Inject, agent: str, vehicle: str, after: float, output: Path | None, as_json: bool, fleet: str,
+    settings: SessionSettings,
+) -> None:  # fmt: skip
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        report = await respond(z, vehicle, agent, args, after)
+    click.echo(dump(report.numbers(), pretty=False) if as_json else report.text())
+    if output is not None:
+        picture(report, output)
+
+
+async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> Report:
+    """Have ``agent`` inject, record its signals from a second before to ``after`` s past the end, and examine them.
+
+    Raises :class:`~zmav.errors.TimedOut` where it is silent or falls silent, what the agent refuses the order with, and
+    what :func:`~agents.controllers.response.examine` does.
+    """
+    target = z.vehicle(vehicle)
+    key = keys.AGENT_OUT.key(target.fleet, vehicle, agent=keys.check_name(agent, "agent"), topic=TOPIC)
+    heard: list[wire.Signals] = []
+    async with z.subscribe(key, _signals, depth=DEPTH) as signals:
+        if not await _record(signals, heard, BEFORE):
+            await target.tell(agent, "params")  # raises where none of that name runs
+            text = f"{agent} runs for {vehicle} and streams no signals: engage it, 'zmav agent do {agent} engage'"
+            raise TimedOut(text, vehicle=vehicle, agent=agent)
+        arguments = {name: value for name, value in msgspec.structs.asdict(args).items() if name not in OWN}
+        order = asyncio.create_task(target.tell(agent, "inject", **arguments))
+        try:
+            await _until_over(signals, heard, args, after, order)
+            await asyncio.wait({order}, timeout=SILENT)
+        finally:
+            order.cancel()
+            await asyncio.gather(order, return_exceptions=True)
+        slow, bad = signals.dropped, signals.bad
+    report = _examined(args, heard, f"{vehicle}/{agent}")
+    if slow:
+        report.notes.append(f"{slow} signals were lost here: this computer was too slow")
+    if bad:
+        report.notes.append(f"{bad} signals could not be read")
+    return report
+
+
+def _signals(sample: Any) -> wire.Signals:
+    return wire.decode(sample.payload.to_bytes(), wire.Signals, "signals")
+
+
+async def _record(signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], seconds: float) -> bool:
+    """Hear so many seconds, by the signals' own time; False where nothing comes."""
+    while not heard or heard[-1].t - heard[0].t < seconds:
+        try:
+            heard.append(await within(SILENT, signals.get()))
+        except asyncio.TimeoutError:
+            return False
+    return True
+
+
+async def _until_over(
+    signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], args: Inject, after: float,
+    order: asyncio.Task[dict[str, Any]],
+) -> None:  # fmt: skip
+    """Hear the whole injection and what comes after; raises what the order is refused with."""
+    told, begun = heard[-1].t, None
+    while begun is None or heard[-1].t < begun + duration(args) + after:
+        if order.done():
+            order.result()  # raises what it was refused with
+        try:
+            heard.append(await within(SILENT, signals.get()))
+        except asyncio.TimeoutError:
+            if order.done():
+                order.result()
+            said = f"{heard[-1].t - begun:.1f} s into the injection" if begun is not None else "before it injected"
+            text = f"its signals ended {said}: it was released, or its link is gone"
+            raise TimedOut(text, heard=len(heard)) from None
+        if begun is None and heard[-1].values.get("inject", 0.0) != 0.0:
+            begun = heard[-1].t
+        if begun is None and heard[-1].t - told > PATIENCE:
+            if not order.done():
+                continue  # over bad hops an order takes some: whoever gives it gives up
+            raise TimedOut(f"it took the order and injected nothing within {PATIENCE:g} s", heard=len(heard))
+
+
+def _examined(args: Inject, heard: list[wire.Signals], title: str) -> Report:
+    names = {"reference": f"ref.{args.channel}", "measured": f"is.{args.channel}", "injected": "inject"}
+    columns = {}
+    for what, name in names.items():
+        if not any(name in each.values for each in heard):
+            raise BadInput(f"there is no signal {name}", field=name, value=None, expected="one of the agent's signals")
+        columns[what] = _column(heard, name)
+    outputs = sorted({name for each in heard for name in each.values if name.startswith("out.")})
+    shown = {name.removeprefix("out."): _column(heard, name) for name in outputs}
+    return examine(args, np.array([each.t for each in heard]), **columns, outputs=shown, title=title)
+
+
+def _column(heard: list[wire.Signals], name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return np.array([each.values.get(name, np.nan) for each in heard])
