@@ -222,7 +222,6 @@ class Navigator(zmav.Agent):
 
     async def _begin(self, route: Route, done: float, here: wire.Vector) -> dict[str, Any]:
         self._ends = self._holds = False
-        self._left = (route, done)
         started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._flight = asyncio.create_task(self._fly(route, done, here, started))
         self._flight.add_done_callback(_looked_at)
@@ -255,6 +254,7 @@ class Navigator(zmav.Agent):
                 if controller:
                     outlet = told = ByController(self.vehicle, controller)
                     stack.callback(told.close)
+                    await told.open()
                 else:
                     own = self.settings
                     how = self.vehicle.lease(self.name, ttl=float(own.lease_s), priority=own.priority)
@@ -263,6 +263,7 @@ class Navigator(zmav.Agent):
                     stack.callback(listening.cancel)
                 self.course = self._course(route, done, here)
                 await self._give(outlet, self.course.due(time.time()))
+                self._left = (route, done)
                 started.set_result(None)
                 self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
                 await self._follow(outlet)
@@ -409,8 +410,7 @@ class Navigator(zmav.Agent):
             return
         times = np.array(self.times) - course.start
         found = errors(times, np.array(self.positions), course.trajectory, course.done)
-        gap = float(self._past.t[-1]) if self._past is not None and len(self._past.t) else 0.0
-        self._past = found if self._past is None else self._past.then(found, gap)
+        self._past = found if self._past is None else self._past.then(found)
 
     def _close(self, text: str) -> None:
         """Idle again, with what was flown summed up."""

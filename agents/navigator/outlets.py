@@ -9,9 +9,12 @@ from typing import Protocol
 import zmav
 from zmav import wire
 from zmav.errors import NotHolder, Refused, Stale, TimedOut
+from zmav.waiting import within
 
 TAKEN, TRIES = 1.0, 3
 """s in which the vehicle says that it flies a segment, before it is put again; how often it is put"""
+PRESENT = 4.0
+"""s for a controller to answer that it is there"""
 
 
 class Outlet(Protocol):
@@ -79,6 +82,16 @@ class ByController:
         self._vehicle, self._controller = vehicle, controller
         self._told: asyncio.Task[object] | None = None
         self._lease: int | None = None
+
+    async def open(self) -> None:
+        """Raise where no agent of that name runs."""
+        me, name = self._vehicle.name, self._controller
+        try:
+            await within(PRESENT, self._vehicle.tell(name, "params"))
+        except asyncio.TimeoutError:
+            raise Refused(
+                f"no agent {name} answers: start 'zmav agent run {name} --vehicle {me}'", agent=name
+            ) from None
 
     async def give(self, points: list[wire.SegmentPoint]) -> None:
         """Returns when the controller has taken it, or goes on with it for long."""

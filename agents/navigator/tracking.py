@@ -39,8 +39,11 @@ class Errors:
         found: Array = np.linalg.norm(self.off, axis=1)
         return found
 
-    def then(self, other: Errors, gap: float) -> Errors:
-        """Both, the other one ``gap`` s after the beginning of this one."""
+    def then(self, other: Errors) -> Errors:
+        """Both, the other one at once after this one."""
+        if not len(self.t) or not len(other.t):
+            return self if len(self.t) else other
+        gap = self.t[-1] - other.t[0]
         pairs = ((self.off, other.off), (self.along, other.along), (self.cross, other.cross))
         return Errors(np.concatenate((self.t, other.t + gap)), *(np.concatenate(pair) for pair in pairs))
 

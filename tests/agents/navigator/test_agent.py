@@ -1,0 +1,250 @@
+"""The navigator among simulated copters: it flies, holds, goes on and gives up, and says how it went."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import Any, ClassVar
+
+import pytest
+import pytest_asyncio
+
+import zmav
+from agents.navigator.agent import Navigator, Settings
+from agents.navigator.trajectory import WINDOW
+from tests.agents.planner.execute.fleet import Fleet, airborne
+from zmav import keys, wire
+from zmav.config import Failsafe, Geofence
+from zmav.errors import BadInput, Refused
+from zmav.trust.gate import Origin
+from zmav.verbs import Access, Verb
+
+PATIENCE_S = 60.0
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.slow]
+
+
+class Follow(wire.Order, kw_only=True):
+    segment: list[wire.SegmentPoint]
+
+
+class Controller(zmav.Agent):
+    """One that follows segments, and has the autopilot fly them."""
+
+    name = "ev1"
+    verbs: ClassVar = {"follow": Verb("follow", Follow, Access.MOVE, "fly a segment")}
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.lease: zmav.Lease | None = None
+        self.segments: list[list[wire.SegmentPoint]] = []
+
+    async def on_follow(self, args: Follow, report: Any, origin: Origin | None) -> dict[str, Any]:
+        if self.lease is None:
+            raise Refused("it is not engaged")
+        self.segments.append(args.segment)
+        self.lease.segment(args.segment)
+        return {}
+
+
+class Field:
+    """A copter in the air with a navigator, and a client as people have it."""
+
+    def __init__(self, fleet: Fleet, navigator: Navigator, controller: Controller, me: zmav.Vehicle) -> None:
+        self.fleet, self.navigator, self.controller, self.me = fleet, navigator, controller, me
+        self.words: list[wire.AgentStatus] = []
+
+    async def fly(self, **arguments: Any) -> dict[str, Any]:
+        """About a place at 5 m above the origin, wherever the copter is."""
+        place = {"north": 0.0, "east": 0.0, "down": -5.0}
+        return await self.me.tell("navigator", "fly", **{**place, **arguments})
+
+    async def until(self, true: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not true():
+            assert time.monotonic() < deadline, f"not {what}: {self.words[-1:]}"
+            await asyncio.sleep(0.02)
+
+    async def ended(self, words: str) -> str:
+        """How the flight did, in its own words, among which these are."""
+        flight = self.navigator._flight
+        assert flight is not None
+        await asyncio.wait({flight}, timeout=PATIENCE_S)
+        assert flight.done(), self.words[-1:]
+        await self.until(lambda: self.words[-1].state == "idle" and words in self.words[-1].text, words)
+        return self.words[-1].text
+
+    async def hear(self) -> None:
+        def convert(sample: Any) -> wire.AgentStatus:
+            return wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
+
+        key = keys.AGENT_STATUS.key("demo", "quad1", agent="navigator")
+        async with self.fleet.z.subscribe(key, convert) as heard:
+            async for word in heard:
+                self.words.append(word)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def field(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Field]:
+    routes = tmp_path_factory.mktemp("routes")
+    (routes / "hop.csv").write_text("north,east,down\n0,0,-5\n2,0,-5\n")
+    async with contextlib.AsyncExitStack() as stack:
+        patient = {"failsafe": Failsafe(land_after="never"), "geofence": Geofence(radius=60.0)}
+        fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 5.0, **patient))
+        z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
+        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
+        navigator = Navigator(z, "quad1", Settings(routes=str(routes)), {"settle": 0.5, "accel": 2.0, "jerk": 6.0})
+        controller = Controller(z, "quad1")
+        for agent in (navigator, controller):
+            await stack.enter_async_context(agent)
+        (vehicle,) = await me.wait_for("quad1", timeout=PATIENCE_S)
+        field = Field(fleet, navigator, controller, vehicle)
+        running = [asyncio.create_task(each) for each in (navigator.run(), field.hear())]
+        yield field
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"route": "octagon"}, "route"),
+        ({"route": "hop", "side": 3.0}, "side"),
+        ({"route": "circle", "side": 3.0}, "side"),
+        ({"speed": 0.0}, "speed"),
+        ({"speed": "fast"}, "speed"),
+        ({"north": 1e9}, "north"),
+        ({"sped": 1.0}, "sped"),
+    ],
+)
+async def test_an_order_that_cannot_be_is_refused_by_its_field(
+    field: Field, arguments: dict[str, Any], named: str
+) -> None:
+    with pytest.raises(BadInput) as refused:
+        await field.fly(**arguments)
+    assert refused.value.detail["field"] == named
+
+
+async def test_who_flies_nothing_cannot_hold_and_not_go_on(field: Field) -> None:
+    for verb in ("hold", "abort"):
+        with pytest.raises(Refused, match="flies nothing"):
+            await field.me.tell("navigator", verb)
+    with pytest.raises(Refused, match="nothing was broken off"):
+        await field.me.tell("navigator", "resume")
+
+
+async def test_it_holds_on_its_way_goes_on_and_says_how_well_it_followed(field: Field) -> None:
+    navigator = field.navigator
+    told = await field.fly(route="square", side=4.0, heading=0.5)
+    assert told["length"] == 16.0
+    with pytest.raises(Refused, match="flies square already"):
+        await field.fly(route="circle")
+    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 5.0, "half way")
+    stop = await field.me.tell("navigator", "hold")
+    course = navigator.course
+    assert course is not None
+    await field.until(lambda: course.ended(time.time()), "at rest")
+    assert 5.0 < stop["along"] < 8.0
+    await field.me.wait_until(
+        lambda s: s.velocity is not None and math.hypot(*s.velocity) < 0.1 and s.lease is not None, PATIENCE_S
+    )
+    assert math.dist(field.me.local, course.place(time.time())) < 0.5
+    assert field.words[-1].state == "hold"
+    await field.me.tell("navigator", "resume")
+    await field.ended("flew square: 16.0 m")
+    found = navigator.last
+    assert found is not None
+    assert found.samples > 200
+    assert found.rms < 0.3  # there is no wind
+    assert found.cross_rms <= found.rms
+    assert found.peaks[0].error <= found.peak
+    assert field.words[-1].detail["summary"]["length"] == 16.0
+    state = await field.me.wait_until(lambda s: s.lease is None, PATIENCE_S)
+    assert state.lease_end is not None
+    assert state.lease_end.reason == "released"
+    phases = [word.state for word in field.words]
+    assert [phases.index(name) for name in ("approach", "fly", "hold")] == sorted(
+        phases.index(name) for name in ("approach", "fly", "hold")
+    )
+
+
+async def test_what_was_aborted_can_be_gone_on_with_from_elsewhere(field: Field) -> None:
+    await field.fly(route="hop", down=0.0, speed=1.5)
+    navigator = field.navigator
+    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.2, "under way")
+    assert (await field.me.tell("navigator", "abort"))["left"] is True
+    await field.ended("hop broken off at")
+    await field.me.wait_until(lambda s: s.lease is None, PATIENCE_S)
+    await field.me.goto(pos=(0.0, 3.0, -5.0), tolerance=0.5)
+    await field.me.tell("navigator", "resume")
+    await field.ended("flew hop: 2.0 m")
+    assert math.dist(field.me.local, (2.0, 0.0, -5.0)) < 0.5
+    with pytest.raises(Refused, match="nothing was broken off"):
+        await field.me.tell("navigator", "resume")
+
+
+async def test_a_route_beyond_the_fence_is_not_begun_and_the_vehicle_s_reason_is_told(field: Field) -> None:
+    with pytest.raises(Refused, match="geofence"):
+        await field.fly(route="square", north=70.0, speed=10.0)
+    await field.ended("was not begun")
+    await field.me.wait_until(lambda s: s.lease is None, PATIENCE_S)
+
+
+async def test_a_controller_is_told_segments_that_follow_each_other(field: Field) -> None:
+    controller = field.controller
+    with pytest.raises(Refused, match="not engaged"):
+        await field.fly(route="circle", radius=2.0, controller="ev1")
+    await field.ended("it is not engaged")
+    with pytest.raises(Refused, match="no agent nobody"):
+        await field.fly(route="circle", controller="nobody")
+    await field.ended("no agent nobody")
+    async with field.me.lease("ev1") as lease:
+        controller.lease = lease
+        await field.fly(route="circle", radius=4.0, controller="ev1", yaw=1.0)
+        await field.ended("flew circle: 25.1 m")
+        assert lease.lost is None  # it is the controller's, and stays with it
+    controller.lease = None
+    found = field.navigator.last
+    assert found is not None
+    assert found.rms < 0.4
+    first, second, *_ = controller.segments
+    assert first[0].t < second[0].t < first[0].t + WINDOW < second[-1].t
+    assert all(point.yaw == pytest.approx(1.0) for point in second[1:])
+    assert second[0].vel is not None
+    assert math.hypot(*second[0].vel) > 0.5
+
+
+async def test_where_the_controller_refuses_the_vehicle_holds(field: Field) -> None:
+    controller = field.controller
+    async with field.me.lease("ev1") as lease:
+        controller.lease = lease
+        await field.fly(route="circle", radius=4.0, controller="ev1")
+        controller.lease = None
+        await field.ended("broken off: it is not engaged; it holds")
+        await field.me.wait_until(
+            lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.2, PATIENCE_S
+        )
+
+
+async def test_the_pilot_has_it_at_once_and_is_not_told_to_hold(field: Field) -> None:
+    navigator = field.navigator
+    await field.fly(route="square", side=4.0)
+    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.5, "under way")
+    field.fleet.world.vehicles[0].pilot_mode("LOITER")
+    text = await field.ended("square broken off")
+    assert "LOITER" in text
+    assert "it holds" not in text
+    assert field.me.state.mode == "LOITER"
+
+
+async def test_without_a_position_it_gives_the_vehicle_back(field: Field) -> None:
+    navigator = field.navigator
+    await field.fly(route="square", side=4.0)
+    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.5, "under way")
+    world = field.fleet.world
+    world.fault(world.vehicles[0].spec.name, "gps-loss")
+    await field.ended("broken off: the position is lost")
+    world.clear()
