@@ -25,6 +25,8 @@ MEASURED, WRONG, MARK = "#1a73e8", "#d93025", "#e8710a"
 SHADES = ("#188038", "#9334e6", "#e8710a", "#1a73e8", "#d93025", "#12858d", "#80868b", "#202124")
 PANELS = 3
 """of outputs, at most"""
+LEAST = 0.02
+"""that an output's axis spans"""
 STYLE: Any = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": GREY,
     "axes.grid": True, "grid.color": "#eceff1", "grid.linewidth": 0.8, "axes.axisbelow": True,
@@ -164,6 +166,9 @@ def _outputs(ax: Axes, report: Report, names: list[str]) -> None:
         label = name.removeprefix(group + ".") if group else None
         ax.plot(report.t, report.outputs[name], color=shade, linewidth=0.8, label=label)
     ax.set_ylabel(group or names[0])
+    low, high = ax.get_ylim()
+    if high - low < LEAST:  # the last bits of a number are nothing to look at
+        ax.set_ylim((low + high - LEAST) / 2.0, (low + high + LEAST) / 2.0)
     if group:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.0, borderaxespad=0.2)
 

@@ -27,8 +27,8 @@ END = 0.2
 """of a step's duration, at its end, in which it is what it settles at"""
 FOLLOWS = 0.1
 """of the amplitude: less than that at the end is no response"""
-UNREST = 0.1
-"""of the amplitude: a standard deviation before it of more than that is told"""
+UNREST = 0.05
+"""of the amplitude: who moved more than that before it has that told"""
 NOISE = 4.0
 """standard deviations of the noise before, within which it counts as settled where that is more than the band"""
 ALIKE = 0.3
@@ -193,14 +193,15 @@ def examine(
         reference = np.unwrap(reference)
         measured = reference - np.remainder(reference - measured + math.pi, 2.0 * math.pi) + math.pi
     response = measured - (reference - injected)
-    noise = 0.0
-    if first:
+    noise = moved = 0.0
+    if first >= 5:
         response = response - response[:first].mean()
-        noise = float(response[:first].std())
+        slope, at = np.polyfit(t[:first], response[:first], 1)
+        noise, moved = float((response[:first] - slope * t[:first] - at).std()), abs(slope * t[0])
     error = (reference - measured)[during]
     notes = []
-    if noise > UNREST * abs(args.amplitude):
-        notes.append(f"it was not at rest before: {noise:.2g} {CHANNELS[args.channel].unit} either way")
+    if moved > UNREST * abs(args.amplitude):
+        notes.append(f"it was not at rest before: it moved by {moved:.2g} {CHANNELS[args.channel].unit}")
     lasted = float(t[last]) + period
     if lasted < 0.98 * duration(args) - 2.0 * period:
         notes.append(f"it ended after {lasted:.2f} s of {duration(args):g} s")

@@ -274,7 +274,7 @@ def test_one_that_was_not_at_rest_before_is_told() -> None:
     t = times(args)
     u = injected(args, t)
     report = examine(args, t, u, first_order(t, 0.2) + 0.5 * np.minimum(t, 0.0), u)
-    assert any("not at rest before: 0.14 m" in note for note in report.notes)
+    assert any("not at rest before: it moved by 0.5 m" in note for note in report.notes)
 
 
 def test_it_reads_as_a_table_and_as_numbers() -> None:
