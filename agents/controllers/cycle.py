@@ -16,7 +16,6 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import numpy as np
 import zenoh
 
 from agents.controllers import packets
@@ -24,6 +23,7 @@ from agents.controllers.estimate import MOST_DT, Estimate
 from agents.controllers.guard import Guard, fit
 from agents.controllers.packets import Answer
 from agents.controllers.references import References
+from agents.controllers.signals import told
 from agents.controllers.types import (
     Array,
     AttitudeThrust,
@@ -263,37 +263,6 @@ def setpoint(output: Output) -> dict[str, Any]:
     if isinstance(output, Velocity):
         return {"vel": _vector(output.vel), **turn}
     return {"acc": _vector(output.acc), **turn}
-
-
-def told(state: State, reference: Reference, output: Output | None) -> dict[str, float]:
-    """The signals that every controller has: what is, what is asked for from outside, and what goes out."""
-    values: dict[str, float] = {}
-    _spread(values, "is.", ("x", "y", "z"), state.pos)
-    _spread(values, "is.", ("vx", "vy", "vz"), state.vel)
-    _spread(values, "is.", ("roll", "pitch", "yaw"), state.euler)
-    _spread(values, "is.", ("p", "q", "r"), state.rates)
-    if reference.level == "position":
-        _spread(values, "ref.", ("x", "y", "z"), reference.pos)
-    if reference.level in ("position", "velocity"):
-        _spread(values, "ref.", ("vx", "vy", "vz"), reference.vel)
-        values["ref.yaw"] = reference.yaw
-    elif reference.level == "attitude":
-        _spread(values, "ref.", ("roll", "pitch", "yaw"), State(q=reference.attitude).euler)
-    elif reference.level == "rates":
-        _spread(values, "ref.", ("p", "q", "r"), reference.rates)
-    for name, value in vars(output).items():
-        if isinstance(value, np.ndarray):
-            _spread(values, f"out.{name}.", "wxyz" if len(value) == 4 else "xyz", value)
-        elif value is not None:
-            values[f"out.{name}"] = float(value)
-    if state.motors is not None:
-        values["motors.low"], values["motors.high"] = float(state.motors.min()), float(state.motors.max())
-    return values
-
-
-def _spread(values: dict[str, float], start: str, ends: Any, vector: Array) -> None:
-    for end, value in zip(ends, vector, strict=True):
-        values[start + end] = float(value)
 
 
 def _vector(vector: Array) -> wire.Vector:

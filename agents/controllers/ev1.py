@@ -13,6 +13,7 @@ import numpy as np
 
 from agents.controllers.controller import Controller, check, parameter
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, RatesLoop, VelocityLoop
+from agents.controllers.signals import inner_signals
 from agents.controllers.stack import Stack
 from agents.controllers.types import Output, Reference, State, Trim, Velocity
 from zmav.agent import Tunable
@@ -95,5 +96,5 @@ class Ev1(Controller):
 
     def update(self, state: State, reference: Reference) -> Output:
         output = self._stack.update(state, reference)
-        self.signals = self._stack.signals
+        self.signals = {**self._stack.signals, **inner_signals(self._stack.followed)}
         return output

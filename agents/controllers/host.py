@@ -23,6 +23,7 @@ import numpy as np
 
 from agents.controllers import packets
 from agents.controllers.loading import load, where
+from agents.controllers.signals import inner_signals
 from agents.controllers.stack import Stack
 from agents.controllers.types import OUTPUTS, Output, Reference, State, Trim
 
@@ -91,7 +92,8 @@ class Host:
         return checked(stack.update(state, reference), stack.controller.gives)
 
     def _signals(self) -> dict[str, float]:
-        return {} if self._stack is None else self._stack.signals
+        stack = self._stack
+        return {} if stack is None else {**inner_signals(stack.followed), **stack.signals}
 
     def _tell_names(self, names: tuple[str, ...]) -> None:
         if names != self._names:

@@ -45,6 +45,8 @@ class Stack:
             level: loop() for level, loop in LOOPS.items() if LEVELS.index(level) < LEVELS.index(controller.level)
         }
         """those above it, by their levels"""
+        self.followed = Reference()
+        """what the controller was given last: what the loops above have made of the reference"""
         self._own = own
         self._ran: tuple[str, ...] = ()
 
@@ -115,7 +117,8 @@ class Stack:
         self._ran = self._path(reference)
         for level in self._ran:
             handed = merged(handed, self.loops[level].update(state, handed))
-        return self.controller.update(state, self._fitting(state, reference, handed))
+        self.followed = self._fitting(state, reference, handed)
+        return self.controller.update(state, self.followed)
 
     def _path(self, reference: Reference) -> tuple[str, ...]:
         """The levels of the loops above that have to run."""

@@ -21,12 +21,11 @@ from agents.controllers import loading
 from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import RATES_HZ, Estimate
 from agents.controllers.inject import Inject
-from agents.controllers.references import Sticks
+from agents.controllers.limits import TUNABLES, set_limit
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
 from zmav import keys, wire
-from zmav.agent import Tunable
 from zmav.autopilots import autopilot_named
 from zmav.errors import BadConfig, BadInput, Refused, ZmavError
 from zmav.services.port import on_loop
@@ -104,22 +103,7 @@ class Supervisor(zmav.Agent):
 
     name = "controller"
     settings_type = Settings
-    tunables: ClassVar = {
-        "guard_tilt_deg": Tunable(60.0, 5.0, 85.0, "deg", "of tilt at most"),
-        "guard_rate_dps": Tunable(400.0, 30.0, 1500.0, "deg/s", "about any axis at most"),
-        "guard_low": Tunable(1.0, -1000.0, 1000.0, "m", "above home at least"),
-        "guard_high": Tunable(120.0, 1.0, 10000.0, "m", "above home at most"),
-        "guard_radius": Tunable(100.0, 1.0, 10000.0, "m", "over the ground from where it took over, at most"),
-        "guard_error": Tunable(5.0, 0.1, 100.0, "m", "off a reference of positions at most"),
-        "guard_error_deg": Tunable(60.0, 5.0, 180.0, "deg", "off a reference of attitudes at most"),
-        "guard_late": Tunable(8.0, 2.0, 25.0, "cycles", "in a row without an output at most"),
-        "stick_tilt_deg": Tunable(35.0, 5.0, 60.0, "deg", "of the full stick"),
-        "stick_yaw_dps": Tunable(120.0, 10.0, 400.0, "deg/s", "of the full stick"),
-        "stick_rate_dps": Tunable(220.0, 10.0, 720.0, "deg/s", "of roll and pitch of the full stick"),
-        "stick_speed": Tunable(3.0, 0.2, 15.0, "m/s", "of the full stick"),
-        "stick_climb": Tunable(1.5, 0.2, 5.0, "m/s", "of the full stick"),
-        "signals_hz": Tunable(50.0, 1.0, 500.0, "Hz", "of the stream of signals"),
-    }
+    tunables: ClassVar = TUNABLES
     verbs: ClassVar = {
         "engage": Verb("engage", wire.Order, Access.MOVE, "take over from the autopilot, and stay where it is"),
         "release": Verb("release", wire.Order, Access.OPEN, "hand back to the autopilot"),
@@ -289,35 +273,16 @@ class Supervisor(zmav.Agent):
             await self._load(kept=False)
 
     def tuned(self, name: str, value: float) -> None:
-        guard, sticks = self.cycles.guard.envelope, self.cycles.references.sticks
         shop = self.workshop
         if shop.loaded is not None and name in shop.loaded.tunables:
             if shop.worker is not None:
                 shop.worker.tune(name, value)
             return
-        radians = math.radians(value)
         with self.cycles.lock:
-            match name:
-                case "guard_tilt_deg":
-                    guard.tilt = radians
-                case "guard_rate_dps":
-                    guard.rate = radians
-                case "guard_error_deg":
-                    guard.attitude_error = radians
-                case "guard_late":
-                    guard.late = round(value)
-                case "guard_low" | "guard_high" | "guard_radius" | "guard_error":
-                    setattr(guard, name.removeprefix("guard_"), value)
-                case "signals_hz":
-                    self.cycles.signals_hz = value
-                case _:
-                    fields = {
-                        "stick_tilt_deg": ("tilt", radians), "stick_yaw_dps": ("yaw_rate", radians),
-                        "stick_rate_dps": ("rate", radians), "stick_speed": ("speed", value),
-                        "stick_climb": ("climb", value),
-                    }  # fmt: skip
-                    field, number = fields[name]
-                    self.cycles.references.sticks = Sticks(**{**sticks._asdict(), field: number})
+            if name == "signals_hz":
+                self.cycles.signals_hz = value
+            else:
+                set_limit(self.cycles.guard.envelope, self.cycles.references, name, value)
 
     # Who flies.
 
@@ -383,7 +348,7 @@ class Supervisor(zmav.Agent):
         state, loaded = self.vehicle.state, self.workshop.loaded
         needs = autopilot_named(state.autopilot, state.kind).needs_by_level
         for need in next((each for level, each in needs.items() if loaded and level == loaded.gives), ()):
-            values: dict[str, float] = {}
+            values: dict[str, float | None] = {}
             for name in need.params:
                 with contextlib.suppress(ZmavError):  # another firmware's name
                     values[name] = (await self.vehicle.params.get(name)).value

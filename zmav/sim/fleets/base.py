@@ -85,11 +85,14 @@ class Sense(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What the loops of one vehicle are asked for: m/s and m/s^2 NED, rad/s about the body's axes."""
+    """What the loops of one vehicle are asked for: m/s and m/s^2 NED, rad/s about the body's axes, and the share of
+    the rotors' full thrust (None: there are none).
+    """
 
     vel: Vector
     acc: Vector
     rate: Vector
+    thrust: float | None = None
 
 
 class Fleet(ABC):

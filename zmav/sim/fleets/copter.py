@@ -111,7 +111,8 @@ class CopterFleet(Fleet):
     def wanted(self, index: int) -> Wanted:
         loops = self.cascade
         vel, acc, rate = (rows[:, index].tolist() for rows in (loops.want_vel, loops.want_acc, loops.want_rate))
-        return Wanted(tuple(vel), tuple(acc), tuple(rate))
+        full = self.airframe.thrust_max_n * len(self.airframe.rotors)
+        return Wanted(tuple(vel), tuple(acc), tuple(rate), float(loops.thrust[index]) / full)
 
     def sense_more(self, table: Array) -> None:
         dyn, cascade = self.dynamics, self.cascade

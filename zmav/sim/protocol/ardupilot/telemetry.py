@@ -15,6 +15,7 @@ REPORTS: dict[str, Report] = {
     "SCALED_PRESSURE": sensors.scaled_pressure,
     "ATTITUDE": base.attitude,
     "ATTITUDE_QUATERNION": base.attitude_quaternion,
+    "ATTITUDE_TARGET": motion.attitude_target,
     "LOCAL_POSITION_NED": base.local_position_ned,
     "GLOBAL_POSITION_INT": motion.global_position_int,
     "SERVO_OUTPUT_RAW": sensors.servo_output_raw,
