@@ -68,7 +68,7 @@ class VelocityLoop(Controller):
     tilt_max = parameter(math.radians(45.0), 0.1, 1.4, "rad", "of lean (MPC_TILTMAX_AIR)")
     thr_min = parameter(0.12, 0.0, 0.5, "", "of full thrust (MPC_THR_MIN)")
     thr_max = parameter(1.0, 0.3, 1.0, "", "of full thrust (MPC_THR_MAX)")
-    thr_xy_marg = parameter(0.3, 0.0, 0.6, "", "of full thrust kept for the way (MPC_THR_XY_MARG)")
+    thr_xy_marg = parameter(0.3, 0.0, 0.3, "", "of full thrust kept for the way (MPC_THR_XY_MARG)")
     hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
 
     def __init__(self, tuned: dict[str, float] | None = None) -> None:
