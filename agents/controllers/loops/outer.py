@@ -68,7 +68,7 @@ class VelocityLoop(Controller):
     tilt_max = parameter(math.radians(45.0), 0.1, 1.4, "rad", "of lean (MPC_TILTMAX_AIR)")
     thr_min = parameter(0.12, 0.0, 0.5, "", "of full thrust (MPC_THR_MIN)")
     thr_max = parameter(1.0, 0.3, 1.0, "", "of full thrust (MPC_THR_MAX)")
-    thr_xy_marg = parameter(0.3, 0.0, 0.6, "", "of full thrust kept for the way (MPC_THR_XY_MARG)")
+    thr_xy_marg = parameter(0.3, 0.0, 0.3, "", "of full thrust kept for the way (MPC_THR_XY_MARG)")
     hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
 
     def __init__(self, tuned: dict[str, float] | None = None) -> None:
@@ -86,11 +86,13 @@ class VelocityLoop(Controller):
         self._learn(state, min(LEARN, self.hover_tau))
         x, y, z = down_axis(tuple(trim.attitude.tolist()))
         hover, lift = self.hover.share, max(trim.thrust * z, 1e-3)
-        # The acceleration that would make this thrust and this attitude of it.
-        wanted = (trim.thrust * -x * GRAVITY / lift, trim.thrust * -y * GRAVITY / lift, (1.0 - lift / hover) * GRAVITY)
+        # The acceleration that would make this thrust and this attitude of it, as far as it could.
+        most = GRAVITY * math.tan(self.tilt_max)
+        north, east = shortened(-x * trim.thrust * GRAVITY / lift, -y * trim.thrust * GRAVITY / lift, most)
+        wanted = (north, east, (1.0 - lift / hover) * GRAVITY)
         self.turning = wrapped(State(q=trim.attitude).yaw - reference.yaw)
         for axis, want, part in zip(self.axes, wanted, partly, strict=True):
-            axis.settle(want, part, state.dt, GRAVITY)
+            axis.settle(want, part, state.dt)
 
     def update(self, state: State, reference: Reference) -> AttitudeThrust:
         north, east, down = self.axes
@@ -197,7 +199,7 @@ class AltitudeLoop(Controller):
         self.given = trim.thrust
         upright = self._learn(state, min(LEARN, self.hover_tau))
         wanted = (1.0 - trim.thrust * upright / self.hover.share) * GRAVITY
-        self.down.settle(wanted, partly, state.dt, GRAVITY)
+        self.down.settle(wanted, partly, state.dt)
 
     def update(self, state: State, reference: Reference) -> AttitudeThrust:
         down = self.down

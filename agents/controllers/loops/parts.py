@@ -8,6 +8,8 @@ GRAVITY = 9.80665
 SETTLE = 1.0
 """s over which an integrator follows what is needed of it while the autopilot flies, so that it takes over what lasts
 (wind, a wrong hover thrust) and not what is of the moment"""
+MOST = 3.0
+"""m/s² that an integrator begins with at most, either way: against a wind of some 10 m/s. More does not last"""
 LEARN = 2.0
 """s in which the hover thrust is learned meanwhile: what was believed on the ground is soon forgotten"""
 FADE = 0.3
@@ -51,7 +53,7 @@ class Axis:
             self._value, self._t = value, t
         return self.slope
 
-    def settle(self, flies: float, partly: float, dt: float, most: float) -> None:
+    def settle(self, flies: float, partly: float, dt: float) -> None:
         """``flies``: what the autopilot asks for now; ``partly``: what the loop gives without integrator.
 
         The integrator is to be what lasts. That is the difference where both follow the same reference, but the whole
@@ -63,7 +65,7 @@ class Axis:
         self._needed.take(needed, share)
         self._flies.take(flies, share)
         lasts = self._needed if self._needed.square < self._flies.square else self._flies
-        self.integral = clamp(lasts.mean, -most, most)
+        self.integral = clamp(lasts.mean, -MOST, MOST)
         self.fading = needed - self.integral
         self._unseen = 0.0
 

@@ -88,9 +88,9 @@ def test_the_outputs_are_those_of_the_level_that_it_says(flown: Log) -> None:
     assert all(np.isfinite(list(signals.values())).all() for signals in flown.signals)
 
 
-@pytest.mark.parametrize("moment", [10.0, 11.4])
-def test_it_takes_over_where_the_motors_are_at_their_ends(moment: float, autopilot: Log) -> None:
-    """In the midst of a jump, and just before the next: it leans and turns as the autopilot itself would."""
+def test_it_takes_over_in_the_midst_of_a_jump(autopilot: Log) -> None:
+    """It leans and turns as the autopilot itself would."""
+    moment = 10.0
     stack = Stack(Ev1())
     with flight() as each:
         each.fly_autopilot(reference, moment, shadow=stack)

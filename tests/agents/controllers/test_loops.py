@@ -207,6 +207,20 @@ class TestBumpless:
             loop.reset(state, Reference("velocity", acc=acc), Trim(thrust, attitude))
         assert [axis.integral for axis in loop.axes[:2]] == pytest.approx([-wind, 0.0], abs=0.02)
 
+    @pytest.mark.parametrize("lean", [1.4, math.pi / 2, 2.0, math.pi])
+    def test_from_a_tumble_it_comes_back_within_two_seconds(self, lean: float) -> None:
+        """As with a lean beyond the limit, and of a vehicle on its back, with motors that stand still."""
+        q = np.array([math.cos(lean / 2), math.sin(lean / 2), 0.0, 0.0])
+        for thrust in (0.0, 1.0):
+            for loop in (VelocityLoop(), AltitudeLoop()):
+                reference = Reference("altitude")
+                loop.reset(State(dt=CYCLE, q=q), reference, Trim(thrust, q, np.array([6.0, 0.0, 0.0])))
+                for k in range(1, 500):
+                    output = loop.update(State(t=k * CYCLE, dt=CYCLE), reference)
+                    assert np.isfinite(output.attitude).all() and 0.0 <= output.thrust <= 1.0
+                if isinstance(loop, VelocityLoop):  # the other leans as it is told
+                    assert State(q=output.attitude).rotation[2, 2] > math.cos(math.radians(20.0))
+
     def test_what_is_learned_on_the_ground_is_forgotten(self) -> None:
         loop, reference = VelocityLoop(), Reference("velocity")
         for k in range(5000):
