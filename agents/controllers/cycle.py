@@ -104,6 +104,7 @@ class Cycles:
         self._applied: Trim | None = None
         """what the last output asked for: where the next class begins that is loaded in flight"""
         self._said = 0.0
+        """monotonic s at which signals are due"""
         self._takers = {
             "LOCAL_POSITION_NED": estimate.local, "GLOBAL_POSITION_INT": estimate.globally,
             "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target, "SERVO_OUTPUT_RAW": estimate.outputs,
@@ -240,9 +241,10 @@ class Cycles:
         self.phase, self._lease, self._applied = Phase.LOOKING_ON, None, None
 
     def _stream(self, worker: Worker, answer: Answer, now: float) -> None:
-        if now - self._said < 0.999 / self.signals_hz:
+        if now < self._said:
             return
-        self._said = now
+        # Cycles come when they come: the next due time, not the time since, keeps the rate on average.
+        self._said = max(self._said + 1.0 / self.signals_hz, now - 1.0 / self.signals_hz)
         values = told(self.estimate.state, self._reference, answer.output)
         values.update(zip(worker.names, answer.signals, strict=False))
         values["inject"] = self.references.injected

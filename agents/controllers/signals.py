@@ -1,8 +1,7 @@
 """The signals that every controller has, by the names under which they are streamed.
 
-``is.*`` is what the autopilot's estimator says, ``ref.*`` what is asked for, ``out.*`` what goes to the autopilot: x, y,
-z and vx, vy, vz in metres NED about the fleet's origin, roll, pitch, yaw in radians, p, q, r in rad/s about the body's
-axes.
+``is.*`` is what the autopilot's estimator says, ``ref.*`` what is asked for, ``out.*`` what goes to the autopilot. x, y,
+z, vx, vy, vz are metres NED about the fleet's origin; roll, pitch, yaw radians; p, q, r rad/s about the body's axes.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ def told(state: State, reference: Reference, output: Output | None) -> dict[str,
     _spread(values, "is.", ("vx", "vy", "vz"), state.vel)
     _spread(values, "is.", ("roll", "pitch", "yaw"), state.euler)
     _spread(values, "is.", ("p", "q", "r"), state.rates)
-    if reference.level == "position":
+    if reference.level in ("position", "altitude"):
         _spread(values, "ref.", ("x", "y", "z"), reference.pos)
     if reference.level in ("position", "velocity"):
         _spread(values, "ref.", ("vx", "vy", "vz"), reference.vel)
         values["ref.yaw"] = reference.yaw
-    elif reference.level == "attitude":
+    elif reference.level in ("altitude", "attitude"):
         _spread(values, "ref.", ("roll", "pitch", "yaw"), State(q=reference.attitude).euler)
     elif reference.level == "rates":
         _spread(values, "ref.", ("p", "q", "r"), reference.rates)

@@ -155,9 +155,9 @@ _STANDING: Fields = {"vx": _NO, "vy": _NO, "vz": _NO, "afz": 100.0}  # so that i
 
 def _loops(node: Px4Node) -> Fields:
     """Velocity and acceleration that the loops are asked for, and the heading."""
-    vel, _, _ = wanted = node.seat.wanted()
+    wanted = node.seat.wanted()
     names = ("vx", "vy", "vz", "afx", "afy", "afz")
-    return {**dict(zip(names, (*vel, *wanted.acc), strict=True)), "yaw": node.copter.sense.want_yaw}
+    return {**dict(zip(names, (*wanted.vel, *wanted.acc), strict=True)), "yaw": node.copter.sense.want_yaw}
 
 
 def position_target_local_ned(node: Px4Node) -> Fields | None:
