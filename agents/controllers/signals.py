@@ -1,7 +1,7 @@
 """The signals that every controller has, by the names under which they are streamed.
 
-``is.*`` is what the autopilot's estimator says, ``ref.*`` what is asked for, ``out.*`` what goes to the autopilot. x, y,
-z, vx, vy, vz are metres NED about the fleet's origin; roll, pitch, yaw radians; p, q, r rad/s about the body's axes.
+``is.*`` is what the autopilot's estimator says, ``ref.*`` what is asked for, ``out.*`` what goes to the autopilot.
+x, y, z, vx, vy, vz are NED about the fleet's origin; roll, pitch, yaw radians; p, q, r rad/s about the body's axes.
 """
 
 from __future__ import annotations
