@@ -31,7 +31,7 @@ from agents.controllers import (
     Velocity,
 )
 from zmav.sim import VehicleSpec, World
-from zmav.sim.autopilots.px4.modes import OFFBOARD
+from zmav.sim.autopilots.px4.modes import HOLD, OFFBOARD, Mode
 from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Torque, Wish
 from zmav.sim.fleets.copter import CopterFleet
 
@@ -176,8 +176,9 @@ class Flight:
         return bool(np.linalg.norm(state.pos - (0.0, 0.0, -height)) < 0.5 and np.linalg.norm(state.vel) < 0.5)
 
     def _until(self, true: Callable[[], bool], wish: Wish | None = None) -> None:
+        deadline = self.world.time_s + 60.0
         while not true():
-            assert self.world.time_s < 60.0, "not in the air within a minute"
+            assert self.world.time_s < deadline, "it did not come true within a minute"
             if wish is not None:
                 self._send(wish)
             self._step()
@@ -239,12 +240,25 @@ class Flight:
 
         return self._run(decide, reference, seconds, dict)
 
+    def hand_back(self, seconds: float) -> Log:
+        """Have the autopilot hold its position by itself, as the switch does, and then ask for OFFBOARD again."""
+        here, yaw = self.state().pos, self.state().yaw
+        assert self.px4.set_mode(HOLD)
+        self._queue.clear()
+        nothing: ReferenceAt = lambda t: Reference(pos=here, yaw=yaw)  # noqa: E731
+        log = self._run(lambda state, wanted: (None, None), nothing, seconds, dict, HOLD)
+        stay = Motion(pos=_three(self.state().pos), yaw=self.state().yaw)
+        self._until(lambda: self.px4.offboard.alive, stay)
+        assert self.px4.set_mode(OFFBOARD)
+        return log
+
     def _run(
         self,
-        decide: Callable[[State, Reference], tuple[Wish, Output | None]],
+        decide: Callable[[State, Reference], tuple[Wish | None, Output | None]],
         reference: ReferenceAt,
         seconds: float,
         signals: Callable[[], dict[str, float]],
+        mode: Mode = OFFBOARD,
     ) -> Log:
         rows: list[tuple[float, State, Array, Array, Trim]] = []
         references: list[Reference] = []
@@ -257,11 +271,12 @@ class Flight:
             wish, output = decide(state, wanted)
             outputs.append(output)
             told.append(dict(signals()))
-            self._queue.append(wish)
+            if wish is not None:
+                self._queue.append(wish)
             while len(self._queue) > self._delay:
                 self._send(self._queue.popleft())
             self._step()
-            assert self.px4.mode is OFFBOARD, f"PX4 flies in {self.px4.mode.name} after {self.t:.2f} s"
+            assert self.px4.mode is mode, f"PX4 flies in {self.px4.mode.name} after {self.t:.2f} s"
         return self._log(rows, references, outputs, told)
 
     def _send(self, wish: Wish) -> None:
