@@ -91,8 +91,8 @@ async def field(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Field
     routes = tmp_path_factory.mktemp("routes")
     (routes / "hop.csv").write_text("north,east,down\n0,0,-5\n2,0,-5\n")
     async with contextlib.AsyncExitStack() as stack:
-        patient = {"failsafe": Failsafe(land_after="never"), "geofence": Geofence(radius=60.0)}
-        fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 5.0, **patient))
+        patient, fence = Failsafe(land_after="never"), Geofence(radius=60.0)
+        fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 5.0, failsafe=patient, geofence=fence))
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         navigator = Navigator(z, "quad1", Settings(routes=str(routes)), {"settle": 0.5, "accel": 2.0, "jerk": 6.0})
@@ -245,6 +245,8 @@ async def test_without_a_position_it_gives_the_vehicle_back(field: Field) -> Non
     await field.fly(route="square", side=4.0)
     await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.5, "under way")
     world = field.fleet.world
-    world.fault(world.vehicles[0].spec.name, "gps-loss")
+    name = world.vehicles[0].spec.name
+    assert name is not None
+    world.fault(name, "gps-loss")
     await field.ended("broken off: the position is lost")
     world.clear()

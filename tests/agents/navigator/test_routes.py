@@ -141,7 +141,7 @@ def test_a_shape_that_cannot_be_is_refused_by_its_field(arguments: dict[str, obj
 def test_sizes_are_told_for_every_shape() -> None:
     for name, sizes in SIZES.items():
         smallest = {size: low for size, (_, low, _) in sizes.items()}
-        assert shape(name, **smallest).length > 0.0
+        assert shape(name, (0.0, 0.0, 0.0), 0.0, rounding=0.0, dwell=0.0, **smallest).length > 0.0
 
 
 TOML = """

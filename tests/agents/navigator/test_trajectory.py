@@ -104,10 +104,9 @@ def test_a_straight_way_is_flown_as_fast_as_the_limits_allow() -> None:
 
 
 def test_dwells_are_kept_and_rounded_corners_are_not_stopped_at() -> None:
-    sharp, dwelling, rounded = (
-        Trajectory(shape("square", side=10.0, **more), Limits())
-        for more in ({}, {"dwell": 2.0}, {"rounding": 2.0})
-    )  # fmt: skip
+    sharp = Trajectory(shape("square", side=10.0), Limits())
+    dwelling = Trajectory(shape("square", side=10.0, dwell=2.0), Limits())
+    rounded = Trajectory(shape("square", side=10.0, rounding=2.0), Limits())
     assert dwelling.duration == pytest.approx(sharp.duration + 3 * 2.0)
     t = np.arange(2.0, rounded.duration - 2.0, 0.01)
     assert norm(rounded.at(t).vel).min() > 0.4
