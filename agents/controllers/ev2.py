@@ -4,8 +4,8 @@ Outer loop by feedback linearisation (:mod:`agents.controllers.linearising`), in
 backstepping (:mod:`agents.controllers.backstepping`); the equations stand there.
 
 The paper's page is not at hand: what is given of it are these equations and "nine nonlinear integrators". They are
-counted here as three of the position's error, three of the filter (Ω_ref) and three of its compensating signal (ε).
-Decided here, besides limits and windup:
+counted here as three of the position's error, three of the filter (Ω_ref) and three of its compensating signal (ε);
+what only estimates or leads (p'', the rotors' lag, p_ref''') is not counted. Decided here, besides limits and windup:
 
 - Φ_ref' comes from the outer loop's own equations and is not filtered.
 - Roll and pitch are those that point the thrust at the heading that the vehicle has, not at the one that it is to have:
@@ -13,7 +13,8 @@ Decided here, besides limits and windup:
 - Newtons of full thrust are found at hand-over from what the autopilot hovers with, as battery and air change them;
   torques are scaled alike.
 - Of the rotors' lag, which the equations leave out, torques are rid by a lead of (1 + ``rotor_tau`` s) / (1 +
-  ``lead_tau`` s): without it the delay that the loop bears is a quarter of what it is.
+  ``lead_tau`` s): by the linear model of one axis in hover, cycle and hold included, it bears 38 ms of further delay,
+  and 21 ms without the lead (phase margins 40 and 20 degrees).
 - At hand-over the reference begins at the vehicle's own motion and comes to the given one within seconds (``ease``):
   p_e^{I,0} then is what the wind needs, and not what errors of the autopilot's own following would ask for at once.
 - The filters begin at hand-over with the vehicle's rates and no error kept account of (Ω_ref = Ω, ε = 0).

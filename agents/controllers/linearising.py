@@ -82,11 +82,8 @@ class Linearising:
         self._vel: Vec = ZERO  # the observer's
         self._jerk: Vec = ZERO
         self._before: Vec | None = None
-        self._offset: tuple[Vec, Vec, Vec] = (
-            ZERO,
-            ZERO,
-            ZERO,
-        )  # of the reference from the one given, its velocity and acceleration
+        # Of the reference from the one given at hand-over: position, velocity, acceleration.
+        self._offset: tuple[Vec, Vec, Vec] = (ZERO, ZERO, ZERO)
         self._since = 0.0
 
     def reset(

@@ -40,7 +40,7 @@ REFERENCES = {"circle": circle(2.0, 3.0), "lemniscate": lemniscate()}
 
 def flown(make: Callable[[], Controller] | None, reference: ReferenceAt, delay: int = 1) -> Log:
     """From a second after the takeoff on by that controller; None: the autopilot goes on."""
-    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, delay=delay) as flight:
+    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, delay=delay, slow=10) as flight:
         controller = make() if make else None
         flight.fly_autopilot(reference, BEGUN, shadow=controller)
         if controller is None:
@@ -81,7 +81,7 @@ def shaking(log: Log) -> float:
 
 def test_takes_over_on_the_circle_without_a_jump() -> None:
     reference = REFERENCES["circle"]
-    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=5) as flight:
+    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=5, slow=10) as flight:
         for _ in range(6):
             ev2 = Ev2()
             before = flight.fly_autopilot(reference, 0.7, shadow=ev2)
