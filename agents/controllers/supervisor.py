@@ -32,11 +32,14 @@ from zmav.services.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
 from zmav.verbs import Access, Verb
+from zmav.waiting import together, within
 
 LOOK = 0.02
 """s between two looks at whether the autopilot's state still comes"""
 TAKE_OVER = 6.0
 """s for the autopilot to follow: PX4 wants a second of the stream before"""
+SOON = 2.0
+"""s that an order to engage waits for the autopilot's state"""
 MODE_TOLD = 0.3
 """s in which a HEARTBEAT tells of the mode for certain: an older one may be of the engagement before"""
 ENOUGH = 0.8
@@ -174,7 +177,7 @@ class Supervisor(zmav.Agent):
                 subscriber = self.z.session.declare_subscriber(key, self._on_frame)
                 stack.callback(subscriber.undeclare)
             try:
-                await zmav.waiting.together(self._look(), self._watch_file(), self._watch_events())
+                await together(self._look(), self._watch_file(), self._watch_events())
             finally:
                 await self._release("the supervisor ends")
 
@@ -301,6 +304,8 @@ class Supervisor(zmav.Agent):
     async def on_engage(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         if self.cycles.phase:
             return {"state": "controller"}
+        with contextlib.suppress(asyncio.TimeoutError):
+            await within(SOON, self._estimated())
         self._check_ready()
         await self._check_parameters()
         if self.workshop.worker is None or not self.workshop.worker.alive:
@@ -324,6 +329,11 @@ class Supervisor(zmav.Agent):
             await self.on_engage(wire.Order(), None, None)
         except ZmavError as e:
             self.say("engaged", "error", f"the pilot's switch: {e}")
+
+    async def _estimated(self) -> None:
+        """Wait for the estimate: just after the start it is a matter of moments."""
+        while not self.estimate.ready:
+            await asyncio.sleep(LOOK)
 
     def _check_ready(self) -> None:
         """Raises :class:`Refused` with what is missing."""

@@ -32,8 +32,10 @@ SWITCH = PilotSwitch(channel=7)
 class Field:
     """One vehicle that flies, and whoever supervises controllers for it."""
 
-    def __init__(self, world: World, z: zmav.Client, vehicle: zmav.Vehicle, stack: contextlib.AsyncExitStack) -> None:
-        self.world, self.z, self.vehicle, self._stack = world, z, vehicle, stack
+    def __init__(
+        self, world: World, z: zmav.Client, vehicle: zmav.Vehicle, endpoint: str, stack: contextlib.AsyncExitStack
+    ) -> None:
+        self.world, self.z, self.vehicle, self.endpoint, self._stack = world, z, vehicle, endpoint, stack
         self.signals: list[wire.Signals] = []
 
     async def supervise(self, controller: str | Path, tuned: dict[str, float] | None = None, **more: Any) -> Supervisor:
@@ -103,4 +105,4 @@ async def field(net: Net, onboard: StartOnboard, request: pytest.FixtureRequest)
         await vehicle.arm()
         await vehicle.takeoff(10.0)
         world.set_speed(1.0)
-        yield Field(world, z, vehicle, stack)
+        yield Field(world, z, vehicle, endpoint, stack)

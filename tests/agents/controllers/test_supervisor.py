@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import math
 import re
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +14,8 @@ import pytest
 
 from zmav import keys, wire
 from zmav.client import Answer
-from zmav.errors import BadInput, Refused
+from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut
+from zmav.sim import VehicleSpec
 from zmav.sim.autopilots.px4.modes import POSCTL
 
 if TYPE_CHECKING:
@@ -189,6 +193,17 @@ async def test_parameters_are_keys_within_bounds_and_changes_are_told(field: Fie
         await field.vehicle.tell("mine", "set", name="nonsense", value=1.0)
 
 
+async def test_the_class_in_the_documents_flies(field: Field, tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "controllers.md").read_text()
+    path = tmp_path / "my_controller.py"
+    path.write_text(page.partition("```python\n")[2].partition("```")[0])
+    await field.supervise(path)
+    await field.vehicle.tell("my_controller", "engage")
+    await field.vehicle.tell("my_controller", "goto", pos=[3.0, 2.0, -11.0])
+    await field.vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.5, 30.0)
+    assert field.mode == "OFFBOARD"
+
+
 async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_path: Path) -> None:
     acro = tmp_path / "acro.py"
     acro.write_text("from agents.controllers.loops import PositionLoop\nclass P(PositionLoop):\n    'p'\n")
@@ -204,3 +219,64 @@ async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_
     with pytest.raises(BadInput):
         await vehicle.tell("acro", "inject", kind="step", channel="p", amplitude=1.0, seconds=1.0)
     assert field.mode == "OFFBOARD"
+
+
+@pytest.mark.parametrize("field", [VehicleSpec(name="hex1", params={"GUID_OPTIONS": 8.0})], indirect=True)
+@pytest.mark.parametrize("controller", ["ev1-velocity", "ev1-attitude", "ev1-position"])
+async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field, controller: str) -> None:
+    await field.supervise(controller)
+    await field.vehicle.tell(controller, "engage")
+    await field.vehicle.tell(controller, "goto", pos=[3.0, 2.0, -11.0])
+    await field.vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.7, 40.0)
+
+
+@pytest.mark.parametrize("field", [VehicleSpec(name="hex1")], indirect=True)
+@pytest.mark.parametrize(("controller", "why"), [("ev1", "takes no torques"), ("ev1-attitude", "GUID_OPTIONS")])
+async def test_what_an_autopilot_cannot_take_is_refused_before_anything_flies(
+    field: Field, controller: str, why: str
+) -> None:
+    supervisor = await field.supervise(controller)
+    with pytest.raises(Refused, match=why):
+        await field.vehicle.tell(controller, "engage")
+    assert supervisor.cycles.phase == 0
+    await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
+
+
+@pytest.mark.parametrize("field", [VehicleSpec(name="hex1", autopilot="px4", airframe="hexa")], indirect=True)
+async def test_a_newer_px4_takes_rates_and_no_torques(field: Field) -> None:
+    await field.supervise("ev1")
+    with pytest.raises(Refused, match="takes no torques over MAVLink"):
+        await field.vehicle.tell("ev1", "engage")
+    await field.supervise("ev1-attitude")
+    await field.vehicle.tell("ev1-attitude", "engage")
+    assert field.mode == "OFFBOARD"
+
+
+async def test_each_level_flies_alone(field: Field) -> None:
+    for controller in ("ev1-rates", "ev1-attitude", "ev1-altitude", "ev1-velocity", "ev1-position", "ev1", "ev2"):
+        await field.supervise(controller)
+        await field.vehicle.tell(controller, "engage")
+        assert field.mode == "OFFBOARD", controller
+        await field.vehicle.tell(controller, "release")
+        assert field.mode == "HOLD", controller
+
+
+async def test_a_supervisor_that_dies_leaves_the_vehicle_holding(field: Field, mine: Path) -> None:
+    """Its process is another one here: killed, it says nothing to anybody."""
+    command = [sys.executable, "-m", "zmav", "agent", "run", str(mine), "--vehicle", "hex1", "-o", "rate_hz=100"]
+    process = await asyncio.create_subprocess_exec(*command, "-e", field.endpoint)
+    try:
+        deadline = asyncio.get_running_loop().time() + 60.0
+        while True:
+            try:
+                await field.vehicle.tell("mine", "engage")
+                break
+            except (NoSuchVehicle, Refused, TimedOut):
+                assert asyncio.get_running_loop().time() < deadline, "it does not take over"
+        assert field.mode == "OFFBOARD"
+        process.kill()
+        await field.until(lambda: field.mode == "HOLD", "the vehicle does not hold")
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()

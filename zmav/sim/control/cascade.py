@@ -193,7 +193,14 @@ class Cascade:
         rate[2] += self._turn
         if self._by_rates is not None:
             rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
+            self._thrust_at_once(self._by_rates)
         self._rate = rate
+
+    def _thrust_at_once(self, who: Flags) -> None:
+        """Beside body rates or torques a thrust does not wait for the outer loops' next turn."""
+        direct = who & (self.setpoints.vertical == DIRECT)
+        full = self.airframe.thrust_max_n * len(self.airframe.rotors)
+        self.thrust[direct] = self.setpoints.thrust[direct] * full
 
     def inner(self, est: Estimated, dt: float) -> Array:
         """Rate loop and mix, with every step of the physics: throttles (M, N), 0..1."""

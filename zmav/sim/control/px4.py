@@ -162,6 +162,7 @@ class Px4Cascade(Cascade):
         rate = clamp(rate, -g.rate_max, g.rate_max)
         if self._by_rates is not None:
             rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
+            self._thrust_at_once(self._by_rates)
         self._rate = rate
 
     def inner(self, est: Estimated, dt: float) -> Array:
