@@ -43,7 +43,7 @@ class References:
     """One vehicle's. Not thread-safe: its user sees to that."""
 
     def __init__(self) -> None:
-        self.sticks = Sticks(0.6, 2.0, 3.8, 3.0, 1.5)
+        self.sticks = Sticks(math.radians(35.0), math.radians(120.0), math.radians(220.0), 3.0, 1.5)
         self._pos, self._vel, self._yaw, self._since = np.zeros(3), np.zeros(3), 0.0, 0.0
         """where and how fast the vehicle was when it was to stop, and when"""
         self._segments: deque[Segment] = deque()
