@@ -93,7 +93,17 @@ TYPICAL = Noise(
     believed_tilt=0.2 * _DEG,
     believed_yaw=1.0 * _DEG,
 )
-PROFILES = {profile.name: profile for profile in (NONE, TYPICAL)}
+RTK = msgspec.structs.replace(
+    TYPICAL,
+    name="rtk",
+    # A two-frequency receiver with corrections (u-blox ZED-F9P data sheet: 0.01 m + 1 ppm CEP, 0.05 m/s), ambiguities
+    # fixed: what wanders is the multipath of the carrier.
+    gps_wander_m=0.015,
+    gps_wander_down_m=0.03,
+    gps_white_m=0.01,
+    believed_speed_mps=0.03,
+)
+PROFILES = {profile.name: profile for profile in (NONE, TYPICAL, RTK)}
 
 
 def noise_profile(name: str) -> Noise:
