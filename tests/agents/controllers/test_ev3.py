@@ -1,5 +1,5 @@
 """EV3: a square and a vertical rectangle, flown over EV1's cascade in wind and GPS noise: what it misses, it misses
-near the corners. Of a receiver of one frequency the noise alone is larger than that: the one here has corrections (RTK).
+near the corners. A receiver of one frequency makes more noise than that: the one here has corrections (RTK).
 """
 
 from __future__ import annotations
