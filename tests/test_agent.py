@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import msgspec
@@ -14,8 +15,9 @@ from click.testing import CliRunner
 import zmav
 from zmav import keys, wire
 from zmav.agent import Tunable
-from zmav.cli.agent import command, find
-from zmav.errors import BadInput, Clash, Refused, TimedOut
+from zmav.cli.agent import command, find, resolve
+from zmav.client import Answer
+from zmav.errors import BadConfig, BadInput, Clash, Refused, TimedOut
 from zmav.verbs import Access, Verb
 
 if TYPE_CHECKING:
@@ -134,6 +136,78 @@ def test_what_there_is_not_is_named() -> None:
         find("nonsense")
     result = CliRunner().invoke(command, ["run", "nonsense", "--vehicle", "quad1"])
     assert isinstance(result.exception, BadInput)
+
+
+MINE = """
+import asyncio
+import zmav
+
+class Mine(zmav.Agent):
+    name = "mine"
+
+    async def run(self):
+        await asyncio.Event().wait()
+"""
+
+
+def test_a_file_that_holds_an_agent_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    kind, given = resolve(str(path))
+    assert (kind.name, given) == ("mine", {})
+    about = CliRunner().invoke(command, ["about", str(path)])
+    assert about.exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (MINE + MINE.replace("Mine", "Other"), "expected one class"),
+        (MINE.replace('    name = "mine"\n', ""), "with a name"),
+        (MINE + "raise OSError('no disk')\n", "OSError: no disk"),
+        (MINE + "def (:\n", "SyntaxError"),
+    ],
+    ids=["two", "nameless", "raises", "broken"],
+)
+def test_a_file_that_holds_no_one_agent_says_why(tmp_path: Path, text: str, why: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(BadConfig, match=why):
+        resolve(str(path))
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(BadConfig, match=r"mine\.py"):
+        resolve(str(tmp_path / "mine.py"))
+
+
+def test_any_other_file_and_the_installed_controllers_are_for_the_supervisor(tmp_path: Path) -> None:
+    path = tmp_path / "kp.py"
+    path.write_text("raise RuntimeError('this is not run here')\n")
+    kind, given = resolve(str(path))
+    assert (kind.name, given) == ("controller", {"controller": str(path)})
+    kind, given = resolve("ev2")
+    assert (kind.name, given) == ("controller", {"controller": "ev2"})
+
+
+async def test_parameters_are_keys_and_others_can_be_declared(desk: Desk) -> None:
+    from tests.conftest import Samples
+
+    z = desk.quad._client
+    key = keys.AGENT_PARAM.key("demo", "quad1", agent="counter", param="*")
+    (answer,) = await z.ask(key)
+    assert isinstance(answer, Answer)
+    assert answer.key.endswith("agent/counter/param/gain")
+    assert wire.decode(answer.payload, wire.TunableInfo, "param").unit == "1/s"
+    heard = Samples(z.session, key)
+    await ask(desk, "set", {"name": "gain", "value": 2.0})
+    await heard.until(lambda: bool(heard.items), "the change")
+    assert heard.objects()[-1]["value"] == 2.0
+    desk.agent.declare({"gain": Tunable(1.0, 0.0, 1.5), "more": Tunable(7.0, 0.0, 9.0)})
+    assert (desk.agent["gain"], desk.agent["more"]) == (1.0, 7.0), "2 is beyond what it may be now"
+    desk.agent.tune("more", 8.0)
+    desk.agent.declare({"more": Tunable(7.0, 0.0, 9.0)})
+    assert desk.agent["more"] == 8.0
 
 
 async def ask(desk: Desk, verb: str, args: dict[str, Any]) -> dict[str, Any]:

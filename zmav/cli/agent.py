@@ -239,7 +239,7 @@ def _agent_in(path: Path) -> type[Agent] | None:
     """The agent that a file holds. A controller's file is not run here, but in a process of its own: None."""
     with reading(path, "agent"):
         text = path.read_text()
-    if not re.search(r"^class \w+\((zmav\.)?Agent\)", text, re.MULTILINE):
+    if not re.search(r"^class \w+\(.*\bAgent\b", text, re.MULTILINE):
         return None
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None
