@@ -52,6 +52,19 @@ def attitude_quaternion(node: Node) -> Fields:
     return {"time_boot_ms": boot_ms(node), "q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}
 
 
+def attitude_target(node: Node, rate: tuple[float, float, float], thrust: float) -> Fields:
+    """What a multirotor's loops ask for: body rates (rad/s), and the share of full thrust before the motors' curve."""
+    s = node.brain.sense
+    return {
+        "time_boot_ms": boot_ms(node),
+        "q": [s.want_qw, s.want_qx, s.want_qy, s.want_qz],
+        "body_roll_rate": rate[0],
+        "body_pitch_rate": rate[1],
+        "body_yaw_rate": rate[2],
+        "thrust": thrust,
+    }
+
+
 def local_position_ned(node: Node) -> Fields | None:
     brain, s = node.brain, node.brain.sense
     if not brain.position_ok:

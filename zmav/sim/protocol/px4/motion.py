@@ -135,18 +135,10 @@ def open_drone_id_system(node: Px4Node) -> Fields | None:
 
 
 def attitude_target(node: Px4Node) -> Fields:
-    s, copter = node.copter.sense, node.copter
-    standing = not copter.armed or copter.ground.stage in (Stage.STANDING, Stage.TOUCHED)
-    wanted = node.seat.wanted()
-    p, q, r = (0.0, 0.0, 0.0) if standing else wanted.rate
-    return {
-        "time_boot_ms": boot_ms(node),
-        "q": [s.want_qw, s.want_qx, s.want_qy, s.want_qz],
-        "body_roll_rate": p,
-        "body_pitch_rate": q,
-        "body_yaw_rate": r,
-        "thrust": 0.0 if standing or wanted.thrust is None else wanted.thrust,
-    }
+    copter, wanted = node.copter, node.seat.wanted()
+    if not copter.armed or copter.ground.stage in (Stage.STANDING, Stage.TOUCHED):
+        return reports.attitude_target(node, (0.0, 0.0, 0.0), 0.0)
+    return reports.attitude_target(node, wanted.rate, wanted.thrust or 0.0)
 
 
 _NO = math.nan

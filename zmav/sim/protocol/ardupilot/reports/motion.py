@@ -37,19 +37,11 @@ def vfr_hud(node: MavNode) -> Fields:
 
 
 def attitude_target(node: MavNode) -> Fields | None:
-    """What a copter's loops ask for, and the throttle before the motors' curve."""
-    s, wanted = node.vehicle.sense, node.seat.wanted()
+    """Copter's."""
+    wanted = node.seat.wanted()
     if wanted.thrust is None:
         return None
-    p, q, r = wanted.rate
-    return {
-        "time_boot_ms": boot_ms(node),
-        "q": [s.want_qw, s.want_qx, s.want_qy, s.want_qz],
-        "body_roll_rate": p,
-        "body_pitch_rate": q,
-        "body_yaw_rate": r,
-        "thrust": wanted.thrust if node.vehicle.armed else 0.0,
-    }
+    return reports.attitude_target(node, wanted.rate, wanted.thrust if node.vehicle.armed else 0.0)
 
 
 def home_position(node: MavNode) -> Fields | None:
