@@ -30,6 +30,7 @@ import numpy as np
 from agents.controllers.backstepping import Backstepping, Inner, Vec, add, angle_rates, less, scaled
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.linearising import GRAVITY, Aim, Linearising, Outer
+from agents.controllers.rotation import euler
 from agents.controllers.types import Array, Output, Reference, State, TorqueThrust, Trim
 
 SETTLE_S = 1.0  # over so long the autopilot's thrust is set against the weight
@@ -114,7 +115,7 @@ class Ev2(Controller):
         dt = min(max(state.dt, 1e-4), LONGEST_S)
         error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
         acc, vel, axis = _vec(reference.acc), _vec(state.vel), _axis(state.q)
-        angles, rates = _euler(state.q), _vec(state.rates)
+        angles, rates = euler(state.q.tolist()), _vec(state.rates)
         turn = angle_rates(angles, rates)[2]
         aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, angles[2], turn, axis, dt)
         wanted = (aim.roll, aim.pitch, reference.yaw)
@@ -212,11 +213,3 @@ def _axis(q: Array) -> Vec:
     """The body's down axis, NED."""
     w, x, y, z = q.tolist()
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-
-
-def _euler(q: Array) -> Vec:
-    """Roll, pitch, yaw."""
-    w, x, y, z = q.tolist()
-    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

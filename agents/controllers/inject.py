@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from agents.controllers.rotation import heading, product
 from agents.controllers.types import Array, Level, Reference
 from zmav import wire
 from zmav.errors import BadInput
@@ -213,28 +214,14 @@ def turned(q: Array, name: str, angle: float) -> Array:
     Yaw turns about the down axis, roll about the body's nose, pitch about the level axis to the right of the heading.
     """
     cosine, sine = math.cos(angle / 2.0), math.sin(angle / 2.0)
-    w, x, y, z = q
     if name == "roll":
-        turned = _product(q, np.array([cosine, sine, 0.0, 0.0]))
+        turned = product(q, (cosine, sine, 0.0, 0.0))
     elif name == "yaw":
-        turned = _product(np.array([cosine, 0.0, 0.0, sine]), q)
+        turned = product((cosine, 0.0, 0.0, sine), q)
     else:
-        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        turned = _product(np.array([cosine, -sine * math.sin(heading), sine * math.cos(heading), 0.0]), q)
-    return turned / float(np.linalg.norm(turned))
-
-
-def _product(a: Array, b: Array) -> Array:
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return np.array(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ]
-    )
+        yaw = heading(q)
+        turned = product((cosine, -sine * math.sin(yaw), sine * math.cos(yaw), 0.0), q)
+    return np.array(turned) / math.hypot(*turned)
 
 
 def _plus(vector: Array, axis: int, value: float) -> Array:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.controllers.inject import Inject, Injection
+from agents.controllers.rotation import from_euler
 from agents.controllers.types import Array, Level, Reference, State
 from zmav import wire
 from zmav.errors import BadInput
@@ -173,7 +174,7 @@ class References:
         if self._stick_level == "rates":
             reference.rates = np.array([roll * most.rate, pitch * most.rate, yaw * most.yaw_rate])
         elif self._stick_level == "attitude":
-            reference.attitude = from_euler(roll * most.tilt, pitch * most.tilt, self._yaw)
+            reference.attitude = np.array(from_euler(roll * most.tilt, pitch * most.tilt, self._yaw))
         else:
             c, s = math.cos(self._yaw), math.sin(self._yaw)
             ahead, right = -pitch * most.speed, roll * most.speed
@@ -183,20 +184,6 @@ class References:
 
     def _lift(self, throttle: float) -> float:
         return self._hover + (1.0 - self._hover) * (2.0 * throttle - 1.0)
-
-
-def from_euler(roll: float, pitch: float, yaw: float) -> Array:
-    """(4,) quaternion of yaw, then pitch, then roll."""
-    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
 
 
 def _tuple(vector: Array) -> wire.Vector:

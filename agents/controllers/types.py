@@ -13,6 +13,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from agents.controllers import rotation
+
 Array = npt.NDArray[np.float64]
 Level = Literal["position", "velocity", "altitude", "attitude", "rates"]
 LEVELS: tuple[Level, ...] = ("position", "velocity", "altitude", "attitude", "rates")
@@ -66,15 +68,11 @@ class State:
     @property
     def euler(self) -> Array:
         """(3,) roll, pitch and yaw."""
-        w, x, y, z = self.q
-        pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
-        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        return np.array([roll, pitch, self.yaw])
+        return np.array(rotation.euler(self.q.tolist()))
 
     @property
     def yaw(self) -> float:
-        w, x, y, z = self.q
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return rotation.heading(self.q.tolist())
 
     @property
     def saturated(self) -> bool | None:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from agents.controllers.controller import Controller, parameter
-from agents.controllers.loops.parts import FADE, Axis, Quaternion, Vector, clamp, down_axis, product, turn_from
+from agents.controllers.loops.parts import FADE, Axis, Vector, clamp, down_axis, turn_from
+from agents.controllers.rotation import Quaternion, product
 from agents.controllers.types import RatesThrust, Reference, State, TorqueThrust, Trim
 
 I_FADES = 6.98

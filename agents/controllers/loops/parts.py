@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from agents.controllers.rotation import Quaternion, product
+
 GRAVITY = 9.80665
 SETTLE = 1.0
 """s over which an integrator follows what is needed of it while the autopilot flies, so that it takes over what lasts
@@ -18,7 +20,6 @@ HOVER_LEAST, HOVER_MOST = 0.1, 0.9
 FALLING = 0.5
 """g: with less of a load nothing is learned about the hover thrust"""
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 
 
 class Lately:
@@ -114,18 +115,6 @@ def shortened(x: float, y: float, most: float) -> tuple[float, float]:
     """The vector, no longer than ``most``."""
     length = math.hypot(x, y)
     return (x, y) if length <= most else (x * most / length, y * most / length)
-
-
-def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton's: the rotation ``b`` first, then ``a``."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
 
 
 def turn_from(actual: Quaternion, target: Quaternion) -> Quaternion:

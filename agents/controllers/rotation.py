@@ -1,0 +1,46 @@
+"""Quaternions (w, x, y, z, from body to NED) and Euler angles (roll, pitch, yaw, turned in the order Z-Y-X), in plain
+numbers: of so few, arrays would take longer to make than the sums do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+Quaternion = tuple[float, float, float, float]
+
+
+def product(a: Iterable[float], b: Iterable[float]) -> Quaternion:
+    """Hamilton's: the rotation ``b`` first, then ``a``."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
+    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def euler(q: Iterable[float]) -> tuple[float, float, float]:
+    w, x, y, z = q
+    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return roll, pitch, heading((w, x, y, z))
+
+
+def heading(q: Iterable[float]) -> float:
+    """Yaw."""
+    w, x, y, z = q
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
