@@ -29,6 +29,8 @@ SHARE = 0.02
 """of the newest cycle's time in the mean"""
 MOVED = 1.0
 """m by which the estimator's origin has moved, and was not only measured badly"""
+CLOCK_STEP = 0.0002
+"""s by which the time moves at once while it is followed: with fifty a second, a hundredth too fast or too slow"""
 PWM_MID, PWM_HALF, PWM_LOW, PWM_SPAN = 1500.0, 500.0, 1000.0, 1000.0
 UNHEARD = (0, 65535)
 DRIVEN = 950
@@ -61,6 +63,15 @@ class Estimate:
         if self._anchor is None:
             about = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
             self._anchor = about, np.array(local)
+
+    def set_clock(self, boot_t: float, slowly: bool) -> None:
+        """``boot_t``: UTC s at which the autopilot's time was nought. ``slowly``: a trajectory is followed by it, which
+        no better guess of that time may make jump.
+        """
+        before = self.boot_t
+        if slowly and before is not None:
+            boot_t = min(max(boot_t, before - CLOCK_STEP), before + CLOCK_STEP)
+        self.boot_t = boot_t
 
     @property
     def ready(self) -> bool:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
+from zenoh import handlers
 
 import zmav
 from agents.controllers import loading
@@ -174,7 +175,9 @@ class Supervisor(zmav.Agent):
                 if name == "HEARTBEAT":  # the vehicle's own agent reads it
                     continue
                 key = keys.RX.key(self.vehicle.fleet, self.vehicle.name, sys="*", comp="1", msg=name)
-                subscriber = self.z.session.declare_subscriber(key, self._on_frame)
+                # On Zenoh's own thread: with a thread each, an attitude would overtake the position beside it.
+                direct: Any = handlers.Callback(self.cycles.on_frame, indirect=False)
+                subscriber = self.z.session.declare_subscriber(key, direct)
                 stack.callback(subscriber.undeclare)
             try:
                 await together(self._look(), self._watch_file(), self._watch_events())
@@ -189,7 +192,7 @@ class Supervisor(zmav.Agent):
             state = self.vehicle.last_state
             if state is not None:
                 if state.clock is not None:
-                    self.estimate.boot_t = state.clock.boot_t
+                    self.estimate.set_clock(state.clock.boot_t, bool(self.cycles.phase))
                 if state.position is not None and state.local is not None:
                     self.estimate.anchor(state.position, state.local)
                 if self._pilot_has_it and state.pilot is None and self.settings.by_switch:
@@ -288,9 +291,6 @@ class Supervisor(zmav.Agent):
                 set_limit(self.cycles.guard.envelope, self.cycles.references, name, value)
 
     # Who flies.
-
-    def _on_frame(self, sample: Any) -> None:
-        self.cycles.on_frame(sample)
 
     async def _watch_events(self) -> None:
         """Why the vehicle drops setpoints of ours: said while it takes over."""

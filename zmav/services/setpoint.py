@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 import zenoh
+from zenoh import handlers
 
 from zmav import keys, wire
 from zmav.autopilots import Autopilot, Target
@@ -70,7 +71,10 @@ class Setpoints:
 
     def start(self) -> None:
         key = keys.SETPOINT.key(self._port.fleet, self._port.name, agent="*")
-        self._subscriber = self._session.declare_subscriber(key, on_loop(asyncio.get_running_loop(), self._on_sample))
+        # Straight on Zenoh's thread: all it does is hand over.
+        hand_over = on_loop(asyncio.get_running_loop(), self._on_sample)
+        direct: Any = handlers.Callback(hand_over, indirect=False)
+        self._subscriber = self._session.declare_subscriber(key, direct)
 
     def close(self) -> None:
         self._subscriber.undeclare()
