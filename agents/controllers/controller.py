@@ -73,14 +73,7 @@ class Controller:
 
     def tune(self, name: str, value: float) -> None:
         """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
-        known = self.tunables.get(name)
-        if known is None:
-            names = ", ".join(self.tunables) or "none"
-            text = f"{type(self).__name__} has no parameter {name!r}; there are {names}"
-            raise BadInput(text, field="name", value=name, expected=names)
-        if not (math.isfinite(value) and known.low <= value <= known.high):
-            expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
-            raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
+        check(type(self).__name__, self.tunables, name, value)
         setattr(self, name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
@@ -104,6 +97,17 @@ class Controller:
             ends = "xyz" if len(row) == 3 else [str(i) for i in range(len(row))]
             for end, each in zip(ends, row, strict=True):
                 self.signals[f"{name}.{end}"] = float(each)
+
+
+def check(who: str, tunables: Mapping[str, Tunable], name: str, value: float) -> None:
+    """Raises :class:`~zmav.errors.BadInput` where there is no parameter of that name, or the value is out of bounds."""
+    known = tunables.get(name)
+    if known is None:
+        names = ", ".join(tunables) or "none"
+        raise BadInput(f"{who} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names)
+    if not (math.isfinite(value) and known.low <= value <= known.high):
+        expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
+        raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
 
 
 def _bad(cls: type[Controller], field: str, value: object, expected: str) -> BadConfig:

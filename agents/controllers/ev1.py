@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.controllers.controller import Controller, parameter
+from agents.controllers.controller import Controller, check, parameter
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, RatesLoop, VelocityLoop
 from agents.controllers.stack import Stack
 from agents.controllers.types import Output, Reference, State, Trim, Velocity
@@ -87,6 +87,7 @@ class Ev1(Controller):
             self.tune(name, value)
 
     def tune(self, name: str, value: float) -> None:
+        check("EV1", self.tunables, name, value)
         self._stack.tune(name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:

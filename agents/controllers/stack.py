@@ -11,7 +11,7 @@ import copy
 from collections.abc import Mapping
 from typing import Any
 
-from agents.controllers.controller import Controller
+from agents.controllers.controller import Controller, check
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, VelocityLoop
 from agents.controllers.types import (
     LEVELS,
@@ -61,6 +61,7 @@ class Stack:
 
     def tune(self, name: str, value: float) -> None:
         """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
+        check(type(self.controller).__name__, self.tunables, name, value)
         level, _, rest = name.partition(".")
         if level in self.loops:
             self.loops[level].tune(rest, value)

@@ -72,8 +72,8 @@ class RatesLoop(Controller):
     """PID on the body rates, with what is asked for fed forward; D is on the measurement, low-passed.
 
     Where a motor is at the end of its range, or a torque at that of its own, the integrators take no more of the sign
-    that asks for more. While the autopilot flies they follow the rates that it asks for, as its own do: of its torque
-    it tells nothing.
+    that asks for more. While the autopilot flies they follow the rates that it asks for, as its own do (but forget
+    within a second, as nobody says when it stands on the ground): of its torque it tells nothing.
     """
 
     level = "rates"
@@ -103,6 +103,7 @@ class RatesLoop(Controller):
         wanted, measured = trim.rates.tolist(), state.rates.tolist()
         for axis, gain, want, is_ in zip(self.axes, gains, wanted, measured, strict=True):
             axis.measure(is_, state.t, self.d_cutoff)
+            axis.forget(state.dt)
             axis.add(_unless_flip(want - is_) * gain, state.dt, self.i_max)
 
     def update(self, state: State, reference: Reference) -> TorqueThrust:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from agents.controllers.controller import Controller, parameter
-from agents.controllers.loops.parts import GRAVITY, Axis, Hover, attitude_of, clamp, down_axis, shortened
+from agents.controllers.loops.parts import GRAVITY, LEARN, Axis, Hover, attitude_of, clamp, down_axis, shortened
 from agents.controllers.types import AttitudeThrust, Reference, State, Trim, Velocity
 
 STEEPEST = 0.5
@@ -64,25 +64,24 @@ class VelocityLoop(Controller):
         super().__init__(tuned)
         self.axes = (Axis(), Axis(), Axis())
         self.hover = Hover()
-        self.given = math.nan
+        self.given = 0.5
         """the thrust of the last cycle, 0 to 1"""
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
-        north, east, down = self.axes
         partly = self._partly(state, reference)
         self.given = trim.thrust
-        self._learn(state)
+        self._learn(state, min(LEARN, self.hover_tau))
         x, y, z = down_axis(tuple(trim.attitude.tolist()))
         hover, lift = self.hover.share, max(trim.thrust * z, 1e-3)
         # The acceleration that would make this thrust and this attitude of it.
         wanted = (trim.thrust * -x * GRAVITY / lift, trim.thrust * -y * GRAVITY / lift, (1.0 - lift / hover) * GRAVITY)
-        for axis, want, part in zip((north, east, down), wanted, partly, strict=True):
+        for axis, want, part in zip(self.axes, wanted, partly, strict=True):
             axis.settle(want, part, state.dt, GRAVITY)
 
     def update(self, state: State, reference: Reference) -> AttitudeThrust:
         north, east, down = self.axes
         partly = self._partly(state, reference)
-        self._learn(state)
+        self._learn(state, self.hover_tau)
         ax, ay, az = (part + axis.integral + axis.fading for part, axis in zip(partly, self.axes, strict=True))
         x, y, z = self._thrust(ax, ay, az)
         self._integrate(state, reference, (ax, ay, az), (x, y, z))
@@ -110,11 +109,11 @@ class VelocityLoop(Controller):
             fz + (rz - vz) * self.kp_z - down.measure(vz, t, cutoff) * self.kd_z,
         )
 
-    def _learn(self, state: State) -> None:
+    def _learn(self, state: State, tau: float) -> None:
         """Where the hover thrust changes, the integrator gives way, so that the thrust does not."""
         down = self.axes[2]
         upright = down_axis(tuple(state.q.tolist()))[2]
-        ratio = self.hover.learn(self.given * upright, down.slope, state.dt, self.hover_tau)
+        ratio = self.hover.learn(self.given * upright, down.slope, state.dt, tau)
         down.integral += GRAVITY * (1.0 - ratio)
 
     def _thrust(self, ax: float, ay: float, az: float) -> tuple[float, float, float]:
@@ -173,19 +172,19 @@ class AltitudeLoop(Controller):
         super().__init__(tuned)
         self.down = Axis()
         self.hover = Hover()
-        self.given = math.nan
+        self.given = 0.5
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         _, partly = self._partly(state, reference)
         self.given = trim.thrust
-        upright = self._learn(state)
+        upright = self._learn(state, min(LEARN, self.hover_tau))
         wanted = (1.0 - trim.thrust * upright / self.hover.share) * GRAVITY
         self.down.settle(wanted, partly, state.dt, GRAVITY)
 
     def update(self, state: State, reference: Reference) -> AttitudeThrust:
         down = self.down
         error, partly = self._partly(state, reference)
-        upright = self._learn(state)
+        upright = self._learn(state, self.hover_tau)
         acc = partly + down.integral + down.fading
         thrust = clamp((1.0 - acc / GRAVITY) * self.hover.share / upright, self.thr_min, self.thr_max)
         # At an end the integrator waits: the thrust falls as the wanted climb does.
@@ -207,9 +206,9 @@ class AltitudeLoop(Controller):
         self.signals["height"] = height
         return error, float(reference.acc[2]) + error * self.vel_kp - slope * self.vel_kd
 
-    def _learn(self, state: State) -> float:
+    def _learn(self, state: State, tau: float) -> float:
         """Where the hover thrust changes, the integrator gives way; gives how upright the body is, 0.5 to 1."""
         upright = down_axis(tuple(state.q.tolist()))[2]
-        ratio = self.hover.learn(self.given * upright, self.down.slope, state.dt, self.hover_tau)
+        ratio = self.hover.learn(self.given * upright, self.down.slope, state.dt, tau)
         self.down.integral += GRAVITY * (1.0 - ratio)
         return max(upright, STEEPEST)

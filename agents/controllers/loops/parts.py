@@ -8,6 +8,8 @@ GRAVITY = 9.80665
 SETTLE = 1.0
 """s over which an integrator follows what is needed of it while the autopilot flies, so that it takes over what lasts
 (wind, a wrong hover thrust) and not what is of the moment"""
+LEARN = 2.0
+"""s in which the hover thrust is learned meanwhile: what was believed on the ground is soon forgotten"""
 FADE = 0.3
 """s in which the rest fades out once this flies"""
 HOVER_LEAST, HOVER_MOST = 0.1, 0.9
@@ -50,6 +52,10 @@ class Axis:
         self.fading = needed - self.integral
         self._begun = True
 
+    def forget(self, dt: float) -> None:
+        """Let the integrator run down."""
+        self.integral *= SETTLE / (SETTLE + dt)
+
     def add(self, change: float, dt: float, most: float) -> None:
         """After each cycle."""
         self.integral = clamp(self.integral + change * dt, -most, most)
@@ -62,17 +68,17 @@ class Hover:
     """
 
     def __init__(self) -> None:
-        self.share = math.nan
+        self.share = 0.5
+        self._begun = False
 
     def learn(self, upward: float, acc_down: float, dt: float, tau: float) -> float:
         """``upward``: the vertical part of the thrust, 0 to 1; ``acc_down`` m/s². Gives old over new."""
         load = 1.0 - acc_down / GRAVITY
         if load < FALLING:
-            if math.isnan(self.share):
-                self.share = 0.5
             return 1.0
         found = clamp(upward / load, HOVER_LEAST, HOVER_MOST)
-        before = found if math.isnan(self.share) else self.share
+        before = self.share if self._begun else found
+        self._begun = True
         self.share = before + (found - before) * dt / (dt + tau)
         return before / self.share
 
