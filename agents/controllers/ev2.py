@@ -8,8 +8,12 @@ counted here as three of the position's error, three of the filter (Ω_ref) and 
 Decided here, besides limits and windup:
 
 - Φ_ref' comes from the outer loop's own equations and is not filtered.
+- Roll and pitch are those that point the thrust at the heading that the vehicle has, not at the one that it is to have:
+  otherwise it is pushed aside while it turns.
 - Newtons of full thrust are found at hand-over from what the autopilot hovers with, as battery and air change them;
   torques are scaled alike.
+- Of the rotors' lag, which the equations leave out, torques are rid by a lead of (1 + ``rotor_tau`` s) / (1 +
+  ``lead_tau`` s): without it the delay that the loop bears is a quarter of what it is.
 - The filters begin at hand-over with the vehicle's rates and no error kept account of (Ω_ref = Ω, ε = 0).
 """
 
@@ -20,7 +24,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents.controllers.backstepping import Backstepping, Inner, Vec
+from agents.controllers.backstepping import Backstepping, Inner, Vec, add, angle_rates, less, scaled
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.linearising import GRAVITY, Aim, Linearising, Outer
 from agents.controllers.types import Array, Output, Reference, State, TorqueThrust, Trim
@@ -44,7 +48,7 @@ class Ev2(Controller):
 
     level = "position"
     gives = "torque"
-    keeps = ("inner", "outer", "full")
+    keeps = ("inner", "outer", "full", "behind")
 
     mass = parameter(3.2, 0.2, 30.0, "kg", "of the vehicle with what it carries")
     inertia_x = parameter(0.043, 1e-4, 5.0, "kg m²", "about the forward axis")
@@ -55,22 +59,23 @@ class Ev2(Controller):
     torque_pitch = parameter(6.98, 0.01, 200.0, "N m", "of a normalised torque of one")
     torque_yaw = parameter(0.994, 0.01, 200.0, "N m", "of a normalised torque of one")
     rotor_tau = parameter(0.035, 0.0, 0.3, "s", "lag of the rotors")
+    lead_tau = parameter(0.012, 0.002, 0.3, "s", "lag that is left of it; no less than rotor_tau: no lead")
 
-    kp_xy = parameter(6.0, 0.0, 30.0, "1/s²", "K_P, level")
-    kp_z = parameter(6.0, 0.0, 30.0, "1/s²", "K_P of the height")
-    kd_xy = parameter(4.0, 0.1, 15.0, "1/s", "K_D, level")
-    kd_z = parameter(4.0, 0.1, 15.0, "1/s", "K_D of the height")
-    ki_xy = parameter(3.0, 0.0, 20.0, "1/s³", "K_I, level")
-    ki_z = parameter(3.0, 0.0, 20.0, "1/s³", "K_I of the height")
+    kp_xy = parameter(10.0, 0.0, 30.0, "1/s²", "K_P, level")
+    kp_z = parameter(10.0, 0.0, 30.0, "1/s²", "K_P of the height")
+    kd_xy = parameter(5.5, 0.1, 15.0, "1/s", "K_D, level")
+    kd_z = parameter(5.5, 0.1, 15.0, "1/s", "K_D of the height")
+    ki_xy = parameter(6.0, 0.0, 20.0, "1/s³", "K_I, level")
+    ki_z = parameter(6.0, 0.0, 20.0, "1/s³", "K_I of the height")
 
-    gamma1_tilt = parameter(8.0, 0.0, 30.0, "1/s", "Γ1 of roll and pitch")
+    gamma1_tilt = parameter(4.5, 0.0, 30.0, "1/s", "Γ1 of roll and pitch")
     gamma1_yaw = parameter(2.5, 0.0, 15.0, "1/s", "Γ1 of yaw")
-    gamma2_tilt = parameter(0.85, 0.0, 30.0, "N m s", "Γ2 about the forward and right axes")
-    gamma2_yaw = parameter(0.5, 0.0, 30.0, "N m s", "Γ2 about the down axis")
-    filter_tilt = parameter(40.0, 1.0, 200.0, "1/s", "Γ̄ about the forward and right axes")
+    gamma2_tilt = parameter(0.77, 0.0, 30.0, "N m s", "Γ2 about the forward and right axes")
+    gamma2_yaw = parameter(0.55, 0.0, 30.0, "N m s", "Γ2 about the down axis")
+    filter_tilt = parameter(18.0, 1.0, 200.0, "1/s", "Γ̄ about the forward and right axes")
     filter_yaw = parameter(10.0, 1.0, 200.0, "1/s", "Γ̄ about the down axis")
 
-    speed_max = parameter(6.0, 0.5, 30.0, "m/s", "beside the reference's, that an error of position asks for")
+    speed_max = parameter(5.0, 0.5, 30.0, "m/s", "beside the reference's, that an error of position asks for")
     integral_max = parameter(5.0, 0.0, 20.0, "m/s²", "that an integral grows to")
     lean_max = parameter(45.0, 5.0, 70.0, "deg", "that is asked for")
     thrust_low = parameter(0.08, 0.01, 0.5, "", "least thrust, of the full")
@@ -83,6 +88,8 @@ class Ev2(Controller):
         self.outer, self.inner = Linearising(), Backstepping()
         self.full = self.thrust_full
         """N of full thrust, as found at hand-over"""
+        self.behind: Vec | None = None
+        """N m, the torque as it was ``lead_tau`` ago; None: none has been given"""
         self._lift = self._fall = 0.0
         self._seen: float | None = None
 
@@ -94,17 +101,27 @@ class Ev2(Controller):
         acc, vel = _vec(reference.acc), _vec(state.vel)
         self.outer.reset(self._outer_gains(), error, slip, acc, vel, _axis(trim.attitude), thrust)
         self.inner.reset(_vec(state.rates))
+        self.behind = None
 
     def update(self, state: State, reference: Reference) -> Output:
         dt = min(max(state.dt, 1e-4), LONGEST_S)
-        yaw, turn = reference.yaw, reference.yaw_rate
         error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
         acc, vel, axis = _vec(reference.acc), _vec(state.vel), _axis(state.q)
-        aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, yaw, turn, axis, dt)
-        wanted, slopes = (aim.roll, aim.pitch, yaw), (aim.roll_slope, aim.pitch_slope, turn)
-        torque = self.inner.step(self._inner_gains(), _euler(state.q), _vec(state.rates), wanted, slopes, dt)
+        angles, rates = _euler(state.q), _vec(state.rates)
+        turn = angle_rates(angles, rates)[2]
+        aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, angles[2], turn, axis, dt)
+        wanted = (aim.roll, aim.pitch, reference.yaw)
+        slopes = (aim.roll_slope, aim.pitch_slope, reference.yaw_rate)
+        torque = self.inner.step(self._inner_gains(), angles, rates, wanted, slopes, dt)
         self._tell(error, slip, wanted, slopes, torque, aim)
-        return self._normalised(torque, aim.thrust)
+        return self._normalised(self._led(torque, dt), aim.thrust)
+
+    def _led(self, torque: Vec, dt: float) -> Vec:
+        """What has the rotors give ``torque`` sooner than they would by themselves."""
+        behind = torque if self.behind is None else self.behind
+        ahead = less(torque, behind)
+        self.behind = add(behind, scaled(1.0 - math.exp(-dt / self.lead_tau), ahead))
+        return add(torque, scaled(max(self.rotor_tau / self.lead_tau - 1.0, 0.0), ahead))
 
     # ---- the vehicle's units
 

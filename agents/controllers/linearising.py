@@ -1,6 +1,6 @@
 """Positions by feedback linearisation: EV2's outer loop, from errors of position to a thrust and where it points.
 
-With p_e = p_ref - p, axes north, east and down, g downwards, mass m and heading ψ:
+With p_e = p_ref - p, axes north, east and down, g downwards, mass m and the heading ψ that the vehicle has:
 
     U = p_ref'' + K_D p_e' + K_P p_e + K_I (p_e^{I,0} + ∫ p_e)          T = m |U - g|
 
@@ -89,8 +89,8 @@ class Linearising:
     def step(
         self, k: Outer, error: Vec, slip: Vec, acc: Vec, vel: Vec, yaw: float, yaw_rate: float, axis: Vec, dt: float
     ) -> Aim:  # fmt: skip
-        """One cycle of ``dt`` s at p_e (m), p_e' (m/s), p_ref'' (m/s²) and p' (m/s), for that heading (rad, rad/s);
-        ``axis``: the body's down, NED.
+        """One cycle of ``dt`` s at p_e (m), p_e' (m/s), p_ref'' (m/s²) and p' (m/s), at that heading (rad,
+        rad/s); ``axis``: the body's down, NED.
         """
         feedback, free = _feedback(k, error, slip)
         pull = less(DOWN, add(add(acc, feedback), self.integral))
