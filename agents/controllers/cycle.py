@@ -159,7 +159,7 @@ class Cycles:
     def _begin(self) -> None:
         self.heard = now = time.monotonic()
         worker, estimate, phase = self._worker, self.estimate, self.phase
-        if worker is None or not estimate.located:
+        if not estimate.located:
             return
         state = estimate.state
         if not phase:
@@ -171,7 +171,7 @@ class Cycles:
             if why is not None:
                 self._trip(why)
                 return
-        if self._busy:
+        if self._busy or worker is None:
             self._overdue()
             return
         self._number = (self._number + 1) & 0xFFFFFFFF

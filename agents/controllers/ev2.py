@@ -61,12 +61,12 @@ class Ev2(Controller):
     rotor_tau = parameter(0.035, 0.0, 0.3, "s", "lag of the rotors")
     lead_tau = parameter(0.012, 0.002, 0.3, "s", "lag that is left of it; no less than rotor_tau: no lead")
 
-    kp_xy = parameter(10.0, 0.0, 30.0, "1/s²", "K_P, level")
-    kp_z = parameter(10.0, 0.0, 30.0, "1/s²", "K_P of the height")
-    kd_xy = parameter(5.5, 0.1, 15.0, "1/s", "K_D, level")
-    kd_z = parameter(5.5, 0.1, 15.0, "1/s", "K_D of the height")
-    ki_xy = parameter(6.0, 0.0, 20.0, "1/s³", "K_I, level")
-    ki_z = parameter(6.0, 0.0, 20.0, "1/s³", "K_I of the height")
+    kp_xy = parameter(9.0, 0.0, 30.0, "1/s²", "K_P, level")
+    kp_z = parameter(9.0, 0.0, 30.0, "1/s²", "K_P of the height")
+    kd_xy = parameter(5.0, 0.1, 15.0, "1/s", "K_D, level")
+    kd_z = parameter(5.0, 0.1, 15.0, "1/s", "K_D of the height")
+    ki_xy = parameter(5.0, 0.0, 20.0, "1/s³", "K_I, level")
+    ki_z = parameter(5.0, 0.0, 20.0, "1/s³", "K_I of the height")
 
     gamma1_tilt = parameter(4.5, 0.0, 30.0, "1/s", "Γ1 of roll and pitch")
     gamma1_yaw = parameter(2.5, 0.0, 15.0, "1/s", "Γ1 of yaw")

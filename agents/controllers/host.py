@@ -105,10 +105,12 @@ class Host:
             self._load(**said["load"])
         elif "tune" in said and self._stack is not None:
             self._stack.tune(**said["tune"])
+        elif "keep" in said and self._stack is not None:
+            self._kept = pickle.loads(base64.b64decode(said["keep"]))
         elif "give" in said and self._stack is not None:
             self._say(kept=base64.b64encode(pickle.dumps(self._stack.kept())).decode())
 
-    def _load(self, what: str, cls: str, tuned: dict[str, float], kept: str | None) -> None:
+    def _load(self, what: str, cls: str, tuned: dict[str, float]) -> None:
         self._what = what
         try:
             stack = Stack(load(what, cls)())
@@ -116,9 +118,6 @@ class Host:
                 if name in stack.tunables:
                     stack.tune(name, value)
             _try(copy.deepcopy(stack))
-            if kept is not None:
-                self._kept = pickle.loads(base64.b64decode(kept))
-                stack.keep(self._kept)
         except BaseException as e:  # whatever a user's file does: even sys.exit()
             self._say(broken=where(e, what))
             return

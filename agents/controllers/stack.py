@@ -123,10 +123,8 @@ class Stack:
         if LEVELS.index(level) > LEVELS.index(own):
             name = type(self.controller).__name__
             expected = " or ".join(LEVELS[: LEVELS.index(own) + 1])
-            text = (
-                f"{name} follows references of level {own}, and the loops above it those further out; {level} is inside"
-            )
-            raise BadInput(f"{text}: expected {expected}", field="level", value=level, expected=expected)
+            text = f"{name} takes over from the {own} on, a reference of {level} is inside that; expected {expected}"
+            raise BadInput(text, field="level", value=level, expected=expected)
         outer = LEVELS.index(level)
         # Who holds velocities holds the height as well.
         return tuple(

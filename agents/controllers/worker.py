@@ -22,6 +22,8 @@ from zmav.waiting import within
 
 LOAD_TIMEOUT = 20.0
 """s for a file to be loaded: what it imports may be large"""
+KEPT_TIMEOUT = 0.1
+"""s: cycles wait for it"""
 BUFFER = 1 << 18
 """bytes"""
 
@@ -98,21 +100,27 @@ class Worker:
 
     # The event loop.
 
-    async def load(self, what: str, cls: str, tuned: dict[str, float], kept: str | None = None) -> Loaded:
+    def keep(self, kept: str) -> None:
+        """What another process of the same class kept, to go on with."""
+        self.send(packets.talk(keep=kept))
+
+    async def load(self, what: str, cls: str, tuned: dict[str, float]) -> Loaded:
         """Have it load a controller and try it out. Raises :class:`BadConfig` with file and line where it is broken,
         :class:`TimedOut`.
         """
-        said = await self._ask(packets.talk(load={"what": what, "cls": cls, "tuned": tuned, "kept": kept}))
+        late = f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s"
+        said = await self._ask(packets.talk(load={"what": what, "cls": cls, "tuned": tuned}), LOAD_TIMEOUT, late)
         if "broken" in said:
             raise BadConfig(str(said["broken"]), field="controller", value=what, expected="a controller that runs")
         self.about = msgspec.convert(said, Loaded)
         return self.about
 
     async def kept(self) -> str:
-        """What its class says that it keeps."""
-        return str((await self._ask(packets.talk(give=True)))["kept"])
+        """What its class says that it keeps, after its last cycle. Raises :class:`TimedOut`."""
+        late = "the controller that flies did not give what it keeps"
+        return str((await self._ask(packets.talk(give=True), KEPT_TIMEOUT, late))["kept"])
 
-    async def _ask(self, data: bytes) -> dict[str, Any]:
+    async def _ask(self, data: bytes, timeout: float, late: str) -> dict[str, Any]:
         waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
         self._waiting = waiting
         if not self.send(data):
@@ -122,9 +130,9 @@ class Worker:
             return await waiting
 
         try:
-            return await within(LOAD_TIMEOUT, answer())
+            return await within(timeout, answer())
         except asyncio.TimeoutError:
-            raise TimedOut(f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s") from None
+            raise TimedOut(late) from None
         finally:
             self._waiting = None
 

@@ -61,9 +61,10 @@ class Workshop:
             old, fresh = self.worker, self._spare or self._new()
             self._spare = None
             try:
-                begins = await old.kept() if kept and old is not None and old.alive else None
-                loaded = await fresh.load(self._what, self._cls, dict(values), begins)
+                loaded = await fresh.load(self._what, self._cls, dict(values))
                 self._agree(loaded)
+                if kept and old is not None and old.alive:
+                    await self._hand_on(old, fresh)
             except ZmavError as e:
                 fresh.close()
                 self.broken = str(e)
@@ -82,6 +83,15 @@ class Workshop:
         while not loading.is_file(self._what) or self._look() == self._stamp:
             await asyncio.sleep(SAVED)
         self._stamp = self._look()
+
+    async def _hand_on(self, old: Worker, fresh: Worker) -> None:
+        """Between two cycles, give what the class keeps from one process to the other."""
+        self._fly_by(None)
+        try:
+            fresh.keep(await old.kept())
+        except ZmavError:
+            self._fly_by(old)
+            raise
 
     def end_stuck(self) -> None:
         """The process that flew does not answer: end it."""

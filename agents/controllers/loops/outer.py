@@ -7,7 +7,18 @@ import math
 import numpy as np
 
 from agents.controllers.controller import Controller, parameter
-from agents.controllers.loops.parts import GRAVITY, LEARN, Axis, Hover, attitude_of, clamp, down_axis, shortened
+from agents.controllers.loops.parts import (
+    FADE,
+    GRAVITY,
+    LEARN,
+    Axis,
+    Hover,
+    attitude_of,
+    clamp,
+    down_axis,
+    shortened,
+    wrapped,
+)
 from agents.controllers.types import AttitudeThrust, Reference, State, Trim, Velocity
 
 STEEPEST = 0.5
@@ -45,7 +56,7 @@ class VelocityLoop(Controller):
 
     level = "velocity"
     gives = "attitude"
-    keeps = ("axes", "hover", "given")
+    keeps = ("axes", "hover", "given", "turning")
 
     kp = parameter(1.8, 0.0, 6.0, "1/s", "over the ground (MPC_XY_VEL_P_ACC)")
     ki = parameter(0.4, 0.0, 4.0, "1/s²", "over the ground (MPC_XY_VEL_I_ACC)")
@@ -66,6 +77,8 @@ class VelocityLoop(Controller):
         self.hover = Hover()
         self.given = 0.5
         """the thrust of the last cycle, 0 to 1"""
+        self.turning = 0.0
+        """rad that are left of the heading that the autopilot asked for beside the reference's, just before"""
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         partly = self._partly(state, reference)
@@ -75,6 +88,7 @@ class VelocityLoop(Controller):
         hover, lift = self.hover.share, max(trim.thrust * z, 1e-3)
         # The acceleration that would make this thrust and this attitude of it.
         wanted = (trim.thrust * -x * GRAVITY / lift, trim.thrust * -y * GRAVITY / lift, (1.0 - lift / hover) * GRAVITY)
+        self.turning = wrapped(State(q=trim.attitude).yaw - reference.yaw)
         for axis, want, part in zip(self.axes, wanted, partly, strict=True):
             axis.settle(want, part, state.dt, GRAVITY)
 
@@ -86,7 +100,8 @@ class VelocityLoop(Controller):
         x, y, z = self._thrust(ax, ay, az)
         self._integrate(state, reference, (ax, ay, az), (x, y, z))
         size = max(math.sqrt(x * x + y * y + z * z), 1e-6)
-        attitude = attitude_of((-x / size, -y / size, -z / size), reference.yaw)
+        attitude = attitude_of((-x / size, -y / size, -z / size), reference.yaw + self.turning)
+        self.turning *= FADE / (FADE + state.dt)
         self.given = min(size, 1.0)
         told = self.signals
         told["acc.x"], told["acc.y"], told["acc.z"] = ax, ay, az
@@ -143,6 +158,9 @@ class VelocityLoop(Controller):
             hx, hy = shortened(acc[0], acc[1], had)
             ex, ey = ex - (acc[0] - hx) * 2.0 / self.kp, ey - (acc[1] - hy) * 2.0 / self.kp
         north, east, down = self.axes
+        # What fades out is as if the reference moved over from what flew before.
+        ex, ey = ex + north.fading / max(self.kp, 0.1), ey + east.fading / max(self.kp, 0.1)
+        ez += down.fading / max(self.kp_z, 0.1)
         north.add(ex * self.ki, state.dt, GRAVITY)
         east.add(ey * self.ki, state.dt, GRAVITY)
         down.add(ez * self.ki_z, state.dt, GRAVITY)
@@ -189,7 +207,9 @@ class AltitudeLoop(Controller):
         thrust = clamp((1.0 - acc / GRAVITY) * self.hover.share / upright, self.thr_min, self.thr_max)
         # At an end the integrator waits: the thrust falls as the wanted climb does.
         waits = (thrust <= self.thr_min and error > 0.0) or (thrust >= self.thr_max and error < 0.0)
-        down.add(0.0 if waits else error * self.vel_ki, state.dt, GRAVITY)
+        # What fades out is as if the reference moved over from what flew before.
+        moved = error + down.fading / max(self.vel_kp, 0.1)
+        down.add(0.0 if waits else moved * self.vel_ki, state.dt, GRAVITY)
         self.given = thrust
         told = self.signals
         told["error"], told["acc"] = error, acc

@@ -203,7 +203,7 @@ class Flight:
             output = controller.update(state, wanted)
             return wish_of(output), output
 
-        return self._run(decide, reference, seconds, getattr(controller, "signals", {}))
+        return self._run(decide, reference, seconds, lambda: getattr(controller, "signals", {}))
 
     def fly_autopilot(self, reference: ReferenceAt, seconds: float, shadow: Flies | None = None) -> Log:
         """Have the autopilot fly the same reference: from its level on inwards, with what is fed forward. ``shadow``
@@ -215,14 +215,14 @@ class Flight:
                 shadow.reset(state, wanted, self.trim())
             return followed(wanted), None
 
-        return self._run(decide, reference, seconds, {})
+        return self._run(decide, reference, seconds, dict)
 
     def _run(
         self,
         decide: Callable[[State, Reference], tuple[Wish, Output | None]],
         reference: ReferenceAt,
         seconds: float,
-        signals: dict[str, float],
+        signals: Callable[[], dict[str, float]],
     ) -> Log:
         rows: list[tuple[float, State, Array, Trim]] = []
         references: list[Reference] = []
@@ -234,7 +234,7 @@ class Flight:
             references.append(wanted)
             wish, output = decide(state, wanted)
             outputs.append(output)
-            told.append(dict(signals))
+            told.append(dict(signals()))
             self._queue.append(wish)
             while len(self._queue) > self._delay:
                 self._send(self._queue.popleft())

@@ -1,0 +1,139 @@
+"""EV1 beside the autopilot's own loops: the same aggressive flight, wind, noise and seed, each loop alone and all of
+them, with one cycle between a state and what comes of it.
+
+The first seconds the autopilot flies, with the controller looking on; then that takes over at full speed in the turn.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.controllers import Array, Controller, Reference, State
+from agents.controllers.ev1 import Ev1, Ev1Altitude, Ev1Attitude, Ev1Position, Ev1Rates, Ev1Velocity
+from agents.controllers.stack import Stack
+from tests.agents.controllers.flying import CYCLE, Flight, Log, circle, steps
+
+KINDS: tuple[type[Controller], ...] = (Ev1, Ev1Rates, Ev1Attitude, Ev1Altitude, Ev1Velocity, Ev1Position)
+TAKEN_OVER, TURNED, END = 4.0, 10.0, 20.0
+HAND_OVER = round(0.1 / CYCLE)
+"""cycles in which a jump would show: PX4's outer loops look at a setpoint every 20 ms"""
+
+
+def reference(t: float) -> Reference:
+    """A circle of 2 m at 2.5 m/s, and jumps of 2 m to the north, the east and up."""
+    return circle(2.0, 2.5)(t) if t < TURNED else steps(every=2.5)(t - TURNED)
+
+
+def flight() -> Flight:
+    return Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3)
+
+
+@pytest.fixture(scope="module")
+def autopilot() -> Log:
+    """Its own flight, from the moment when otherwise somebody takes over."""
+    with flight() as each:
+        each.fly_autopilot(reference, TAKEN_OVER)
+        return each.fly_autopilot(reference, END - TAKEN_OVER)
+
+
+@pytest.fixture(scope="module")
+def before() -> Log:
+    with flight() as each:
+        return each.fly_autopilot(reference, TAKEN_OVER)
+
+
+@pytest.fixture(scope="module", params=KINDS, ids=lambda kind: kind.__name__)
+def flown(request: pytest.FixtureRequest) -> Log:
+    stack = Stack(request.param())
+    with flight() as each:
+        each.fly_autopilot(reference, TAKEN_OVER, shadow=stack)
+        return each.fly(stack, reference, END - TAKEN_OVER)
+
+
+def rms(log: Log, begin: float, end: float) -> float:
+    part = log.distance()[(log.t >= begin) & (log.t < end)]
+    return math.sqrt(float((part**2).mean()))
+
+
+def apart(one: Array, other: Array) -> Array:
+    """(K,) rad between attitudes (K, 4)."""
+    angle: Array = 2.0 * np.arccos(np.clip(np.abs((one * other).sum(axis=1)), 0.0, 1.0))
+    return angle
+
+
+def test_the_flight_is_an_aggressive_one(autopilot: Log) -> None:
+    assert autopilot.lean().max() > math.radians(25.0) and np.abs(autopilot.ref_acc).max() > 3.0
+    assert autopilot.motors.min() < 0.05 and autopilot.motors.max() > 0.95
+
+
+def test_it_tracks_within_a_tenth_of_the_autopilots_own_error(flown: Log, autopilot: Log) -> None:
+    for begin, end in ((TAKEN_OVER, TURNED), (TURNED, END)):
+        assert rms(flown, begin, end) < 1.1 * rms(autopilot, begin, end)
+
+
+def test_the_hand_over_is_no_jump(flown: Log, autopilot: Log, before: Log) -> None:
+    """Thrust and torques change from cycle to cycle hardly more than while the autopilot flies the turn; the attitude
+    stays by that of its own flight.
+    """
+    usual = np.abs(np.diff(before.wrench[before.t > 2.0], axis=0)).max(axis=0)
+    at_once = np.abs(np.diff(flown.wrench[:HAND_OVER], axis=0)).max(axis=0)
+    assert (at_once < 1.5 * usual + [0.0, 0.0, 0.0, 0.005]).all()
+    second = round(1.0 / CYCLE)
+    assert apart(flown.q[:second], autopilot.q[:second]).max() < math.radians(2.0)
+    assert np.linalg.norm(flown.pos[:second] - autopilot.pos[:second], axis=1).max() < 0.1
+
+
+def test_the_outputs_are_those_of_the_level_that_it_says(flown: Log) -> None:
+    kinds = {type(output).__name__ for output in flown.outputs}
+    assert len(kinds) == 1
+    assert kinds <= {"TorqueThrust", "RatesThrust", "AttitudeThrust", "Velocity"}
+    assert all(np.isfinite(list(signals.values())).all() for signals in flown.signals)
+
+
+@pytest.mark.parametrize("moment", [11.0, 12.9])
+def test_it_takes_over_where_the_motors_are_at_their_ends(moment: float, autopilot: Log) -> None:
+    """In the midst of a jump, and just before the next: it leans and turns as the autopilot itself would."""
+    stack = Stack(Ev1())
+    with flight() as each:
+        each.fly_autopilot(reference, moment, shadow=stack)
+        ours = each.fly(stack, reference, 3.0)
+    part = (autopilot.t >= moment) & (autopilot.t < moment + 3.0)
+    assert ours.lean().max() < autopilot.lean()[part].max() + math.radians(3.0)
+    assert np.abs(ours.rates).max() < 1.2 * np.abs(autopilot.rates[part]).max()
+    assert np.abs(np.diff(ours.thrust[:HAND_OVER])).max() < 0.25
+    assert ours.distance()[-1] < 2.0
+
+
+def test_back_with_the_autopilot_it_flies_on() -> None:
+    stack = Stack(Ev1())
+    with flight() as each:
+        each.fly_autopilot(reference, 3.0, shadow=stack)
+        each.fly(stack, reference, 2.0)
+        back = each.fly_autopilot(reference, 2.0, shadow=stack)
+        again = each.fly(stack, reference, 1.0)
+    assert back.lean().max() < math.radians(35.0) and again.lean().max() < math.radians(35.0)
+    assert back.distance().max() < 1.5 and again.distance().max() < 1.5
+
+
+def test_a_turning_nose_is_followed_closer_with_the_turn_fed_forward() -> None:
+    """A heading that turns at 1 rad/s: the autopilot is told only the heading."""
+
+    def turning(t: float) -> Reference:
+        return Reference(pos=np.array([0.0, 0.0, -5.0]), yaw=math.remainder(t, math.tau), yaw_rate=1.0)
+
+    def miss(log: Log) -> float:
+        late = [
+            math.remainder(State(q=q).yaw - each.yaw, math.tau)
+            for t, q, each in zip(log.t, log.q, log.reference, strict=True)
+            if t > 2.0
+        ]
+        return float(np.abs(late).mean())
+
+    with Flight() as each:
+        theirs = each.fly_autopilot(turning, 4.0)
+    with Flight() as each:
+        ours = each.fly(Stack(Ev1()), turning, 4.0)
+    assert miss(ours) < 0.5 * miss(theirs)

@@ -1,0 +1,189 @@
+"""Who flies: the pilot, the controller while it keeps to the envelope, else the autopilot; on a simulated hexarotor."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from zmav import keys, wire
+from zmav.errors import BadInput, Refused
+from zmav.sim.autopilots.px4.modes import POSCTL
+
+if TYPE_CHECKING:
+    from tests.agents.controllers.conftest import Field
+
+MINE = '''
+import os, signal, time
+import numpy as np
+from agents.controllers import parameter
+from agents.controllers.loops import AttitudeLoop
+
+class Mine(AttitudeLoop):
+    """Rates for the autopilot; breaks in the way it is told to."""
+
+    fault = parameter(0.0, 0.0, 9.0, "", "how it breaks")
+    kept = parameter(0.0, 0.0, 1.0)
+    keeps = ("count",)
+    count = 0
+
+    def update(self, state, reference):
+        output = super().update(state, reference)
+        if self.fault == 1:
+            raise ValueError("planted")
+        if self.fault == 2:
+            time.sleep(600.0)
+        if self.fault == 3:
+            output.rates = output.rates * np.nan
+        if self.fault == 4:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.fault == 5:
+            output.rates = output.rates + [8.0, 0.0, 0.0]
+        if self.fault == 6:
+            return "nothing"
+        if self.fault == 7:
+            output.rates = output.rates[:2]
+        if self.fault == 8:
+            raise SystemExit(0)
+        self.count += 1
+        self.signal(mine=self.fault, count=self.count)
+        return output
+'''
+FAULTS = {
+    1: "planted", 2: "no output for 25 cycles", 3: "not finite", 4: "signal 9", 5: "tilt|turns at", 6: "RatesThrust",
+    7: "2 numbers", 8: "process is gone",
+}  # fmt: skip
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    return path
+
+
+async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, mine: Path) -> None:
+    supervisor = await field.supervise(mine)
+    vehicle = field.vehicle
+    with pytest.raises(Refused, match="not engaged"):
+        await vehicle.tell("mine", "goto", pos=[3.0, 0.0, -10.0])
+    await field.listen("mine")
+    await vehicle.tell("mine", "engage")
+    assert field.mode == "OFFBOARD"
+    answer = await vehicle.tell("mine", "goto", pos=[4.0, -3.0, -12.0], yaw=1.0)
+    await vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (4.0, -3.0, -12.0)) < 0.5, 30.0)
+    assert answer["seconds"] > 2.0
+    turned = await vehicle.wait_until(lambda s: s.attitude is not None and abs(s.attitude.yaw - 1.0) < 0.1, 30.0)
+    assert turned.lease is not None and turned.lease.holder == "mine"
+    names = field.signals[-1].values.keys()
+    wanted = {"is.x", "is.roll", "is.p", "ref.x", "ref.yaw", "out.rates.x", "out.thrust", "mine", "inject", "late"}
+    assert wanted <= names
+    result = await vehicle.tell("mine", "release")
+    assert result["state"] == "autopilot"
+    assert field.mode == "HOLD"
+    await vehicle.wait_until(lambda s: s.lease is None, 10.0)
+    assert supervisor.cycles.phase == 0
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Field, mine: Path, fault: int) -> None:
+    supervisor = await field.supervise(mine)
+    await field.vehicle.tell("mine", "engage")
+    await field.vehicle.tell("mine", "set", name="fault", value=fault)
+    await field.until(lambda: field.mode == "HOLD", f"the autopilot has not got it after fault {fault}")
+    await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
+    assert supervisor.cycles.phase == 0
+    assert re.search(FAULTS[fault], supervisor._why), supervisor._why
+    await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
+    # Mended, it can be had again.
+    await field.vehicle.tell("mine", "set", name="fault", value=0.0)
+    await field.vehicle.tell("mine", "engage")
+    assert field.mode == "OFFBOARD"
+
+
+async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field, mine: Path) -> None:
+    supervisor = await field.supervise(mine)
+    await field.vehicle.tell("mine", "engage")
+    pilot = field.world.vehicles[0].px4.sticks.pilot
+    pilot.flip(7, 1900)
+    await field.until(lambda: field.mode == "HOLD", "the autopilot has not got it")
+    await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
+    with pytest.raises(Refused, match="pilot has it"):
+        await field.vehicle.tell("mine", "engage")
+    pilot.flip(7, 1000)
+    await field.vehicle.wait_until(lambda s: s.pilot is None, 10.0)
+    assert field.mode == "HOLD"
+    await field.vehicle.tell("mine", "engage")
+    assert field.mode == "OFFBOARD"
+
+
+async def test_a_mode_that_the_pilot_enters_takes_it_too(field: Field, mine: Path) -> None:
+    supervisor = await field.supervise(mine)
+    await field.vehicle.tell("mine", "engage")
+    px4 = field.world.vehicles[0].px4
+    assert field.world.call(lambda: px4.set_mode(POSCTL))
+    await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
+    await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
+    assert field.mode == "POSCTL", "it was taken from the pilot"
+
+
+async def test_a_saved_file_is_loaded_in_flight_and_a_broken_one_is_not(field: Field, mine: Path) -> None:
+    supervisor = await field.supervise(mine)
+    await field.listen("mine")
+    await field.vehicle.tell("mine", "engage")
+    await field.vehicle.tell("mine", "set", name="kept", value=0.5)
+    mine.write_text(MINE.replace("mine=self.fault", "second=self.kept"))
+    await field.until(lambda: bool(field.signals) and "second" in field.signals[-1].values, "it was not loaded again")
+    assert supervisor.cycles.phase == 1
+    assert field.mode == "OFFBOARD"
+    counts = [each.values["count"] for each in field.signals]
+    assert counts == sorted(counts), "what it keeps did not go over"
+    assert field.signals[-1].values["second"] == 0.5, "its parameter did not go over"
+    for text, where in (
+        (MINE + "\n    def broken(:\n", "mine.py:41"),
+        (MINE.replace("import numpy", "import nunpy"), "mine.py:3"),
+    ):
+        mine.write_text(text)
+        await field.until(lambda: supervisor.workshop.broken != "", "it does not say that the file is broken")
+        assert where in supervisor.workshop.broken
+        assert supervisor.cycles.phase == 1
+        mine.write_text(MINE)
+        await field.until(lambda: supervisor.workshop.broken == "", "mended, it was not loaded")
+    mine.write_text(MINE.replace("class Mine(AttitudeLoop):", "class Mine(AttitudeLoop):\n    gives = 'torque'"))
+    await field.until(lambda: supervisor.workshop.broken != "", "it does not say that the file is broken")
+    assert "gives" in supervisor.workshop.broken
+    assert field.mode == "OFFBOARD"
+
+
+async def test_parameters_are_keys_within_bounds_and_changes_are_told(field: Field, mine: Path) -> None:
+    await field.supervise(mine)
+    key = keys.AGENT_PARAM.key("demo", "hex1", agent="mine", param="fault")
+    (answer,) = await field.z.ask(key)
+    info = wire.decode(answer.payload, wire.TunableInfo, "param")
+    assert (info.value, info.low, info.high) == (0.0, 0.0, 9.0)
+    everything = await field.z.ask(keys.AGENT_PARAM.key("demo", "hex1", agent="mine", param="*"))
+    assert {"fault", "guard_tilt_deg", "signals_hz"} <= {each.key.rpartition("/")[2] for each in everything}
+    with pytest.raises(BadInput, match="0 to 9"):
+        await field.vehicle.tell("mine", "set", name="fault", value=10.0)
+    with pytest.raises(BadInput, match="no parameter"):
+        await field.vehicle.tell("mine", "set", name="nonsense", value=1.0)
+
+
+async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_path: Path) -> None:
+    acro = tmp_path / "acro.py"
+    acro.write_text("from agents.controllers.loops import PositionLoop\nclass P(PositionLoop):\n    'p'\n")
+    await field.supervise(acro)
+    vehicle = field.vehicle
+    await vehicle.tell("acro", "engage")
+    with pytest.raises(Refused, match="cannot follow attitude"):
+        await vehicle.tell("acro", "sticks", level="attitude")
+    with pytest.raises(BadInput, match="speed"):
+        await vehicle.tell("acro", "goto", pos=[0.0, 0.0, -10.0], speed=-1.0)
+    with pytest.raises(BadInput):
+        await vehicle.tell("acro", "follow", segment=[{"t": 1.0, "pos": [0.0, 0.0, 0.0]}])
+    with pytest.raises(BadInput):
+        await vehicle.tell("acro", "inject", kind="step", channel="p", amplitude=1.0, seconds=1.0)
+    assert field.mode == "OFFBOARD"
