@@ -22,23 +22,25 @@ from zmav.mavlink import Packer, Splitter, decode, load_dialect
 CYCLE = 0.004
 RC_EVERY, BEAT_EVERY, PLACE_EVERY = 5, 125, 50
 """cycles between two RC_CHANNELS (50 Hz), HEARTBEATs and GLOBAL_POSITION_INTs"""
-MID, STEP, STEPS = 1500, 1, 200
-"""µs of a stick in the middle, its change from frame to frame, and how many there are to either side"""
+MID, STEPS = 1500, 200
+"""µs of a stick in the middle, and how far it moves to either side, one from frame to frame: over 8 s no two
+frames are alike"""
 LOW, HIGH = 1000, 2000
 ARMED, CUSTOM = 0x80, 0x01
 HOLD, OFFBOARD = 4 << 16 | 3 << 24, 6 << 16
 TAKES_TORQUE = 0x400
+KEPT = 100_000
 HOME = {"lat": -353632610, "lon": 1491652300, "alt": 594090, "relative_alt": 10000}
 FLOWN = ("SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
 
 
-class Setpoint(NamedTuple):
-    """One that has come."""
+class Stick(NamedTuple):
+    """The roll stick as something shows it."""
 
     at: float
     """monotonic s"""
-    stick: int
-    """µs of the roll stick that it was made from"""
+    pwm: int
+    """µs"""
 
 
 class FakeAutopilot:
@@ -62,11 +64,10 @@ class FakeAutopilot:
         """the attitude follows at once; False: the sticks move at a random moment of the cycle"""
         self.switch = self.full_yaw = False
         """the pilot's switch, and his yaw stick, from the next RC_CHANNELS on"""
-        self.sent: dict[int, float] = {}
-        """monotonic s at which RC_CHANNELS with that roll stick went out last"""
-        self.begun: dict[int, float] = {}
-        """... and at which the attitude did that follows it"""
-        self.came: deque[Setpoint] = deque(maxlen=100_000)
+        self.sent: deque[Stick] = deque(maxlen=KEPT)
+        """RC_CHANNELS that went out"""
+        self.came: deque[Stick] = deque(maxlen=KEPT)
+        """setpoints that came, with the stick that they were made from"""
         self.modes: deque[tuple[float, int]] = deque(maxlen=1000)
         """monotonic s and custom mode of each DO_SET_MODE"""
         self.moved = 0.0
@@ -94,36 +95,33 @@ class FakeAutopilot:
     # What it says.
 
     def _speak(self) -> None:
-        begun, cycle, roll, way = time.monotonic(), 0, MID, STEP
+        begun, cycle, roll = time.monotonic(), 0, MID
         while not self._closing.is_set():
             ms = cycle * 4
-            if cycle % RC_EVERY == 0:
-                roll += way
-                way = -way if abs(roll - MID) >= STEPS else way
             beats = self._beats(cycle, ms)
             place, attitude = self._state(ms)
-            moves = cycle % RC_EVERY == 0
-            radio = self._radio(ms, roll) if moves else b""
-            wait = self._chance.random() * CYCLE if moves and not self.at_once else 0.0
+            moves, at_once = cycle % RC_EVERY == 0, self.at_once
             _until(begun + cycle * CYCLE)
             self._send(place)
-            if moves and self.at_once:
-                self._send_radio(radio, roll)
-            if moves and self.at_once:
-                self.begun[roll] = time.monotonic()
+            if moves:
+                roll = roll + 1 if roll < MID + STEPS else MID - STEPS
+            if moves and at_once:
+                self._send_radio(ms, roll)
             self._send(attitude)
             for beat in beats:
                 self._send(beat)
-            if moves and not self.at_once:
-                _until(begun + cycle * CYCLE + wait)
-                self._send_radio(radio, roll)
+            if moves and not at_once:
+                _until(begun + (cycle + self._chance.random()) * CYCLE)
+                self._send_radio(ms, roll)
             cycle += 1
 
-    def _send_radio(self, frame: bytes, roll: int) -> None:
+    def _send_radio(self, ms: int, roll: int) -> None:
+        before, self._said = self._said, (self.switch, self.full_yaw)
+        frame = self._radio(ms, roll)
         now = time.monotonic()
-        if (self.switch, self.full_yaw) != self._said:
-            self._said, self.moved = (self.switch, self.full_yaw), now
-        self.sent[roll] = now
+        if self._said != before:
+            self.moved = now
+        self.sent.append(Stick(now, roll))
         self._send(frame)
 
     def _send(self, frame: bytes) -> None:
@@ -131,9 +129,8 @@ class FakeAutopilot:
             self._socket.sendto(frame, self._to)
 
     def _radio(self, ms: int, roll: int) -> bytes:
-        yaw = HIGH if self.full_yaw else MID
-        chosen = {5: MID, 6: MID, 8: MID, SWITCH: HIGH if self.switch else LOW}
-        channels = {f"chan{number}_raw": pwm for number, pwm in ({1: roll, 2: MID, 3: MID, 4: yaw} | chosen).items()}
+        moved = {1: roll, 4: HIGH if self._said[1] else MID, SWITCH: HIGH if self._said[0] else LOW}
+        channels = {f"chan{number}_raw": moved.get(number, MID) for number in range(1, 9)}
         return self._packer.pack("RC_CHANNELS", time_boot_ms=ms, chancount=8, rssi=100, **channels)
 
     def _state(self, ms: int) -> tuple[bytes, bytes]:
@@ -178,7 +175,7 @@ class FakeAutopilot:
     def _take(self, name: str, fields: dict[str, Any], now: float) -> None:
         if name in FLOWN:
             rate = fields.get("body_roll_rate", 0.0)
-            self.came.append(Setpoint(now, stick_of(rate, self._full)))
+            self.came.append(Stick(now, stick_of(rate, self._full)))
         elif name == "TIMESYNC":
             if fields["tc1"] == 0:
                 self._send(self._packer.pack("TIMESYNC", tc1=time.monotonic_ns(), ts1=fields["ts1"]))

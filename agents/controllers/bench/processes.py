@@ -10,16 +10,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
 import zmav
-from zmav import wire
-from zmav.errors import SessionError, TimedOut, ZmavError
+from zmav import keys, wire
+from zmav.errors import Refused, SessionError, TimedOut, ZmavError
 from zmav.session import SessionSettings
 from zmav.trust.credentials import VARIABLE
+from zmav.waiting import within
 
 FLEET, VEHICLE = "bench", "hex1"
 START = 40.0
@@ -118,10 +119,32 @@ class Rig(NamedTuple):
         where = ("--vehicle", VEHICLE, "--fleet", FLEET, "-e", self.endpoint)
         return self.processes.start(name, "agent", "run", what, *where, *arguments)
 
-    async def tell(self, agent: str, verb: str, **arguments: object) -> dict[str, object]:
-        """Give an agent an order; one that has just been started is waited for."""
-        await self.answers(agent)
-        return await self.vehicle.tell(agent, verb, **arguments)
+    async def engage(self, agent: str) -> None:
+        """Have a controller take over, as soon as it may: the autopilot's state must flow, and the pilot let go."""
+        deadline = time.monotonic() + START
+        while True:
+            self.processes.check()
+            try:
+                await self.vehicle.tell(agent, "engage")
+                return
+            except Refused:
+                if time.monotonic() > deadline:
+                    raise
+                await asyncio.sleep(0.05)
+
+    async def status(self, agent: str, true: Callable[[wire.AgentStatus], bool], timeout: float) -> wire.AgentStatus:
+        """The first of its statuses from now on for which ``true``; raises :class:`~zmav.errors.TimedOut`."""
+        key = keys.AGENT_STATUS.key(FLEET, VEHICLE, agent=agent)
+        try:
+            async with self.z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.AgentStatus, "status")) as heard:
+                return await within(timeout, _first(heard, true))
+        except asyncio.TimeoutError:
+            raise TimedOut(f"{agent} did not come so far within {timeout:g} s") from None
+
+    async def ready(self, controller: str) -> None:
+        """Wait until the supervisor of a controller has loaded it and hears the autopilot."""
+        await self.answers(controller)
+        await self.status(controller, lambda status: float(status.detail.get("hz") or 0.0) > 1.0, START)
 
     async def answers(self, agent: str) -> None:
         """Wait until an agent hears orders; raises what became of the processes, or :class:`TimedOut`."""
@@ -136,10 +159,12 @@ class Rig(NamedTuple):
                     raise
                 await asyncio.sleep(0.2)
 
-    async def until(self, true: object, timeout: float) -> wire.VehicleState:
-        """The vehicle's state once ``true(state)``."""
-        assert callable(true)
-        return await self.vehicle.wait_until(true, timeout)
+
+async def _first(heard: zmav.Subscription[wire.AgentStatus], true: Callable[[wire.AgentStatus], bool]) -> wire.AgentStatus:
+    async for status in heard:
+        if true(status):
+            return status
+    raise AssertionError("a subscription does not end by itself")
 
 
 def fleet_file(processes: Processes, link: str, sim: str = "", world: str = "") -> Path:
