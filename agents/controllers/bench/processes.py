@@ -59,13 +59,13 @@ class Processes:
             _end(process)
         self._folder.cleanup()
 
-    def start(self, name: str, *arguments: str) -> int:
-        """Start ``zmav ARGUMENTS`` under a name; gives its process id."""
+    def start(self, name: str, *arguments: str, module: str = "zmav") -> int:
+        """Start ``zmav ARGUMENTS``, or another module, under a name; gives its process id."""
         environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
         with self._log(name).open("wb") as log:
             # A session of its own: Ctrl-C at the terminal is for us, who end them in order.
             self._running[name] = subprocess.Popen(
-                [sys.executable, "-m", "zmav", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                [sys.executable, "-m", module, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                 env=environment, start_new_session=True,
             )  # fmt: skip
         return self._running[name].pid
