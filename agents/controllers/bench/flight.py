@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
+import time
 from collections.abc import AsyncIterator
 
+import msgspec
 import numpy as np
 
 from agents.controllers.bench import simulator
@@ -78,3 +80,15 @@ def segment(begin: float, seconds: float, centre: Array, yaw: float) -> list[wir
 
 def _three(vector: Array) -> wire.Vector:
     return float(vector[0]), float(vector[1]), float(vector[2])
+
+
+async def follow(run: Rig, agent: str, seconds: float) -> tuple[float, list[wire.SegmentPoint]]:
+    """Order the lemniscate from where it is, in a second; gives when it begins (UTC s) and its points."""
+    status = await run.status(agent, lambda status: status.state == "controller", 10.0)
+    assert status.detail
+    state = run.vehicle.state
+    yaw = state.attitude.yaw if state.attitude else 0.0
+    begin = time.time() + 1.0
+    points = segment(begin, seconds, np.array(run.vehicle.local), yaw)
+    await run.vehicle.tell(agent, "follow", segment=[msgspec.to_builtins(point) for point in points])
+    return begin, points

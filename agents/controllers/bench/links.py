@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.flight import airborne, segment
+from agents.controllers.bench.flight import airborne, follow
 from agents.controllers.bench.processes import FLEET, VEHICLE, Rig
 from zmav import keys, wire
 from zmav.errors import Stale
@@ -170,15 +170,3 @@ async def measure(seconds: float) -> Links:
         await asyncio.sleep(seconds)
         ear.close()
         return ear.links()
-
-
-async def follow(run: Rig, agent: str, seconds: float) -> tuple[float, list[wire.SegmentPoint]]:
-    """Order the lemniscate from where it is, in a second; gives when it begins (UTC s) and its points."""
-    status = await run.status(agent, lambda status: status.state == "controller", 10.0)
-    assert status.detail
-    state = run.vehicle.state
-    yaw = state.attitude.yaw if state.attitude else 0.0
-    begin = time.time() + 1.0
-    points = segment(begin, seconds, np.array(run.vehicle.local), yaw)
-    await run.vehicle.tell(agent, "follow", segment=[msgspec.to_builtins(point) for point in points])
-    return begin, points
