@@ -63,7 +63,9 @@ class _Clocks:
     def _on_signals(self, sample: Any) -> None:
         values = wire.decode(sample.payload.to_bytes(), wire.Signals, "signals")
         if "clock" in values.values:
-            self.rows.append((values.values["clock"], values.values["state_t"], self.boots[-1][1] if self.boots else 0.0))
+            self.rows.append(
+                (values.values["clock"], values.values["state_t"], self.boots[-1][1] if self.boots else 0.0)
+            )
 
     def _on_attitude(self, sample: Any) -> None:
         now = time.monotonic()

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from agents.controllers import Controller, Reference, RatesThrust, State, parameter
+from agents.controllers import Controller, RatesThrust, Reference, State, parameter
 
 RAISES, HANGS, IS_NOT_FINITE = 1, 2, 3
 STUCK = 30.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
 import socket
@@ -19,6 +20,11 @@ from zmav import wire
 SIMULATOR = "simulator"
 HEIGHT = 10.0
 """m above home"""
+CENTRE: wire.Vector = (0.0, 0.0, -HEIGHT)
+YAW = 0.0
+"""where everything is flown, m NED about home, and the heading"""
+STILL = 3.0
+"""s at rest before it begins"""
 TICK_HZ = 500
 LENGTH, WIDTH, PACE = 5.0, 2.5, 0.75
 """m and rad/s of the lemniscate: up to 5.3 m/s and 5.7 m/s² (30° of tilt)"""
@@ -82,13 +88,13 @@ def _three(vector: Array) -> wire.Vector:
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
-async def follow(run: Rig, agent: str, seconds: float) -> tuple[float, list[wire.SegmentPoint]]:
-    """Order the lemniscate from where it is, in a second; gives when it begins (UTC s) and its points."""
-    status = await run.status(agent, lambda status: status.state == "controller", 10.0)
-    assert status.detail
-    state = run.vehicle.state
-    yaw = state.attitude.yaw if state.attitude else 0.0
+async def follow(run: Rig, agent: str, seconds: float) -> float:
+    """Have a controller that flies go to the :data:`CENTRE` and then along the lemniscate about it; gives when that
+    begins (UTC s).
+    """
+    went = await run.vehicle.tell(agent, "goto", pos=CENTRE, yaw=YAW)
+    await asyncio.sleep(float(went["seconds"]) + STILL)
     begin = time.time() + 1.0
-    points = segment(begin, seconds, np.array(run.vehicle.local), yaw)
+    points = segment(begin, seconds, np.array(CENTRE), YAW)
     await run.vehicle.tell(agent, "follow", segment=[msgspec.to_builtins(point) for point in points])
-    return begin, points
+    return begin

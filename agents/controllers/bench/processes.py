@@ -13,7 +13,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import zmav
 from zmav import keys, wire
@@ -134,12 +134,24 @@ class Rig(NamedTuple):
 
     async def status(self, agent: str, true: Callable[[wire.AgentStatus], bool], timeout: float) -> wire.AgentStatus:
         """The first of its statuses from now on for which ``true``; raises :class:`~zmav.errors.TimedOut`."""
-        key = keys.AGENT_STATUS.key(FLEET, VEHICLE, agent=agent)
+        key, last = keys.AGENT_STATUS.key(FLEET, VEHICLE, agent=agent), ""
+
+        def read(sample: Any) -> wire.AgentStatus:
+            return wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
+
+        async def wait(heard: zmav.Subscription[wire.AgentStatus]) -> wire.AgentStatus:
+            nonlocal last
+            while True:
+                status = await heard.get()
+                last = f"{status.state}: {status.text}"
+                if true(status):
+                    return status
+
         try:
-            async with self.z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.AgentStatus, "status")) as heard:
-                return await within(timeout, _first(heard, true))
+            async with self.z.subscribe(key, read) as heard:
+                return await within(timeout, wait(heard))
         except asyncio.TimeoutError:
-            raise TimedOut(f"{agent} did not come so far within {timeout:g} s") from None
+            raise TimedOut(f"{agent} did not come so far within {timeout:g} s; it says: {last or 'nothing'}") from None
 
     async def ready(self, controller: str) -> None:
         """Wait until the supervisor of a controller has loaded it and hears the autopilot."""
@@ -158,13 +170,6 @@ class Rig(NamedTuple):
                 if time.monotonic() > deadline:
                     raise
                 await asyncio.sleep(0.2)
-
-
-async def _first(heard: zmav.Subscription[wire.AgentStatus], true: Callable[[wire.AgentStatus], bool]) -> wire.AgentStatus:
-    async for status in heard:
-        if true(status):
-            return status
-    raise AssertionError("a subscription does not end by itself")
 
 
 def fleet_file(processes: Processes, link: str, sim: str = "", world: str = "") -> Path:

@@ -1,6 +1,6 @@
 """The embedded simulator with a pilot beside it, whose radio is on and whose hands rest.
 
-    python -m agents.controllers.bench.simulator FLEET.toml
+python -m agents.controllers.bench.simulator FLEET.toml
 """
 
 from __future__ import annotations

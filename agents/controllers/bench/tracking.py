@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.flight import BUILD_UP, airborne, follow, lemniscate
+from agents.controllers.bench.flight import BUILD_UP, CENTRE, STILL, YAW, airborne, follow, lemniscate
 from agents.controllers.bench.processes import FLEET, VEHICLE, Rig
 from agents.controllers.estimate import Estimate
 from agents.controllers.types import Array
@@ -23,6 +23,7 @@ from zmav.mavlink import decode, parse_frame
 from zmav.vehicle.lease import Lease
 
 PX4, NAVIGATOR = "px4", "navigator"
+PILOTS = (PX4, "ev1", "ev2")
 WIND, SEED = "5@240,moderate", 3
 HEARD = {"ATTITUDE_QUATERNION": 250.0, "LOCAL_POSITION_NED": 250.0, "GLOBAL_POSITION_INT": 5.0}
 """Hz"""
@@ -30,8 +31,6 @@ STREAM_HZ = 100.0
 """setpoints a second for the autopilot's own cascade, whose outer loops look 50 times a second"""
 AHEAD = 0.5 / STREAM_HZ
 """s: a setpoint holds until the next one, and so is made for the middle of that time"""
-STILL = 3.0
-"""s in which the autopilot comes to follow the stream, at rest"""
 G = 9.80665
 ROUTE_TIMEOUT = 300.0
 """s"""
@@ -137,46 +136,44 @@ class Recorder:
             self._estimate.anchor(state.position, state.local)
 
 
-async def measure(seconds: float, side: float, height: float) -> Tracking:
-    """``seconds`` of the lemniscate; metres of EV3's square and of the rectangle above it."""
+async def measure(seconds: float, side: float, height: float, pilots: tuple[str, ...] = PILOTS) -> Tracking:
+    """``seconds`` of the lemniscate; metres of EV3's square and of the rectangle above it, 0 m: without that."""
     found = Tracking({}, {})
-    for who in (PX4, "ev1", "ev2"):
+    for who in pilots:
         async with airborne(wind=WIND, seed=SEED) as run:
             with contextlib.ExitStack() as stack:
                 recorder = Recorder(run, stack)
                 if who == PX4:
-                    flown = await _by_the_autopilot(run, seconds)
+                    begin = await _by_the_autopilot(run, seconds)
                 else:
-                    flown = await _by_a_controller(run, who, seconds)
-                begin, centre, yaw = flown
-                found.lemniscate[who] = errors(recorder.rows, begin, seconds, centre, yaw)
-            if who != "ev2":
+                    begin = await _by_a_controller(run, who, seconds)
+                found.lemniscate[who] = errors(recorder.rows, begin, seconds, np.array(CENTRE), YAW)
+            if side > 0.0 and who != "ev2":
                 found.ev3[who] = await _route(run, "" if who == PX4 else who, side, height)
     return found
 
 
-async def _by_a_controller(run: Rig, name: str, seconds: float) -> tuple[float, Array, float]:
+async def _by_a_controller(run: Rig, name: str, seconds: float) -> float:
+    """Gives when the lemniscate began (UTC s)."""
     run.run_controller(name, name)
     await run.ready(name)
     await run.engage(name)
-    await asyncio.sleep(STILL)
-    begin, points = await follow(run, name, seconds)
+    begin = await follow(run, name, seconds)
     await asyncio.sleep(begin + seconds + 0.5 - time.time())
-    return begin, np.array(points[0].pos), points[0].yaw or 0.0
+    return begin
 
 
-async def _by_the_autopilot(run: Rig, seconds: float) -> tuple[float, Array, float]:
+async def _by_the_autopilot(run: Rig, seconds: float) -> float:
     """The same reference, position with velocity and acceleration, streamed as one point after the other."""
-    state = run.vehicle.state
-    centre, yaw = np.array(run.vehicle.local), state.attitude.yaw if state.attitude else 0.0
+    centre = np.array(CENTRE)
     async with run.vehicle.lease("bench", ttl=3.0) as lease:
-        begin = time.time() + STILL
+        begin = time.time() + 2.0 * STILL
         at = time.monotonic()
         while (now := time.time()) < begin + seconds + 0.5:
-            _put(lease, lemniscate(now + AHEAD - begin, seconds, centre), yaw)
+            _put(lease, lemniscate(now + AHEAD - begin, seconds, centre), YAW)
             at += 1.0 / STREAM_HZ
             await asyncio.sleep(max(0.0, at - time.monotonic()))
-    return begin, centre, yaw
+    return begin
 
 
 def _put(lease: Lease, point: tuple[Array, Array, Array], yaw: float) -> None:
