@@ -1,4 +1,4 @@
-"""(c) How the controller's clock goes beside the autopilot's: what a controller integrates by, and what it calls time."""
+"""(c) How the controller's clock goes beside the autopilot's: what it integrates by, and what it calls time."""
 
 from __future__ import annotations
 

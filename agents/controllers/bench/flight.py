@@ -51,8 +51,8 @@ async def airborne(wind: str = "0", noise: str = "typical", seed: int = 1) -> As
 
 
 def lemniscate(t: float, seconds: float, centre: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (3,) at ``t`` s of ``seconds``: a figure of eight that begins and ends at rest
-    in its middle, ``centre`` (m NED).
+    """Position, velocity and acceleration (3,) at ``t`` s of ``seconds``: a figure of eight that begins and ends at
+    rest in its middle, ``centre`` (m NED).
     """
     turns = max(1.0, math.floor(PACE * (seconds - BUILD_UP) / math.tau)) * math.tau
     pace = turns / (seconds - BUILD_UP)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import msgspec
@@ -73,7 +74,7 @@ class Links(msgspec.Struct):
 def jitter(samples: Sequence[Sample]) -> float:
     """s: RFC 3550's interarrival jitter, J += (|D| - J) / 16, after the last of them."""
     found = 0.0
-    for before, now in zip(samples, samples[1:], strict=False):
+    for before, now in pairwise(samples):
         change = (now.at - before.at) - (now.sent - before.sent)
         found += (abs(change) - found) / SMOOTHING
     return found
@@ -85,7 +86,7 @@ def lost(numbers: Sequence[int], modulus: int = 0) -> int:
     """
     if not modulus:
         return 0 if not numbers else max(numbers) - min(numbers) + 1 - len(set(numbers))
-    return sum((now - before - 1) % modulus for before, now in zip(numbers, numbers[1:], strict=False))
+    return sum((now - before - 1) % modulus for before, now in pairwise(numbers))
 
 
 def stream(samples: Sequence[Sample], nominal_hz: float, numbered: bool) -> Stream:

@@ -129,8 +129,11 @@ async def measure(seconds: float) -> Trip:
         await asyncio.sleep(seconds)
         taps.close()
         sent = [each for each in fake.sent if each.at > begun]
-        found = {name: spread(effects(sent, getattr(taps, name))) for name in ("radio", "controller", "output")}
-        return Trip(back=back, anytime=anytime, inside=spread(taps.inside), **found)
+        radio, controller, output = (
+            spread(effects(sent, seen)) for seen in (taps.radio, taps.controller, taps.output)
+        )  # fmt: skip
+        inside = spread(taps.inside)
+        return Trip(back=back, output=output, radio=radio, controller=controller, inside=inside, anytime=anytime)
 
 
 async def _watch(fake: FakeAutopilot, seconds: float) -> Spread:
