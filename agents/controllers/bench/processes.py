@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import zmav
 from zmav import keys, wire
 from zmav.errors import Refused, SessionError, TimedOut, ZmavError
+from zmav.process import say
 from zmav.session import SessionSettings
 from zmav.trust.credentials import VARIABLE
 from zmav.waiting import within
@@ -54,6 +55,9 @@ class Processes:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        if isinstance(error, ZmavError):
+            for name in self._running:
+                say(f"{name} said last:\n{self.said(name)}")
         # From the last to the first: an agent hands its vehicle back before what it flies ends.
         for process in reversed(self._running.values()):
             _end(process)

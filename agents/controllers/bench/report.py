@@ -209,7 +209,8 @@ def _draw_trip(axes: Axes, found: Trip) -> None:
         share = np.arange(1, len(times) + 1) / len(times)
         axes.plot(times, share, label=f"{name}: median {each.median:.0f} µs")
     axes.axvline(tripped.PAPER_MEAN, color="black", linestyle=":", label=f"paper's mean {tripped.PAPER_MEAN:.0f} µs")
-    axes.set(xscale="log", xlabel="µs from the stick to its effect", ylabel="share", title="Round trip")
+    most = 1.05 * max(each.p99 for each in shown.values())
+    axes.set(xlim=(0.0, most), xlabel="µs from the stick to its effect", ylabel="share", title="Round trip")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
 
@@ -222,8 +223,8 @@ def _draw_backs(axes: Axes, found: dict[str, Back]) -> None:
         axes.plot([each.told.median / 1e3] * 2, [index - 0.35, index + 0.35], color="black")
     axes.set_yticks(range(len(found)), list(found))
     axes.invert_yaxis()
-    axes.set(xscale="log", xlabel="ms to the autopilot's being told to fly", title="Hand-back (bar: median)")
-    axes.grid(alpha=0.3, axis="x", which="both")
+    axes.set(xlabel="ms to the autopilot's being told to fly", title="Hand-back (bar: median)", xlim=(0.0, None))
+    axes.grid(alpha=0.3, axis="x")
 
 
 def _draw_clock(axes: Axes, found: Clock) -> None:

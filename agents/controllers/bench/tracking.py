@@ -65,10 +65,10 @@ def attitude_for(acc: Array, yaw: float) -> Array:
     """(4,) w, x, y, z that points the thrust so that it gives ``acc`` (m/s² NED) against gravity, at this heading."""
     down = np.array((0.0, 0.0, G)) - acc
     z = down / np.linalg.norm(down)
-    ahead = np.array((math.cos(yaw), math.sin(yaw), 0.0))
-    y = np.cross(z, ahead)
-    y /= np.linalg.norm(y)
-    x = np.cross(y, z)
+    right = np.array((-math.sin(yaw), math.cos(yaw), 0.0))
+    x = np.cross(right, z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
     w = 0.5 * math.sqrt(max(1.0 + x[0] + y[1] + z[2], 1e-12))
     return np.array((w, (y[2] - z[1]) / (4 * w), (z[0] - x[2]) / (4 * w), (x[1] - y[0]) / (4 * w)))
 
