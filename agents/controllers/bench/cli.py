@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import time
 from collections.abc import Awaitable, Callable
@@ -50,18 +49,18 @@ def chosen(only: str | None) -> tuple[str, ...]:
 async def _bench(names: tuple[str, ...], quick: bool, folder: Path | None) -> int:
     found = report.Report(t=time.time(), machine=report.Machine(os.cpu_count() or 1, {}))
     steps = _steps(found, quick)
-    for name in names:
-        say(f"{name}...")
-        before = load()
-        try:
-            await steps[name]()
-        except ZmavError as e:
-            found.failed[name] = str(e)
-            say(f"{name}: {e}")
-        found.machine.loads[name] = before, load()
-    console().print(report.table(found))
-    if folder is not None:
-        for path in await asyncio.to_thread(report.save, found, folder):
+    try:
+        for name in names:
+            say(f"{name}...")
+            before = load()
+            try:
+                await steps[name]()
+            except ZmavError as e:
+                found.failed[name] = str(e)
+            found.machine.loads[name] = before, load()
+    finally:  # what was measured until it was interrupted is told
+        console().print(report.table(found))
+        for path in [] if folder is None else report.save(found, folder):
             say(str(path))
     return 1 if found.failed else 0
 

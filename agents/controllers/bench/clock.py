@@ -14,6 +14,7 @@ from agents.controllers.bench import clocked
 from agents.controllers.bench.flight import airborne
 from agents.controllers.bench.processes import FLEET, VEHICLE
 from zmav import keys, wire
+from zmav.errors import Stale
 from zmav.mavlink import decode, parse_frame
 
 AGENT = "clocked"
@@ -33,6 +34,8 @@ class Clock(msgspec.Struct):
     """of this machine's monotonic clock"""
     seconds: float
     """of a run"""
+    broken: int = 0
+    """runs that ended before half of their time, and are left out"""
 
 
 def ratio(ours: Sequence[float], theirs: Sequence[float]) -> float:
@@ -87,9 +90,15 @@ async def measure(runs: int, seconds: float) -> Clock:
             await asyncio.sleep(seconds)
             clocks.close()
             await run.vehicle.tell(AGENT, "release")
-            sums, stated, boots = zip(*[row for row in clocks.rows if row[2] > 0.0], strict=True)
+            rows = [row for row in clocks.rows if row[2] > 0.0]
+            if len(rows) < seconds * SIGNALS_HZ / 2:
+                found.broken += 1  # the guard ended it on a machine that stood still
+                continue
+            sums, stated, boots = zip(*rows, strict=True)
             came, theirs = zip(*clocks.boots, strict=True)
             found.integrated.append(ratio(sums, boots))
             found.stated.append(ratio(stated, boots))
             found.host.append(ratio(came, theirs))
+    if not found.host:
+        raise Stale(f"none of {runs} engagements lasted half of {seconds:g} s")
     return found

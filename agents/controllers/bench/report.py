@@ -126,7 +126,7 @@ def _clock(found: Clock) -> list[Row]:
             f"median {np.median(off):+.0f} ppm, {min(off):+.0f} to {max(off):+.0f} of {len(off)} × {found.seconds:g} s"
         )
         rows.append((f"{name} / autopilot's clock", text, "1"))
-    return rows
+    return [*rows, ("runs left out", str(found.broken), "")] if found.broken else rows
 
 
 def _cpu(found: Cpu) -> list[Row]:

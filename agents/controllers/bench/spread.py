@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from agents.controllers.bench.fake import Stick
+from zmav.errors import Stale
 
 LATEST = 4.0
 """s after which a stick's µs come again: what comes later is no effect of it"""
@@ -26,8 +27,10 @@ class Spread(msgspec.Struct):
 
 
 def spread(seconds: Iterable[float]) -> Spread:
-    """Of times in seconds, one at least."""
+    """Of times in seconds; raises :class:`~zmav.errors.Stale` where there is none."""
     row = np.array(list(seconds)) * 1e6
+    if not len(row):
+        raise Stale("nothing of what was measured came")
     return Spread(
         count=len(row), median=float(np.median(row)), mean=float(row.mean()), p99=float(np.quantile(row, 0.99)),
         most=float(row.max()), times=[round(float(each), 1) for each in row],

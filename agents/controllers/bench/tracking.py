@@ -85,7 +85,7 @@ def angle(a: Array, b: Array) -> float:
 
 
 def errors(rows: list[tuple[float, Array, Array]], begin: float, seconds: float, centre: Array, yaw: float) -> Errors:
-    """``rows``: UTC s, position (3,) and attitude (4,). Raises ValueError where none is of the flight."""
+    """``rows``: UTC s, position (3,) and attitude (4,). Raises :class:`Stale` where none is of it."""
     times, distances, angles, places = [], [], [], []
     for at, pos, q in rows:
         t = at - begin
@@ -97,7 +97,7 @@ def errors(rows: list[tuple[float, Array, Array]], begin: float, seconds: float,
         angles.append(math.degrees(angle(q, attitude_for(acc, yaw))))
         places.append((float(pos[0] - centre[0]), float(pos[1] - centre[1])))
     if not times:
-        raise ValueError("nothing was heard of the flight")
+        raise Stale("nothing was heard of the flight")
     thin = slice(None, None, max(1, len(times) // 1000))
     return Errors(
         rms=_rms(distances), peak=max(distances), attitude_deg=_rms(angles), times=[round(t, 3) for t in times[thin]],

@@ -111,6 +111,11 @@ def test_the_echo_fails_as_it_is_told_and_on_a_full_stick_only(monkeypatch: pyte
     assert math.isnan(echo.update(away, reference).rates[0]) and np.isfinite(reference.rates).all()
 
 
+def test_a_spread_of_nothing_is_none() -> None:
+    with pytest.raises(Stale):
+        spread([])
+
+
 # Clock, processor.
 
 
@@ -184,7 +189,7 @@ def test_tracking_errors_of_a_known_flight() -> None:
     assert found.rms == pytest.approx(0.3) and found.peak == pytest.approx(0.3)
     assert found.attitude_deg == pytest.approx(float(np.sqrt(np.mean(np.square(tilts)))), rel=0.02)
     assert found.times[0] >= flight.BUILD_UP and len(found.times) == len(found.distances) == len(found.places)
-    with pytest.raises(ValueError, match="nothing was heard"):
+    with pytest.raises(Stale, match="nothing was heard"):
         tracking.errors(rows, 0.0, seconds, centre, 0.0)
 
 
