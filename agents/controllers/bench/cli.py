@@ -1,0 +1,85 @@
+"""``zmav agent bench``: what the MAS paper measured, on this machine."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import click
+
+from agents.controllers.bench import clock, cpu, handback, links, report, tracking, trip
+from agents.controllers.bench.processes import load
+from zmav.cli.common import console
+from zmav.errors import BadInput, ZmavError
+from zmav.process import run, say
+
+ALL = ("links", "trip", "clock", "cpu", "tracking")
+Step = Callable[[], Awaitable[None]]
+
+
+@click.command("bench")
+@click.option("--only", metavar="NAMES", help=f"Some of {','.join(ALL)}.  [default: all, in half an hour]")
+@click.option("--quick", is_flag=True, help="Few samples: to see that it works.")
+@click.option("-o", "--output", "folder", metavar="DIR", help="Where bench.json and pictures go.  [default: none]")
+def bench(only: str | None, quick: bool, folder: str | None) -> None:
+    """Measure controllers as the MAS paper does: links, round trip, clocks, CPU and tracking.
+
+    Flies the embedded 3.2 kg hexarotor under PX4's rules with processes of its own on free ports of this machine, in
+    real time: other work on it shows in the figures, and its load is said beside them.
+    """
+    run(_bench(chosen(only), quick, None if folder is None else Path(folder)))
+
+
+def chosen(only: str | None) -> tuple[str, ...]:
+    """Which are meant; raises :class:`~zmav.errors.BadInput` for one that there is not."""
+    if only is None:
+        return ALL
+    names = [name.strip() for name in only.split(",")]
+    for name in names:
+        if name not in ALL:
+            expected = ", ".join(ALL)
+            raise BadInput(
+                f"no measurement {name!r}; there are {expected}", field="only", value=name, expected=expected
+            )
+    return tuple(name for name in ALL if name in names)
+
+
+async def _bench(names: tuple[str, ...], quick: bool, folder: Path | None) -> int:
+    found = report.Report(t=time.time(), machine=report.Machine(os.cpu_count() or 1, {}))
+    steps = _steps(found, quick)
+    try:
+        for name in names:
+            say(f"{name}...")
+            before = load()
+            try:
+                await steps[name]()
+            except ZmavError as e:
+                found.failed[name] = str(e)
+            found.machine.loads[name] = before, load()
+    finally:  # what was measured until it was interrupted is told
+        console().print(report.table(found))
+        for path in [] if folder is None else report.save(found, folder):
+            say(str(path))
+    return 1 if found.failed else 0
+
+
+def _steps(found: report.Report, quick: bool) -> dict[str, Step]:
+    async def measure_links() -> None:
+        found.links = await links.measure(2.0 if quick else 20.0)
+
+    async def measure_trip() -> None:
+        found.trip = await trip.measure(1.0 if quick else 20.0)
+        found.handback = await handback.measure(1 if quick else 50)
+
+    async def measure_clock() -> None:
+        found.clock = await clock.measure(2 if quick else 20, 2.0 if quick else 5.0)
+
+    async def measure_cpu() -> None:
+        found.cpu = await cpu.measure(5.0 if quick else 60.0)
+
+    async def measure_tracking() -> None:
+        found.tracking = await (tracking.measure(15.0, 4.0, 2.0) if quick else tracking.measure(45.0, 10.0, 5.0))
+
+    return dict(zip(ALL, (measure_links, measure_trip, measure_clock, measure_cpu, measure_tracking), strict=True))

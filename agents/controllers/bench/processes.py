@@ -1,0 +1,237 @@
+"""What a measurement starts: ``zmav`` verbs as processes of their own on free loopback ports, all ended on leaving."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import zmav
+from zmav import keys, wire
+from zmav.errors import Refused, SessionError, TimedOut, ZmavError
+from zmav.process import say
+from zmav.session import SessionSettings
+from zmav.trust.credentials import VARIABLE
+from zmav.waiting import within
+
+FLEET, VEHICLE = "bench", "hex1"
+START = 40.0
+"""s for interpreters to start, perhaps on a busy machine"""
+END = 5.0
+SWITCH = 7
+"""the radio's channel with the pilot's switch"""
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A port nobody uses now on loopback."""
+    with socket.socket(socket.AF_INET, kind) as s:
+        s.bind(("127.0.0.1", 0))
+        port: int = s.getsockname()[1]
+        return port
+
+
+class Processes:
+    """A ``with`` block's ``zmav`` processes, each with a log; on leaving they get SIGTERM, and then SIGKILL.
+
+    They are a fleet for themselves, without credentials whatever $ZMAV_CREDENTIALS says.
+    """
+
+    def __init__(self) -> None:
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._folder = tempfile.TemporaryDirectory(prefix="zmav-bench-")
+        self.folder = Path(self._folder.name)
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        if isinstance(error, ZmavError):
+            for name in self._running:
+                say(f"{name} said last:\n{self.said(name)}")
+        # From the last to the first: an agent hands its vehicle back before what it flies ends.
+        for process in reversed(self._running.values()):
+            _end(process)
+        self._folder.cleanup()
+
+    def start(self, name: str, *arguments: str, module: str = "zmav") -> int:
+        """Start ``zmav ARGUMENTS``, or another module, under a name; gives its process id."""
+        environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
+        with self._log(name).open("wb") as log:
+            # A session of its own: Ctrl-C at the terminal is for us, who end them in order.
+            self._running[name] = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                env=environment, start_new_session=True,
+            )  # fmt: skip
+        return self._running[name].pid
+
+    def end(self, name: str) -> None:
+        """End one of them."""
+        _end(self._running.pop(name))
+
+    def check(self) -> None:
+        """Raise :class:`~zmav.errors.ZmavError` where one has ended, with the last it said."""
+        for name, process in self._running.items():
+            if process.poll() is not None:
+                raise ZmavError(f"{name} ended with {process.returncode}; it said last:\n{self.said(name)}")
+
+    def pids(self) -> dict[str, int]:
+        """Those that run, by name."""
+        return {name: process.pid for name, process in self._running.items()}
+
+    def said(self, name: str, lines: int = 15) -> str:
+        """The end of its log."""
+        return "\n".join(self._log(name).read_text("utf-8", "replace").splitlines()[-lines:])
+
+    def _log(self, name: str) -> Path:
+        return self.folder / f"{name}.log"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(END)
+    if process.poll() is None:
+        process.kill()
+        process.wait()
+
+
+class Rig(NamedTuple):
+    """A vehicle's agent with its router, and we as its client."""
+
+    processes: Processes
+    endpoint: str
+    z: zmav.Client
+    vehicle: zmav.Vehicle
+
+    def run_controller(self, controller: str, name: str, **options: object) -> int:
+        """Start the supervisor of a controller, a file or an installed one; gives its process id."""
+        given = [part for key, value in {"name": name, **options}.items() for part in ("-o", f"{key}={value}")]
+        return self.run_agent(controller, name, *given)
+
+    def run_agent(self, what: str, name: str, *arguments: str) -> int:
+        """``zmav agent run WHAT``, as a process called ``name``."""
+        where = ("--vehicle", VEHICLE, "--fleet", FLEET, "-e", self.endpoint)
+        return self.processes.start(name, "agent", "run", what, *where, *arguments)
+
+    async def engage(self, agent: str) -> None:
+        """Have a controller take over, as soon as it may: the autopilot's state must flow, and the pilot let go."""
+        deadline = time.monotonic() + START
+        while True:
+            self.processes.check()
+            try:
+                await self.vehicle.tell(agent, "engage")
+                return
+            except Refused:
+                if time.monotonic() > deadline:
+                    raise
+                await asyncio.sleep(0.05)
+
+    async def status(self, agent: str, true: Callable[[wire.AgentStatus], bool], timeout: float) -> wire.AgentStatus:
+        """The first of its statuses from now on for which ``true``; raises :class:`~zmav.errors.TimedOut`."""
+        key, last = keys.AGENT_STATUS.key(FLEET, VEHICLE, agent=agent), ""
+
+        def read(sample: Any) -> wire.AgentStatus:
+            return wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
+
+        async def wait(heard: zmav.Subscription[wire.AgentStatus]) -> wire.AgentStatus:
+            nonlocal last
+            while True:
+                status = await heard.get()
+                last = f"{status.state}: {status.text}"
+                if true(status):
+                    return status
+
+        try:
+            async with self.z.subscribe(key, read) as heard:
+                return await within(timeout, wait(heard))
+        except asyncio.TimeoutError:
+            raise TimedOut(f"{agent} did not come so far within {timeout:g} s; it says: {last or 'nothing'}") from None
+
+    async def ready(self, controller: str) -> None:
+        """Wait until the supervisor of a controller has loaded it and hears the autopilot."""
+        await self.answers(controller)
+        await self.status(controller, lambda status: float(status.detail.get("hz") or 0.0) > 1.0, START)
+
+    async def answers(self, agent: str) -> None:
+        """Wait until an agent hears orders; raises what became of the processes, or :class:`TimedOut`."""
+        deadline = time.monotonic() + START
+        while True:
+            self.processes.check()
+            try:
+                await self.vehicle.tell(agent, "params")
+                return
+            except ZmavError:
+                if time.monotonic() > deadline:
+                    raise
+                await asyncio.sleep(0.2)
+
+
+def fleet_file(processes: Processes, link: str, sim: str = "", world: str = "") -> Path:
+    """A fleet of one hexarotor with a pilot's switch. ``sim``: its table, ``world``: that of the simulator."""
+    path = processes.folder / "fleet.toml"
+    path.write_text(
+        f'fleet = "{FLEET}"\n'
+        "[origin]\nlat_deg = -35.363261\nlon_deg = 149.165230\nalt_amsl = 584.09\n"
+        f"{world}"
+        f'[vehicles.{VEHICLE}]\nlink = "{link}"\nsysid = 1\n'
+        f"[vehicles.{VEHICLE}.pilot_switch]\nchannel = {SWITCH}\n"
+        f"{sim}"
+    )
+    return path
+
+
+@contextlib.asynccontextmanager
+async def rig(processes: Processes, file: Path) -> AsyncIterator[Rig]:
+    """``zmav up`` for the vehicle, and a client of its router."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    processes.start("up", "up", "--file", str(file), "--name", VEHICLE, "-l", endpoint)
+    async with contextlib.AsyncExitStack() as stack:
+        z = await _connect(stack, endpoint, processes)
+        (vehicle,) = await z.wait_for(VEHICLE, timeout=START)
+        yield Rig(processes, endpoint, z, vehicle)
+
+
+async def _connect(stack: contextlib.AsyncExitStack, endpoint: str, processes: Processes) -> zmav.Client:
+    deadline = time.monotonic() + START
+    while True:
+        processes.check()
+        try:
+            settings = SessionSettings(connect=[endpoint])
+            return await stack.enter_async_context(zmav.open(fleet=FLEET, settings=settings))
+        except SessionError:
+            if time.monotonic() > deadline:
+                raise TimedOut(f"no router at {endpoint} within {START:g} s") from None
+            await asyncio.sleep(0.1)
+
+
+def cpu_seconds(pid: int) -> float:
+    """Of a process and its threads so far, user and system (proc(5), fields 14 and 15 of stat); 0 once it is gone."""
+    try:
+        rest = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(rest[11]) + int(rest[12])) / TICKS
+
+
+def children(pid: int) -> list[int]:
+    """The processes that it started and that still run."""
+    found: list[int] = []
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            found += [int(child) for child in task.read_text().split()]
+    return found
+
+
+def load() -> float:
+    """Of this machine over the last minute: runnable tasks, beside its processors."""
+    return os.getloadavg()[0]
