@@ -145,7 +145,9 @@ class Recorder:
 async def measure(
     found: Tracking, seconds: float, side: float, height: float, pilots: tuple[str, ...] = PILOTS
 ) -> None:
-    """Fills ``found``, flight by flight. ``seconds`` of the lemniscate; metres of EV3's square and of the rectangle above it, 0 m: without that."""
+    """Fills ``found``, flight by flight. ``seconds`` of the lemniscate; metres of EV3's square and of the rectangle
+    above it, 0 m: without that.
+    """
     for who in pilots:
         found.lemniscate[who] = await _again(found, who, partial(_lemniscate, who, seconds))
         if side > 0.0 and who != "ev2":
