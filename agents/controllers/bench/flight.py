@@ -88,12 +88,17 @@ def _three(vector: Array) -> wire.Vector:
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
+async def rest(run: Rig, agent: str) -> None:
+    """Have a controller that flies go to the :data:`CENTRE` and come to rest there."""
+    went = await run.vehicle.tell(agent, "goto", pos=CENTRE, yaw=YAW)
+    await asyncio.sleep(float(went["seconds"]) + STILL)
+
+
 async def follow(run: Rig, agent: str, seconds: float) -> float:
     """Have a controller that flies go to the :data:`CENTRE` and then along the lemniscate about it; gives when that
     begins (UTC s).
     """
-    went = await run.vehicle.tell(agent, "goto", pos=CENTRE, yaw=YAW)
-    await asyncio.sleep(float(went["seconds"]) + STILL)
+    await rest(run, agent)
     begin = time.time() + 1.0
     points = segment(begin, seconds, np.array(CENTRE), YAW)
     await run.vehicle.tell(agent, "follow", segment=[msgspec.to_builtins(point) for point in points])

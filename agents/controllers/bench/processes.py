@@ -158,7 +158,10 @@ class Rig(NamedTuple):
             raise TimedOut(f"{agent} did not come so far within {timeout:g} s; it says: {last or 'nothing'}") from None
 
     async def ready(self, controller: str) -> None:
-        """Wait until the supervisor of a controller has loaded it and hears the autopilot."""
+        """Wait until the supervisor of a controller has loaded it and hears the autopilot, and knows its height: it
+        guards that from the engagement on.
+        """
+        await self.vehicle.wait_until(lambda state: bool(state.armed) and state.position is not None, START)
         await self.answers(controller)
         await self.status(controller, lambda status: float(status.detail.get("hz") or 0.0) > 1.0, START)
 

@@ -185,7 +185,7 @@ def pictures(report: Report, folder: Path) -> list[Path]:
         draw("clock", 1, (_draw_clock, report.clock))
     if report.cpu:
         draw("cpu", 1, (_draw_cpu, report.cpu))
-    if report.tracking:
+    if report.tracking and report.tracking.lemniscate:
         draw("tracking", 2, (_draw_way, report.tracking), (_draw_errors, report.tracking))
     return saved
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.flight import BUILD_UP, CENTRE, STILL, YAW, airborne, follow, lemniscate
+from agents.controllers.bench.flight import BUILD_UP, CENTRE, STILL, YAW, airborne, follow, lemniscate, rest
 from agents.controllers.bench.processes import FLEET, VEHICLE, Rig
 from agents.controllers.estimate import Estimate
 from agents.controllers.types import Array
@@ -142,14 +142,16 @@ class Recorder:
             self._estimate.anchor(state.position, state.local)
 
 
-async def measure(seconds: float, side: float, height: float, pilots: tuple[str, ...] = PILOTS) -> Tracking:
-    """``seconds`` of the lemniscate; metres of EV3's square and of the rectangle above it, 0 m: without that."""
-    found = Tracking({}, {})
+async def measure(
+    found: Tracking, seconds: float, side: float, height: float, pilots: tuple[str, ...] = PILOTS
+) -> None:
+    """Fills ``found``, flight by flight. ``seconds`` of the lemniscate; metres of EV3's square and of the rectangle
+    above it, 0 m: without that.
+    """
     for who in pilots:
         found.lemniscate[who] = await _again(found, who, partial(_lemniscate, who, seconds))
         if side > 0.0 and who != "ev2":
             found.ev3[who] = await _again(found, who, partial(_ev3, who, side, height))
-    return found
 
 
 async def _again(found: Tracking, who: str, fly: Callable[[], Awaitable[T]]) -> T:
@@ -180,6 +182,7 @@ async def _ev3(who: str, side: float, height: float) -> dict[str, Any]:
             run.run_controller(who, who)
             await run.ready(who)
             await run.engage(who)
+            await rest(run, who)
         run.run_agent(NAVIGATOR, NAVIGATOR)
         await run.answers(NAVIGATOR)
         by = "" if who == PX4 else who
