@@ -46,6 +46,8 @@ INNER_VALID, OUTER_VALID = 0.1, 0.4
 """s that a setpoint is flown without the next one"""
 BURST = 0.5
 """of a cycle, within which two attitudes are told as one"""
+CLOCK_STEP = 0.001
+"""s by which the autopilot's clock is set at a time while a controller flies"""
 KEPT = 10_000
 """cycles whose times are kept"""
 
@@ -87,6 +89,8 @@ class Cycles:
         """s from a cycle's frame to its setpoint's put, and s in the controller"""
         self.heard = 0.0
         """monotonic s of the last attitude"""
+        self.source: tuple[int, int] | None = None
+        """system and component of the autopilot: another one's frames may come over the same link"""
         self.tripped = 0.0
         """monotonic s at which the last engagement ended by itself"""
         self.stuck = False
@@ -146,20 +150,37 @@ class Cycles:
             if self.phase and silent > max(0.1, 10.0 * self.estimate.period):
                 self._trip(f"no attitude came for {silent * 1e3:.0f} ms")
 
+    def set_clock(self, boot_t: float) -> None:
+        """UTC s at which the autopilot's time was nought, as it is known now; to be called often. In flight it is
+        only drawn near: where a clock is set, what is followed would jump with it.
+        """
+        with self.lock:
+            if not self.phase:
+                self.estimate.boot_t = boot_t
+            elif self.estimate.boot_t is not None:
+                self.estimate.boot_t += min(max(boot_t - self.estimate.boot_t, -CLOCK_STEP), CLOCK_STEP)
+
     # Zenoh's thread.
 
     def on_frame(self, sample: zenoh.Sample) -> None:
         try:
             frame = parse_frame(sample.payload.to_bytes(), self._dialect)
+            if (frame.sysid, frame.compid) != self.source:
+                return
             name, fields = self._dialect.name_of(frame.msgid), decode(frame, self._dialect)
         except ZmavError as e:
             logger.debug("no frame: %s", e)
             return
         with self.lock:
-            if name != "ATTITUDE_QUATERNION":
-                self._takers[name](fields)
-            elif self.estimate.attitude(fields):
-                self._begin()
+            try:
+                if name != "ATTITUDE_QUATERNION":
+                    self._takers[name](fields)
+                elif self.estimate.attitude(fields):
+                    self._begin()
+            except Exception as e:  # a thread of Zenoh's would go on, and the vehicle with it
+                logger.exception("a cycle failed")
+                if self.phase:
+                    self._trip(f"the supervisor failed: {e!r}")
 
     def _begin(self) -> None:
         self.heard = now = time.monotonic()
@@ -172,7 +193,7 @@ class Cycles:
         self._reference = reference = self.references.at(state)
         if phase:
             self.tally.cycles += 1
-            why = self.guard.check(state, reference)
+            why = estimate.blind or self.references.lost(state) or self.guard.check(state, reference)
             if why is not None:
                 self._trip(why)
                 return
@@ -201,7 +222,7 @@ class Cycles:
 
     def on_answer(self, worker: Worker, answer: Answer) -> None:
         with self.lock:
-            if worker is not self._worker:
+            if worker is not self._worker or answer.number != self._number:
                 return
             self._busy, self._late = False, 0
             if answer.output is None or not self.phase:

@@ -25,6 +25,8 @@ MOST_DT = 0.1
 """s: after a longer silence a controller is not asked to make up for it"""
 ROUNDED = 0.0015
 """s by which a time in whole milliseconds can make one cycle look longer or shorter"""
+BLIND, DEAF = 0.5, 1.0
+"""s by the autopilot's clock without a position, or the pilot's sticks, after which the last ones are of no use"""
 SHARE = 0.02
 """of the newest cycle's time in the mean"""
 MOVED = 1.0
@@ -52,6 +54,7 @@ class Estimate:
         """position and velocity are known"""
         self.cycles = 0
         self._boot_ms = -1
+        self._sticks_ms = -1
         self._shift: Array | None = None
         self._shifts: deque[Array] = deque(maxlen=10)
         self._places: deque[tuple[int, Array, Array]] = deque(maxlen=50)
@@ -65,7 +68,14 @@ class Estimate:
     @property
     def ready(self) -> bool:
         """All that a controller needs is there."""
-        return self.located and self.cycles > 1 and (self._shift is not None or self._anchor is None)
+        placed = self._shift is not None or self._anchor is None
+        return self.located and self.cycles > 1 and placed and self.blind is None
+
+    @property
+    def blind(self) -> str | None:
+        """Attitudes come, and positions do not any more; None: they do."""
+        silent = (self._boot_ms - self._places[-1][0]) / 1e3 if self._places else 0.0
+        return f"no position came for {silent * 1e3:.0f} ms" if silent > BLIND else None
 
     def attitude(self, f: Mapping[str, Any]) -> bool:
         """ATTITUDE_QUATERNION; False: one that has come before, or the autopilot has started anew."""
@@ -75,12 +85,15 @@ class Estimate:
         if step <= 0.0:
             return False
         s = self.state
-        self.period += SHARE * (step - self.period) if self.cycles > 1 else step - self.period
+        usual = min(step, MOST_DT)  # a silence, or a clock that was set, is no cycle's length
+        self.period += SHARE * (usual - self.period) if self.cycles > 1 else usual - self.period
         # Times come in whole milliseconds: where that explains it, every cycle is as long as the mean.
         s.dt = self.period if abs(step - self.period) < ROUNDED else min(step, MOST_DT)
         s.t = ms / 1e3 + (self.boot_t or 0.0)
         s.q = np.array((f["q1"], f["q2"], f["q3"], f["q4"]))
         s.rates = np.array((f["rollspeed"], f["pitchspeed"], f["yawspeed"]))
+        if ms - self._sticks_ms > DEAF * 1e3:
+            s.sticks = _unheard()
         self.cycles += 1
         return True
 
@@ -109,8 +122,9 @@ class Estimate:
     def sticks(self, f: Mapping[str, Any]) -> None:
         """RC_CHANNELS."""
         raw = [int(f[f"chan{channel}_raw"]) for channel in self._channels]
+        self._sticks_ms = int(f["time_boot_ms"])
         if any(pwm in UNHEARD for pwm in raw):
-            self.state.sticks = np.array([0.0, 0.0, math.nan, 0.0])
+            self.state.sticks = _unheard()
             return
         roll, pitch, throttle, yaw = raw
         # A pitch stick pulled back gives more, and brings the nose up.
@@ -128,6 +142,10 @@ class Estimate:
         raw = [int(f[f"servo{i + 1}_raw"]) for i in range(MOTORS)]
         driven = [pwm for pwm in raw if DRIVEN <= pwm < UNHEARD[1]]
         self.state.motors = np.clip((np.array(driven) - PWM_LOW) / PWM_SPAN, 0.0, 1.0) if driven else None
+
+
+def _unheard() -> Array:
+    return np.array([0.0, 0.0, math.nan, 0.0])
 
 
 def _centred(pwm: int) -> float:

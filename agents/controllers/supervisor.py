@@ -188,8 +188,10 @@ class Supervisor(zmav.Agent):
             self.cycles.watch()
             state = self.vehicle.last_state
             if state is not None:
+                if state.sysid is not None and state.compid is not None:
+                    self.cycles.source = state.sysid, state.compid
                 if state.clock is not None:
-                    self.estimate.boot_t = state.clock.boot_t
+                    self.cycles.set_clock(state.clock.boot_t)
                 if state.position is not None and state.local is not None:
                     self.estimate.anchor(state.position, state.local)
                 if self._pilot_has_it and state.pilot is None and self.settings.by_switch:
