@@ -22,6 +22,7 @@ from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import RATES_HZ, Estimate
 from agents.controllers.inject import Inject
 from agents.controllers.limits import TUNABLES, set_limit
+from agents.controllers.orders import ByStick, FollowSegment, GoTo
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
@@ -67,32 +68,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """the pilot's switch (``[pilot_switch]`` in the fleet file) turned away from him engages it, too"""
     priority: int = 0
     lease_s: float = 3.0
-
-
-class GoTo(wire.Order, kw_only=True):
-    """A place to fly to under the controller."""
-
-    pos: wire.Vector
-    """m, NED about the fleet's origin"""
-    yaw: float | None = None
-    """rad"""
-    speed: float = 2.0
-    """m/s at most"""
-    accel: float = 2.0
-    """m/s² at most"""
-
-
-class FollowSegment(wire.Order, kw_only=True):
-    """A trajectory to follow under the controller."""
-
-    segment: list[wire.SegmentPoint]
-
-
-class ByStick(wire.Order, kw_only=True):
-    """The pilot's sticks as reference."""
-
-    level: str = "attitude"
-    """velocity, attitude or rates"""
 
 
 def slug(what: str) -> str:
@@ -225,8 +200,14 @@ class Supervisor(zmav.Agent):
 
     async def _load(self, *, kept: bool = True) -> float:
         shop = self.workshop
-        names = shop.loaded.tunables if shop.loaded is not None else ()
-        return await shop.load({name: self[name] for name in names}, kept=kept)
+        given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
+        took = await shop.load(given, kept=kept)
+        if shop.loaded is not None and shop.worker is not None:
+            self.declare({**self.tunables, **shop.loaded.declared()})
+            for name in given.keys() & shop.loaded.tunables.keys():
+                if self[name] != given[name]:  # changed while it was loaded
+                    shop.worker.tune(name, self[name])
+        return took
 
     def _agree(self, loaded: Loaded) -> None:
         """Raises :class:`BadConfig` for what cannot take the place of what flies."""
@@ -238,18 +219,17 @@ class Supervisor(zmav.Agent):
         if clash:
             text = f"{loaded.loaded} has a parameter called {clash[0]}, which the supervisor has: call it otherwise"
             raise BadConfig(text, field=clash[0], value=clash[0], expected="another name")
-        self.declare({**self.tunables, **loaded.declared()})
 
     async def _watch_file(self) -> None:
         while True:
             await self.workshop.saved()
-            with contextlib.suppress(ZmavError):
+            with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
     async def _load_again(self, *, kept: bool = True) -> float:
         try:
             took = await self._load(kept=kept)
-        except ZmavError as e:
+        except Exception as e:
             self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
             raise
         self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
