@@ -15,6 +15,7 @@ import numpy as np
 
 from agents.controllers.types import MOTORS, Array, State, Trim
 from zmav import geo, wire
+from zmav.errors import BadConfig
 
 RATES_HZ: Mapping[str, float] = {
     "ATTITUDE_QUATERNION": 0.0, "LOCAL_POSITION_NED": 0.0, "GLOBAL_POSITION_INT": 5.0, "RC_CHANNELS": 50.0,
@@ -33,16 +34,20 @@ MOVED = 1.0
 """m by which the estimator's origin has moved, and was not only measured badly"""
 PWM_MID, PWM_HALF, PWM_LOW, PWM_SPAN = 1500.0, 500.0, 1000.0, 1000.0
 UNHEARD = (0, 65535)
+CHANNELS = 18
 DRIVEN = 950
 """µs from which an output drives a motor: idle ones are below"""
 
 
 class Estimate:
     """One vehicle's. Not thread-safe: its user sees to that. ``channels``: of the pilot's roll, pitch, throttle and
-    yaw.
+    yaw. Raises :class:`~zmav.errors.BadConfig` for channels that there are not.
     """
 
     def __init__(self, channels: tuple[int, ...]) -> None:
+        if not all(1 <= channel <= CHANNELS for channel in channels):
+            text = f"rc = {list(channels)}: RC_CHANNELS has channels 1 to {CHANNELS}"
+            raise BadConfig(text, field="rc", value=list(channels), expected=f"1 to {CHANNELS}")
         self._channels = channels
         self._anchor: tuple[wire.Origin, Array] | None = None
         self.state, self.trim = State(), Trim()

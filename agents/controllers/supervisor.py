@@ -23,12 +23,13 @@ from agents.controllers.estimate import RATES_HZ, Estimate
 from agents.controllers.inject import Inject
 from agents.controllers.limits import TUNABLES, set_limit
 from agents.controllers.orders import ByStick, FollowSegment, GoTo
+from agents.controllers.readiness import check_parameters, check_ready
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
-from zmav.errors import BadConfig, BadInput, Refused, ZmavError
+from zmav.errors import BadConfig, BadInput, NotHolder, Refused, ZmavError
 from zmav.services.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
@@ -43,8 +44,6 @@ SOON = 2.0
 """s that an order to engage waits for the autopilot's state"""
 MODE_TOLD = 0.3
 """s in which a HEARTBEAT tells of the mode for certain: an older one may be of the engagement before"""
-ENOUGH = 0.8
-"""of the rate that is wanted: below it nobody takes over"""
 PATIENCE = 10.0
 """s for a vehicle that was not heard yet"""
 
@@ -117,7 +116,11 @@ class Supervisor(zmav.Agent):
         self._replacing: asyncio.Task[None] | None = None
         self._engaged: asyncio.Task[None] | None = None
         self._switched: asyncio.Task[None] | None = None
-        self._pilot_has_it = False
+        self._wanted: object | None = None
+        """the request to take over that counts, while it is looked into"""
+        self._ending = False
+        self._pilot_at = ""
+        """the instance of the vehicle's agent that said last that the pilot has it; empty: he has it no more"""
         self._over = asyncio.Event()
         self._why = ""
         self._began = 0.0
@@ -154,6 +157,7 @@ class Supervisor(zmav.Agent):
             try:
                 await together(self._look(), self._watch_file(), self._watch_events())
             finally:
+                self._ending = True
                 await self._release("the supervisor ends")
 
     async def _look(self) -> None:
@@ -169,10 +173,16 @@ class Supervisor(zmav.Agent):
                     self.cycles.set_clock(state.clock.boot_t)
                 if state.position is not None and state.local is not None:
                     self.estimate.anchor(state.position, state.local)
-                if self._pilot_has_it and state.pilot is None and self.settings.by_switch:
+                if self._turned_away(state) and self.settings.by_switch:
                     self._switched = asyncio.get_running_loop().create_task(self._by_switch())
-                self._pilot_has_it = state.pilot is not None
             self._tell()
+
+    def _turned_away(self, state: wire.VehicleState) -> bool:
+        """The pilot's switch, from him. An agent of the vehicle that has just begun does not know of it yet."""
+        before, self._pilot_at = self._pilot_at, "" if state.pilot is None else state.instance
+        if self._pilot_at:
+            self._wanted = None  # what was asked for before he took it counts no more
+        return before == state.instance and not self._pilot_at
 
     def _tell(self) -> None:
         """The status: who flies, and how it goes."""
@@ -284,14 +294,19 @@ class Supervisor(zmav.Agent):
                         self._refused.put_nowait(event.text.partition("dropped: ")[2])
 
     async def on_engage(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        if self.cycles.phase:
+        if self.cycles.phase is Phase.IN_FORCE:
             return {"state": "controller"}
+        self._check_free()
+        self._wanted = wanted = object()
         with contextlib.suppress(asyncio.TimeoutError):
             await within(SOON, self._estimated())
-        self._check_ready()
-        await self._check_parameters()
+        check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
         if self.workshop.worker is None or not self.workshop.worker.alive:
             await self._load_again(kept=False)
+        await self._check_parameters()
+        self._check_free()
+        if self._wanted is not wanted:
+            raise Refused("before it took over it was released, asked for again, or the pilot had it: ask anew")
         self._over, self._why = asyncio.Event(), ""
         taken, begun = asyncio.Event(), time.monotonic()
         self._engaged = flight = asyncio.create_task(self._fly(taken))
@@ -317,42 +332,22 @@ class Supervisor(zmav.Agent):
         while not self.estimate.ready:
             await asyncio.sleep(LOOK)
 
-    def _check_ready(self) -> None:
-        """Raises :class:`Refused` with what is missing."""
-        state, estimate = self.vehicle.state, self.estimate
-        if state.pilot:
-            raise Refused(f"the pilot has it: {state.pilot}", count="pilot")
-        if not state.armed or state.landed:
-            raise Refused("it is on the ground or disarmed: a controller takes over in the air; order a takeoff first")
-        if not estimate.ready:
-            raise Refused("no ATTITUDE_QUATERNION and LOCAL_POSITION_NED yet: is the link up, has it a position?")
-        hz, wanted = 1.0 / max(estimate.period, 1e-6), self.settings.rate_hz
-        if hz < ENOUGH * wanted:
-            text = (
-                f"the autopilot's state comes at {hz:.0f} Hz of {wanted:g}: give the link more room (a higher baud, "
-                f"SERIALn_BAUD or SER_TELn_BAUD; 'zmav rate list {state.name}' shows who reads what), or ask for less "
-                f"(-o rate_hz={max(hz * 0.9, 1.0):.0f})"
-            )
-            raise Refused(text, hz=hz, wanted=wanted)
+    def _check_free(self) -> None:
+        """Raises :class:`Refused` while an engagement is not over, and when there will be none any more."""
+        if self._ending:
+            raise Refused("the supervisor ends")
+        if self._engaged is not None and not self._engaged.done():
+            raise Refused("it is taking over or handing back just now: ask again in a moment")
 
     async def _check_parameters(self) -> None:
-        """Raises :class:`Refused` where the autopilot would take an output for something else than it says."""
-        state, loaded = self.vehicle.state, self.workshop.loaded
-        needs = autopilot_named(state.autopilot, state.kind).needs_by_level
-        for need in next((each for level, each in needs.items() if loaded and level == loaded.gives), ()):
-            values: dict[str, float | None] = {}
-            for name in need.params:
-                with contextlib.suppress(ZmavError):  # another firmware's name
-                    values[name] = (await self.vehicle.params.get(name)).value
-            why = need.unmet(values.get, state.sysid or 1)
-            if why is not None:
-                raise Refused(why, vehicle=state.name, parameter=need.params[0])
+        gives = self.workshop.loaded.gives if self.workshop.loaded is not None else ""
+        await check_parameters(self.vehicle, gives, self.settings.back)
 
     async def _fly(self, taken: asyncio.Event) -> None:
         """One engagement, from the lease to the autopilot's having it again."""
         try:
             async with self.vehicle.lease(self.name, self.settings.lease_s, self.settings.priority) as lease:
-                if await self._take_over(lease):
+                if not self._over.is_set() and await self._take_over(lease):
                     taken.set()
                     await self._over.wait()
                 self.cycles.end()
@@ -398,10 +393,7 @@ class Supervisor(zmav.Agent):
         reason = (lease.lost.detail.get("reason") if lease.lost else None) or ""
         if lease.lost is None:
             try:
-                if self.settings.back:
-                    await self.vehicle.set_mode(self.settings.back)
-                else:
-                    await self.vehicle.hold()
+                await self._give_back()
             except ZmavError as e:
                 self.say("back", "error", f"the autopilot cannot be told to hold: {e}; the vehicle's own ladder will")
         self.handed_back_ms = (time.monotonic() - began) * 1e3
@@ -411,8 +403,20 @@ class Supervisor(zmav.Agent):
             "back", severity, f"{self._why}: {who} has it", why=self._why, took_ms=self.handed_back_ms, reason=reason
         )
 
+    async def _give_back(self) -> None:
+        if not self.settings.back:
+            await self.vehicle.hold()
+            return
+        try:
+            await self.vehicle.set_mode(self.settings.back)
+        except NotHolder:
+            raise  # somebody has taken it meanwhile
+        except ZmavError as e:
+            self.say("back", "error", f"the autopilot does not take {self.settings.back}, and holds instead: {e}")
+            await self.vehicle.hold()
+
     async def _release(self, why: str) -> None:
-        self._began = time.monotonic()
+        self._began, self._wanted = time.monotonic(), None
         if self._engaged is None or self._engaged.done():
             return
         self.cycles.end()

@@ -13,7 +13,7 @@ from agents.controllers.estimate import MOST_DT, Estimate
 from agents.controllers.packets import Answer, unpack_cycle
 from agents.controllers.types import RatesThrust
 from zmav import wire
-from zmav.errors import BadInput
+from zmav.errors import BadConfig, BadInput
 from zmav.mavlink import encode, load_dialect
 
 DIALECT = load_dialect()
@@ -188,6 +188,17 @@ def test_a_clock_heard_of_late_does_not_move_it_either(rig: Rig) -> None:
     assert rig.estimate.state.t < 100.0
 
 
+def test_a_place_beyond_a_minute_is_refused_in_words(rig: Rig) -> None:
+    rig.engage()
+    with pytest.raises(BadInput, match="takes 75 s"):
+        rig.cycles.references.goto((40.0, 0.0, -10.0), None, 1.0, 2.0, rig.estimate.state)
+
+
+def test_channels_that_there_are_not_are_refused() -> None:
+    with pytest.raises(BadConfig, match="channels 1 to 18"):
+        Estimate((1, 2, 3, 19))
+
+
 def sticks(rig: Rig) -> None:
     chans = {f"chan{i}_raw": 1500 for i in range(1, 19)}
     rig.frame("RC_CHANNELS", US, time_boot_ms=rig.ms, chancount=18, rssi=0, **chans)
@@ -228,7 +239,7 @@ def test_what_fails_in_the_supervisor_itself_hands_back(rig: Rig, monkeypatch: p
 def test_a_trajectory_to_the_end_of_the_world_is_refused_or_flown(rig: Rig) -> None:
     rig.engage()
     for pos in ((1e300, 0.0, 0.0), (0.0, 1e308, -1e308)):
-        with pytest.raises(BadInput, match="segment"):
+        with pytest.raises(BadInput, match="the way takes"):
             rig.cycles.references.goto(pos, 1e300, 2.0, 2.0, rig.estimate.state)
     point = wire.SegmentPoint(t=rig.estimate.state.t - 1000.0, pos=(0.0, 0.0, 0.0))
     with pytest.raises(BadInput, match="from now"):
