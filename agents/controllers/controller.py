@@ -28,7 +28,14 @@ from zmav.errors import BadConfig, BadInput
 
 
 def parameter(default: float, low: float, high: float, unit: str = "", doc: str = "") -> float:
-    """A parameter, as a class attribute: a number on each instance, changed in flight within its bounds."""
+    """A parameter, as a class attribute: a number on each instance, changed in flight within its bounds. Raises
+    :class:`~zmav.errors.BadConfig` for bounds without the default between them.
+    """
+    # numpy's numbers are no JSON
+    default, low, high = float(default), float(low), float(high)
+    if not (math.isfinite(low) and math.isfinite(high) and low <= default <= high):  # false for nan, too
+        text = f"parameter({default:g}, {low:g}, {high:g}): expected parameter(default, low, high), the default between"
+        raise BadConfig(text, field="default", value=default, expected=f"{low:g} to {high:g}")
     return cast("float", Tunable(default, low, high, unit, doc))
 
 
@@ -51,18 +58,20 @@ class Controller:
         found = dict(cls.tunables)
         for name, value in list(vars(cls).items()):
             if isinstance(value, Tunable):
+                if hasattr(Controller, name) or name == "signals":
+                    raise _bad(cls, name, value, "another name: a parameter would hide what every controller has")
                 found[name] = value
         cls.tunables = found
         level = getattr(cls, "level", None)
         if level is None:
             return  # a base of others
         if level not in LEVELS:
-            raise _bad(cls, "level", level, ", ".join(LEVELS))
+            raise _bad(cls, "level", level, "one of " + ", ".join(LEVELS))
         if not vars(cls).get("gives"):
             inherited = any(vars(base).get("gives") for base in cls.__mro__[1:] if "level" not in vars(cls))
             cls.gives = cls.gives if inherited else USUAL[cast("Level", level)]
         if cls.gives not in OUTPUTS:
-            raise _bad(cls, "gives", cls.gives, ", ".join(OUTPUTS))
+            raise _bad(cls, "gives", cls.gives, "one of " + ", ".join(OUTPUTS))
 
     def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
         for name, each in self.tunables.items():
@@ -93,7 +102,11 @@ class Controller:
             if isinstance(value, float | int):
                 self.signals[name] = float(value)
                 continue
-            row = np.asarray(value, dtype=float).ravel()
+            row = np.asarray(value, dtype=float)
+            if row.ndim == 0:  # numpy's own numbers
+                self.signals[name] = float(row)
+                continue
+            row = row.ravel()
             ends = "xyz" if len(row) == 3 else [str(i) for i in range(len(row))]
             for end, each in zip(ends, row, strict=True):
                 self.signals[f"{name}.{end}"] = float(each)
@@ -111,5 +124,5 @@ def check(who: str, tunables: Mapping[str, Tunable], name: str, value: float) ->
 
 
 def _bad(cls: type[Controller], field: str, value: object, expected: str) -> BadConfig:
-    text = f"{cls.__name__}.{field} is {value!r}; expected one of {expected}"
+    text = f"{cls.__name__}.{field} is {value!r}; expected {expected}"
     return BadConfig(text, field=field, value=value, expected=expected)

@@ -12,7 +12,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -46,6 +46,10 @@ INNER_VALID, OUTER_VALID = 0.1, 0.4
 """s that a setpoint is flown without the next one"""
 BURST = 0.5
 """of a cycle, within which two attitudes are told as one"""
+CLOCK_STEP = 0.0002
+"""s by which the autopilot's clock is set at a time while a controller flies"""
+DO_SET_MODE, ACCEPTED = 176, 0
+"""MAV_CMD and MAV_RESULT"""
 KEPT = 10_000
 """cycles whose times are kept"""
 
@@ -87,6 +91,8 @@ class Cycles:
         """s from a cycle's frame to its setpoint's put, and s in the controller"""
         self.heard = 0.0
         """monotonic s of the last attitude"""
+        self.source: tuple[int, int] | None = None
+        """system and component of the autopilot: another one's frames may come over the same link"""
         self.tripped = 0.0
         """monotonic s at which the last engagement ended by itself"""
         self.stuck = False
@@ -107,7 +113,7 @@ class Cycles:
         """monotonic s at which signals are due"""
         self._takers = {
             "LOCAL_POSITION_NED": estimate.local, "GLOBAL_POSITION_INT": estimate.globally,
-            "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target, "SERVO_OUTPUT_RAW": estimate.outputs,
+            "COMMAND_ACK": self._acknowledged, "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target, "SERVO_OUTPUT_RAW": estimate.outputs,
         }  # fmt: skip
 
     # The event loop, without the lock.
@@ -126,13 +132,22 @@ class Cycles:
             self.took.clear()
             self.phase = Phase.ENGAGING
 
-    def in_force(self) -> bool:
-        """The autopilot follows; False: it has ended already."""
+    def presume(self) -> None:
+        """The autopilot probably follows now: from here on the controller remembers from cycle to cycle."""
         with self.lock:
-            if self.phase is not Phase.ENGAGING:
-                return False
-            self.phase = Phase.IN_FORCE
-            return True
+            if self.phase is Phase.ENGAGING:
+                self.phase = Phase.IN_FORCE
+
+    def doubt(self) -> None:
+        """It does not after all."""
+        with self.lock:
+            if self.phase is Phase.IN_FORCE:
+                self.phase, self._applied = Phase.ENGAGING, None
+
+    def in_force(self) -> bool:
+        """The autopilot follows for certain; False: it has ended already."""
+        self.presume()
+        return self.phase is Phase.IN_FORCE
 
     def end(self) -> None:
         """No output goes out any more once this returns."""
@@ -146,20 +161,37 @@ class Cycles:
             if self.phase and silent > max(0.1, 10.0 * self.estimate.period):
                 self._trip(f"no attitude came for {silent * 1e3:.0f} ms")
 
+    def set_clock(self, boot_t: float) -> None:
+        """UTC s at which the autopilot's time was nought, as it is known now; to be called often. In flight it is
+        only drawn near: where a clock is set, what is followed would jump with it.
+        """
+        with self.lock:
+            if not self.phase:
+                self.estimate.boot_t = boot_t
+            elif self.estimate.boot_t is not None:
+                self.estimate.boot_t += min(max(boot_t - self.estimate.boot_t, -CLOCK_STEP), CLOCK_STEP)
+
     # Zenoh's thread.
 
     def on_frame(self, sample: zenoh.Sample) -> None:
         try:
             frame = parse_frame(sample.payload.to_bytes(), self._dialect)
+            if (frame.sysid, frame.compid) != self.source:
+                return
             name, fields = self._dialect.name_of(frame.msgid), decode(frame, self._dialect)
         except ZmavError as e:
             logger.debug("no frame: %s", e)
             return
         with self.lock:
-            if name != "ATTITUDE_QUATERNION":
-                self._takers[name](fields)
-            elif self.estimate.attitude(fields):
-                self._begin()
+            try:
+                if name != "ATTITUDE_QUATERNION":
+                    self._takers[name](fields)
+                elif self.estimate.attitude(fields):
+                    self._begin()
+            except Exception as e:  # a thread of Zenoh's would go on, and the vehicle with it
+                logger.exception("a cycle failed")
+                if self.phase:
+                    self._trip(f"the supervisor failed: {e!r}")
 
     def _begin(self) -> None:
         self.heard = now = time.monotonic()
@@ -172,7 +204,7 @@ class Cycles:
         self._reference = reference = self.references.at(state)
         if phase:
             self.tally.cycles += 1
-            why = self.guard.check(state, reference)
+            why = estimate.blind or self.references.lost(state) or self.guard.check(state, reference)
             if why is not None:
                 self._trip(why)
                 return
@@ -197,11 +229,18 @@ class Cycles:
             self.stuck = True
             self._trip(f"no output for {self._late} cycles")
 
+    def _acknowledged(self, fields: Mapping[str, Any]) -> None:
+        """COMMAND_ACK: a mode that is granted is entered with it; of it a HEARTBEAT tells only later, and a controller of
+        torques that begins anew with each cycle would tumble until then.
+        """
+        if fields["command"] == DO_SET_MODE and fields["result"] == ACCEPTED and self.phase is Phase.ENGAGING:
+            self.phase = Phase.IN_FORCE
+
     # A worker's thread.
 
     def on_answer(self, worker: Worker, answer: Answer) -> None:
         with self.lock:
-            if worker is not self._worker:
+            if worker is not self._worker or answer.number != self._number:
                 return
             self._busy, self._late = False, 0
             if answer.output is None or not self.phase:

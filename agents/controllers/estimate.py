@@ -15,34 +15,41 @@ import numpy as np
 
 from agents.controllers.types import MOTORS, Array, State, Trim
 from zmav import geo, wire
+from zmav.errors import BadConfig
 
 RATES_HZ: Mapping[str, float] = {
     "ATTITUDE_QUATERNION": 0.0, "LOCAL_POSITION_NED": 0.0, "GLOBAL_POSITION_INT": 5.0, "RC_CHANNELS": 50.0,
     "ATTITUDE_TARGET": 25.0, "SERVO_OUTPUT_RAW": 25.0, "HEARTBEAT": 10.0,
 }  # fmt: skip
 """what is wanted of the autopilot; 0: as often as there are cycles. Of a mode that has changed a HEARTBEAT tells"""
+HEARD = (*(name for name in RATES_HZ if name != "HEARTBEAT"), "COMMAND_ACK")
+"""what is read here: of HEARTBEATs the vehicle's own agent tells"""
 MOST_DT = 0.1
 """s: after a longer silence a controller is not asked to make up for it"""
 ROUNDED = 0.0015
 """s by which a time in whole milliseconds can make one cycle look longer or shorter"""
+BLIND, DEAF = 0.5, 1.0
+"""s by the autopilot's clock without a position, or the pilot's sticks, after which the last ones are of no use"""
 SHARE = 0.02
 """of the newest cycle's time in the mean"""
 MOVED = 1.0
 """m by which the estimator's origin has moved, and was not only measured badly"""
-CLOCK_STEP = 0.0002
-"""s by which the time moves at once while it is followed: with fifty a second, a hundredth too fast or too slow"""
 PWM_MID, PWM_HALF, PWM_LOW, PWM_SPAN = 1500.0, 500.0, 1000.0, 1000.0
 UNHEARD = (0, 65535)
+CHANNELS = 18
 DRIVEN = 950
 """µs from which an output drives a motor: idle ones are below"""
 
 
 class Estimate:
     """One vehicle's. Not thread-safe: its user sees to that. ``channels``: of the pilot's roll, pitch, throttle and
-    yaw.
+    yaw. Raises :class:`~zmav.errors.BadConfig` for channels that there are not.
     """
 
     def __init__(self, channels: tuple[int, ...]) -> None:
+        if not all(1 <= channel <= CHANNELS for channel in channels):
+            text = f"rc = {list(channels)}: RC_CHANNELS has channels 1 to {CHANNELS}"
+            raise BadConfig(text, field="rc", value=list(channels), expected=f"1 to {CHANNELS}")
         self._channels = channels
         self._anchor: tuple[wire.Origin, Array] | None = None
         self.state, self.trim = State(), Trim()
@@ -54,6 +61,7 @@ class Estimate:
         """position and velocity are known"""
         self.cycles = 0
         self._boot_ms = -1
+        self._sticks_ms = -1
         self._shift: Array | None = None
         self._shifts: deque[Array] = deque(maxlen=10)
         self._places: deque[tuple[int, Array, Array]] = deque(maxlen=50)
@@ -64,19 +72,17 @@ class Estimate:
             about = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
             self._anchor = about, np.array(local)
 
-    def set_clock(self, boot_t: float, slowly: bool) -> None:
-        """``boot_t``: UTC s at which the autopilot's time was nought. ``slowly``: a trajectory is followed by it, which
-        no better guess of that time may make jump.
-        """
-        before = self.boot_t
-        if slowly and before is not None:
-            boot_t = min(max(boot_t, before - CLOCK_STEP), before + CLOCK_STEP)
-        self.boot_t = boot_t
-
     @property
     def ready(self) -> bool:
         """All that a controller needs is there."""
-        return self.located and self.cycles > 1 and (self._shift is not None or self._anchor is None)
+        placed = self._shift is not None or self._anchor is None
+        return self.located and self.cycles > 1 and placed and self.blind is None
+
+    @property
+    def blind(self) -> str | None:
+        """Attitudes come, and positions do not any more; None: they do."""
+        silent = (self._boot_ms - self._places[-1][0]) / 1e3 if self._places else 0.0
+        return f"no position came for {silent * 1e3:.0f} ms" if silent > BLIND else None
 
     def attitude(self, f: Mapping[str, Any]) -> bool:
         """ATTITUDE_QUATERNION; False: one that has come before, or the autopilot has started anew."""
@@ -86,12 +92,15 @@ class Estimate:
         if step <= 0.0:
             return False
         s = self.state
-        self.period += SHARE * (step - self.period) if self.cycles > 1 else step - self.period
+        usual = min(step, MOST_DT)  # a silence, or a clock that was set, is no cycle's length
+        self.period += SHARE * (usual - self.period) if self.cycles > 1 else usual - self.period
         # Times come in whole milliseconds: where that explains it, every cycle is as long as the mean.
         s.dt = self.period if abs(step - self.period) < ROUNDED else min(step, MOST_DT)
         s.t = ms / 1e3 + (self.boot_t or 0.0)
         s.q = np.array((f["q1"], f["q2"], f["q3"], f["q4"]))
         s.rates = np.array((f["rollspeed"], f["pitchspeed"], f["yawspeed"]))
+        if ms - self._sticks_ms > DEAF * 1e3:
+            s.sticks = _unheard()
         self.cycles += 1
         return True
 
@@ -120,8 +129,9 @@ class Estimate:
     def sticks(self, f: Mapping[str, Any]) -> None:
         """RC_CHANNELS."""
         raw = [int(f[f"chan{channel}_raw"]) for channel in self._channels]
+        self._sticks_ms = int(f["time_boot_ms"])
         if any(pwm in UNHEARD for pwm in raw):
-            self.state.sticks = np.array([0.0, 0.0, math.nan, 0.0])
+            self.state.sticks = _unheard()
             return
         roll, pitch, throttle, yaw = raw
         # A pitch stick pulled back gives more, and brings the nose up.
@@ -139,6 +149,10 @@ class Estimate:
         raw = [int(f[f"servo{i + 1}_raw"]) for i in range(MOTORS)]
         driven = [pwm for pwm in raw if DRIVEN <= pwm < UNHEARD[1]]
         self.state.motors = np.clip((np.array(driven) - PWM_LOW) / PWM_SPAN, 0.0, 1.0) if driven else None
+
+
+def _unheard() -> Array:
+    return np.array([0.0, 0.0, math.nan, 0.0])
 
 
 def _centred(pwm: int) -> float:

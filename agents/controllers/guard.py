@@ -63,6 +63,8 @@ class Guard:
         down = 1.0 - 2.0 * (x * x + y * y)
         if not math.isfinite(w + z + down) or not np.isfinite(state.pos).all() or not np.isfinite(state.vel).all():
             return "the autopilot's estimate is not finite"
+        if abs(w * w + x * x + y * y + z * z - 1.0) > 0.05:
+            return f"the autopilot's attitude is no rotation: ({w:.3g}, {x:.3g}, {y:.3g}, {z:.3g})"
         if down < math.cos(e.tilt):
             return f"tilt {math.degrees(math.acos(max(down, -1.0))):.0f}° is beyond {math.degrees(e.tilt):.0f}°"
         rate = float(np.abs(state.rates).max())

@@ -9,19 +9,23 @@ that a saved file is loaded there while this one flies.
 from __future__ import annotations
 
 import base64
-import copy
 import gc
+import os
 import pickle
+import select
 import signal
 import socket
 import sys
+import threading
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from agents.controllers import packets
+from agents.controllers.controller import Controller
 from agents.controllers.loading import load, where
 from agents.controllers.signals import inner_signals
 from agents.controllers.stack import Stack
@@ -31,6 +35,10 @@ LOOKING_ON, IN_FORCE = 0, 1
 """a cycle's phase; in any other its output goes out, and nothing is remembered from cycle to cycle"""
 TRIAL = 1.0
 """s for the cycle on which a controller is tried out"""
+MOST_KEPT = packets.MOST - 1000
+"""bytes, in the form in which it goes over"""
+MOST_TEXT = 2000
+"""characters of what is said of an error"""
 COLLECT_EVERY = 500
 """cycles between two looks for garbage, after an output has gone out"""
 
@@ -41,7 +49,11 @@ class Host:
     def __init__(self, line: socket.socket) -> None:
         self._line = line
         self._what = ""
+        self._kind: type[Controller] | None = None
+        self._tuned: dict[str, float] = {}
         self._stack: Stack | None = None
+        self._begun = False
+        """it was reset by a cycle"""
         self._kept: dict[str, Any] | None = None
         self._names: tuple[str, ...] = ()
         self._failed = False
@@ -68,8 +80,11 @@ class Host:
             self._failed = False
         except Exception as e:
             if not self._failed or phase:  # while it only looks on, once is enough
-                self._say(failed=f"{type(e).__name__}: {e}")  # at once: to find out where takes longer than some cycles
-                self._say(because=where(e, self._what))
+                said = f"{type(e).__name__}: {e}"[:MOST_TEXT]
+                self._say(failed=said)  # at once: to find out where takes longer than some cycles
+                self._say(because=where(e, self._what)[:MOST_TEXT])
+            else:
+                self._line.send(packets.pack_output(number, 0.0, None, {}))
             self._failed = True
             return
         self._tell_names(tuple(signals))
@@ -82,8 +97,9 @@ class Host:
         stack = self._stack
         if stack is None:
             return None
-        if phase != IN_FORCE or self._kept is not None:
+        if phase != IN_FORCE or self._kept is not None or not self._begun:
             stack.reset(state, reference, trim)
+            self._begun = True
             if self._kept is not None:
                 stack.keep(self._kept)
                 self._kept = None
@@ -106,24 +122,24 @@ class Host:
         if "load" in said:
             self._load(**said["load"])
         elif "tune" in said and self._stack is not None:
-            self._stack.tune(**said["tune"])
-        elif "keep" in said and self._stack is not None:
-            self._kept = pickle.loads(base64.b64decode(said["keep"]))
+            try:
+                self._stack.tune(**said["tune"])
+            except Exception as e:  # a class may have a tune() of its own
+                self._say(because=f"not tuned: {where(e, self._what)}"[:MOST_TEXT])
+        elif "keep" in said:
+            self._keep(base64.b64decode(said["keep"]))
         elif "give" in said and self._stack is not None:
-            self._say(kept=base64.b64encode(pickle.dumps(self._stack.kept())).decode())
+            self._give(self._stack)
 
     def _load(self, what: str, cls: str, tuned: dict[str, float]) -> None:
-        self._what = what
+        self._what, self._tuned = what, tuned
         try:
-            stack = Stack(load(what, cls)())
-            for name, value in tuned.items():
-                if name in stack.tunables:
-                    stack.tune(name, value)
-            _try(copy.deepcopy(stack))
+            self._kind = load(what, cls)
+            _try(self._made())  # on one of its own: what it does there is not to be seen in flight
+            self._stack = stack = self._made()
         except BaseException as e:  # whatever a user's file does: even sys.exit()
-            self._say(broken=where(e, what))
+            self._say(broken=where(e, what)[:MOST_TEXT])
             return
-        self._stack = stack
         gc.collect()
         gc.freeze()
         kind = stack.controller
@@ -131,6 +147,35 @@ class Host:
             loaded=type(kind).__name__, level=kind.level, gives=kind.gives, doc=(type(kind).__doc__ or "").strip(),
             tunables={name: msgspec.to_builtins(each) for name, each in stack.tunables.items()},
         )  # fmt: skip
+
+    def _made(self) -> Stack:
+        assert self._kind is not None
+        stack = Stack(self._kind())
+        for name, value in self._tuned.items():
+            if name in stack.tunables:
+                stack.tune(name, value)
+        return stack
+
+    def _give(self, stack: Stack) -> None:
+        """Whatever the class keeps: this flies on, and must not end by it."""
+        try:
+            kept = base64.b64encode(pickle.dumps(stack.kept())).decode()
+            if len(kept) > MOST_KEPT:
+                raise ValueError(f"{len(kept)} bytes; at most {MOST_KEPT}")
+        except Exception as e:
+            self._say(broken=f"what it keeps cannot go over: {where(e, self._what)}"[:MOST_TEXT])
+            return
+        self._say(kept=kept)
+
+    def _keep(self, kept: bytes) -> None:
+        """Taken over where one cycle with it goes well: the class may have changed what it keeps."""
+        try:
+            _try(self._made(), pickle.loads(kept))
+            self._kept = pickle.loads(kept)
+        except BaseException as e:
+            self._say(broken=f"with what the class kept: {where(e, self._what)}"[:MOST_TEXT])
+            return
+        self._say(taken=True)
 
     def _say(self, **what: Any) -> None:
         self._line.send(packets.talk(**what))
@@ -149,7 +194,7 @@ def checked(output: object, gives: str) -> Output:
     return output
 
 
-def _try(stack: Stack) -> None:
+def _try(stack: Stack, kept: Mapping[str, Any] | None = None) -> None:
     """One cycle at a hover: what is wrong with every cycle shows before it flies. Raises what it raises, and
     TimeoutError where it does not end.
     """
@@ -160,20 +205,31 @@ def _try(stack: Stack) -> None:
     signal.signal(signal.SIGALRM, too_long)
     signal.setitimer(signal.ITIMER_REAL, TRIAL)
     try:
-        _one_cycle(stack)
+        _one_cycle(stack, kept)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
-def _one_cycle(stack: Stack) -> None:
+def _one_cycle(stack: Stack, kept: Mapping[str, Any] | None) -> None:
     state, reference, trim = State(), Reference(level=stack.controller.level), Trim()
     state.sticks[2] = 0.5
     stack.reset(state, reference, trim)
+    if kept is not None:
+        stack.keep(kept)
     packets.pack_output(0, 0.0, checked(stack.update(state, reference), stack.controller.gives), stack.signals)
+
+
+def _end_with(line: socket.socket) -> None:
+    """A user's loop without an end does not outlive the supervisor."""
+    gone = select.poll()
+    gone.register(line, 0)  # its other end is closed: nothing else is waited for
+    gone.poll()
+    os._exit(0)
 
 
 def main() -> None:
     with socket.socket(fileno=int(sys.argv[1])) as line:
+        threading.Thread(target=_end_with, args=(line,), daemon=True).start()
         Host(line).run()
 
 

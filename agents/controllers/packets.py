@@ -28,6 +28,8 @@ from agents.controllers.types import (
 
 MOST = 1 << 17
 """bytes of a datagram"""
+MOST_SIGNALS = 1000
+"""numbers: more than anybody looks at, and their names would be no datagram any more"""
 CYCLE, OUTPUT, TALK = b"c", b"o", b"j"
 _CYCLE = struct.Struct(f"<cBBI{19 + MOTORS + 19 + 8}d")
 """kind, phase (see :mod:`agents.controllers.cycle`), the reference's level, number; state, motors, reference, trim"""
@@ -79,6 +81,8 @@ def pack_output(number: int, took: float, output: Output | None, signals: dict[s
     """Raises TypeError, ValueError or struct.error for what is no output."""
     if output is None:
         return _OUTPUT.pack(OUTPUT, NOTHING, number, took, *[math.nan] * 6)
+    if len(signals) > MOST_SIGNALS:
+        raise ValueError(f"{len(signals)} signals are too many: at most {MOST_SIGNALS} numbers go out with a cycle")
     which = _CLASSES.index(type(output))
     head = _OUTPUT.pack(OUTPUT, which, number, took, *_numbers(output))
     return head + struct.pack(f"<{len(signals)}d", *signals.values())

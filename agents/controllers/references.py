@@ -16,7 +16,7 @@ from agents.controllers.rotation import from_euler
 from agents.controllers.types import Array, Level, Reference, State
 from zmav import wire
 from zmav.errors import BadInput
-from zmav.services.trajectory import Segment
+from zmav.services.trajectory import MAX_STEP, Segment
 
 BRAKE = 3.0
 """m/s² at which a vehicle that is taken over in motion is brought to rest"""
@@ -64,13 +64,20 @@ class References:
         self._stick_level = self._injection = None
 
     def goto(self, pos: wire.Vector, yaw: float | None, speed: float, accel: float, state: State) -> float:
-        """To a place and back to rest, as smooth as a polynomial of the fifth degree; gives the seconds it takes."""
+        """To a place and back to rest, as smooth as a polynomial of the fifth degree; gives the seconds it takes.
+        Raises :class:`BadInput` for what lasts too long, and as :meth:`follow`.
+        """
         start = self._at(state)
         away = math.dist(pos, start.pos)
         # Of this polynomial the peaks are 15/8 of the mean speed and 10/sqrt(3) of way / time².
         lasts = max(1.875 * away / speed, math.sqrt(5.774 * away / accel), 1.0)
         if yaw is not None:
             lasts = max(lasts, abs((yaw - start.yaw + math.pi) % math.tau - math.pi) / 1.0)
+        if lasts > MAX_STEP:
+            text = (
+                f"the way takes {lasts:.0f} s, and {MAX_STEP:.0f} s are flown at once: go faster, or part of it first"
+            )
+            raise BadInput(text, field="speed", value=speed, expected=f"arrival within {MAX_STEP:.0f} s")
         rest = (0.0, 0.0, 0.0)
         points = [
             wire.SegmentPoint(t=state.t, pos=_tuple(start.pos), vel=rest, acc=rest, yaw=start.yaw),
@@ -128,6 +135,12 @@ class References:
         return self._segments[-1].end if self._segments else 0.0
 
     # Each cycle.
+
+    def lost(self, state: State) -> str | None:
+        """Why there is nothing to follow any more: rates of nought would keep it as inclined as it is."""
+        if self._stick_level == "rates" and math.isnan(state.sticks[2]):
+            return "the pilot's radio is not heard any more, and the rates are his"
+        return None
 
     def at(self, state: State) -> Reference:
         """For this cycle."""

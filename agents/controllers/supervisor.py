@@ -20,15 +20,17 @@ from zenoh import handlers
 import zmav
 from agents.controllers import loading
 from agents.controllers.cycle import Cycles, Phase
-from agents.controllers.estimate import RATES_HZ, Estimate
+from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
 from agents.controllers.limits import TUNABLES, set_limit
+from agents.controllers.orders import ByStick, FollowSegment, GoTo
+from agents.controllers.readiness import check_parameters, check_ready
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
-from zmav.errors import BadConfig, BadInput, Refused, ZmavError
+from zmav.errors import BadConfig, BadInput, NotHolder, Refused, ZmavError
 from zmav.services.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
@@ -41,10 +43,10 @@ TAKE_OVER = 6.0
 """s for the autopilot to follow: PX4 wants a second of the stream before"""
 SOON = 2.0
 """s that an order to engage waits for the autopilot's state"""
+CONFIRMED = 1.5
+"""s in which the vehicle's state shows that it follows, where the autopilot has acknowledged the mode"""
 MODE_TOLD = 0.3
 """s in which a HEARTBEAT tells of the mode for certain: an older one may be of the engagement before"""
-ENOUGH = 0.8
-"""of the rate that is wanted: below it nobody takes over"""
 PATIENCE = 10.0
 """s for a vehicle that was not heard yet"""
 
@@ -68,32 +70,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """the pilot's switch (``[pilot_switch]`` in the fleet file) turned away from him engages it, too"""
     priority: int = 0
     lease_s: float = 3.0
-
-
-class GoTo(wire.Order, kw_only=True):
-    """A place to fly to under the controller."""
-
-    pos: wire.Vector
-    """m, NED about the fleet's origin"""
-    yaw: float | None = None
-    """rad"""
-    speed: float = 2.0
-    """m/s at most"""
-    accel: float = 2.0
-    """m/s² at most"""
-
-
-class FollowSegment(wire.Order, kw_only=True):
-    """A trajectory to follow under the controller."""
-
-    segment: list[wire.SegmentPoint]
-
-
-class ByStick(wire.Order, kw_only=True):
-    """The pilot's sticks as reference."""
-
-    level: str = "attitude"
-    """velocity, attitude or rates"""
 
 
 def slug(what: str) -> str:
@@ -143,7 +119,11 @@ class Supervisor(zmav.Agent):
         self._replacing: asyncio.Task[None] | None = None
         self._engaged: asyncio.Task[None] | None = None
         self._switched: asyncio.Task[None] | None = None
-        self._pilot_has_it = False
+        self._wanted: object | None = None
+        """the request to take over that counts, while it is looked into"""
+        self._ending = False
+        self._pilot_at = ""
+        """the instance of the vehicle's agent that said last that the pilot has it; empty: he has it no more"""
         self._over = asyncio.Event()
         self._why = ""
         self._began = 0.0
@@ -172,8 +152,7 @@ class Supervisor(zmav.Agent):
             await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
             for name, hz in RATES_HZ.items():
                 stack.enter_context(self.vehicle.rates.want(name, hz or self.settings.rate_hz))
-                if name == "HEARTBEAT":  # the vehicle's own agent reads it
-                    continue
+            for name in HEARD:
                 key = keys.RX.key(self.vehicle.fleet, self.vehicle.name, sys="*", comp="1", msg=name)
                 # On Zenoh's own thread: with a thread each, an attitude would overtake the position beside it.
                 direct: Any = handlers.Callback(self.cycles.on_frame, indirect=False)
@@ -182,6 +161,7 @@ class Supervisor(zmav.Agent):
             try:
                 await together(self._look(), self._watch_file(), self._watch_events())
             finally:
+                self._ending = True
                 await self._release("the supervisor ends")
 
     async def _look(self) -> None:
@@ -191,14 +171,22 @@ class Supervisor(zmav.Agent):
             self.cycles.watch()
             state = self.vehicle.last_state
             if state is not None:
+                if state.sysid is not None and state.compid is not None:
+                    self.cycles.source = state.sysid, state.compid
                 if state.clock is not None:
-                    self.estimate.set_clock(state.clock.boot_t, bool(self.cycles.phase))
+                    self.cycles.set_clock(state.clock.boot_t)
                 if state.position is not None and state.local is not None:
                     self.estimate.anchor(state.position, state.local)
-                if self._pilot_has_it and state.pilot is None and self.settings.by_switch:
+                if self._turned_away(state) and self.settings.by_switch:
                     self._switched = asyncio.get_running_loop().create_task(self._by_switch())
-                self._pilot_has_it = state.pilot is not None
             self._tell()
+
+    def _turned_away(self, state: wire.VehicleState) -> bool:
+        """The pilot's switch, from him. An agent of the vehicle that has just begun does not know of it yet."""
+        before, self._pilot_at = self._pilot_at, "" if state.pilot is None else state.instance
+        if self._pilot_at:
+            self._wanted = None  # what was asked for before he took it counts no more
+        return before == state.instance and not self._pilot_at
 
     def _tell(self) -> None:
         """The status: who flies, and how it goes."""
@@ -226,8 +214,14 @@ class Supervisor(zmav.Agent):
 
     async def _load(self, *, kept: bool = True) -> float:
         shop = self.workshop
-        names = shop.loaded.tunables if shop.loaded is not None else ()
-        return await shop.load({name: self[name] for name in names}, kept=kept)
+        given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
+        took = await shop.load(given, kept=kept)
+        if shop.loaded is not None and shop.worker is not None:
+            self.declare({**self.tunables, **shop.loaded.declared()})
+            for name in given.keys() & shop.loaded.tunables.keys():
+                if self[name] != given[name]:  # changed while it was loaded
+                    shop.worker.tune(name, self[name])
+        return took
 
     def _agree(self, loaded: Loaded) -> None:
         """Raises :class:`BadConfig` for what cannot take the place of what flies."""
@@ -239,18 +233,17 @@ class Supervisor(zmav.Agent):
         if clash:
             text = f"{loaded.loaded} has a parameter called {clash[0]}, which the supervisor has: call it otherwise"
             raise BadConfig(text, field=clash[0], value=clash[0], expected="another name")
-        self.declare({**self.tunables, **loaded.declared()})
 
     async def _watch_file(self) -> None:
         while True:
             await self.workshop.saved()
-            with contextlib.suppress(ZmavError):
+            with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
     async def _load_again(self, *, kept: bool = True) -> float:
         try:
             took = await self._load(kept=kept)
-        except ZmavError as e:
+        except Exception as e:
             self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
             raise
         self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
@@ -302,14 +295,19 @@ class Supervisor(zmav.Agent):
                         self._refused.put_nowait(event.text.partition("dropped: ")[2])
 
     async def on_engage(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        if self.cycles.phase:
+        if self.cycles.phase is Phase.IN_FORCE:
             return {"state": "controller"}
+        self._check_free()
+        self._wanted = wanted = object()
         with contextlib.suppress(asyncio.TimeoutError):
             await within(SOON, self._estimated())
-        self._check_ready()
-        await self._check_parameters()
+        check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
         if self.workshop.worker is None or not self.workshop.worker.alive:
             await self._load_again(kept=False)
+        await self._check_parameters()
+        self._check_free()
+        if self._wanted is not wanted:
+            raise Refused("before it took over it was released, asked for again, or the pilot had it: ask anew")
         self._over, self._why = asyncio.Event(), ""
         taken, begun = asyncio.Event(), time.monotonic()
         self._engaged = flight = asyncio.create_task(self._fly(taken))
@@ -335,42 +333,22 @@ class Supervisor(zmav.Agent):
         while not self.estimate.ready:
             await asyncio.sleep(LOOK)
 
-    def _check_ready(self) -> None:
-        """Raises :class:`Refused` with what is missing."""
-        state, estimate = self.vehicle.state, self.estimate
-        if state.pilot:
-            raise Refused(f"the pilot has it: {state.pilot}", count="pilot")
-        if not state.armed or state.landed:
-            raise Refused("it is on the ground or disarmed: a controller takes over in the air; order a takeoff first")
-        if not estimate.ready:
-            raise Refused("no ATTITUDE_QUATERNION and LOCAL_POSITION_NED yet: is the link up, has it a position?")
-        hz, wanted = 1.0 / max(estimate.period, 1e-6), self.settings.rate_hz
-        if hz < ENOUGH * wanted:
-            text = (
-                f"the autopilot's state comes at {hz:.0f} Hz of {wanted:g}: give the link more room (a higher baud, "
-                f"SERIALn_BAUD or SER_TELn_BAUD; 'zmav rate list {state.name}' shows who reads what), or ask for less "
-                f"(-o rate_hz={max(hz * 0.9, 1.0):.0f})"
-            )
-            raise Refused(text, hz=hz, wanted=wanted)
+    def _check_free(self) -> None:
+        """Raises :class:`Refused` while an engagement is not over, and when there will be none any more."""
+        if self._ending:
+            raise Refused("the supervisor ends")
+        if self._engaged is not None and not self._engaged.done():
+            raise Refused("it is taking over or handing back just now: ask again in a moment")
 
     async def _check_parameters(self) -> None:
-        """Raises :class:`Refused` where the autopilot would take an output for something else than it says."""
-        state, loaded = self.vehicle.state, self.workshop.loaded
-        needs = autopilot_named(state.autopilot, state.kind).needs_by_level
-        for need in next((each for level, each in needs.items() if loaded and level == loaded.gives), ()):
-            values: dict[str, float | None] = {}
-            for name in need.params:
-                with contextlib.suppress(ZmavError):  # another firmware's name
-                    values[name] = (await self.vehicle.params.get(name)).value
-            why = need.unmet(values.get, state.sysid or 1)
-            if why is not None:
-                raise Refused(why, vehicle=state.name, parameter=need.params[0])
+        gives = self.workshop.loaded.gives if self.workshop.loaded is not None else ""
+        await check_parameters(self.vehicle, gives, self.settings.back)
 
     async def _fly(self, taken: asyncio.Event) -> None:
         """One engagement, from the lease to the autopilot's having it again."""
         try:
             async with self.vehicle.lease(self.name, self.settings.lease_s, self.settings.priority) as lease:
-                if await self._take_over(lease):
+                if not self._over.is_set() and await self._take_over(lease):
                     taken.set()
                     await self._over.wait()
                 self.cycles.end()
@@ -389,16 +367,22 @@ class Supervisor(zmav.Agent):
             self._refused.get_nowait()
         flown = state.setpoints.get("flown", 0)
         self.cycles.engage(lease, height)
+        if state.mode == guided:  # it has followed somebody before, and does so at once
+            self.cycles.presume()
         deadline = time.monotonic() + TAKE_OVER
+        presumed = 0.0
         while time.monotonic() < deadline and not self._over.is_set():
             now = self.vehicle.last_state
+            presumed = presumed + LOOK / 4 if self.cycles.phase is Phase.IN_FORCE else 0.0
+            if presumed > CONFIRMED:
+                self.cycles.doubt()
             told = time.monotonic() > deadline - TAKE_OVER + MODE_TOLD
             if told and now is not None and now.mode == guided and now.setpoints.get("flown", 0) > flown:
                 return self.cycles.in_force()
             if told and not self._refused.empty():
                 self._why = self._refused.get_nowait()
                 return False
-            await asyncio.sleep(0.005)
+            await asyncio.sleep(LOOK / 4)
         refused = "" if self._refused.empty() else f": {self._refused.get_nowait()}"
         self._why = self._why or f"{guided} did not come within {TAKE_OVER:g} s{refused}"
         return False
@@ -416,10 +400,7 @@ class Supervisor(zmav.Agent):
         reason = (lease.lost.detail.get("reason") if lease.lost else None) or ""
         if lease.lost is None:
             try:
-                if self.settings.back:
-                    await self.vehicle.set_mode(self.settings.back)
-                else:
-                    await self.vehicle.hold()
+                await self._give_back()
             except ZmavError as e:
                 self.say("back", "error", f"the autopilot cannot be told to hold: {e}; the vehicle's own ladder will")
         self.handed_back_ms = (time.monotonic() - began) * 1e3
@@ -429,8 +410,20 @@ class Supervisor(zmav.Agent):
             "back", severity, f"{self._why}: {who} has it", why=self._why, took_ms=self.handed_back_ms, reason=reason
         )
 
+    async def _give_back(self) -> None:
+        if not self.settings.back:
+            await self.vehicle.hold()
+            return
+        try:
+            await self.vehicle.set_mode(self.settings.back)
+        except NotHolder:
+            raise  # somebody has taken it meanwhile
+        except ZmavError as e:
+            self.say("back", "error", f"the autopilot does not take {self.settings.back}, and holds instead: {e}")
+            await self.vehicle.hold()
+
     async def _release(self, why: str) -> None:
-        self._began = time.monotonic()
+        self._began, self._wanted = time.monotonic(), None
         if self._engaged is None or self._engaged.done():
             return
         self.cycles.end()

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -20,6 +23,7 @@ from zmav.errors import BadConfig, TimedOut
 from zmav.services.port import on_loop
 from zmav.waiting import within
 
+logger = logging.getLogger(__name__)
 LOAD_TIMEOUT = 20.0
 """s for a file to be loaded: what it imports may be large"""
 KEPT_TIMEOUT = 0.1
@@ -87,10 +91,16 @@ class Worker:
     def tune(self, name: str, value: float) -> None:
         self.send(packets.talk(tune={"name": name, "value": value}))
 
+    def kill(self) -> None:
+        """End it, and the processes that the user's class has started."""
+        if self.alive:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+
     def close(self) -> None:
         """End it, however stuck it is."""
         self._closed = True
-        self.process.kill()
+        self.kill()
         with contextlib.suppress(OSError):
             self._line.shutdown(socket.SHUT_RDWR)
         self.process.wait()
@@ -100,9 +110,9 @@ class Worker:
 
     # The event loop.
 
-    def keep(self, kept: str) -> None:
-        """What another process of the same class kept, to go on with."""
-        self.send(packets.talk(keep=kept))
+    async def keep(self, kept: str) -> None:
+        """What another process of the same class kept, to go on with. Raises as :meth:`load`."""
+        self._whole(await self._ask(packets.talk(keep=kept), KEPT_TIMEOUT, "it did not take what the class keeps"))
 
     async def load(self, what: str, cls: str, tuned: dict[str, float]) -> Loaded:
         """Have it load a controller and try it out. Raises :class:`BadConfig` with file and line where it is broken,
@@ -110,15 +120,20 @@ class Worker:
         """
         late = f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s"
         said = await self._ask(packets.talk(load={"what": what, "cls": cls, "tuned": tuned}), LOAD_TIMEOUT, late)
-        if "broken" in said:
-            raise BadConfig(str(said["broken"]), field="controller", value=what, expected="a controller that runs")
+        self._whole(said)
         self.about = msgspec.convert(said, Loaded)
         return self.about
 
     async def kept(self) -> str:
-        """What its class says that it keeps, after its last cycle. Raises :class:`TimedOut`."""
+        """What its class says that it keeps, after its last cycle. Raises as :meth:`load`."""
         late = "the controller that flies did not give what it keeps"
-        return str((await self._ask(packets.talk(give=True), KEPT_TIMEOUT, late))["kept"])
+        said = await self._ask(packets.talk(give=True), KEPT_TIMEOUT, late)
+        self._whole(said)
+        return str(said["kept"])
+
+    def _whole(self, said: dict[str, Any]) -> None:
+        if "broken" in said:
+            raise BadConfig(str(said["broken"]), field="controller", value="", expected="a controller that runs")
 
     async def _ask(self, data: bytes, timeout: float, late: str) -> dict[str, Any]:
         waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
@@ -151,22 +166,29 @@ class Worker:
                 data = b""
             if not data:
                 break
-            if data[:1] == packets.OUTPUT:
-                self._on_answer(self, packets.unpack_output(data))
-                continue
-            said = packets.heard(data)
-            if "names" in said:
-                self.names = tuple(said["names"])
-            elif "failed" in said:
-                self._on_failed(self, str(said["failed"]))
-            elif "because" in said:
-                self._on_because(self, str(said["because"]))
-            else:
-                answered(said)
+            try:
+                self._take(data, answered)
+            except Exception as e:  # this thread must not end before the process does
+                logger.exception("what a controller's process said was not taken")
+                self._on_failed(self, f"what its process said was not taken: {e!r}")
         if not self._closed:
             code = self.process.wait()
             answered({"broken": f"its process ended by itself ({_reason(code)})"})
             self._on_failed(self, f"its process is gone ({_reason(code)})")
+
+    def _take(self, data: bytes, answered: Callable[[dict[str, Any]], None]) -> None:
+        if data[:1] == packets.OUTPUT:
+            self._on_answer(self, packets.unpack_output(data))
+            return
+        said = packets.heard(data)
+        if "names" in said:
+            self.names = tuple(said["names"])
+        elif "failed" in said:
+            self._on_failed(self, str(said["failed"]))
+        elif "because" in said:
+            self._on_because(self, str(said["because"]))
+        else:
+            answered(said)
 
 
 def _reason(code: int) -> str:

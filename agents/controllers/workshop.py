@@ -15,7 +15,7 @@ from pathlib import Path
 from agents.controllers import loading
 from agents.controllers.packets import Answer
 from agents.controllers.worker import Loaded, Worker
-from zmav.errors import ZmavError
+from zmav.errors import Refused
 
 SAVED = 0.1
 """s between two looks at whether the file was saved"""
@@ -40,15 +40,19 @@ class Workshop:
         self.broken = ""
         """what is wrong with the file as it was saved last"""
         self._spare: Worker | None = None
+        self._fresh: Worker | None = None
+        """what is being loaded"""
+        self._closed = False
         self._stamp = self._look()
         self._lock = asyncio.Lock()
 
     def close(self) -> None:
-        """End both processes."""
-        for worker in (self.worker, self._spare):
+        """End all processes; there are no others from now on."""
+        self._closed = True
+        for worker in (self.worker, self._spare, self._fresh):
             if worker is not None:
                 worker.close()
-        self.worker = self._spare = None
+        self.worker = self._spare = self._fresh = None
 
     async def load(self, values: Mapping[str, float], *, kept: bool = True) -> float:
         """Load it, anew where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
@@ -58,24 +62,30 @@ class Workshop:
         """
         async with self._lock:
             begun = time.monotonic()
-            old, fresh = self.worker, self._spare or self._new()
-            self._spare = None
+            old, fresh, self._spare = self.worker, self._spare, None
+            if fresh is not None and not fresh.alive:
+                fresh.close()
+                fresh = None
+            self._fresh = fresh = fresh or self._new()
             try:
                 loaded = await fresh.load(self._what, self._cls, dict(values))
                 self._agree(loaded)
                 if kept and old is not None and old.alive:
                     await self._hand_on(old, fresh)
-            except ZmavError as e:
+            except BaseException as e:
                 fresh.close()
-                self.broken = str(e)
+                if isinstance(e, Exception):
+                    self.broken = str(e)
+                    self._spare = self._new()
                 raise
             finally:
-                self._spare = self._new()
+                self._fresh = None
             self.broken, self.loaded, self.worker = "", loaded, fresh
             self._fly_by(fresh)
             took = (time.monotonic() - begun) * 1e3
             if old is not None:
                 old.close()
+            self._spare = self._new()
             return took
 
     async def saved(self) -> None:
@@ -88,15 +98,15 @@ class Workshop:
         """Between two cycles, give what the class keeps from one process to the other."""
         self._fly_by(None)
         try:
-            fresh.keep(await old.kept())
-        except ZmavError:
+            await fresh.keep(await old.kept())
+        except BaseException:
             self._fly_by(old)
             raise
 
     def end_stuck(self) -> None:
         """The process that flew does not answer: end it."""
         if self.worker is not None:
-            self.worker.process.kill()
+            self.worker.kill()
 
     def gone(self, worker: Worker) -> bool:
         """The process that flew is no more: nobody's outputs count."""
@@ -106,6 +116,8 @@ class Workshop:
         return True
 
     def _new(self) -> Worker:
+        if self._closed:
+            raise Refused("the supervisor ends")
         return Worker(self._on_answer, self._on_failed, self._on_because)
 
     def _look(self) -> tuple[float, int] | None:

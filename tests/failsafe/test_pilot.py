@@ -11,7 +11,7 @@ from tests.services.conftest import GUIDED, LAND, LOITER, SET_MODE, Bench, Start
 from zmav.config import Failsafe, PilotSwitch
 from zmav.errors import NotHolder, Refused
 
-RTL, POSCTL, OFFBOARD = 6, 3 << 16, 6 << 16
+RTL, BRAKE, POSCTL, OFFBOARD = 6, 17, 3 << 16, 6 << 16
 
 
 async def released(b: Bench, words: str) -> None:
@@ -119,6 +119,29 @@ async def test_switch(bench: StartBench) -> None:
     assert len(moves(b)) == flown
     bob = await another(b, "bob")
     await bob.fly()
+
+
+async def test_a_mode_that_is_granted_after_the_switch_was_turned_is_left_again(bench: StartBench) -> None:
+    """The autopilot would wait there for a stream that nobody sends."""
+    b = await bench(settings={"failsafe": PATIENT, "pilot_switch": PilotSwitch(channel=7)})
+    b.peer.mute = {SET_MODE}
+    alice = await agent(b, mode=LOITER)
+    alice.put()
+    await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "GUIDED asked for")
+    switch(b, 1900)
+    await b.state(lambda s: s["pilot"], "the pilot")
+    b.peer.mute = set()
+    b.peer.mode = GUIDED
+    b.peer.heartbeat()
+    await b.peer.until(lambda: b.peer.mode == BRAKE, "BRAKE")
+    # Entered later, it is the pilot's own wish.
+    b.vehicle.authority._asked -= 60.0
+    asked = len(b.peer.commands(SET_MODE))
+    b.peer.mode = GUIDED
+    b.peer.heartbeat()
+    await b.state(lambda s: s["mode"] == "GUIDED", "GUIDED")
+    await nothing_more(b)
+    assert len(b.peer.commands(SET_MODE)) == asked
 
 
 async def test_switch_is_asked_for(bench: StartBench) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable
 
@@ -18,7 +19,7 @@ from zmav.services.carrot import Carrot
 from zmav.services.command import Commander
 from zmav.services.events import Events
 from zmav.services.identity import Identity
-from zmav.services.ladder import Flown, Ladder
+from zmav.services.ladder import LATE_MODE, Flown, Ladder
 from zmav.services.lease import Leases
 from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
@@ -76,6 +77,8 @@ class Authority:
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
         self._handing: asyncio.Task[None] | None = None
+        self._asked = -math.inf
+        """monotonic s at which the ladder asked for a mode last"""
         self._ordered_under = 0
         """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
 
@@ -83,7 +86,7 @@ class Authority:
         ladder, pilot, setpoints = self.ladder, self.pilot, self.setpoints
 
         def ordered(mode: str) -> None:
-            self._commander.ordered = mode
+            self._commander.ordered, self._asked = mode, time.monotonic()
 
         ladder.ordered, ladder.allowed, ladder.near = ordered, pilot.allowed, self.carrot.near
         ladder.acted = on_loop(asyncio.get_running_loop(), self._on_acted)
@@ -177,6 +180,8 @@ class Authority:
     def changed(self) -> None:
         """The HEARTBEAT shows another mode, arming or autopilot."""
         self.pilot.changed()
+        if self.pilot.has_it and time.monotonic() - self._asked < LATE_MODE:
+            self._to_autopilot()  # granted after he took it: nobody streams
         if not self._identity.armed:
             self.ladder.stop()
 

@@ -1,0 +1,125 @@
+"""Nobody flies without a request that still counts: requests that meet, end early or come too late."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import pytest
+
+from zmav import wire
+from zmav.errors import BadInput, Refused
+
+if TYPE_CHECKING:
+    from agents.controllers.supervisor import Supervisor
+    from tests.agents.controllers.conftest import Field
+
+
+class Gate:
+    """Where requests to take over wait, in place of the autopilot's parameters being read."""
+
+    def __init__(self, supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.waiting, self.open = 0, asyncio.Event()
+        monkeypatch.setattr(supervisor, "_check_parameters", self)
+
+    async def __call__(self) -> None:
+        self.waiting += 1
+        await self.open.wait()
+
+
+async def test_a_request_that_was_released_before_it_took_over_counts_no_more(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    supervisor = await field.supervise("ev1-attitude")
+    gate = Gate(supervisor, monkeypatch)
+    asked = asyncio.create_task(field.vehicle.tell("ev1-attitude", "engage"))
+    await field.until(lambda: gate.waiting == 1, "it does not ask for parameters")
+    await field.vehicle.tell("ev1-attitude", "release")
+    gate.open.set()
+    with pytest.raises(Refused, match="ask anew"):
+        await asked
+    assert supervisor.cycles.phase == 0
+    assert supervisor._engaged is None
+    # Nor does what the pilot's switch has come between.
+    gate.open.clear()
+    asked = asyncio.create_task(field.vehicle.tell("ev1-attitude", "engage"))
+    await field.until(lambda: gate.waiting == 2, "it does not ask for parameters")
+    pilot = field.world.vehicles[0].px4.sticks.pilot
+    pilot.flip(7, 1900)
+    await field.vehicle.wait_until(lambda s: s.pilot is not None, 30.0)
+    await field.until(lambda: supervisor._pilot_at != "", "it does not hear of the switch")
+    pilot.flip(7, 1000)
+    await field.vehicle.wait_until(lambda s: s.pilot is None, 30.0)
+    gate.open.set()
+    with pytest.raises(Refused, match="ask anew"):
+        await asked
+    assert supervisor._engaged is None
+
+
+async def test_of_two_requests_at_once_one_flies_and_can_be_released(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    supervisor = await field.supervise("ev1-attitude")
+    gate = Gate(supervisor, monkeypatch)
+    asked = [asyncio.create_task(field.vehicle.tell("ev1-attitude", "engage")) for _ in range(2)]
+    await field.until(lambda: gate.waiting == 2, "they do not ask for parameters")
+    gate.open.set()
+    first, second = await asyncio.gather(*asked, return_exceptions=True)
+    assert {isinstance(first, Refused), isinstance(second, Refused)} == {True, False}, (first, second)
+    assert supervisor.cycles.phase == 1
+    assert field.mode == "OFFBOARD"
+    await field.vehicle.tell("ev1-attitude", "release")
+    assert field.mode == "HOLD"
+    await field.vehicle.wait_until(lambda s: s.lease is None, 30.0)
+    await field.vehicle.tell("ev1-attitude", "engage")
+    assert field.mode == "OFFBOARD"
+
+
+async def test_a_request_while_it_hands_back_or_ends_is_refused(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
+    supervisor = await field.supervise("ev1-attitude")
+    await field.vehicle.tell("ev1-attitude", "engage")
+    held, asked = asyncio.Event(), asyncio.Event()
+
+    async def slowly() -> None:
+        asked.set()
+        await held.wait()
+
+    monkeypatch.setattr(supervisor, "_give_back", slowly)
+    releasing = asyncio.create_task(field.vehicle.tell("ev1-attitude", "release"))
+    await asked.wait()
+    with pytest.raises(Refused, match="handing back"):
+        await field.vehicle.tell("ev1-attitude", "engage")
+    held.set()
+    await releasing
+    supervisor._ending = True
+    with pytest.raises(Refused, match="ends"):
+        await field.vehicle.tell("ev1-attitude", "engage")
+
+
+async def test_a_vehicles_agent_that_begins_anew_turns_no_switch(field: Field) -> None:
+    supervisor = await field.supervise("ev1-attitude")
+    state = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one", pilot="his switch")
+    away = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one")
+    anew = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="two")
+    assert [supervisor._turned_away(each) for each in (away, state, away, away)] == [False, False, True, False]
+    assert [supervisor._turned_away(each) for each in (state, anew, away)] == [False, False, False]
+
+
+async def test_a_mode_to_hand_back_in_that_there_is_not_is_refused_before_it_flies(field: Field) -> None:
+    await field.supervise("ev1-attitude", back="NONSENSE")
+    with pytest.raises(BadInput, match="no mode 'NONSENSE'"):
+        await field.vehicle.tell("ev1-attitude", "engage")
+
+
+async def test_a_mode_that_the_autopilot_does_not_take_is_no_reason_not_to_hold(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    supervisor = await field.supervise("ev1-attitude", back="POSCTL")
+    await field.vehicle.tell("ev1-attitude", "engage")
+
+    async def refused(mode: str) -> None:
+        raise Refused(f"{mode} refused: DENIED")
+
+    monkeypatch.setattr(supervisor.vehicle, "set_mode", refused)
+    await field.vehicle.tell("ev1-attitude", "release")
+    assert field.mode == "HOLD"
