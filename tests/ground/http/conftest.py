@@ -193,7 +193,7 @@ class Served:
 
 
 class Serve:
-    """``serve(rules, stream_timeout=...)``: a gateway behind a router of its own, or that of ``endpoint``, as the member
+    """``serve(rules, stream_timeout=...)``: a gateway behind a router of its own or that of ``endpoint``, as the member
     whose ``credentials`` it is given; all end with the module.
     """
 
