@@ -34,9 +34,7 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
     plots = rrb.Tabs(
         rrb.Vertical(*(_plot(what, name) for what, name in FLIGHT), name="Flight"),
         rrb.Vertical(*(_plot(what, name) for what, name in LINKS), name="Links"),
-        rrb.Vertical(
-            *(_plot(f"controllers/{what}", name, legend=True) for what, name in PLOTS.items()), name="Controllers"
-        ),
+        rrb.Vertical(*(_plot(f"controllers/{what}", name) for what, name in PLOTS.items()), name="Controllers"),
         active_tab=0,
     )
     below = rrb.Horizontal(
@@ -65,15 +63,14 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
     )
 
 
-def _plot(what: str, name: str, legend: bool = False) -> rrb.TimeSeriesView:
+def _plot(what: str, name: str) -> rrb.TimeSeriesView:
     latest = rrb.VisibleTimeRange(
         "time",
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-SPAN),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
     return rrb.TimeSeriesView(
-        origin=f"/plots/{what}", name=name, time_ranges=latest,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
+        origin=f"/plots/{what}", name=name, time_ranges=latest, plot_legend=rrb.PlotLegend(visible=False),
         axis_y=rrb.ScalarAxis(range=(0.0, 100.0)) if what == "battery" else None,
     )  # fmt: skip
 

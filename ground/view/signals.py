@@ -1,7 +1,7 @@
 """What controllers and other agents stream: each number a line in the plots of the tab "Controllers".
 
 The names are those of ``agent/{agent}/out/{topic}`` (docs/controllers.md): ``is.x`` is measured and ``ref.x`` asked
-for, so both are drawn in one plot, the reference broad and dim behind the thin and bright line of what is.
+for, so both are drawn in one plot, the reference as a thin, dark line in the broad, bright one of what is.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from zmav import wire
 from zmav.errors import BadInput, ZmavError
 
 PLOTS = {
-    "position": "Position, m", "velocity": "Velocity, m/s", "attitude": "Attitude, rad", "rates": "Rates, rad/s",
-    "outputs": "Outputs", "others": "Other signals", "cycle": "Cycle: time taken, µs",
+    "position": "Position, m: x red, y green, z blue", "velocity": "Velocity, m/s: x red, y green, z blue",
+    "attitude": "Attitude, rad: roll red, pitch green, yaw blue", "rates": "Rates, rad/s: p red, q green, r blue",
+    "outputs": "Outputs", "others": "Other signals", "cycle": "Cycle: time taken, µs; how many were late",
 }  # fmt: skip
-"""the plots' paths and their names"""
+"""the plots' paths and their names; legends would cover them"""
 MOST_STREAMS, MOST_SIGNALS = 40, 300
 """topics of agents that are drawn, and signals of each"""
 LARGEST = 64_000
@@ -59,7 +60,7 @@ def line_of(name: str) -> Line:
         return Line(plot, channel if kind == "is" else f"{channel} ref", AXES[axis], kind == "ref")
     if kind == "out" and channel:
         return Line("outputs", channel, AXES.get(channel.rpartition(".")[2], style.colour(channel)))
-    return Line("cycle" if name == "took_us" else "others", name, style.colour(name), kind == "ref")
+    return Line("cycle" if name in ("took_us", "late") else "others", name, style.colour(name), kind == "ref")
 
 
 class Signals:
@@ -100,7 +101,7 @@ class Signals:
         path = ("plots", "controllers", line.plot, who, name)
         shade = style.turned(line.colour, list(self._streams).index(place))
         canvas.fixed(path, rr.SeriesLines(
-            colors=style.faded(shade, 120) if line.reference else shade, widths=4.0 if line.reference else 1.5,
+            colors=style.darkened(shade) if line.reference else shade, widths=1.0 if line.reference else 2.5,
             names=f"{who} {line.title}",
         ))  # fmt: skip
         return path
