@@ -69,7 +69,8 @@ def test_names_say_where_a_signal_belongs(name: str, plot: str, reference: bool)
 
 
 def test_there_is_a_plot_of_each_kind_one_above_the_other() -> None:
-    tabs = blueprint().root_container.contents[1]  # type: ignore[union-attr]
+    whole: Any = blueprint().root_container
+    tabs = whole.contents[1]
     flight, links, controllers = tabs.contents
     assert [tab.name for tab in (flight, links, controllers)] == ["Flight", "Links", "Controllers"]
     assert [view.origin for view in controllers.contents] == [f"{PLACE}/{plot}" for plot in PLOTS]
