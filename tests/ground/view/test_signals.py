@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import zmav
 from ground.view import signals
 from ground.view.blueprint import blueprint
 from ground.view.signals import PLOTS, line_of
+from ground.view.table import Table
+from ground.view.watch import Watch
 from zmav import wire
+from zmav.waiting import within
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
 
 EV1 = ("demo", "hex1", "ev1", "signals")
 PLACE = "/plots/controllers"
@@ -132,3 +140,30 @@ def test_streams_are_bounded(paint: Make) -> None:
     assert len([path for path in rows if path.startswith(PLACE)]) == signals.MOST_STREAMS
     assert drawn(rows, r"hex1\ a0") == {"position is.x": [1.0, 2.0]}
     assert painted.scene.bad == 2 * (60 - signals.MOST_STREAMS)
+
+
+@pytest.mark.parametrize(("wanted", "kinds"), [(True, ["agent_out", "event"]), (False, ["event"])])
+async def test_signals_are_heard_of_the_vehicles_that_are_shown_unless_they_are_left_where_they_are(
+    net: Net, wanted: bool, kinds: list[str]
+) -> None:
+    router, endpoint = net.router()
+    table = Table()
+    reader, found = table.reader(), list[Any]()
+    async with zmav.open(connect=[endpoint]) as z:
+        watching = asyncio.create_task(Watch(z, table, ("hex*",), signals=wanted).run())
+        await net.linked(router, "zmav/demo/hex1/event")
+        if wanted:
+            await net.linked(router, "zmav/demo/hex1/agent/ev1/out/signals")
+        for name in ("quad1", "hex1"):
+            router.put(f"zmav/demo/{name}/agent/ev1/out/signals", b"{}")
+        router.put("zmav/demo/hex1/event", b"{}")
+
+        async def all_of_it() -> None:
+            while {item.kind for item in found} != set(kinds):
+                found.extend(item for item in reader.take().items if item.kind != "graph")
+                await asyncio.sleep(0.01)
+
+        await within(30.0, all_of_it())
+        watching.cancel()
+    assert sorted(item.kind for item in found) == kinds
+    assert {item.place[:2] for item in found} == {("demo", "hex1")}
