@@ -30,6 +30,7 @@ GROUP = {
     "keys": "Key space",
     "/ws": "Key space",
     "do": "Orders",
+    "agent": "Orders",
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
@@ -38,6 +39,7 @@ GROUP = {
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
     "vehicle": "the vehicle's name, as in quad1",
+    "agent": "the agent's name, as in ev1: what 'zmav agent run' was started with",
     "verb": "the order",
     "key": "a key or a key expression: quad1, quad*/ATTITUDE, zmav/demo/quad1/link/*",
     "sys": "MAVLink system id",
@@ -97,6 +99,13 @@ BODIES: dict[tuple[str, str], dict[str, Any]] = {
     ("post", "/keys/{key}"): {"content": {"application/json": {"schema": {"type": "object"}}}},
     ("post", "/do/{vehicle}/{verb}"): {
         "description": "the arguments of the order: see the orders one by one",
+        "content": {
+            "application/json": {"schema": {"type": "object"}},
+            "application/x-www-form-urlencoded": {"schema": {"type": "object"}},
+        },
+    },
+    ("post", "/agent/{vehicle}/{agent}/{verb}"): {
+        "description": "its arguments: name and value for set, none for params; others as the agent itself says",
         "content": {
             "application/json": {"schema": {"type": "object"}},
             "application/x-www-form-urlencoded": {"schema": {"type": "object"}},

@@ -36,6 +36,8 @@ MOST_ANSWERED = 32_000_000
 ADMIN = zenoh.KeyExpr("@/**")
 """routers' own keys; no wildcard but one that begins with the @ takes them in"""
 FRAMES = zenoh.KeyExpr(keys.RX.key("*", "*", sys="*", comp="*", msg="*"))
+ORDERS = (keys.DO, keys.AGENT_DO)
+"""asked by POST"""
 TOPIC_PAYLOADS: dict[str, type[wire.Wire]] = {"origin": wire.Origin}
 """the fleet's topics of which the payload is laid down"""
 
@@ -194,15 +196,15 @@ def _check_readable(expression: zenoh.KeyExpr) -> None:
     if ADMIN.includes(expression) and not zenoh.KeyExpr(linkstate.ASKED).includes(expression):
         text = f"{expression} is not asked: a question to routers can stop them for good; {linkstate.ASKED} is safe"
         raise Forbidden(text, key=str(expression))
-    for channel in (keys.DO, keys.UPLOAD, keys.BENCH):
-        every = channel.key("*", "*", verb="*", file="*", offset="*", order="*")
+    for channel in (*ORDERS, keys.SWARM, keys.UPLOAD, keys.BENCH):
+        every = channel.key("*", "*", agent="*", verb="*", file="*", offset="*", order="*")
         if zenoh.KeyExpr(every).includes(expression):
-            how = "POST gives an order" if channel is keys.DO else f"{channel.name} is not for the gateway"
+            how = "POST gives an order" if channel in ORDERS else f"{channel.name} is not for the gateway"
             raise Forbidden(f"{expression} is not looked at, it does something: {how}", channel=channel.name)
 
 
 def _not_written(key: str, channel: keys.Channel) -> ZmavError:
-    if channel is keys.DO:
+    if channel in ORDERS:
         return BadInput(f"{key} is an order: use POST", field="method", value="PUT", expected="POST")
     who = "a token" if channel.kind == "token" else f"written by {' or '.join(channel.writers)}"
     if channel.kind == "query":

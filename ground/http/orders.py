@@ -1,4 +1,5 @@
-"""Orders: ``POST /do/{vehicle}/{verb}``, the same by ``GET`` for who can do no more, and the ``do`` keys by ``POST``.
+"""Orders: ``POST /do/{vehicle}/{verb}``, the same by ``GET`` for who can do no more, and the ``do`` keys by ``POST``;
+to the agents that run for a vehicle by ``POST /agent/{vehicle}/{agent}/{verb}`` and by their keys.
 
 The answer is the vehicle's outcome. Without an ``id`` it comes when the order has ended, which the vehicle sees to by
 itself even where nobody waits any longer; with one it says after ``wait`` seconds that it is still ``running``, and the
@@ -7,6 +8,7 @@ same request asks again.
 
 from __future__ import annotations
 
+import re
 import time
 
 import msgspec
@@ -24,6 +26,10 @@ from zmav.verbs import VERBS
 
 PATIENCE = 10.0
 """s for one answer to an order with an id"""
+ORDER = re.compile(
+    rf"((?:{keys.ROOT}/)?(?P<fleet>[^/]+)/)?(?P<vehicle>[^/]+)(?:/agent/(?P<agent>[^/]+))?/do/(?P<verb>[^/]+)"
+)
+"""a key of an order as people type it"""
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
@@ -32,13 +38,21 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         vehicle = gateway.client.vehicle(request.path_params["vehicle"])
         return answer(await give(gateway, vehicle, request.path_params["verb"], request))
 
+    async def agent(request: Request) -> Response:
+        """Give an order to an agent that runs for a vehicle: set (name, value), params, and each agent's own."""
+        parts = request.path_params
+        vehicle = gateway.client.vehicle(parts["vehicle"])
+        return answer(await tell(gateway, vehicle, parts["agent"], parts["verb"], request))
+
     async def do_key(request: Request) -> Response:
-        """Give an order by its key: /keys/quad1/do/hold, /keys/zmav/demo/quad1/do/hold."""
-        vehicle, verb = _order_of(gateway, request.path_params["key"])
-        return answer(await give(gateway, vehicle, verb, request))
+        """Give an order by its key: /keys/quad1/do/hold, /keys/zmav/demo/quad1/agent/ev1/do/engage."""
+        vehicle, name, verb = _order_of(gateway, request.path_params["key"])
+        outcome = tell(gateway, vehicle, name, verb, request) if name else give(gateway, vehicle, verb, request)
+        return answer(await outcome)
 
     return [
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
+        Route("/agent/{vehicle}/{agent}/{verb}", agent, methods=["POST"]),
         Route("/keys/{key:path}", do_key, methods=["POST"]),
     ]
 
@@ -53,37 +67,52 @@ async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) 
     kind = VERBS[verb].args
     args = wire.decode(msgspec.json.encode(await arguments_of(request, kind)), kind, f"do/{verb}")
     if args.id:
-        return await _once(gateway, vehicle, verb, args)
+        return await _once(gateway, vehicle, keys.DO.key(vehicle.fleet, vehicle.name, verb=verb), wire.encode(args))
     start = time.monotonic()
     result = await vehicle.order(verb, args)
     return wire.Outcome(verb=verb, status="done", took=time.monotonic() - start, result=result)
 
 
-async def _once(gateway: Gateway, vehicle: Vehicle, verb: str, args: wire.Order) -> wire.Outcome:
-    key = keys.DO.key(vehicle.fleet, vehicle.name, verb=verb)
-    answers = await gateway.client.ask(key, wire.encode(args), PATIENCE)
+async def tell(gateway: Gateway, vehicle: Vehicle, name: str, verb: str, request: Request) -> wire.Outcome:
+    """See an order to the agent ``name`` through, or ask once how one with an ``id`` goes. Which orders there are, and
+    what they take, only that agent knows: raises what it says, :class:`~zmav.errors.BadKey` for names that cannot be
+    and :class:`~zmav.errors.TimedOut` where none of that name answers.
+    """
+    keys.check_name(name, "agent")
+    keys.check_name(verb, "verb")
+    values = await arguments_of(request, wire.Order)
+    if values.get("id"):
+        key = keys.AGENT_DO.key(vehicle.fleet, vehicle.name, agent=name, verb=verb)
+        return await _once(gateway, vehicle, key, msgspec.json.encode(values))
+    start = time.monotonic()
+    result = await vehicle.tell(name, verb, **values)
+    return wire.Outcome(verb=verb, status="done", took=time.monotonic() - start, result=result)
+
+
+async def _once(gateway: Gateway, vehicle: Vehicle, key: str, payload: bytes) -> wire.Outcome:
+    answers = await gateway.client.ask(key, payload, PATIENCE)
     for each in answers:
         if isinstance(each, ZmavError):
             raise each
-        return wire.decode(each.payload, wire.Outcome, f"reply to do/{verb}")
+        return wire.decode(each.payload, wire.Outcome, f"reply to {key}")
     if vehicle.present:
         raise TimedOut(f"{vehicle.name} does not answer on {key}", vehicle=vehicle.name)
     raise NoSuchVehicle(f"no vehicle {vehicle.name} is present in fleet {vehicle.fleet}", vehicle=vehicle.name)
 
 
-def _order_of(gateway: Gateway, text: str) -> tuple[Vehicle, str]:
-    """Vehicle and verb of a ``do`` key, its root and its fleet given or not; raises :class:`BadKey` for any other."""
-    chunks = text.split("/")
-    if chunks[0] == keys.ROOT and len(chunks) == 5:
-        del chunks[0]
-    if chunks[-2:-1] != ["do"] or len(chunks) not in (3, 4):
-        text = f"{text!r} is no order: POST is for VEHICLE/do/VERB, PUT for keys that are written"
+def _order_of(gateway: Gateway, text: str) -> tuple[Vehicle, str, str]:
+    """Vehicle, agent ("" where it is the vehicle itself) and verb of a ``do`` key, its root and its fleet given or not;
+    raises :class:`BadKey` for any other.
+    """
+    found = ORDER.fullmatch(text)
+    if found is None:
+        text = f"{text!r} is no order: POST is for VEHICLE[/agent/AGENT]/do/VERB, PUT for keys that are written"
         raise BadKey(text, field="key", value=text, expected="VEHICLE/do/VERB")
-    client, verb = gateway.client, chunks[-1]
-    if len(chunks) == 3:
-        return client.vehicle(chunks[0]), verb
-    fleet, name = keys.check_name(chunks[0], "fleet"), keys.check_name(chunks[1], "vehicle")
+    client, agent, verb = gateway.client, found["agent"] or "", found["verb"]
+    if found["fleet"] is None:
+        return client.vehicle(found["vehicle"]), agent, verb
+    fleet, name = keys.check_name(found["fleet"], "fleet"), keys.check_name(found["vehicle"], "vehicle")
     if client.fleet_name not in ("*", fleet):
         text = f"this gateway is in the fleet {client.fleet_name}, and not in {fleet}"
         raise NoSuchVehicle(text, vehicle=name, fleet=fleet)
-    return Vehicle(client, name, fleet), verb
+    return Vehicle(client, name, fleet), agent, verb

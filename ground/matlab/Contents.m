@@ -41,6 +41,11 @@
 %   zmav_mission_start    - Fly the mission
 %   zmav_mission_clear    - Clear it
 %
+% Controllers and other agents
+%   zmav_agent_do         - An order to an agent: engage, release, goto, inject ...
+%   zmav_agent_param_get  - A parameter of an agent, or all with their bounds
+%   zmav_agent_param_set  - Change one while it runs
+%
 % Examples
 %   zmav_square           - Take off, fly a square, land
 %   zmav_follow           - An outer loop of position commands

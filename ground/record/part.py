@@ -126,7 +126,7 @@ class Part:
         if t is None:
             topic = self.mcap.topic(f"{route.key}/bytes", mcapfile.BYTES, mcapfile.AS_IT_CAME, key=route.key)
         else:
-            topic, _ = self._topics.get(route.key) or self._document_topic(route)
+            topic, _ = self._topics.get(route.key) or self._document_topic(route, data)
         if topic is None:
             return
         self.mcap.add(topic, at, data, int(t * 1e9) if t and 0.0 < t < FAR else at)
@@ -136,11 +136,11 @@ class Part:
             if extra is not None:
                 self.mcap.add(extra, at, made.data, at)
 
-    def _document_topic(self, route: Route) -> tuple[int | None, None]:
+    def _document_topic(self, route: Route, first: bytes) -> tuple[int | None, None]:
         from ground.record import mcapfile
 
         assert self.mcap is not None
-        topic = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.AS_IT_CAME, route.schema())
+        topic = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.AS_IT_CAME, route.schema(first))
         self._topics[route.key] = topic, None
         return topic, None
 

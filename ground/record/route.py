@@ -73,8 +73,13 @@ class Route:
         source = frame[5:7] if frame[0] == MAGIC_V2 else frame[3:5]
         return (source, message_id(frame)) == self._head
 
-    def schema(self) -> Schema:
-        """Of the documents that come on this key."""
+    def schema(self, first: bytes) -> Schema:
+        """Of the documents that come on this key; ``first`` is the first one of a file: signals have names of
+        their own, and readers offer what the schema lists.
+        """
+        with contextlib.suppress(BadInput):
+            if self.channel is keys.AGENT_OUT:
+                return schemas.of_signals(wire.decode(first, wire.Signals, "signals"))
         if self.channel is keys.FLEET:
             known = {"origin": wire.Origin}.get(self.asked.what)
             return schemas.of_payload(known) if known else schemas.of_any(f"zmav.{self.asked.what}")

@@ -19,7 +19,7 @@ from zmav.mavlink.dialect import Field, MessageType
 
 Table = dict[str, Any]
 MOST_NAMED = 400
-"""entries of an enumeration that are named; no dialect's is longer"""
+"""entries of an enumeration, and signals, that are named; no dialect's enumeration is longer"""
 
 
 class Schema(NamedTuple):
@@ -33,6 +33,13 @@ def of_payload(kind: type[msgspec.Struct]) -> Schema:
     """Of a payload type of :mod:`zmav.wire`."""
     whole = msgspec.json.schema(kind)
     return _schema(f"zmav.{kind.__name__}", _simple(whole, whole.get("$defs", {}), ()))
+
+
+def of_signals(sample: wire.Signals) -> Schema:
+    """Of an agent's stream, with the names of its numbers as they are in ``sample``, so many as are named at most."""
+    names = list(sample.values)[:MOST_NAMED]
+    values: Table = {"type": "object", "properties": {name: {"type": "number"} for name in names}}
+    return _schema("zmav.Signals", {"type": "object", "properties": {"t": {"type": "number"}, "values": values}})
 
 
 def of_any(name: str) -> Schema:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ground.view.signals import PLOTS
 from zmav.wire import Vector
 
 SPAN = 60.0
@@ -33,6 +34,7 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
     plots = rrb.Tabs(
         rrb.Vertical(*(_plot(what, name) for what, name in FLIGHT), name="Flight"),
         rrb.Vertical(*(_plot(what, name) for what, name in LINKS), name="Links"),
+        rrb.Vertical(*(_plot(f"controllers/{what}", name) for what, name in PLOTS.items()), name="Controllers"),
         active_tab=0,
     )
     below = rrb.Horizontal(

@@ -31,11 +31,12 @@ from zmav.session import SessionSettings
 @click.option("--size", type=click.FloatRange(0.05, 100.0), default=1.0, show_default=True,
               help="Of the models, which are about 2 m across.")  # fmt: skip
 @click.option("--cameras/--no-cameras", default=True, show_default=True, help="Fetch pictures over the network.")
+@click.option("--signals/--no-signals", default=True, show_default=True, help="And what controllers stream.")
 @fleet_option
 @zenoh_options
 def command(
     save: str | None, web: bool, port: int, url: str | None, vehicles: tuple[str, ...], size: float, cameras: bool,
-    fleet: str, settings: SessionSettings,
+    signals: bool, fleet: str, settings: SessionSettings,
 ) -> None:  # fmt: skip
     """Show the fleet in three dimensions, over time and in words, in Rerun's viewer.
 
@@ -44,7 +45,7 @@ def command(
     """
     viewer.check_extra()
     sinks = sinks_of(save, web, port, url)
-    run(_view(sinks, vehicles or ("*",), size, cameras, fleet, settings))
+    run(_view(sinks, vehicles or ("*",), size, cameras, signals, fleet, settings))
 
 
 def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Sink]:
@@ -80,13 +81,14 @@ def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Si
 
 
 async def _view(
-    sinks: list[Sink], vehicles: tuple[str, ...], size: float, cameras: bool, fleet: str, settings: SessionSettings
-) -> None:
+    sinks: list[Sink], vehicles: tuple[str, ...], size: float, cameras: bool, signals: bool, fleet: str,
+    settings: SessionSettings,
+) -> None:  # fmt: skip
     """Until a signal, or until a painter ends: its window was closed, or its sink is of no use."""
     async with contextlib.AsyncExitStack() as stack:
         z = await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
         table = Table()
-        watching = asyncio.create_task(Watch(z, table, vehicles, cameras).run())
+        watching = asyncio.create_task(Watch(z, table, vehicles, cameras, signals).run())
         stack.callback(watching.cancel)
         screens = [Screen(table, PainterSettings(sink, fleet == "*", size), say) for sink in sinks]
         for screen in screens:

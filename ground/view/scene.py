@@ -12,6 +12,7 @@ from ground.view import meshgraph, meshlinks, pictures, plans, topics
 from ground.view.canvas import Canvas
 from ground.view.craft import Craft
 from ground.view.frames import Datum
+from ground.view.signals import Signals
 from ground.view.table import Batch, Item
 from zmav import wire
 from zmav.errors import ZmavError
@@ -46,11 +47,13 @@ class Scene:
         self._plans: dict[tuple[str, ...], Item] = {}
         self._topics: dict[str, Item] = {}
         self._agents: dict[tuple[str, ...], wire.AgentStatus] = {}
+        self._signals = Signals()
         self._lines: list[tuple[str, str, str]] = []
         self._take: dict[str, Callable[[Item], None]] = {
             "state": self._on_state, "setpoint": self._on_setpoint, "event": self._on_event, "link": self._on_link,
             "fleet": self._on_topic, "graph": self._on_graph, "mission": self._on_plan, "home": self._on_plan,
             "agent_status": self._on_agent, "camera_frame": self._on_frame, "camera_detection": self._on_detection,
+            "agent_out": self._on_signals,
         }  # fmt: skip
 
     @property
@@ -100,9 +103,11 @@ class Scene:
             if len(self.crafts) >= MOST:
                 raise ZmavError(f"more than {MOST} vehicles are not drawn")
             fleet, name = place[:2]
-            label = f"{fleet}/{name}" if self._several else name
-            found = self.crafts[fleet, name] = Craft(fleet, name, label, self._size)
+            found = self.crafts[fleet, name] = Craft(fleet, name, self._label(place), self._size)
         return found
+
+    def _label(self, place: tuple[str, ...]) -> str:
+        return f"{place[0]}/{place[1]}" if self._several else place[1]
 
     def _on_state(self, item: Item) -> None:
         state = wire.decode(item.payload, wire.VehicleState, "state")
@@ -176,6 +181,9 @@ class Scene:
         if before is None or before.state != status.state:
             text = f"{status.agent} on {item.place[1]}: {status.state} {status.text}".rstrip()
             self.say("agents", "info", text)
+
+    def _on_signals(self, item: Item) -> None:
+        self.bad += self._signals.take(self._canvas, item.place, self._label(item.place), item.payload)
 
     def _on_frame(self, item: Item) -> None:
         if not pictures.paint_frame(self._canvas, self._craft(item.place).label, item.place[2], item.payload):

@@ -49,5 +49,18 @@ def colour(name: str) -> Colour:
     return round(255 * r), round(255 * g), round(255 * b), 255
 
 
+def darkened(shade: Colour) -> Colour:
+    """Lines of plots have no transparency, and the viewer's ground is black or white."""
+    r, g, b, alpha = shade
+    return r // 2, g // 2, b // 2, alpha
+
+
+def turned(shade: Colour, number: int) -> Colour:
+    """The same for the second, the third ... of several that would be alike; the first one's is as it is."""
+    hue, light, full = colorsys.rgb_to_hls(*(part / 255 for part in shade[:3]))
+    r, g, b = colorsys.hls_to_rgb((hue + 0.618034 * number) % 1.0, light, full)
+    return round(255 * r), round(255 * g), round(255 * b), shade[3]
+
+
 def faded(shade: Colour, alpha: int) -> Colour:
     return (*shade[:3], alpha)

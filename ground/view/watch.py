@@ -32,10 +32,12 @@ class Watch:
     ``vehicles`` are names or patterns (``quad*``). Raises :class:`BadKey` for one that cannot be.
     """
 
-    def __init__(self, z: Client, table: Table, vehicles: Sequence[str] = ("*",), cameras: bool = True) -> None:
+    def __init__(
+        self, z: Client, table: Table, vehicles: Sequence[str] = ("*",), cameras: bool = True, signals: bool = True
+    ) -> None:  # fmt: skip
         self._z, self._table = z, table
         self._vehicles = {vehicle: zenoh.KeyExpr(_pattern(vehicle)) for vehicle in vehicles}
-        self._cameras = cameras
+        self._cameras, self._signals = cameras, signals
         self._stale: dict[tuple[str, str], float] = {}
         """when each vehicle's plans are to be asked for, by the loop's clock"""
         self._changed = asyncio.Event()
@@ -62,6 +64,8 @@ class Watch:
                 (keys.LINK, keys.LINK.key(fleet, vehicle, link="autopilot")),
                 *((picture, picture.key(fleet, vehicle, camera="*")) for picture in pictures),
             ]
+            if self._signals:
+                found.append((keys.AGENT_OUT, keys.AGENT_OUT.key(fleet, vehicle, agent="*", topic="*")))
         return found
 
     async def _follow(self, channel: keys.Channel, key: str) -> None:

@@ -238,7 +238,7 @@ class Vehicle:
         return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args), progress)
 
     async def tell(
-        self, agent: str, verb: str, progress: Progress | None = None, **arguments: Any
+        self, agent: str, verb: str, progress: Progress | None = None, /, **arguments: Any
     ) -> dict[str, Any]:  # fmt: skip
         """Give an order to an agent that runs for this vehicle (:class:`zmav.Agent`), and see it through. Raises
         :class:`TimedOut` where none of that name answers, and what the agent refuses it with.

@@ -71,9 +71,10 @@ class Served:
     async def _serve(self) -> None:
         self.loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         stalled = self._how.pop("stalled", 20.0)
+        settings = SessionSettings(connect=[self.endpoint], credentials=self._how.pop("credentials", None))
         try:
             async with (
-                zmav.open(fleet=FLEET, settings=SessionSettings(connect=[self.endpoint])) as client,
+                zmav.open(fleet=FLEET, settings=settings) as client,
                 Gateway(client, bool(self._rules and self._rules.read_only), **self._how) as self.gateway,
                 serving(self._make_app(), bound("127.0.0.1", 0, stalled)) as self.port,
             ):
@@ -192,15 +193,17 @@ class Served:
 
 
 class Serve:
-    """``serve(rules, stream_timeout=...)``: a gateway behind a router of its own; all end with the module."""
+    """``serve(rules, stream_timeout=...)``: a gateway behind a router of its own or that of ``endpoint``, as the member
+    whose ``credentials`` it is given; all end with the module.
+    """
 
     def __init__(self) -> None:
         self.running: list[Served] = []
 
-    def __call__(self, rules: Rules | None = None, **how: Any) -> Served:
-        settings = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
-        session = open_session(settings)
-        self.running.append(Served(session, endpoint_of(session), rules, **how))
+    def __call__(self, rules: Rules | None = None, endpoint: str = "", **how: Any) -> Served:
+        listening = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
+        session = open_session(SessionSettings(connect=[endpoint]) if endpoint else listening)
+        self.running.append(Served(session, endpoint or endpoint_of(session), rules, **how))
         return self.running[-1]
 
     def close(self) -> None:

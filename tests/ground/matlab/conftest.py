@@ -10,7 +10,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -21,9 +21,12 @@ from ground.http.guard import Rules
 from ground.http.server import bound, serving
 from tests.conftest import endpoint_of
 from zmav import wire
+from zmav.agent import Tunable
+from zmav.errors import Refused
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
+from zmav.verbs import Access, Verb
 
 HERE = Path(__file__).resolve().parent
 TOOLBOX = HERE.parent.parent.parent / "ground" / "matlab"
@@ -35,8 +38,35 @@ TOKEN = "only for those who know it"
 Octave = Callable[..., str]
 
 
+class Count(wire.Order, kw_only=True):
+    to: int
+    pos: wire.Vector = (0.0, 0.0, 0.0)
+    word: str = ""
+
+
+class Counter(zmav.Agent):
+    """An agent that counts when it is told to."""
+
+    name = "counter"
+    tunables: ClassVar = {
+        "gain": Tunable(1.0, 0.0, 5.0, "1/s", "how fast"), "roll.kp": Tunable(6.5, 0.0, 20.0)
+    }  # fmt: skip
+    verbs: ClassVar = {
+        "count": Verb("count", Count, Access.CHANGE, "count up to a number"),
+        "rest": Verb("rest", wire.Order, Access.CHANGE, "do nothing"),
+    }
+
+    async def on_count(self, args: Count, report: object, origin: object) -> dict[str, Any]:
+        if args.to < 0:
+            raise Refused("it counts upwards only", field="to")
+        return {"counted": args.to, "pos": args.pos, "word": args.word}
+
+    async def on_rest(self, args: wire.Order, report: object, origin: object) -> dict[str, Any]:
+        return {}
+
+
 class Fleet:
-    """quad1 behind a gateway at ``url``; ``guarded``: the same gateway, which asks there for TOKEN."""
+    """quad1 with an agent behind a gateway at ``url``; ``guarded``: the same gateway, which asks there for TOKEN."""
 
     def __init__(self, cache: str) -> None:
         self.url = self.guarded = ""
@@ -75,6 +105,7 @@ class Fleet:
         await stack.enter_async_context(Onboard(router, settings))
         z = await stack.enter_async_context(zmav.open(settings=SessionSettings(connect=[endpoint])))
         gateway = await stack.enter_async_context(Gateway(z))
+        await stack.enter_async_context(Counter(z, "quad1"))
         app, guarded = make_app(gateway), make_app(gateway, Rules(token=TOKEN))
         port = await stack.enter_async_context(serving(app, bound("127.0.0.1", 0)))
         guarded_port = await stack.enter_async_context(serving(guarded, bound("127.0.0.1", 0)))

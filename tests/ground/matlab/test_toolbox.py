@@ -41,6 +41,10 @@ def _away(state: VehicleState, north: float, east: float) -> float:
     return math.dist(state.local[:2], (north, east))
 
 
+def test_agents(octave: Octave, fleet: Fleet) -> None:
+    octave("agents.m", URL=fleet.url)
+
+
 def test_messages_by_udp(octave: Octave, fleet: Fleet, java: str) -> None:
     octave("stream.m", URL=fleet.url, TRANSPORT="java", JAVA_HOME=java)
 

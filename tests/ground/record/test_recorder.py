@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import zenoh
+from mcap.reader import make_reader
 from pymavlink import mavutil
 
 import zmav
@@ -119,6 +120,31 @@ async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> N
         key: data for key, data in sent.items() if "/mav/" not in key
     }
     assert {data for _, data in read(path, mcapfile.ALL_FRAMES)} == set(make.made)
+
+
+async def test_signals_are_numbers_that_readers_can_list(recording: Recording) -> None:
+    """Each file's schema has the names that came first; what cannot be understood is kept with none."""
+    samples = [b'{"t": 5.5, "values": {"ref.x": 1.0, "is.x": 0.5}}', b'{"t": 5.75, "values": {"ref.x": 2.0, "new": 1}}']
+    for sample in samples:
+        recording.put("quad1/agent/ev1/out/signals", sample)
+    recording.put("quad1/agent/odd/out/signals", b'{"t": 1.0, "values": [1]}')
+    await recording.taken(3)
+    await recording.recorder.close()
+    (path,) = recording.recorder.storage.session.glob("*.mcap")
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            found.setdefault(channel.topic, []).append((message.publish_time, message.data, json.loads(schema.data)))
+    signals = found["zmav/demo/quad1/agent/ev1/out/signals"]
+    assert [(t, data) for t, data, _ in signals] == list(zip((5_500_000_000, 5_750_000_000), samples, strict=True))
+    number = {"type": "number"}
+    assert signals[0][2]["properties"] == {
+        "t": number, "values": {"type": "object", "properties": {"ref.x": number, "is.x": number}}
+    }  # fmt: skip
+    ((_, odd, schema),) = found["zmav/demo/quad1/agent/odd/out/signals"]
+    assert odd == b'{"t": 1.0, "values": [1]}'
+    assert schema["properties"]["values"] == {"type": "object", "properties": {}}
 
 
 async def test_patterns_that_overlap_bring_nothing_twice(recording: Recording, tmp_path: Path) -> None:

@@ -50,6 +50,14 @@ def test_what_is_inside_is_spelt_out() -> None:
     assert table["armed"] == {"type": "boolean"}
 
 
+def test_signals_are_numbers_by_their_names() -> None:
+    table = check(schemas.of_signals(wire.Signals(t=1.0, values={"is.x": 2.0, "took_us": 400.0})))["properties"]
+    assert table["values"]["properties"] == {"is.x": {"type": "number"}, "took_us": {"type": "number"}}
+    many = wire.Signals(t=1.0, values={f"s{i}": 0.0 for i in range(1000)})
+    listed = check(schemas.of_signals(many))["properties"]["values"]["properties"]
+    assert list(listed) == [f"s{i}" for i in range(schemas.MOST_NAMED)]
+
+
 def test_messages(dialect: Dialect) -> None:
     for message in dialect.by_id.values():
         table = check(schemas.of_message(message, dialect))

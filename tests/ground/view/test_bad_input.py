@@ -22,12 +22,12 @@ HOSTILE = (b"", b"{", b"null", b"[]", b"\xff\xfe", b'{"t": "x"}', b"[" * 100_000
 
 @pytest.mark.parametrize(
     "kind", ["state", "setpoint", "event", "link", "fleet", "graph", "mission", "home", "agent_status",
-             "camera_frame", "camera_detection", "of no kind"],
+             "camera_frame", "camera_detection", "agent_out", "of no kind"],
 )  # fmt: skip
 def test_a_payload_that_is_nothing_is_left_out(paint: Make, state: Make, kind: str) -> None:
     painted = paint()
     for payload in HOSTILE:
-        painted.step((kind, ("demo", "quad1", "x"), payload), ("state", Q1, state()))
+        painted.step((kind, ("demo", "quad1", "x", "y"), payload), ("state", Q1, state()))
     assert f"/world/ned/vehicles/{Q1[1]}/pose" in painted.rows()
     assert painted.canvas.failed == 0
 
