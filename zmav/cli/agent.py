@@ -238,7 +238,7 @@ def resolve(what: str) -> tuple[type[Agent], dict[str, Any]]:
 def _agent_in(path: Path) -> type[Agent] | None:
     """The agent that a file holds. A controller's file is not run here, but in a process of its own: None."""
     with reading(path, "agent"):
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8", errors="replace")  # what is wrong in it, Python says with its line
     if not re.search(r"^class \w+\((zmav\.)?Agent\)", text, re.MULTILINE):
         return None
     spec = importlib.util.spec_from_file_location(path.stem, path)

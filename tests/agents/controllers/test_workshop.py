@@ -17,6 +17,7 @@ from agents.controllers.packets import Answer, pack_cycle
 from agents.controllers.types import LEVELS, Reference, State, Trim
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
+from zmav.cli.agent import resolve
 from zmav.errors import BadConfig, ZmavError
 from zmav.services.port import on_loop
 
@@ -274,6 +275,14 @@ async def test_a_file_that_is_gone_or_a_directory(bench: Bench) -> None:
         await bench.shop.load({})
     bench.path.rmdir()
     await bench.load(GOOD)
+
+
+async def test_a_file_that_is_no_text_is_said_to_be_none(bench: Bench) -> None:
+    bench.path.write_bytes(b"x = '\xff'\nclass Mine: pass\n")
+    _, given = resolve(str(bench.path))
+    assert given == {"controller": str(bench.path)}
+    with pytest.raises(BadConfig, match=r"(?i)utf-8"):
+        await bench.shop.load({})
 
 
 async def test_nothing_is_loaded_any_more_once_it_is_closed(bench: Bench) -> None:
