@@ -111,9 +111,10 @@ class Cycles:
         """what the last output asked for: where the next class begins that is loaded in flight"""
         self._said = 0.0
         """monotonic s at which signals are due"""
-        self._takers = {
+        self._takers: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "LOCAL_POSITION_NED": estimate.local, "GLOBAL_POSITION_INT": estimate.globally,
-            "COMMAND_ACK": self._acknowledged, "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target, "SERVO_OUTPUT_RAW": estimate.outputs,
+            "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target,
+            "SERVO_OUTPUT_RAW": estimate.outputs, "COMMAND_ACK": self._acknowledged,
         }  # fmt: skip
 
     # The event loop, without the lock.
@@ -230,8 +231,8 @@ class Cycles:
             self._trip(f"no output for {self._late} cycles")
 
     def _acknowledged(self, fields: Mapping[str, Any]) -> None:
-        """COMMAND_ACK: a mode that is granted is entered with it; of it a HEARTBEAT tells only later, and a controller of
-        torques that begins anew with each cycle would tumble until then.
+        """COMMAND_ACK: a mode that is granted is entered with it. A HEARTBEAT tells of it only later, and a controller
+        of torques that began anew with each cycle would tumble until then.
         """
         if fields["command"] == DO_SET_MODE and fields["result"] == ACCEPTED and self.phase is Phase.ENGAGING:
             self.phase = Phase.IN_FORCE

@@ -47,6 +47,8 @@ CONFIRMED = 1.5
 """s in which the vehicle's state shows that it follows, where the autopilot has acknowledged the mode"""
 MODE_TOLD = 0.3
 """s in which a HEARTBEAT tells of the mode for certain: an older one may be of the engagement before"""
+AGAIN = 0.5
+"""s before a process that is gone is replaced"""
 PATIENCE = 10.0
 """s for a vehicle that was not heard yet"""
 
@@ -267,7 +269,10 @@ class Supervisor(zmav.Agent):
             self._replacing = asyncio.get_running_loop().create_task(self._replace())
 
     async def _replace(self) -> None:
-        """Another process in place of one that is gone, ready for whoever engages it anew."""
+        """Another process in place of one that is gone, for whoever engages it anew, unless he has one already."""
+        await asyncio.sleep(AGAIN)  # one that dies of each cycle must not be all that is done here
+        if self.workshop.worker is not None and self.workshop.worker.alive:
+            return
         with contextlib.suppress(ZmavError):
             await self._load(kept=False)
 

@@ -123,3 +123,16 @@ async def test_a_mode_that_the_autopilot_does_not_take_is_no_reason_not_to_hold(
     monkeypatch.setattr(supervisor.vehicle, "set_mode", refused)
     await field.vehicle.tell("ev1-attitude", "release")
     assert field.mode == "HOLD"
+
+
+async def test_a_process_that_was_replaced_for_a_request_is_not_replaced_in_flight(field: Field) -> None:
+    supervisor = await field.supervise("ev1-attitude")
+    assert supervisor.workshop.worker is not None
+    supervisor.workshop.worker.kill()
+    supervisor.workshop.worker.process.wait()
+    await field.vehicle.tell("ev1-attitude", "engage")
+    flies = supervisor.workshop.worker
+    assert supervisor._replacing is not None
+    await supervisor._replacing
+    assert supervisor.workshop.worker is flies
+    assert supervisor.cycles.phase == 1
