@@ -30,7 +30,7 @@ LENGTH, WIDTH, PACE = 5.0, 2.5, 0.75
 """m and rad/s of the lemniscate: up to 5.3 m/s and 5.7 m/s² (30° of tilt)"""
 BUILD_UP = 3.0
 """s in which it comes to its pace, and from it to rest"""
-APART = 0.1
+APART = 0.15
 """s between two points of a segment"""
 
 
