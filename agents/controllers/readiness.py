@@ -20,13 +20,15 @@ def check_ready(state: wire.VehicleState, estimate: Estimate, wanted: float) -> 
         raise Refused(f"the pilot has it: {state.pilot}", count="pilot")
     if not state.armed or state.landed:
         raise Refused("it is on the ground or disarmed: a controller takes over in the air; order a takeoff first")
+    if state.position is None:
+        raise Refused("its height above home is not known yet: has it a position?")
     if not estimate.ready:
         raise Refused("no ATTITUDE_QUATERNION and LOCAL_POSITION_NED yet: is the link up, has it a position?")
     hz = 1.0 / max(estimate.period, 1e-6)
     if hz < ENOUGH * wanted:
         text = (
             f"the autopilot's state comes at {hz:.0f} Hz of {wanted:g}: give the link more room (a higher baud, "
-            f"SERIALn_BAUD or SER_TELn_BAUD; 'zmav rate list {state.name}' shows who reads what), or ask for less "
+            f"SERIALn_BAUD or SER_TELn_BAUD; 'zmav rate {state.name}' shows who reads what), or ask for less "
             f"(-o rate_hz={max(hz * 0.9, 1.0):.0f})"
         )
         raise Refused(text, hz=hz, wanted=wanted)
