@@ -53,6 +53,10 @@ def tours(draw: st.DrawFn) -> Route:
 routes = st.one_of(shapes, tours())
 
 
+LEFT = 5e-5
+"""m/s² that rounded times leave of an acceleration where a way ends"""
+
+
 def norm(rows: Array) -> Array:
     found: Array = np.linalg.norm(rows, axis=1)
     return found
@@ -67,7 +71,7 @@ def assert_within(trajectory: Trajectory, t: Array, over: float = ROUNDING) -> N
     moment, allowed = trajectory.at(t), trajectory.limits
     assert norm(moment.vel).max() <= allowed.speed * over
     assert norm(moment.acc).max() <= allowed.accel * over
-    assert norm(np.diff(moment.acc, axis=0)).max() / (t[1] - t[0]) <= allowed.jerk * over + 1e-6
+    assert norm(np.diff(moment.acc, axis=0)).max() <= allowed.jerk * over * (t[1] - t[0]) + LEFT
 
 
 @settings(max_examples=60)
