@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,7 @@ class Field:
     ) -> None:
         self.world, self.z, self.vehicle, self.endpoint, self._stack = world, z, vehicle, endpoint, stack
         self.signals: list[wire.Signals] = []
+        self._end: Callable[[], Awaitable[None]]
 
     async def supervise(self, controller: str | Path, tuned: dict[str, float] | None = None, **more: Any) -> Supervisor:
         """A supervisor whose controller is ready; it ends with the test."""
@@ -51,10 +52,15 @@ class Field:
             await asyncio.gather(running, return_exceptions=True)
 
         self._stack.push_async_callback(end)
+        self._end = end
         await self.until(lambda: running.done() or self.ready(supervisor), "the controller is not ready")
         if running.done():
             await running
         return supervisor
+
+    async def dismiss(self) -> None:
+        """End the supervisor that came last: each has two processes."""
+        await self._end()
 
     def ready(self, supervisor: Supervisor) -> bool:
         period = supervisor.estimate.period

@@ -259,6 +259,7 @@ async def test_each_level_flies_alone(field: Field) -> None:
         assert field.mode == "OFFBOARD", controller
         await field.vehicle.tell(controller, "release")
         assert field.mode == "HOLD", controller
+        await field.dismiss()
 
 
 async def test_a_supervisor_that_dies_leaves_the_vehicle_holding(field: Field, mine: Path) -> None:

@@ -223,7 +223,7 @@ async def test_where_the_controller_refuses_the_vehicle_holds(field: Field) -> N
         controller.lease = lease
         await field.fly(route="circle", radius=4.0, controller="ev1")
         controller.lease = None
-        await field.ended("broken off: it is not engaged; it holds")
+        await field.ended("broken off")
         await field.me.wait_until(
             lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.2, PATIENCE_S
         )
