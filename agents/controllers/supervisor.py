@@ -338,11 +338,16 @@ class Supervisor(zmav.Agent):
         while not self.estimate.ready:
             await asyncio.sleep(LOOK)
 
+    @property
+    def idle(self) -> bool:
+        """No engagement is under way, nor its end."""
+        return self._engaged is None or self._engaged.done()
+
     def _check_free(self) -> None:
         """Raises :class:`Refused` while an engagement is not over, and when there will be none any more."""
         if self._ending:
             raise Refused("the supervisor ends")
-        if self._engaged is not None and not self._engaged.done():
+        if not self.idle:
             raise Refused("it is taking over or handing back just now: ask again in a moment")
 
     async def _check_parameters(self) -> None:

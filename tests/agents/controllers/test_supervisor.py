@@ -105,6 +105,7 @@ async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Fie
     await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
     upright = lambda s: s.attitude is not None and abs(s.attitude.roll) + abs(s.attitude.pitch) < 0.2  # noqa: E731
     await field.vehicle.wait_until(upright, 20.0)
+    await field.until(lambda: supervisor.idle, "it is not over")
     # Mended, it can be had again.
     await field.vehicle.tell("mine", "set", name="fault", value=0.0)
     await field.vehicle.tell("mine", "engage")
@@ -118,6 +119,7 @@ async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field,
     pilot.flip(7, 1900)
     await field.until(lambda: field.mode == "HOLD", "the autopilot has not got it")
     await field.until(lambda: supervisor.cycles.phase == 0, "outputs still go out")
+    await field.until(lambda: supervisor.idle, "it is not over")
     with pytest.raises(Refused, match="pilot has it"):
         await field.vehicle.tell("mine", "engage")
     pilot.flip(7, 1000)
