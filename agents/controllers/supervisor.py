@@ -106,14 +106,9 @@ class Supervisor(zmav.Agent):
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
         self.workshop = Workshop(
-            settings.controller,
-            settings.cls,
-            self.cycles.fly_by,
-            self._agree,
-            self.cycles.on_answer,
-            self._on_failed,
-            self._on_because,
-        )
+            settings.controller, settings.cls, self.cycles.fly_by, self._agree,
+            self.cycles.on_answer, self._on_failed, self._on_because,
+        )  # fmt: skip
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
         loop = asyncio.get_running_loop()
@@ -434,7 +429,7 @@ class Supervisor(zmav.Agent):
 
     async def _release(self, why: str) -> None:
         self._began, self._wanted = time.monotonic(), None
-        if self._engaged is None or self._engaged.done():
+        if self._engaged is None or self.idle:
             return
         self.cycles.end()
         self._why = self._why or why
