@@ -443,8 +443,8 @@ def connect(
 ) -> Client:
     """Open the key space: ``async with zmav.open() as z``.
 
-    ``connect`` are Zenoh endpoints; the host's own router on loopback by default. ``fleet`` may be ``*``.
-    ``credentials``: the folder of the member we are; ``$ZMAV_CREDENTIALS`` by default. Raises
+    ``connect`` are Zenoh endpoints; ``$ZMAV_CONNECT``, or the host's own router on loopback, by default. ``fleet`` may
+    be ``*``. ``credentials``: the folder of the member we are; ``$ZMAV_CREDENTIALS`` by default. Raises
     :class:`~zmav.errors.SessionError` on entry where no router answers.
     """
     if fleet != "*":

@@ -8,6 +8,7 @@ everything stays on loopback unless told otherwise. Zenoh's own settings can be 
 from __future__ import annotations
 
 import json
+import os
 import re
 import time
 from collections.abc import Iterable, Sequence
@@ -21,6 +22,8 @@ from zmav.errors import BadConfig, SessionError
 from zmav.trust.credentials import Credentials
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+CONNECT = "ZMAV_CONNECT"
+"""environment variable: the routers that clients look for where nothing else is said, between blanks"""
 PATIENCE = 1.0
 """s for a router to answer a client: it may just be starting"""
 Mode = Literal["client", "peer", "router"]
@@ -56,7 +59,7 @@ def defaults(mode: str) -> dict[str, Any]:
     """What zmav sets, by Zenoh configuration path, where neither the settings nor a file say otherwise."""
     values: dict[str, Any] = {
         "mode": mode,
-        "connect/endpoints": [DEFAULT_ROUTER] if mode == "client" else [],
+        "connect/endpoints": os.environ.get(CONNECT, DEFAULT_ROUTER).split() if mode == "client" else [],
         "listen/endpoints": [],
         "scouting/multicast/enabled": False,
         "transport/shared_memory/enabled": False,

@@ -10,13 +10,17 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 
 import zmav
 from zmav.errors import SessionError, ZmavError
-from zmav.session import SessionSettings
+from zmav.session import CONNECT, SessionSettings
 from zmav.trust.credentials import VARIABLE
+
+OURS = (VARIABLE, CONNECT, "ZMAV_FLEET")
+"""environment variables that would make them part of another fleet"""
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
@@ -79,13 +83,15 @@ class Processes:
         else:
             _leave(number)
 
-    def start(self, name: str, *arguments: str, may_end: bool = False) -> subprocess.Popen[bytes]:
+    def start(
+        self, name: str, *arguments: str, may_end: bool = False, environment: Mapping[str, str] | None = None
+    ) -> subprocess.Popen[bytes]:
         """Start ``zmav ARGUMENTS`` under a name."""
         self._starting = True
         with self._log(name).open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "zmav", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                env={name: value for name, value in os.environ.items() if name != VARIABLE},
+                env={**{key: value for key, value in os.environ.items() if key not in OURS}, **(environment or {})},
             )  # fmt: skip
         self._running[name] = process
         if may_end:
@@ -94,6 +100,19 @@ class Processes:
         if self._asked is not None:
             _leave(self._asked)
         return process
+
+    def kill(self, name: str) -> None:
+        """As power that fails."""
+        self._mortal.add(name)
+        self._running[name].kill()
+        self._running[name].wait()
+
+    def end(self, name: str, patience: float = 20.0) -> None:
+        """SIGTERM, and wait: what it has to write is written then."""
+        self._mortal.add(name)
+        self._running[name].terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._running[name].wait(patience)
 
     def check(self) -> None:
         """Raise where a process has ended that should run, with the last it said."""
@@ -107,6 +126,10 @@ class Processes:
     def said(self, name: str, lines: int = 15) -> str:
         """The end of its log."""
         return "\n".join(self._log(name).read_text("utf-8", "replace").splitlines()[-lines:])
+
+    def lines(self, name: str) -> list[str]:
+        """All the whole lines of its log."""
+        return self._log(name).read_text("utf-8", "replace").split("\n")[:-1]
 
     def _log(self, name: str) -> Path:
         return Path(self._folder.name) / f"{name}.log"

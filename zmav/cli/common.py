@@ -24,8 +24,9 @@ def zenoh_options(command: F) -> F:
     """``-e -l -m -c --cfg`` as the zenoh tools have them, given to the verb as one ``settings``."""
 
     @click.option(
-        "-e", "--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint to connect to (repeatable)."
-    )
+        "-e", "--connect", multiple=True, metavar="ENDPOINT",
+        help="Zenoh endpoint to connect to (repeatable).  [default for clients: $ZMAV_CONNECT, or loopback's router]",
+    )  # fmt: skip
     @click.option("-l", "--listen", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint to listen on (repeatable).")
     @click.option(
         "-m", "--mode", type=click.Choice(["client", "peer", "router"]), help="[default: client, or the file's]"

@@ -42,6 +42,7 @@ high = 2200
 
 ``[mesh]``, ``[vehicles.quad1.mesh]`` and ``[stations.ground]`` are for the network: :mod:`zmav.config.mesh`.
 ``[sim]`` and ``[vehicles.quad1.sim]`` are for the simulator: :mod:`zmav.sim.fleetfile` says what they hold.
+``[demo]`` is for ``zmav demo``.
 A vehicle's own ``failsafe``, ``geofence``, ``limits`` or ``body`` table takes the whole place of the fleet's.
 """
 
@@ -180,6 +181,8 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     stations: dict[str, StationConfig] = {}
     sim: dict[str, Any] = {}
     """the world of ``zmav sim``"""
+    demo: dict[str, Any] = {}
+    """what ``zmav demo`` does with it"""
 
     def hosts(self) -> dict[str, VehicleConfig | StationConfig]:
         """The tables of all hosts by their place in the file: ``vehicles.quad1``, ``stations.ground``."""

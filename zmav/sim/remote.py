@@ -173,6 +173,10 @@ class Remote:
             list[FaultStatus], "fault", vehicle=vehicle, kind=kind, for_s=for_s, parameters=parameters
         )  # fmt: skip
 
+    def pilot(self, vehicle: str, mode: str | None = None, channels: dict[int, int] | None = None) -> WorldStatus:
+        """The pilot turns the mode switch, or sets channels to pulse widths in us."""
+        return self._asked(WorldStatus, "pilot", vehicle=vehicle, mode=mode, channels=channels or {})
+
     def clear(self, vehicle: str | None = None, kind: str | None = None) -> int:
         """End all faults, or those of one vehicle, of one kind, or of both; gives how many."""
         return self._asked(int, "clear", vehicle=vehicle, kind=kind)

@@ -41,6 +41,14 @@ class Fault(msgspec.Struct, forbid_unknown_fields=True):
     parameters: dict[str, Any] = {}
 
 
+class Pilot(msgspec.Struct, forbid_unknown_fields=True):
+    """What the pilot's hands do: the mode switch, and channels as pulse widths in us."""
+
+    vehicle: str
+    mode: str | None = None
+    channels: dict[int, int] = {}
+
+
 class Clear(msgspec.Struct, forbid_unknown_fields=True):
     """End faults: all, of one vehicle, of one kind, or of both."""
 
@@ -69,9 +77,14 @@ def offers(world: World) -> dict[str, Offer]:
     def fault(args: Fault) -> list[FaultStatus]:
         return world.put_fault(args.vehicle, make_fault(args.kind, args.parameters), args.for_s)
 
+    def pilot(args: Pilot) -> WorldStatus:
+        world.take(args.vehicle, args.mode, args.channels)
+        return world.status()
+
     return {
         "fault": Offer(Fault, fault),
         "clear": Offer(Clear, lambda args: world.clear(args.vehicle, args.kind)),
+        "pilot": Offer(Pilot, pilot),
         "faults": Offer(Nothing, lambda _: world.faults()),
         "status": Offer(Nothing, lambda _: world.status()),
         "pause": Offer(Nothing, pause),

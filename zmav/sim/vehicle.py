@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from zmav.errors import BadInput
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
@@ -17,6 +18,7 @@ from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.spec import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, VehicleSpec, airframe_of, kind_of
 from zmav.sim.status import VehicleStatus
 
+CHANNELS, NARROWEST, WIDEST = 8, 800, 2200
 Autopilot = ArduCopter | ArduPlane | ArduRover | Px4Copter
 
 
@@ -106,6 +108,24 @@ class SimVehicle:
         self.node.receive(channel, data)
 
     # ---- the pilot
+
+    def hands(self, mode: str | None, channels: Mapping[int, int]) -> None:
+        """The pilot turns the mode switch, and sets channels (1 to 8) to pulse widths in us. On a PX4, either turns the
+        radio on, with its throttle stick in the middle.
+        """
+        for channel, pwm in channels.items():
+            if not (1 <= channel <= CHANNELS and NARROWEST <= pwm <= WIDEST):
+                expected = f"channels 1 to {CHANNELS} at {NARROWEST} to {WIDEST} us"
+                text = f"channel {channel} at {pwm} us; expected {expected}"
+                raise BadInput(text, field="channels", value=(channel, pwm), expected=expected)
+        if mode is not None:
+            self.pilot_mode(mode)
+        pilot = self.brain.sticks.pilot if isinstance(self.brain, Px4Copter) else self.brain.pilot
+        if isinstance(self.brain, Px4Copter) and not self.brain.sticks.radio:
+            self.brain.sticks.radio = True
+            pilot.sticks(throttle=0.5)
+        for channel, pwm in channels.items():
+            pilot.flip(channel, pwm)
 
     def pilot_mode(self, name: str, *, throttle: float = 0.5) -> None:
         """The pilot turns the mode switch to ``name``, with a hand on the throttle stick (0..1; its middle holds the

@@ -360,6 +360,20 @@ class World:
                 if not self._loop.ticked.wait(10.0):
                     raise TimedOut("the simulated world does not run")
 
+    # ---- the pilots
+
+    def take(self, name: str, mode: str | None, channels: Mapping[int, int]) -> None:
+        """The hands of a vehicle's pilot: see :meth:`SimVehicle.hands`. In the world's thread. :class:`BadInput` for a
+        vehicle that is none of ours, or that a stack of its own flies: its radio is its own.
+        """
+        for vehicle in self.vehicles:
+            if vehicle.name == name:
+                vehicle.hands(mode, channels)
+                return
+        expected = ", ".join(vehicle.name for vehicle in self.vehicles) or "none"
+        text = f"{name}: no such vehicle with a simulated pilot; expected {expected}"
+        raise BadInput(text, field="vehicle", value=name, expected=expected)
+
     # ---- faults
 
     def fault(self, vehicle: str, kind: str, *, for_s: float | None = None, **parameters: Any) -> list[FaultStatus]:

@@ -21,6 +21,7 @@ VERBS = {
     "step": "talk",
     "stop": "talk",
     "fault": "fault",
+    "pilot": "pilot",
 }
 HOME_WORDS = 4
 

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import click
+import msgspec
 from rich.console import Console
 
 from zmav.cli.sim.cameras import CAMERA_OPTIONS, parse_cameras, serve_cameras
 from zmav.cli.sim.line import StatusLine
-from zmav.cli.sim.stacks import STACK_OPTIONS, stack_vehicles
+from zmav.cli.sim.stacks import STACK_OPTIONS, flown_by, stack_vehicles
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
 from zmav.sim.camera import PadSpec, load_scene
 from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
@@ -43,7 +44,7 @@ _OPTIONS = (
         "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
         "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  "
-        "[default: ardupilot or px4]",
+        "[default: the fleet file's links, ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
     click.option("--spacing", type=float, metavar="M", help="Metres between starts.  [default: 10]"),
@@ -106,7 +107,10 @@ def make_world(
     """The world that these options ask for: what they do not say, the fleet file says, or a default."""
     file = load_simulated(fleet_file) if fleet_file else FleetFile(WorldTable(), None, None, [])
     counts = {"copter": copters or 0, "hexa": hexas, "rover": rovers, "plane": planes}
-    vehicles = [*file.vehicles, *stack_vehicles(counts, stacks)]
+    ours, stacks = flown_by(file.vehicles, stacks)
+    if endpoints:
+        ours = [msgspec.structs.replace(spec, endpoints=None) for spec in ours]
+    vehicles = [*ours, *stack_vehicles(counts, stacks)]
     if copters is None and not vehicles and not any(counts.values()):
         counts["copter"] = 1
     table = file.world

@@ -49,6 +49,28 @@ STACK_OPTIONS = (
 )  # fmt: skip
 
 
+def flown_by(vehicles: Sequence[VehicleSpec], options: dict[str, Any]) -> tuple[list[VehicleSpec], dict[str, Any]]:
+    """A fleet file's vehicles as the programs of ``--ardupilot`` and ``--px4 PATH`` fly them, and what is left of the
+    options. :class:`BadConfig` for a program that has none of them to fly.
+    """
+    path, count = _px4(options["px4"])
+    programs = {"px4": path, "ardupilot": options["ardupilot"]}
+    if not vehicles or not any(programs.values()):
+        return list(vehicles), options
+    ours = {"own_physics": options["own_physics"], "directory": options["keep"]}
+    found = []
+    for spec in vehicles:
+        kind = "px4" if spec.autopilot == PX4 else "ardupilot"
+        program = programs[kind]
+        if program is not None and spec.stack is None:
+            spec = _with(spec, program=program, **ours)
+        found.append(spec)
+    for kind, program in programs.items():
+        if program and not any((spec.autopilot == PX4) == (kind == "px4") for spec in vehicles):
+            raise _bad(kind, program, "a vehicle of that autopilot in the fleet file")
+    return found, {**options, "ardupilot": None, "px4": (str(count),) if count else (), "own_physics": False}
+
+
 def stack_vehicles(counts: dict[str, int], options: dict[str, Any]) -> list[VehicleSpec]:
     """The vehicles of :data:`STACK_OPTIONS`; ``counts``, by kind, loses those that a program flies. Gives its px4."""
     px4_path, counts["px4"] = _px4(options["px4"])

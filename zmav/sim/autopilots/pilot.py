@@ -80,7 +80,7 @@ class Pilot(Sticks):
         self.pwm[self.switch_channel - 1] = SWITCH_PWM[position - 1]
 
     def flip(self, channel: int, pwm: int) -> None:
-        """Set a switch or knob: one of the channels 6 to 8 to a pulse width in microseconds."""
+        """Set a channel, as a switch or a knob does, to a pulse width in microseconds."""
         self.pwm[channel - 1] = pwm
 
     def lose(self) -> None:

@@ -1,0 +1,257 @@
+"""Plays a demo's story: its steps one after the other, watched from the ground and by the simulator's truth."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fnmatch
+import time
+from collections.abc import Awaitable
+from pathlib import Path
+
+import zenoh
+from rich.console import Console
+from rich.live import Live
+
+import zmav
+from agents.demo.processes import Processes, connect
+from agents.demo.stage import Stage
+from agents.demo.story import Demo, Step, Wait, called, matching, words
+from agents.demo.truth import Truth
+from agents.demo.watch import Watch
+from zmav import keys, wire
+from zmav.cli.ls import fleet_view
+from zmav.errors import TimedOut, ZmavError
+
+LOOK = 0.1
+"""s between two looks at whether a step is over"""
+RECORDER = "recorder"
+
+
+class Mark:
+    """A moment of the story that its picture shows."""
+
+    def __init__(self, t: float, text: str) -> None:
+        self.t, self.text = t, text
+
+
+class Play:
+    """One performance. :meth:`run` returns when the story is over; what went wrong is raised in words."""
+
+    def __init__(self, demo: Demo, stage: Stage, processes: Processes, out: Path, console: Console, live: bool) -> None:
+        self.demo, self.stage, self.processes, self.out, self.console = demo, stage, processes, out, console
+        self.truth = Truth(demo.vehicles)
+        self.marks: list[Mark] = []
+        self.watch: Watch | None = None
+        self.recorded = False
+        self._live = live
+
+    async def run(self) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            await self.stage.start()
+            z = await connect(stack, self.demo.fleet.fleet, self.stage.ground, self.processes)
+            self._record()
+            self.watch = Watch(z, tuple(self.demo.vehicles))
+            watching = asyncio.create_task(self.watch.run())
+            view = Live(console=self.console, refresh_per_second=4, transient=True) if self._live else None
+            with view or contextlib.nullcontext(), self.truth.watching(self.stage.control):
+                drawing = asyncio.create_task(_draw(z, view)) if view else None
+                try:
+                    await self._ready(z)
+                    for step in self.demo.story.steps:
+                        await self._step(z, step)
+                finally:
+                    for task in filter(None, (watching, drawing)):
+                        task.cancel()
+                    await asyncio.gather(*filter(None, (watching, drawing)), return_exceptions=True)
+            if self.recorded:
+                self.processes.end(RECORDER)
+
+    def _record(self) -> None:
+        """Beside everything else; without its package there are .tlog files alone."""
+        try:
+            import mcap  # type: ignore[import-untyped,unused-ignore]  # noqa: F401
+
+            more: tuple[str, ...] = ()
+        except ImportError:
+            more = ("--no-mcap",)
+        environment = self.stage.environment("ground")
+        self.processes.start(RECORDER, "record", "--out", str(self.out / "recording"), "--keep-free", "100MB", *more,
+                             environment=environment)  # fmt: skip
+        self.recorded = True
+
+    def judge(self) -> None:
+        """Raise :class:`ZmavError` where two came nearer than the story allows."""
+        least, truth = self.demo.story.apart, self.truth
+        if least is not None and truth.closest < least:
+            a, b = truth.pair
+            raise ZmavError(f"{a} and {b} came as near as {truth.closest:.2f} m; {least:g} m was asked")
+
+    async def _ready(self, z: zmav.Client) -> None:
+        names = self.demo.vehicles
+        self._tell(f"waiting until {len(names)} vehicles are there and ready")
+        await self._watched(z.wait_for(*names, timeout=self.demo.story.ready), self.demo.story.ready)
+        for name in names:
+            until = z.vehicle(name).wait_until(lambda s: s.ready is True and s.local is not None, self.demo.story.ready)
+            await self._watched(until, self.demo.story.ready)
+        self._mark("ready")
+
+    async def _watched(self, waiting: Awaitable[object], within: float) -> None:
+        """Wait, but not for processes that are gone."""
+        task = asyncio.ensure_future(waiting)
+        try:
+            while not task.done():
+                self.processes.check()
+                await asyncio.wait({task}, timeout=LOOK)
+            await task
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    # ---- the steps
+
+    async def _step(self, z: zmav.Client, step: Step) -> None:
+        if step.say is not None:
+            self._tell(step.say)
+        if step.run is not None:
+            await self._run(step, step.run)
+        elif step.start is not None:
+            self._command(step, step.start)
+            self.processes.start(called(step), *self._words(step.start), environment=self._environment(step))
+        elif step.stop is not None:
+            self._mark(f"kill -9 {step.stop}")
+            self.processes.kill(step.stop)
+        elif step.wait is not None:
+            await self._wait(z, step.wait, step.within)
+        elif step.pause is not None:
+            await self._watched(asyncio.sleep(step.pause), step.pause)
+        for pairs, through in ((step.cut, False), (step.mend, True)):
+            for pair in pairs or ():
+                self._mark(f"{'mended' if through else 'cut'}: {pair[0]} - {pair[1]}")
+                self.stage.cut(pair, through)
+
+    async def _run(self, step: Step, command: str) -> None:
+        self._command(step, command)
+        name = f"{len(self.marks)} {' '.join(words(command)[:3])}"
+        process = self.processes.start(
+            name, *self._words(command), may_end=True, environment=self._environment(step)
+        )  # fmt: skip
+        deadline, told = time.monotonic() + step.within, 0
+        while process.poll() is None:
+            told = self._echo(name, told)
+            self.processes.check()
+            if time.monotonic() > deadline:
+                raise TimedOut(f"'{command}' was not done within {step.within:g} s")
+            await asyncio.sleep(LOOK)
+        self._echo(name, told)
+        if step.refused and process.returncode == 0:
+            raise ZmavError(f"'{command}' was done, but should have been refused")
+        if not step.refused and process.returncode != 0:
+            raise ZmavError(f"'{command}' ended with {process.returncode}")
+
+    def _echo(self, name: str, told: int) -> int:
+        """Say the lines that it has said since; how many there were."""
+        lines = self.processes.lines(name)
+        for line in lines[told:]:
+            self.console.print(f"    {line}", markup=False, highlight=False, style="dim", soft_wrap=True)
+        return len(lines)
+
+    async def _wait(self, z: zmav.Client, wait: Wait, within: float) -> None:
+        names = matching(self.demo, wait.vehicles)
+        heard: dict[str, str] = {}
+
+        def convert(sample: zenoh.Sample) -> None:
+            status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
+            heard[str(sample.key_expr).split("/")[2]] = status.state
+
+        key = keys.AGENT_STATUS.key(z.fleet_name, "*", agent=wait.agent or "none")
+        async with z.subscribe(key, convert) as statuses:
+            reading = asyncio.create_task(_drain(statuses))
+            deadline = time.monotonic() + within
+            try:
+                while missing := [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]:
+                    self.processes.check()
+                    if time.monotonic() > deadline:
+                        raise TimedOut(f"within {within:g} s it did not come about for {', '.join(missing)}: {wait}")
+                    await asyncio.sleep(LOOK)
+            finally:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+        self._mark(_words_of(wait, names))
+
+    # ---- what is said
+
+    def _words(self, command: str) -> list[str]:
+        places = {"{sim}": str(self.stage.control), "{cameras}": self.stage.cameras, "{out}": str(self.out),
+                  "{here}": str(self.demo.path.resolve().parent)}  # fmt: skip
+        found = words(command)
+        for name, value in places.items():
+            found = [word.replace(name, value) for word in found]
+        return found
+
+    def _environment(self, step: Step) -> dict[str, str]:
+        return self.stage.environment(step.on)
+
+    def _command(self, step: Step, command: str) -> None:
+        where = "" if step.on == "ground" else f"{step.on}: "
+        self.console.print(
+            f"{where}$ {command}{' &' if step.start else ''}", markup=False, highlight=False, style="bold"
+        )
+        self._mark(" ".join(words(command)[:3]), quiet=True)
+
+    def _tell(self, text: str) -> None:
+        self.console.print(f"[{self.now():5.1f} s] {text}", markup=False, highlight=False, soft_wrap=True)
+
+    def _mark(self, text: str, quiet: bool = False) -> None:
+        self.marks.append(Mark(self.now(), text))
+        if not quiet:
+            self._tell(text)
+
+    def now(self) -> float:
+        """s since it began."""
+        return time.monotonic() - self.truth.begun
+
+
+def holds(vehicle: zmav.Vehicle, wait: Wait, agent_state: str | None) -> bool:
+    """Whether all of it is true of that vehicle, by what was last heard."""
+    state, age = vehicle.last_state, vehicle.age
+    old = age is None or age > (keys.STATE.stale_after or 0.0)
+    if wait.stale is not None and old != wait.stale:
+        return False
+    if wait.stale:
+        return True
+    if state is None or old:
+        return False
+    if wait.mode is not None and (state.mode or "").lower() not in [mode.lower() for mode in wait.mode]:
+        return False
+    if wait.armed is not None and state.armed != wait.armed:
+        return False
+    if wait.above is not None and (state.local is None or -state.local[2] < wait.above):
+        return False
+    if wait.pilot is not None and (state.pilot is not None) != wait.pilot:
+        return False
+    return wait.agent is None or (agent_state is not None and fnmatch.fnmatch(agent_state, wait.state or "*"))
+
+
+def _words_of(wait: Wait, names: list[str]) -> str:
+    who = ", ".join(names) if len(names) <= 4 else f"{len(names)} vehicles"
+    what = [f"in {' or '.join(wait.mode)}"] if wait.mode else []
+    what += ["armed" if wait.armed else "disarmed"] if wait.armed is not None else []
+    what += [f"above {wait.above:g} m"] if wait.above is not None else []
+    what += (
+        ["with their pilots" if wait.pilot else "with nobody's hand on the switch"] if wait.pilot is not None else []
+    )
+    what += ["not heard any more" if wait.stale else "heard again"] if wait.stale is not None else []
+    what += [f"{wait.agent}: {wait.state}"] if wait.agent else []
+    return f"{who} {' and '.join(what)}"
+
+
+async def _draw(z: zmav.Client, view: Live) -> None:
+    while True:
+        view.update(fleet_view(z.fleet()))
+        await asyncio.sleep(0.25)
+
+
+async def _drain(statuses: zmav.Subscription[None]) -> None:
+    async for _ in statuses:
+        pass

@@ -1,0 +1,78 @@
+"""What a demo comes to: a table for the terminal, and the same as JSON beside the recording."""
+
+from __future__ import annotations
+
+import statistics
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from agents.demo.play import Play
+
+COLUMNS = ("vehicle", "is a", "relays", "flown", "highest", "setpoints", "dropped", "MAVLink lost", "RTT", "at the end")
+
+
+def rows(play: Play) -> list[dict[str, Any]]:
+    """One of each vehicle: distances in m by the simulator's truth, the rest as the ground heard it."""
+    found = []
+    for name in play.demo.vehicles:
+        track = play.watch.tracks[name] if play.watch else None
+        state = play.watch.state(name) if play.watch else None
+        told = state.setpoints if state else {}
+        found.append({
+            "vehicle": name,
+            "kind": f"{state.autopilot} {state.kind}" if state else "?",
+            "relays": play.demo.relays(name),
+            "flown_m": play.truth.flown(name),
+            "highest_m": play.truth.highest(name),
+            "setpoints": told.get("flown", 0) + told.get("held", 0),
+            "dropped": {reason: n for reason, n in told.items() if reason not in ("flown", "held") and n},
+            "mavlink_lost": track.mavlink_lost if track else 0,
+            "mavlink_frames": track.mavlink_frames if track else 0,
+            "rtt_s": statistics.median(track.rtts) if track and track.rtts else None,
+            "end": f"{'armed' if state.armed else 'disarmed'} in {state.mode}" if state else "not heard",
+        })  # fmt: skip
+    return found
+
+
+def summary(play: Play) -> Group:
+    """For a person."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in COLUMNS:
+        left = name in ("vehicle", "is a", "at the end")
+        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    for row in rows(play):
+        rtt = row["rtt_s"]
+        table.add_row(
+            row["vehicle"], row["kind"], str(row["relays"]), f"{row['flown_m']:.0f} m", f"{row['highest_m']:.0f} m",
+            str(row["setpoints"]), str(sum(row["dropped"].values())), f"{row['mavlink_lost']}/{row['mavlink_frames']}",
+            "-" if rtt is None else f"{1e3 * rtt:.1f} ms", row["end"],
+        )  # fmt: skip
+    return Group(table, Text("; ".join(_words(play))))
+
+
+def _words(play: Play) -> list[str]:
+    truth, found = play.truth, []
+    if len(truth.names) > 1 and truth.rows:
+        a, b = truth.pair
+        least = f" (at least {play.demo.story.apart:g} m asked)" if play.demo.story.apart else ""
+        found.append(f"closest approach {truth.closest:.2f} m, {a} and {b} after {truth.closest_at:.0f} s{least}")
+    per_hop = play.watch.delay_per_hop(play.demo.relays) if play.watch else None
+    if per_hop is not None:
+        found.append(f"delay per relay {1e3 * per_hop:.2f} ms one way")
+    return found
+
+
+def write(play: Play, path: Path, fault: str | None) -> None:
+    """The summary for scripts; ``fault``: why the demo did not end as it should."""
+    closest = {"m": play.truth.closest, "vehicles": play.truth.pair, "t": play.truth.closest_at}
+    told = {
+        "demo": play.demo.path.stem, "good": fault is None, "fault": fault, "seconds": play.now(),
+        "vehicles": rows(play), "closest": closest if len(play.truth.names) > 1 and play.truth.rows else None,
+        "marks": [{"t": mark.t, "text": mark.text} for mark in play.marks],
+    }  # fmt: skip
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(told), indent=2) + b"\n")

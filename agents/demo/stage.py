@@ -1,0 +1,96 @@
+"""What a demo flies with: simulator, a ``zmav up`` for each vehicle, the ground's router, the links between them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import time
+from pathlib import Path
+from types import TracebackType
+
+from agents.demo.processes import Processes, free_port
+from agents.demo.relay import Relay
+from agents.demo.story import GROUND, Demo, Pair
+from zmav.errors import LinkDown, TimedOut
+from zmav.session import CONNECT
+from zmav.sim import Remote
+
+RELIABLE = "?rel=1;mixed_rel=1"
+PATIENCE = 60.0
+"""s for the simulator to be there"""
+
+
+class Stage:
+    """``with Stage(...) as stage``: starts and ends all of it.
+
+    ``stacks``: options of ``zmav sim`` that have real flight stacks fly the fleet.
+    """
+
+    def __init__(self, demo: Demo, processes: Processes, folder: Path, ground: str, stacks: tuple[str, ...]) -> None:
+        self.demo, self.processes, self.ground = demo, processes, ground
+        self.control = folder / "sim.sock"
+        self.cameras = f"http://127.0.0.1:{free_port()}"
+        self.routers = {GROUND: ground, **{name: f"tcp/127.0.0.1:{free_port()}" for name in demo.vehicles}}
+        """by host: where its own clients find its router"""
+        self._stacks = stacks
+        self._links = contextlib.ExitStack()
+        self._relays: dict[frozenset[str], Relay] = {}
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._links.close()
+
+    async def start(self) -> None:
+        """Simulator first: it says where its vehicles are reached. Raises :class:`TimedOut`."""
+        port = self.cameras.rpartition(":")[2]
+        self.processes.start("sim", "sim", "--fleet", str(self.demo.path), "--control", str(self.control),
+                             "--endpoint", "tcp:0", "--camera-port", port, *self._stacks)  # fmt: skip
+        urls = await self._reached()
+        listens = {name: free_port(socket.SOCK_DGRAM) for name in self.routers}
+        connects: dict[str, list[str]] = {name: [] for name in self.routers}
+        for one, other in self.demo.links():
+            connects[other].append(f"udp/127.0.0.1:{self._way((one, other), listens[one])}{RELIABLE}")
+        for name, own in self.routers.items():
+            ends = ["-l", own, "-l", f"udp/127.0.0.1:{listens[name]}{RELIABLE}"]
+            for endpoint in connects[name]:
+                ends += ["-e", endpoint]
+            if name == GROUND:
+                self.processes.start(name, "router", *ends)
+            else:
+                how = ("--file", str(self.demo.path), "--name", name, "--link", urls[name])
+                self.processes.start(name, "up", *how, *ends)
+
+    def environment(self, on: str) -> dict[str, str]:
+        """In which a verb is one of this fleet, on that host."""
+        return {CONNECT: self.routers[on], "ZMAV_FLEET": self.demo.fleet.fleet}
+
+    def cut(self, pair: Pair, through: bool) -> None:
+        """Let nothing pass between two routers any more; or (``through``) everything again."""
+        relay = self._relays[frozenset(pair)]
+        if through:
+            relay.cut.clear()
+        else:
+            relay.cut.set()
+
+    def _way(self, pair: Pair, port: int) -> int:
+        """The port at which the second finds the first: its own, or a relay's where the link will be cut."""
+        if frozenset(pair) not in self.demo.cuttable():
+            return port
+        relay = self._links.enter_context(Relay(port))
+        self._relays[frozenset(pair)] = relay
+        return relay.port
+
+    async def _reached(self) -> dict[str, str]:
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            self.processes.check()
+            try:
+                with Remote(self.control) as sim:
+                    return {vehicle.name: vehicle.url for vehicle in sim.status().vehicles}
+            except LinkDown:
+                if time.monotonic() > deadline:
+                    raise TimedOut(f"the simulator did not start within {PATIENCE:.0f} s") from None
+            await asyncio.sleep(0.1)

@@ -1,0 +1,229 @@
+"""The ``[demo]`` table of a fleet file: what ``zmav demo`` does with that fleet, step by step.
+
+[demo]
+title = "Three hops"
+links = "line"                       # ground - first - second ...; or "star", or pairs of names
+apart = 1.5                          # m that no two vehicles may come nearer than
+
+[[demo.steps]]
+say = "The planner runs on the ground."
+start = "zmav swarm planner"         # runs beside the rest, until the demo ends
+
+[[demo.steps]]
+run = "zmav swarm takeoff 'quad*' --height 12"
+
+Each step is a verb as a person types it, a cut of the network, or a wait. ``{sim}``, ``{cameras}``, ``{here}`` and
+``{out}`` in a verb are the simulator's control socket, where its pictures are served, the file's folder and the one of
+the recording.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import itertools
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from zmav.config import FleetConfig, load_fleet
+from zmav.config.table import Positive, Table, reading
+from zmav.errors import BadConfig
+
+GROUND = "ground"
+Pair = tuple[str, str]
+Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
+
+
+class Wait(Table, frozen=True):
+    """Until all of this holds of all ``vehicles`` (patterns), as the ground hears it."""
+
+    vehicles: tuple[str, ...] = ("*",)
+    mode: list[str] | None = None
+    """one of these, in any spelling"""
+    armed: bool | None = None
+    above: float | None = None
+    """m above the fleet's origin at least"""
+    pilot: bool | None = None
+    """the pilot's switch has it"""
+    stale: bool | None = None
+    """it is, or is not, out of the ground's hearing"""
+    agent: str | None = None
+    state: str | None = None
+    """of ``agent``: what it says that it does"""
+
+
+class Step(Table, frozen=True):
+    """One of ``run``, ``start``, ``stop``, ``cut``, ``mend``, ``wait`` and ``pause``; or words alone."""
+
+    say: str | None = None
+    run: str | None = None
+    """a verb, to its end; where it fails, the demo has"""
+    start: str | None = None
+    """a verb that goes on until the demo ends"""
+    stop: str | None = None
+    """name of what was started: it is killed"""
+    cut: list[Pair] | None = None
+    """links through which nothing passes from now on"""
+    mend: list[Pair] | None = None
+    wait: Wait | None = None
+    pause: Seconds | None = None
+    on: str = GROUND
+    """whose router ``run`` and ``start`` use: the ground's, or that of a vehicle"""
+    name: str | None = None
+    """what a started verb is called; by default its words"""
+    within: Seconds = 180.0
+    refused: bool = False
+    """``run`` has to fail"""
+
+    def act(self) -> str | None:
+        """Which one of them it is."""
+        acts = ("run", "start", "stop", "cut", "mend", "wait", "pause")
+        return next((act for act in acts if getattr(self, act) is not None), None)
+
+
+class Story(Table, frozen=True):
+    """The table."""
+
+    title: str
+    steps: list[Step]
+    about: str = ""
+    links: Literal["line", "star"] | list[Pair] = "star"
+    """between routers: each pair is linked, and the second looks for the first"""
+    apart: Positive | None = None
+    """m between any two vehicles at least, by the simulator's truth"""
+    ready: Seconds = 180.0
+    """s for everybody to be there and ready"""
+
+
+class Demo(msgspec.Struct, frozen=True):
+    """A fleet file with its story."""
+
+    path: Path
+    fleet: FleetConfig
+    story: Story
+
+    @property
+    def vehicles(self) -> list[str]:
+        return list(self.fleet.vehicles)
+
+    def links(self) -> list[Pair]:
+        """Between routers, nearest the ground first."""
+        if self.story.links == "star":
+            return [(GROUND, name) for name in self.vehicles]
+        if self.story.links == "line":
+            chain = [GROUND, *self.vehicles]
+            return list(itertools.pairwise(chain))
+        return list(self.story.links)
+
+    def cuttable(self) -> set[frozenset[str]]:
+        """The links that a step cuts."""
+        return {frozenset(pair) for step in self.story.steps for pair in step.cut or ()}
+
+    def relays(self, name: str) -> int:
+        """How many other vehicles' routers lie between the ground and this one, by the shortest way."""
+        reached, hops = {GROUND}, -1
+        while name not in reached:
+            more = {b for pair in self.links() for a, b in (pair, pair[::-1]) if a in reached} - reached
+            if not more:
+                raise BadConfig(f"nothing links {name} to the ground", field="demo.links", value=name)
+            reached, hops = reached | more, hops + 1
+        return max(hops, 0)
+
+
+def folder() -> Path | None:
+    """Where the demo fleets are: in the tree that this runs from, or in the installed package."""
+    here = Path(__file__).resolve()
+    for place in (here.parents[2] / "deploy" / "demos", here.parent / "fleets"):
+        if place.is_dir():
+            return place
+    return None
+
+
+def demos() -> list[Demo]:
+    """All those that come along, by name."""
+    place = folder()
+    paths = sorted(place.glob("*.toml")) if place else []
+    return [load(path) for path in paths if load_fleet(path).demo]
+
+
+def find(name: str) -> Demo:
+    """By name or by the file's path. Raises :class:`BadConfig`, which names those there are."""
+    if name.endswith(".toml"):
+        return load(Path(name))
+    place = folder()
+    if place is not None and (place / f"{name}.toml").is_file():
+        return load(place / f"{name}.toml")
+    known = ", ".join(demo.path.stem for demo in demos()) or "none: give the path of a fleet file with a [demo] table"
+    raise BadConfig(f"no demo is called {name!r}; there are {known}", field="name", value=name, expected=known)
+
+
+def load(path: Path) -> Demo:
+    """Raises :class:`BadConfig` that names the file, the field and what was expected."""
+    fleet = load_fleet(path)
+    with reading(path, "the demo"):
+        if not fleet.demo:
+            raise BadConfig("it has no table [demo]", field="demo", expected="a title and steps")
+        try:
+            story = msgspec.convert(fleet.demo, Story)
+        except msgspec.ValidationError as e:
+            text, _, where = str(e).partition(" - at `$")
+            field = "demo" + where.strip("`")
+            raise BadConfig(f"{text} (at {field})", field=field, expected=text) from None
+        demo = Demo(path, fleet, story)
+        _check(demo)
+    return demo
+
+
+def words(command: str) -> list[str]:
+    """What stands behind ``zmav`` in a step's verb."""
+    return shlex.split(command)[1:]
+
+
+def matching(demo: Demo, patterns: Sequence[str]) -> list[str]:
+    return [name for name in demo.vehicles if any(fnmatch.fnmatch(name, pattern) for pattern in patterns)]
+
+
+def _check(demo: Demo) -> None:
+    known = {GROUND, *demo.vehicles}
+    linked = {frozenset(pair) for pair in demo.links()}
+    for pair in demo.links():
+        if unknown := [name for name in pair if name not in known]:
+            raise _bad("demo.links", unknown[0], f"one of {', '.join(sorted(known))}")
+    for name in demo.vehicles:
+        demo.relays(name)
+    started: set[str] = set()
+    for i, step in enumerate(demo.story.steps):
+        where = f"demo.steps[{i}]"
+        acts = [
+            act for act in ("run", "start", "stop", "cut", "mend", "wait", "pause") if getattr(step, act) is not None
+        ]
+        if len(acts) > 1 or not (acts or step.say):
+            raise _bad(
+                where, " and ".join(acts) or "nothing", "one of run, start, stop, cut, mend, wait, pause, or words"
+            )
+        for command in filter(None, (step.run, step.start)):
+            if not command.startswith("zmav "):
+                raise _bad(f"{where}.{acts[0]}", command, "zmav and a verb")
+        if step.on not in known:
+            raise _bad(f"{where}.on", step.on, f"one of {', '.join(sorted(known))}")
+        for pair in (*(step.cut or ()), *(step.mend or ())):
+            if frozenset(pair) not in linked:
+                raise _bad(f"{where}.{acts[0]}", " - ".join(pair), "two names that are linked")
+        if step.wait is not None and not matching(demo, step.wait.vehicles):
+            raise _bad(f"{where}.wait.vehicles", step.wait.vehicles, f"some of {', '.join(demo.vehicles)}")
+        if step.start is not None:
+            started.add(called(step))
+        if step.stop is not None and step.stop not in started:
+            raise _bad(f"{where}.stop", step.stop, f"what was started: {', '.join(sorted(started)) or 'nothing'}")
+
+
+def called(step: Step) -> str:
+    """What a started verb's process is called."""
+    return step.name or " ".join(words(step.start or "")[:3])
+
+
+def _bad(field: str, value: object, expected: str) -> BadConfig:
+    return BadConfig(f"{field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)
