@@ -1,4 +1,4 @@
-"""The link between two routers of a demo, where it is to be cut in flight: a UDP relay on loopback, without root."""
+"""The link between two routers of a demo, where it is to be cut in flight: a TCP relay on loopback, without root."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ import socket
 import threading
 from types import TracebackType
 
-BUFFER = 65536
+PIECE = 65536
+PATIENCE = 5.0
+"""s for one end to take what the other sent"""
 
 
 class Relay:
-    """``with Relay(port) as relay``: what is sent to loopback's ``relay.port`` reaches ``port`` there, and back; while
-    :attr:`cut` is set, nothing passes, as out of a radio's reach: nobody is told.
+    """``with Relay(port) as relay``: who connects to loopback's ``relay.port`` reaches ``port`` there; while
+    :attr:`cut` is set nothing passes, as out of a radio's reach: nobody is told.
     """
 
     def __init__(self, port: int) -> None:
         self.cut = threading.Event()
         self._to, self._stop = ("127.0.0.1", port), threading.Event()
-        self._near = _socket()
-        self.port = int(self._near.getsockname()[1])
-        self._far: dict[tuple[str, int], socket.socket] = {}
-        self._callers: dict[socket.socket, tuple[str, int]] = {}
+        self._door = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._door.getsockname()[1])
+        self._other: dict[socket.socket, socket.socket] = {}
+        """of each connection its other half"""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Relay:
@@ -32,30 +34,36 @@ class Relay:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._stop.set()
         self._thread.join()
-        for each in (self._near, *self._far.values()):
+        for each in (self._door, *self._other):
             each.close()
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            readable, _, _ = select.select([self._near, *self._far.values()], [], [], 0.1)
+            if self.cut.is_set():
+                self._stop.wait(0.05)
+                continue
+            readable, _, _ = select.select([self._door, *self._other], [], [], 0.05)
             for each in readable:
-                with contextlib.suppress(OSError):  # the other end is not there yet, or no more
+                if each is self._door:
+                    self._connect()
+                elif each in self._other:
                     self._pass(each)
 
+    def _connect(self) -> None:
+        near, _ = self._door.accept()
+        try:
+            far = socket.create_connection(self._to, PATIENCE)
+        except OSError:  # the other end is not there yet: who called tries again
+            near.close()
+            return
+        near.settimeout(PATIENCE)
+        self._other[near], self._other[far] = far, near
+
     def _pass(self, source: socket.socket) -> None:
-        data, sender = source.recvfrom(BUFFER)
-        if self.cut.is_set():
-            return
-        if source is not self._near:
-            self._near.sendto(data, self._callers[source])
-            return
-        if sender not in self._far:
-            self._far[sender] = _socket()
-            self._callers[self._far[sender]] = sender
-        self._far[sender].sendto(data, self._to)
-
-
-def _socket() -> socket.socket:
-    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    found.bind(("127.0.0.1", 0))
-    return found
+        with contextlib.suppress(OSError):
+            if data := source.recv(PIECE):
+                self._other[source].sendall(data)
+                return
+        for each in (source, self._other[source]):
+            del self._other[each]
+            each.close()

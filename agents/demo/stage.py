@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
 import time
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +15,6 @@ from zmav.errors import LinkDown, TimedOut
 from zmav.session import CONNECT
 from zmav.sim import Remote
 
-RELIABLE = "?rel=1;mixed_rel=1"
 PATIENCE = 60.0
 """s for the simulator to be there"""
 
@@ -49,12 +47,11 @@ class Stage:
         self.processes.start("sim", "sim", "--fleet", str(self.demo.path), "--control", str(self.control),
                              "--endpoint", "tcp:0", "--camera-port", port, *self._stacks)  # fmt: skip
         urls = await self._reached()
-        listens = {name: free_port(socket.SOCK_DGRAM) for name in self.routers}
         connects: dict[str, list[str]] = {name: [] for name in self.routers}
         for one, other in self.demo.links():
-            connects[other].append(f"udp/127.0.0.1:{self._way((one, other), listens[one])}{RELIABLE}")
+            connects[other].append(self._way((one, other)))
         for name, own in self.routers.items():
-            ends = ["-l", own, "-l", f"udp/127.0.0.1:{listens[name]}{RELIABLE}"]
+            ends = ["-l", own]
             for endpoint in connects[name]:
                 ends += ["-e", endpoint]
             if name == GROUND:
@@ -75,13 +72,14 @@ class Stage:
         else:
             relay.cut.set()
 
-    def _way(self, pair: Pair, port: int) -> int:
-        """The port at which the second finds the first: its own, or a relay's where the link will be cut."""
+    def _way(self, pair: Pair) -> str:
+        """Where the second finds the first: at its router, or at a relay where the link will be cut."""
+        router = self.routers[pair[0]]
         if frozenset(pair) not in self.demo.cuttable():
-            return port
-        relay = self._links.enter_context(Relay(port))
+            return router
+        relay = self._links.enter_context(Relay(int(router.rpartition(":")[2])))
         self._relays[frozenset(pair)] = relay
-        return relay.port
+        return f"tcp/127.0.0.1:{relay.port}"
 
     async def _reached(self) -> dict[str, str]:
         deadline = time.monotonic() + PATIENCE

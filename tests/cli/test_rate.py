@@ -37,7 +37,6 @@ def test_the_table_shows_what_comes_and_for_whom(vehicle: Vehicle) -> None:
     assert (found["sysid"], found["compid"], found["shed"]) == (1, 1, False)
     assert found["bytes_rate"] > 12 * found["hz"]
     whole = table(vehicle)
-    assert whole["plain_subscribers"] is True
     assert whole["capacity"] is None
     told = vehicle.zmav("rate", "quad1")
     assert told.out.split()[:9] == ["message", "from", "Hz", "B/s", "count", "age", "asked", "wanted", "for"]

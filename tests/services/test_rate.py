@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
@@ -223,7 +224,7 @@ async def test_a_plain_subscriber_makes_its_message_flow_and_its_end_stops_it(
     found = await row(b, "VFR_HUD")
     assert found is not None
     assert found.wanted_hz == PLAIN_HZ
-    assert found.readers == [str(b.ground.session.info.zid())[:8]]
+    assert found.readers == ["subscriber"]
     reader.undeclare()
     await flows(one, "VFR_HUD", None)
 
@@ -240,8 +241,7 @@ async def test_one_behind_another_router_counts_too(bench: StartBench, one: Stre
 async def test_who_takes_everything_asks_for_nothing(bench: StartBench, one: StreamPeer) -> None:
     b = await on(bench, one)
     for key in (
-        "zmav/**", "**", "zmav/demo/quad1/mav/rx/**", "zmav/demo/quad1/mav/rx/*/*/*", "zmav/demo/*/mav/rx/1/1/*",
-        "zmav/demo/quad1/mav/rx/*/*/$*A$*", "zmav/demo/quad2/mav/rx/*/*/VFR_HUD", "zmav/demo/quad1/mav/rx/1/100/WIND",
+        "zmav/demo/quad2/mav/rx/*/*/VFR_HUD", "zmav/demo/quad1/mav/rx/1/100/WIND",
         "zmav/demo/quad1/mav/rx/*/*/STATUSTEXT", "zmav/demo/quad1/mav/rx/*/*/PARAM_SET",
         "zmav/demo/quad1/mav/rx/*/*/NO_SUCH", "zmav/demo/quad1/mav/rx/*/*/HEARTBEAT", "zmav/demo/quad1/state",
     ):  # fmt: skip
@@ -253,6 +253,44 @@ async def test_who_takes_everything_asks_for_nothing(bench: StartBench, one: Str
     assert extra(one) == {"VFR_HUD"}
 
 
+@pytest.mark.parametrize(
+    "key",
+    ["zmav/**", "**", "zmav/demo/quad1/mav/rx/**", "zmav/demo/quad1/mav/rx/*/*/*", "zmav/demo/*/mav/rx/1/1/*",
+     "zmav/demo/quad1/mav/rx/*/*/$*A$*"],
+)  # fmt: skip
+async def test_beside_who_takes_everything_what_flows_goes_on(bench: StartBench, one: StreamPeer, key: str) -> None:
+    b = await on(bench, one)
+    b.ground.session.declare_subscriber("**/VFR_HUD", lambda sample: None)
+    await flows(one, "VFR_HUD", PLAIN_HZ)
+    everything = b.ground.session.declare_subscriber(key, lambda sample: None)
+    held = token(b.ground, "WIND", 5)
+    await flows(one, "WIND", 5.0)
+    await rounds(b, 3)
+    assert extra(one) == {"VFR_HUD", "WIND"}
+    assert one.rates["VFR_HUD"] == PLAIN_HZ
+    everything.undeclare()
+    held.undeclare()
+
+
+async def test_declarations_and_looks_at_subscribers_do_not_lock_each_other(bench: StartBench, one: StreamPeer) -> None:
+    """Zenoh's admin space did: the vehicle's process stood still for good."""
+    b = await on(bench, one)
+    demands = b.vehicle.rates.demands
+
+    def declare() -> None:
+        for n in range(3000):
+            key = f"zmav/demo/quad1/mav/rx/*/*/N{n % 50}"
+            b.ground.session.declare_subscriber(key, lambda sample: None).undeclare()
+
+    declaring = asyncio.create_task(asyncio.to_thread(declare))
+    while not declaring.done():
+        demands.poll((1, 1))
+        await asyncio.sleep(0)
+    await declaring
+    read(b.ground, "VFR_HUD")
+    await flows(one, "VFR_HUD", PLAIN_HZ)
+
+
 async def test_a_pattern_that_fits_a_few_names_them(bench: StartBench, one: StreamPeer) -> None:
     b = await on(bench, one)
     b.ground.session.declare_subscriber("zmav/demo/quad1/mav/rx/*/*/VIBR$*", lambda sample: None)
@@ -260,27 +298,11 @@ async def test_a_pattern_that_fits_a_few_names_them(bench: StartBench, one: Stre
 
 
 async def test_hundreds_of_subscribers_do_not_stop_the_vehicle(bench: StartBench, one: StreamPeer) -> None:
-    """The router answers in the middle of the question: more than 256 answers would fill Zenoh's usual queue."""
     b = await on(bench, one)
     for n in range(300):
         b.ground.session.declare_subscriber(f"zmav/demo/quad1/mav/rx/*/*/N{n}", lambda sample: None)
     read(b.ground, "VFR_HUD")
     await flows(one, "VFR_HUD", PLAIN_HZ)
-
-
-async def test_without_a_router_only_tokens_count(one: StreamPeer, net: Net, onboard: StartOnboard) -> None:
-    _, endpoint = net.router()
-    ground, client = net.ground(endpoint), net.ground(endpoint)
-    await onboard(client.session, one.url)
-    reader = read(ground, "VFR_HUD")
-    _held = token(ground, "WIND", 5)
-    await flows(one, "WIND", 5.0)
-    (reply,) = await ground.ask(keys.RATES.key("demo", "quad1"))
-    assert reply.ok is not None
-    found = wire.decode(reply.ok.payload.to_bytes(), wire.RateTable, "rates")
-    assert found.plain_subscribers is False
-    assert "VFR_HUD" not in one.rates
-    reader.undeclare()
 
 
 # What the autopilot and others have to say.

@@ -75,8 +75,6 @@ def summary(table: wire.RateTable) -> str:
     text = f"{table.used:.0f} bytes/s"
     if table.capacity is not None:
         text += f" of {table.capacity:.0f} ({100 * table.used / table.capacity:.0f} %)"
-    if not table.plain_subscribers:
-        text += "; only readers that say a rate are seen: the vehicle's session is no router"
     return text + (f"; {table.junk} wishes made no sense" if table.junk else "")
 
 

@@ -264,7 +264,6 @@ class Rates:
             t=time.time(),
             capacity=self._port.link.capacity,
             used=self.meter.used,
-            plain_subscribers=self.demands.sees_subscribers,
             junk=self.demands.junk,
             messages=rows(measured, self._of, self._targets, self._standing),
         )

@@ -23,7 +23,8 @@ class MessageRate(Wire, kw_only=True):
     wanted_hz: float | None = None
     """the highest rate a reader wants"""
     readers: list[str] = []
-    """who wants it: ``floor`` and ``clock`` are the vehicle's own, a name with a number a token, else a Zenoh id"""
+    """who wants it: ``floor`` and ``clock`` are the vehicle's own, a name with a number a token, ``subscriber`` one
+    without"""
     shed: bool = False
     """sent slower than wanted, for the link is full"""
     refused: str | None = None
@@ -37,8 +38,6 @@ class RateTable(Wire, kw_only=True):
     capacity: float | None = None
     """bytes a second the link can carry (serial: its baud rate over ten); None: not limited by its kind"""
     used: float = 0.0
-    plain_subscribers: bool = False
-    """subscribers without a token count as readers, too: so where the vehicle's session is a router"""
     junk: int = 0
     """tokens that name no message or no rate from above 0 to 500 Hz, left out"""
     messages: list[MessageRate] = []
