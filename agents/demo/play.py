@@ -117,7 +117,10 @@ class Play:
             await self._run(step, step.run)
         elif step.start is not None:
             self._command(step, step.start)
-            self.processes.start(called(step), *self._words(step.start), environment=self._environment(step))
+            words_, where = self._words(step.start), self._environment(step)
+            self.processes.start(called(step), *words_, environment=where, may_end=step.ends)
+            if step.until is not None:
+                await self._said(called(step), step.until, step.within)
         elif step.stop is not None:
             self._mark(f"kill -9 {step.stop}")
             self.processes.kill(step.stop)
@@ -148,6 +151,16 @@ class Play:
             raise ZmavError(f"'{command}' was done, but should have been refused")
         if not step.refused and process.returncode != 0:
             raise ZmavError(f"'{command}' ended with {process.returncode}")
+
+    async def _said(self, name: str, text: str, within: float) -> None:
+        deadline = time.monotonic() + within
+        while not any(text in line for line in self.processes.lines(name)):
+            self.processes.check()
+            if time.monotonic() > deadline:
+                raise TimedOut(
+                    f"{name} did not say {text!r} within {within:g} s; it said last:\n{self.processes.said(name)}"
+                )
+            await asyncio.sleep(LOOK)
 
     def _echo(self, name: str, told: int) -> int:
         """Say the lines that it has said since; how many there were."""

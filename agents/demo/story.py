@@ -75,6 +75,10 @@ class Step(Table, frozen=True):
     name: str | None = None
     """what a started verb is called; by default its words"""
     within: Seconds = 180.0
+    until: str | None = None
+    """words of what is started that are waited for"""
+    ends: bool = False
+    """what is started may end by itself before the demo does"""
     refused: bool = False
     """``run`` has to fail"""
 
@@ -212,6 +216,8 @@ def _check(demo: Demo) -> None:
         for pair in (*(step.cut or ()), *(step.mend or ())):
             if frozenset(pair) not in linked:
                 raise _bad(f"{where}.{acts[0]}", " - ".join(pair), "two names that are linked")
+        if step.until is not None and step.start is None:
+            raise _bad(f"{where}.until", step.until, "a step with start")
         if step.wait is not None and not matching(demo, step.wait.vehicles):
             raise _bad(f"{where}.wait.vehicles", step.wait.vehicles, f"some of {', '.join(demo.vehicles)}")
         if step.start is not None:
