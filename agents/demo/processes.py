@@ -123,6 +123,10 @@ class Processes:
                     f"{name} ended with {code}, but should run to the end; it said last:\n{self.said(name)}"
                 )
 
+    def pids(self) -> dict[str, int]:
+        """Of those that run."""
+        return {name: process.pid for name, process in self._running.items() if process.poll() is None}
+
     def said(self, name: str, lines: int = 15) -> str:
         """The end of its log."""
         return "\n".join(self._log(name).read_text("utf-8", "replace").splitlines()[-lines:])

@@ -1,8 +1,5 @@
-"""``zmav demo follow``: a quadrotor finds the letter H on a rover, follows it, loses it under a bridge, lands on it.
-
-The first paper's demonstration (Coombes et al. 2014, section V), every part a process of its own: simulator, two
-``zmav up``, the ground's router, camera, helipad and follower agents. The pictures are looked at on board, or with
-``--ground`` on the far side of the network.
+"""The follower's demonstration as a bench flies it, every part a process of its own: simulator, two ``zmav up``, the
+ground's router, camera, helipad and follower agents; on board, or on the far side of the network.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from rich.console import Console
 
 import zmav
 from agents.demo.processes import Processes, connect, free_port, free_udp_ports
-from agents.demo.rover import Way, drive, eight, walk
+from agents.demo.rover import Way, drive
 from zmav import keys, wire
 from zmav.errors import TimedOut
 from zmav.sim import Home, Remote
@@ -246,7 +243,3 @@ def figures(shown: Demonstration) -> list[str]:
         lines.append(f"from shutter to setpoint {statistics.median(shown.delays):.0f} ms")
     lines.append(f"phases: {', '.join(shown.phases)}")
     return lines
-
-
-def ways(name: str, speed: float, seed: int) -> Way:
-    return eight(speed) if name == "eight" else walk(speed, seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -78,28 +79,36 @@ def alive(pids: dict[str, int]) -> set[str]:
     return {name for name, pid in pids.items() if Path(f"/proc/{pid}").exists()}
 
 
-EVERYONE = ("quad1", "quad2", "quad3", "router", "sim", "swarm")
+EVERYONE = ("quad1", "quad2", "quad3", "router", "sim", "swarm", "record")
 
 
 @pytest.mark.slow
-def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..., Demo]) -> None:
-    demo = start_demo("--headless")
+def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
+    demo = start_demo("--headless", "--out", str(tmp_path), "--animation")
     pids = wait_for_children(demo, *EVERYONE)
     out, _ = demo.communicate(timeout=115.0)
     assert demo.returncode == 0, out
-    rows = re.findall(r"^(quad\d) +(\d) +(yes|NO) +([\d.]+) m +(\d+) m +(\d+) +(-?\d+) +(\d+)/(\d+)", out, re.MULTILINE)
-    assert [(name, relays, arrived) for name, relays, arrived, *_ in rows] == [
-        ("quad1", "0", "yes"), ("quad2", "1", "yes"), ("quad3", "2", "yes"),
-    ]  # fmt: skip
-    for _, _, _, away, flown, setpoints, _, lost, frames in rows:
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert (told["good"], told["fault"]) == (True, None)
+    assert [(row["vehicle"], row["relays"]) for row in told["vehicles"]] == [("quad1", 0), ("quad2", 1), ("quad3", 2)]
+    for row in told["vehicles"]:
+        assert row["flown_m"] > 20.0
+        assert row["setpoints"] > 20
+        assert row["dropped"] == {}
+        assert row["mavlink_lost"] <= 0.02 * row["mavlink_frames"]
+        assert row["rtt_s"] > 0.0
+        assert row["end"] == "disarmed in LAND"
+    assert told["closest"]["m"] > 1.5
+    assert told["marks"][0]["text"] == "ready"
+    for name in ("quad1", "quad2", "quad3"):
+        (away,) = re.findall(rf"{name}: arrived, ([\d.]+) m from its goal", out)
         assert float(away) < 1.0
-        assert float(flown) > 20.0
-        assert int(setpoints) > 20
-        assert int(lost) <= 0.02 * int(frames)
-    closest = re.search(r"closest approach ([\d.]+) m", out)
-    assert closest is not None
-    assert float(closest[1]) > 1.5
-    assert "every vehicle got there" in out
+    assert (tmp_path / "tracks.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "tracks.gif").read_bytes().startswith(b"GIF8")
+    assert sorted(path.name for path in tmp_path.glob("recording/*/*")) == [
+        "quad1.001.tlog", "quad2.001.tlog", "quad3.001.tlog", "record.001.mcap",
+    ]  # fmt: skip
+    assert "all of it was flown" in out
     assert "Traceback" not in out
     assert alive(pids) == set()
 
@@ -118,14 +127,17 @@ def test_a_process_that_dies_ends_it_with_words(
     os.kill(pids[name], number)
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1, out
-    assert f"zmav: {name} ended with {code}, but should run to the end; it said last:" in out
+    assert f"FAILED: {name} ended with {code}, but should run to the end; it said last:" in out
     assert "Traceback" not in out
     assert alive(pids) == set()
 
 
 @pytest.mark.parametrize(("number", "code", "stay"), [(signal.SIGTERM, 143, False), (signal.SIGINT, 130, True)])
-def test_it_can_be_ended_at_any_time(start_demo: Callable[..., Demo], number: int, code: int, stay: bool) -> None:
-    demo = start_demo(*(["--stay", "--endpoint", f"tcp/127.0.0.1:{free_port()}"] if stay else []))
+def test_it_can_be_ended_at_any_time(
+    start_demo: Callable[..., Demo], tmp_path: Path, number: int, code: int, stay: bool
+) -> None:
+    more = ["--stay", "--endpoint", f"tcp/127.0.0.1:{free_port()}"] if stay else ["--out", str(tmp_path)]
+    demo = start_demo(*more)
     pids = wait_for_children(demo, "quad1", "sim", "router")
     demo.send_signal(number)
     out, _ = demo.communicate(timeout=PATIENCE_S)
@@ -135,17 +147,17 @@ def test_it_can_be_ended_at_any_time(start_demo: Callable[..., Demo], number: in
     assert alive(pids) == set()
 
 
-def test_a_port_in_use_ends_it_with_words(start_demo: Callable[..., Demo]) -> None:
+def test_a_port_in_use_ends_it_with_words(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        demo = start_demo("--endpoint", f"tcp/127.0.0.1:{taken.getsockname()[1]}")
+        demo = start_demo("--endpoint", f"tcp/127.0.0.1:{taken.getsockname()[1]}", "--out", str(tmp_path))
         out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1
-    assert "zmav: ground ended with 1" in out
+    assert "FAILED: ground ended with 1" in out
     assert "is in use by another program" in out
 
 
-def test_an_endpoint_that_is_none_ends_it_with_words(start_demo: Callable[..., Demo]) -> None:
-    demo = start_demo("--endpoint", "here")
+def test_an_endpoint_that_is_none_ends_it_with_words(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
+    demo = start_demo("--endpoint", "here", "--out", str(tmp_path))
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == 1
     assert "<protocol>/<address>" in out

@@ -1,0 +1,122 @@
+"""The demo fleets as files: every one is whole, every verb in it is one, and what is wrong in a file is named."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from agents.demo.story import Demo, Step, demos, find, load
+from zmav.cli import zmav
+from zmav.errors import BadConfig
+from zmav.sim.fleetfile import load_simulated
+
+NAMES = ("fifty", "follow", "formation", "line", "lost-link", "mixed", "prototype", "swap")
+FLEET = """
+[origin]
+lat_deg = 0.0
+lon_deg = 0.0
+alt_amsl = 0.0
+[vehicles.a]
+link = "tcp:127.0.0.1:5760"
+[vehicles.b]
+link = "tcp:127.0.0.1:5770"
+[demo]
+title = "two"
+"""
+
+
+def verbs(demo: Demo) -> list[str]:
+    return [command for step in demo.story.steps for command in (step.run, step.start) if command]
+
+
+def test_they_are_all_there() -> None:
+    assert tuple(demo.path.stem for demo in demos()) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_vehicles_are_simulated_and_its_verbs_are_verbs(name: str) -> None:
+    demo = find(name)
+    assert [spec.name for spec in load_simulated(demo.path).vehicles] == demo.vehicles
+    assert verbs(demo)
+    for command in verbs(demo):
+        parse(shlex.split(command)[1:])
+
+
+def parse(words: list[str]) -> None:
+    """As the command line does, but nothing is done; click raises what is wrong."""
+    command: click.Command = zmav
+    context = zmav.make_context("zmav", list(words))
+    while isinstance(command, click.Group):
+        name, found, rest = command.resolve_command(context, [*context._protected_args, *context.args])
+        assert found is not None
+        assert name is not None
+        command, context = found, found.make_context(name, rest, parent=context)
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "demo.toml"
+    path.write_text(FLEET + text)
+    return path
+
+
+RUN = '[[demo.steps]]\nrun = "zmav ls"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "missing required field `steps`"),
+        ('[[demo.steps]]\nrun = "ls"\n', "demo.steps[0].run is 'ls'; expected zmav and a verb"),
+        ('[[demo.steps]]\nrun = "zmav ls"\npause = 1.0\n', "demo.steps[0] is 'run and pause'"),
+        ("[[demo.steps]]\n", "demo.steps[0] is 'nothing'"),
+        ("[[demo.steps]]\npause = 0.0\n", "demo.steps[0].pause"),
+        ("[[demo.steps]]\nflight = 1\n", "unknown field `flight`"),
+        ('[[demo.steps]]\nrun = "zmav ls"\non = "c"\n', "demo.steps[0].on is 'c'; expected one of a, b, ground"),
+        ('[[demo.steps]]\ncut = [["a", "b"]]\n', "demo.steps[0].cut is 'a - b'; expected two names that are linked"),
+        ('[[demo.steps]]\nstop = "planner"\n', "demo.steps[0].stop is 'planner'; expected what was started: nothing"),
+        ('[[demo.steps]]\nwait = { vehicles = ["c*"] }\n', "demo.steps[0].wait.vehicles is ('c*',)"),
+        ('[[demo.steps]]\npause = 1.0\nuntil = "x"\n', "demo.steps[0].until is 'x'; expected a step with start"),
+        ('links = [["ground", "c"]]\n' + RUN, "demo.links is 'c'; expected one of a, b, ground"),
+        ('links = [["ground", "a"]]\n' + RUN, "nothing links b to the ground"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_file(tmp_path: Path, text: str, words: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(BadConfig) as caught:
+        load(path)
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_a_fleet_without_a_story_and_a_name_that_is_none_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "fleet.toml"
+    path.write_text(FLEET.replace('[demo]\ntitle = "two"\n', ""))
+    with pytest.raises(BadConfig, match=r"no table \[demo\]"):
+        load(path)
+    with pytest.raises(BadConfig, match=r"no demo is called 'swop'; there are fifty, follow, formation, line"):
+        find("swop")
+    with pytest.raises(BadConfig, match=r"nowhere\.toml"):
+        find(str(tmp_path / "nowhere.toml"))
+
+
+@pytest.mark.parametrize(
+    ("links", "relays"),
+    [('"star"', (0, 0)), ('"line"', (0, 1)), ('[["ground", "b"], ["b", "a"]]', (1, 0)),
+     ('[["ground", "a"], ["a", "b"], ["ground", "b"]]', (0, 0))],
+)  # fmt: skip
+def test_relays_are_counted_by_the_shortest_way(tmp_path: Path, links: str, relays: tuple[int, int]) -> None:
+    demo = load(written(tmp_path, f"links = {links}\n{RUN}"))
+    assert (demo.relays("a"), demo.relays("b")) == relays
+
+
+def test_only_links_that_a_step_cuts_are_laid_through_a_relay() -> None:
+    assert find("lost-link").cuttable() == {frozenset(("quad1", "quad2"))}
+    assert find("line").cuttable() == set()
+
+
+def test_a_step_is_one_act() -> None:
+    assert Step(say="words").act() is None
+    assert Step(run="zmav ls", say="words").act() == "run"
