@@ -38,7 +38,7 @@ help: ## say what can be made (the default)
 	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
 	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: two more than there are cores, as most of them wait)"
 
-demo: $(VENV)/.core ## fly three simulated copters behind three linked routers
+demo: $(VENV)/.demo ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
 	@echo "==> zmav demo $(ARGS)"
 	@$(BIN)/zmav demo $(ARGS)
 
@@ -78,13 +78,15 @@ clean: ## remove .venv and what the tools left behind
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
 	find $(PACKAGES) -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(VENV)/.core: $(VENV)/.made pyproject.toml requirements.lock
-	$(call install,.,zmav)
+$(VENV)/.demo: $(VENV)/.made pyproject.toml requirements.lock
+	$(call install,.[planner$(comma)vision$(comma)ground],zmav with its planner$(comma) vision and ground)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock
 	$(call install,.[dev],zmav and its development tools)
-	@touch $(VENV)/.core $@
+	@touch $(VENV)/.demo $@
+
+comma := ,
 
 # pip would compile every dialect pymavlink has, which takes longer than all the rest; the import compiles the one in use.
 define install
