@@ -44,6 +44,8 @@ class Play:
         self.marks: list[Mark] = []
         self.watch: Watch | None = None
         self.recorded = False
+        self._brief: list[str] = []
+        """what was started and may end by itself"""
         self._live = live
 
     async def run(self) -> None:
@@ -60,6 +62,7 @@ class Play:
                     await self._ready(z)
                     for step in self.demo.story.steps:
                         await self._step(z, step)
+                        self._gone()
                 finally:
                     for task in filter(None, (watching, drawing)):
                         task.cancel()
@@ -119,6 +122,8 @@ class Play:
             self._command(step, step.start)
             words_, where = self._words(step.start), self._environment(step)
             self.processes.start(called(step), *words_, environment=where, may_end=step.ends)
+            if step.ends:
+                self._brief.append(called(step))
             if step.until is not None:
                 await self._said(called(step), step.until, step.within)
         elif step.stop is not None:
@@ -132,6 +137,15 @@ class Play:
             for pair in pairs or ():
                 self._mark(f"{'mended' if through else 'cut'}: {pair[0]} - {pair[1]}")
                 self.stage.cut(pair, through)
+
+    def _gone(self) -> None:
+        """Say who of those that may end has ended not as it should: it may matter to what comes."""
+        for name in list(self._brief):
+            code = self.processes.ended(name)
+            if code is not None:
+                self._brief.remove(name)
+                if code != 0:
+                    self._tell(f"{name} ended with {code}: {self.processes.said(name, 1)}")
 
     async def _run(self, step: Step, command: str) -> None:
         self._command(step, command)

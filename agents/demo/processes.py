@@ -123,6 +123,10 @@ class Processes:
                     f"{name} ended with {code}, but should run to the end; it said last:\n{self.said(name)}"
                 )
 
+    def ended(self, name: str) -> int | None:
+        """With which code; None: it runs."""
+        return self._running[name].poll()
+
     def pids(self) -> dict[str, int]:
         """Of those that run."""
         return {name: process.pid for name, process in self._running.items() if process.poll() is None}
@@ -136,7 +140,7 @@ class Processes:
         return self._log(name).read_text("utf-8", "replace").split("\n")[:-1]
 
     def _log(self, name: str) -> Path:
-        return Path(self._folder.name) / f"{name}.log"
+        return Path(self._folder.name) / f"{name.replace('/', '_')}.log"
 
 
 async def connect(

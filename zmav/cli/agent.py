@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import importlib.util
 import re
+import sys
 import time
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -241,9 +242,11 @@ def _agent_in(path: Path) -> type[Agent] | None:
         text = path.read_text(encoding="utf-8", errors="replace")  # what is wrong in it, Python says with its line
     if not re.search(r"^class \w+\(.*\bAgent\b", text, re.MULTILINE):
         return None
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    name = f"zmav_agent_file_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where the types in its annotations are looked up
     try:
         spec.loader.exec_module(module)
     except Exception as e:
@@ -251,7 +254,7 @@ def _agent_in(path: Path) -> type[Agent] | None:
     found = [
         each
         for each in vars(module).values()
-        if isinstance(each, type) and issubclass(each, Agent) and each.__module__ == path.stem
+        if isinstance(each, type) and issubclass(each, Agent) and each.__module__ == name
     ]
     if len(found) != 1 or not hasattr(found[0], "name"):
         names = ", ".join(each.__name__ for each in found) or "none"

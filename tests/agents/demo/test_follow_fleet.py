@@ -6,9 +6,12 @@ import itertools
 import math
 import sys
 
+from click.testing import CliRunner
+
 from agents.demo.rover import eight, walk
 from agents.demo.story import find
 from agents.follower.agent import Follower
+from zmav.cli.agent import command
 from zmav.sim.fleetfile import load_simulated
 
 if sys.version_info >= (3, 11):
@@ -33,6 +36,12 @@ def test_the_rover_is_hidden_for_longer_than_a_prediction_is_flown() -> None:
         hidden = hidden + 0.1 if under else 0.0
         longest = max(longest, hidden)
     assert longest > Follower.tunables["coast"].default
+
+
+def test_its_driver_is_an_agent_with_settings() -> None:
+    told = CliRunner().invoke(command, ["about", str(find("follow").path.parent / "drive.py")])
+    assert told.exit_code == 0, told.output
+    assert ["way", '"eight"'] in [line.split() for line in told.output.splitlines()]
 
 
 def test_a_walk_stays_near_and_is_as_fast_as_it_may() -> None:
