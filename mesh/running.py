@@ -21,8 +21,8 @@ async def until_outdated(
     """Return None when the process is asked to end, or why its router is to be opened anew, as soon as it is ``idle``.
 
     ``line`` is said once it can be asked to end, to systemd as well; then, which radios are waited for. ``plan`` plans
-    as the process will when it starts anew: where that raises :class:`ZmavError` (a fleet file that was changed, a certificate that expired
-    since), it goes on as it is and looks again. Run in the main thread.
+    as the process will when it starts anew: where that raises :class:`ZmavError` (a fleet file that was changed, a
+    certificate that expired since), it goes on as it is and looks again. Run in the main thread.
     """
     stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, plan, idle))
     try:

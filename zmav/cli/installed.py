@@ -87,7 +87,7 @@ def check(name: str) -> str:
 
 
 def read(name: str, directory: str | None = None) -> Installed:
-    """An installed agent's settings; raises :class:`BadInput` where there is none, :class:`BadConfig` for a bad file."""
+    """The settings of one; raises :class:`BadInput` where there is none, :class:`BadConfig` for a bad one."""
     path = folder(directory) / f"{check(name)}.toml"
     if not path.is_file():
         known = ", ".join(names(directory)) or "none"
