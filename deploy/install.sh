@@ -166,7 +166,7 @@ build() {
 try() {
     local credentials said
     credentials=$(setting ZMAV_CREDENTIALS)
-    said=$(as zmav "$NEW/bin/zmav" --version 2>&1) || fail "the new environment does not run; it was not switched to:
+    said=$(as zmav "$NEW/bin/zmav" --version 2>&1 && as zmav "$NEW/bin/zmav" up --help 2>&1) || fail "the new environment does not run; it was not switched to:
 $said"
     said=$(as zmav "$NEW/bin/zmav" mesh config --json --file "$ETC/vehicle.toml" --name "$NAME" \
         ${credentials:+--credentials "$credentials"} 2>&1 >/dev/null) ||
@@ -196,6 +196,7 @@ is_armed() {
 # It has said that it is ready, keeps to one process for longer than its watchdog, and its state is heard.
 is_healthy() {
     local pid
+    systemctl reset-failed "$VEHICLE" 2>/dev/null || true
     systemctl restart "$VEHICLE" || return 1
     pid=$(systemctl show --property=MainPID --value "$VEHICLE")
     for _ in $(seq "$SETTLE"); do
@@ -210,8 +211,9 @@ is_healthy() {
 switch() {
     local old=$1 was=inactive
     if booted && systemctl is-active --quiet "$VEHICLE"; then was=active; fi
-    put_units "$NEW"
+    trap '' HUP INT TERM    # from here to the end: a terminal that is lost leaves nothing half switched
     trap - EXIT
+    put_units "$NEW"
     if [ -z "$old" ]; then systemctl enable --quiet "$VEHICLE"; fi
     if ! booted || [ -n "$NO_START" ]; then
         if [ -n "$NO_START" ]; then say "not started, as you said"; else say "not started: systemd does not run here"; fi

@@ -112,6 +112,10 @@ class Agent:
 
     # What it is made of.
 
+    @classmethod
+    def check(cls, settings: Any) -> None:
+        """Raise what can be known to be wrong before it runs, such as a file that ``settings`` name."""
+
     async def run(self) -> None:
         """What it does, until cancelled or done."""
         raise NotImplementedError

@@ -126,6 +126,15 @@ class Supervisor(zmav.Agent):
         self._began = 0.0
         self._refused: asyncio.Queue[str] = asyncio.Queue(maxsize=10)
 
+    @classmethod
+    def check(cls, settings: Any) -> None:
+        """Whether there is that controller. Its file is run, here and now."""
+        try:
+            loading.load(settings.controller, settings.cls)
+        except Exception as e:
+            text = loading.where(e, settings.controller)
+            raise BadConfig(text, field="controller", value=settings.controller, expected="a controller") from e
+
     # Its life.
 
     async def run(self) -> None:

@@ -101,14 +101,16 @@ async def _run(
 @command.command("serve")
 @click.argument("name")
 @click.option("--directory", metavar="DIR", help="Where it was installed.  [default: /etc/zmav/agents.d]")
-@click.option("--check", is_flag=True, help="Only load it and its settings.")
+@click.option("--check", is_flag=True, help="Only look whether it can be run.")
 @zenoh_options
 def serve(name: str, directory: str | None, check: bool, settings: SessionSettings) -> None:
     """Run an agent that 'zmav agent install' has installed, in this terminal, as its unit does."""
     found = installed.read(name, directory)
     kind, given = resolve(found.what(directory))
     own = settings_of(kind, {**given, **found.options})
-    if not check:
+    if check:
+        kind.check(own)
+    else:
         run(_run(kind, found.vehicle, own, found.set, found.fleet, settings))
 
 
