@@ -112,8 +112,8 @@ class Agent:
 
     # What it is made of.
 
-    @classmethod
-    def check(cls, settings: Any) -> None:
+    @staticmethod
+    def check(settings: Any) -> None:
         """Raise what can be known to be wrong before it runs, such as a file that ``settings`` name."""
 
     async def run(self) -> None:

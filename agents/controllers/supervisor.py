@@ -85,6 +85,7 @@ class Supervisor(zmav.Agent):
 
     name = "controller"
     settings_type = Settings
+    check = staticmethod(loading.check)
     tunables: ClassVar = TUNABLES
     verbs: ClassVar = {
         "engage": Verb("engage", wire.Order, Access.MOVE, "take over from the autopilot, and stay where it is"),
@@ -125,15 +126,6 @@ class Supervisor(zmav.Agent):
         self._why = ""
         self._began = 0.0
         self._refused: asyncio.Queue[str] = asyncio.Queue(maxsize=10)
-
-    @classmethod
-    def check(cls, settings: Any) -> None:
-        """Whether there is that controller. Its file is run, here and now."""
-        try:
-            loading.load(settings.controller, settings.cls)
-        except Exception as e:
-            text = loading.where(e, settings.controller)
-            raise BadConfig(text, field="controller", value=settings.controller, expected="a controller") from e
 
     # Its life.
 
