@@ -18,7 +18,7 @@ usage() {
     cat <<'HELP'
 usage: sudo deploy/install.sh [options]     install, or upgrade to the tree this stands in
        sudo deploy/install.sh --check       look at what is installed; 1 where something is wrong
-       sudo deploy/install.sh --uninstall   remove all but /etc/zmav and what was fetched; with --purge these, too
+       sudo deploy/install.sh --uninstall   remove all but /etc/zmav and kept files; with --purge these, too
 
   --name NAME               the vehicle's name in the fleet (first installation: quad1)
   --fleet NAME              its fleet's (first installation: demo)
@@ -110,6 +110,25 @@ set_in() { # FILE NAME VALUE
     printf '%s=%s\n' "$2" "$3" >>"$1"
 }
 
+# A change of settings that comes to nothing is taken back with the environment it came with.
+SAVED=""
+save_settings() {
+    [ -n "$1" ] || return 0
+    SAVED=$(mktemp -d "$OPT/.settings-XXXXXX")
+    cp -a "$ETC/." "$SAVED/"
+}
+
+take_back_settings() {
+    local each
+    [ -n "$SAVED" ] || return 0
+    for each in vehicle.toml vehicle.env agents.env credentials agent-credentials; do
+        rm -rf "${ETC:?}/$each"
+        if [ -e "$SAVED/$each" ]; then cp -a "$SAVED/$each" "$ETC/$each"; fi
+    done
+    rm -rf "$SAVED"
+    SAVED=""
+}
+
 put_settings() {
     local name
     mkdir -p "$ETC/agents.d"
@@ -144,7 +163,6 @@ build() {
     if [ -z "$extras" ] && [ -f "$OPT/current/extras" ]; then extras=$(cat "$OPT/current/extras"); fi
     mkdir -p "$OPT"
     NEW=$OPT/env-$(date -u +%Y%m%dT%H%M%S)-$$
-    trap 'rm -rf "$NEW"' EXIT
     say "making $NEW with $("$PYTHON" -V), versions as in requirements.lock (a minute or some)"
     "$PYTHON" -m venv "$NEW" || fail "$PYTHON cannot make an environment: see above; or name another with --python"
     pip="$NEW/bin/python -m pip --disable-pip-version-check --no-input --quiet"
@@ -190,7 +208,7 @@ put_units() {
 
 is_armed() {
     [ -n "$1" ] && booted && systemctl is-active --quiet "$VEHICLE" &&
-        "$1/bin/zmav" ls --fleet '*' --json --wait 2 2>/dev/null | grep "\"name\": \"$NAME\"" | grep -q '"armed": true'
+        "$1/bin/zmav" ls --fleet '*' --json --wait 2 2>/dev/null | grep "\"name\": \"$(setting ZMAV_NAME)\"" | grep -q '"armed": true'
 }
 
 # It has said that it is ready, keeps to one process for longer than its watchdog, and its state is heard.
@@ -212,7 +230,7 @@ switch() {
     local old=$1 was=inactive
     if booted && systemctl is-active --quiet "$VEHICLE"; then was=active; fi
     trap '' HUP INT TERM    # from here to the end: a terminal that is lost leaves nothing half switched
-    trap - EXIT
+    trap 'rm -rf "$SAVED"' EXIT
     put_units "$NEW"
     if [ -z "$old" ]; then systemctl enable --quiet "$VEHICLE"; fi
     if ! booted || [ -n "$NO_START" ]; then
@@ -233,6 +251,7 @@ switch() {
         fail "$VEHICLE is not healthy: what it said is above. Mend $ETC/vehicle.toml, then: systemctl restart $VEHICLE"
     fi
     warn "$VEHICLE is not healthy, what it said is above: going back to $old"
+    take_back_settings
     put_units "$old"
     if is_healthy "$old"; then
         rm -rf "$NEW"
@@ -250,8 +269,10 @@ do_install() {
     if [ -z "$old" ] && [ -e "$COMMAND" ]; then fail "$COMMAND is somebody else's: move it away first"; fi
     make_user zmav dialout
     make_user zmav-agent video render
+    if [ -z "$FORCE" ] && is_armed "$old"; then fail "$(setting ZMAV_NAME) is armed: land it first (or say --force)"; fi
+    trap 'rm -rf "$NEW"; take_back_settings' EXIT
+    save_settings "$old"
     put_settings
-    if [ -z "$FORCE" ] && is_armed "$old"; then fail "$NAME is armed: land it first (or say --force)"; fi
     build
     try
     switch "$old"
@@ -262,8 +283,8 @@ do_install() {
 do_uninstall() {
     check_machine
     local each
-    if [ -z "$FORCE" ] && NAME=$(setting ZMAV_NAME) && is_armed "$(current)"; then
-        fail "$NAME is armed: land it first (or say --force)"
+    if [ -z "$FORCE" ] && is_armed "$(current)"; then
+        fail "$(setting ZMAV_NAME) is armed: land it first (or say --force)"
     fi
     for each in "$VEHICLE" $(find "$ETC/agents.d" -name '*.toml' -printf 'zmav-agent@%f\n' 2>/dev/null | sed 's/\.toml$/.service/'); do
         systemctl disable --quiet "$each" 2>/dev/null || true
@@ -322,7 +343,7 @@ do_check() {
     exit "$WRONG"
 }
 
-DO=do_install NAME="" FLEET="" LINK="" FLEET_FILE="" CREDENTIALS="" AGENT_CREDENTIALS="" EXTRAS="" NO_START="" FORCE="" PURGE=""
+DO=do_install NEW="" NAME="" FLEET="" LINK="" FLEET_FILE="" CREDENTIALS="" AGENT_CREDENTIALS="" EXTRAS="" NO_START="" FORCE="" PURGE=""
 PYTHON=${PYTHON:-}
 while [ $# -gt 0 ]; do
     case $1 in
