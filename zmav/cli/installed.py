@@ -158,6 +158,7 @@ def install(
     _systemctl("enable", name)
     click.echo(f"{name} is installed{' anew' if replaced else ''}: {where / name}.toml, for {own.fleet}/{own.vehicle}")
     if systemd.runs():
+        _systemctl("reset-failed", name, quiet=True)
         _systemctl("restart", name)
         click.echo(f"{unit(name)} is {_state(name)}")
     else:
@@ -229,6 +230,7 @@ def _order(verb: str, words: str) -> click.Command:
     def order(name: str) -> None:
         read(name)
         _need_systemd(name)
+        _systemctl("reset-failed", name, quiet=True)  # or one that ended too often would not be started
         _systemctl(verb, name)
         click.echo(f"{unit(name)} is {_state(name)}")
 
@@ -276,7 +278,7 @@ def unit(name: str) -> str:
 
 
 def _state(name: str) -> str:
-    """In words: ``active (running), since 21:07, 2 restarts``."""
+    """In words: ``active (running), 2 restarts``."""
     asked = ["show", "--property=ActiveState,SubState,NRestarts", unit(name)]
     done = subprocess.run(["systemctl", *asked], capture_output=True, text=True, check=False)
     found = dict(line.split("=", 1) for line in done.stdout.splitlines() if "=" in line)
