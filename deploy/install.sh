@@ -202,7 +202,8 @@ put_units() {
     ln -sfn "$OPT/current/bin/zmav" "$COMMAND"
     if booted; then
         systemctl daemon-reload
-        udevadm control --reload 2>/dev/null && udevadm trigger --subsystem-match=tty --action=change 2>/dev/null || true
+        udevadm control --reload 2>/dev/null || true
+        udevadm trigger --subsystem-match=tty --action=change 2>/dev/null || true
     fi
 }
 
@@ -269,6 +270,8 @@ do_install() {
     if [ -z "$old" ] && [ -e "$COMMAND" ]; then fail "$COMMAND is somebody else's: move it away first"; fi
     make_user zmav dialout
     make_user zmav-agent video render
+    as zmav "$PYTHON" -c '' 2>/dev/null ||
+        fail "the service's user cannot run $PYTHON (is it in somebody's home?): name another with --python"
     if [ -z "$FORCE" ] && is_armed "$old"; then fail "$(setting ZMAV_NAME) is armed: land it first (or say --force)"; fi
     trap 'rm -rf "$NEW"; take_back_settings' EXIT
     save_settings "$old"
