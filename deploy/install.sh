@@ -195,8 +195,7 @@ $said"
 # Files of an environment that live elsewhere: they are switched with it, and back.
 put_units() {
     install -m 644 "$1"/share/zmav/*.service "$UNITS/"
-    mkdir -p "$(dirname "$RULES")"
-    install -m 644 "$1/share/zmav/$(basename "$RULES")" "$RULES"
+    if [ -d "$(dirname "$RULES")" ]; then install -m 644 "$1/share/zmav/$(basename "$RULES")" "$RULES"; fi
     ln -sfn "$1" "$OPT/.current"
     mv -T "$OPT/.current" "$OPT/current"
     ln -sfn "$OPT/current/bin/zmav" "$COMMAND"
