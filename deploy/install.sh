@@ -39,7 +39,7 @@ fail() { warn "$@"; exit 1; }
 booted() { [ -d /run/systemd/system ]; }
 is_user() { getent passwd "$1" >/dev/null; }
 is_group() { getent group "$1" >/dev/null; }
-current() { readlink -f "$OPT/current" 2>/dev/null || true; }
+current() { [ ! -e "$OPT/current" ] || readlink -f "$OPT/current"; }
 version_in() { "$1/bin/python" -c 'from importlib.metadata import version; print(version("zmav"))'; }
 as() { local who=$1; shift; (cd / && runuser -u "$who" -- env -u ZMAV_CREDENTIALS -u ZMAV_FLEET HOME=/ "$@"); }
 setting() { [ ! -f "$ETC/vehicle.env" ] || sed -n "s/^$1=//p" "$ETC/vehicle.env" | tail -n 1; }
