@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,6 +17,9 @@ from agents.demo.processes import free_port
 from tests.cli.conftest import Process
 from tests.services.conftest import Bench, StartBench, bench, peer
 from zmav import systemd
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
 
 __all__ = ["bench", "peer"]
 PATIENCE_S = 30.0
@@ -135,3 +139,23 @@ def test_zmav_up_says_when_it_is_ready_alive_and_ending(manager: Manager) -> Non
     finally:
         up.popen.kill()
         up.wait()
+
+
+def test_an_agent_says_when_it_is_ready_alive_and_ending(manager: Manager, net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "waiter.py"
+    path.write_text(
+        "import asyncio\nimport zmav\n\nclass Waiter(zmav.Agent):\n    name = 'waiter'\n\n"
+        "    async def run(self):\n        await asyncio.Event().wait()\n"
+    )
+    _, endpoint = net.router()
+    agent = Process(sys.executable, "-m", "zmav", "agent", "run", str(path), "--vehicle", "quad1", "-e", endpoint)
+    try:
+        assert manager.until("READY=1")[1] == "STATUS=quad1/waiter: runs"
+        for _ in range(2):
+            manager.until("WATCHDOG=1")
+        agent.popen.terminate()
+        manager.until("STOPPING=1")
+        assert agent.wait() == 0
+    finally:
+        agent.popen.kill()
+        agent.wait()
