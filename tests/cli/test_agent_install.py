@@ -67,6 +67,7 @@ def etc(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(installed, "ETC", etc)
     monkeypatch.setattr(installed, "UNIT", unit)
     monkeypatch.setattr(installed, "USER", other_user())
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)  # and what it was before, at the end
     monkeypatch.setattr(systemd, "RUNS", top / "none")
     monkeypatch.setenv("PATH", str(top))  # no systemctl: this computer's own is not to be touched
     yield etc

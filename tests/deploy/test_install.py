@@ -17,7 +17,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SCRIPT = ROOT / "deploy" / "install.sh"
-PATIENCE_S = 110.0
+PATIENCE_S = 280.0
 NEEDED = ("unshare", "mount", "chroot", "useradd", "runuser", "flock", "systemctl")
 
 ENTER = """
@@ -138,6 +138,7 @@ OTHERS = tuple(f"./etc/{name}" for name in ("passwd", "group", "shadow", "gshado
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)  # 15 s where nothing else wants the processors
 def test_it_installs_and_leaves_nothing(copy: Copy) -> None:
     python = usable_python()
     if python is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import sys
 import time
 from importlib.metadata import entry_points
 from typing import Any
@@ -105,6 +106,7 @@ async def _run(
 @zenoh_options
 def serve(name: str, directory: str | None, check: bool, settings: SessionSettings) -> None:
     """Run an agent that 'zmav agent install' has installed, in this terminal, as its unit does."""
+    sys.dont_write_bytecode = True  # beside the agent, in /etc
     found = installed.read(name, directory)
     kind, given = resolve(found.what(directory))
     own = settings_of(kind, {**given, **found.options})
