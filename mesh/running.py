@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from mesh.plan import RouterPlan
 from mesh.router import Router
+from zmav import systemd
 from zmav.errors import ZmavError
 from zmav.process import say, until_stopped
 
@@ -19,17 +20,22 @@ async def until_outdated(
 ) -> str | None:
     """Return None when the process is asked to end, or why its router is to be opened anew, as soon as it is ``idle``.
 
-    ``line`` is said once it can be asked to end; then, which radios are waited for. ``plan`` plans as the process will
-    when it starts anew: where that raises :class:`ZmavError` (a fleet file that was changed, a certificate that expired
-    since), it goes on as it is and looks again. Run in the main thread.
+    ``line`` is said once it can be asked to end, to systemd as well; then, which radios are waited for. ``plan`` plans
+    as the process will when it starts anew: where that raises :class:`ZmavError` (a fleet file that was changed, a
+    certificate that expired since), it goes on as it is and looks again. Run in the main thread.
     """
     stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, plan, idle))
     try:
         await asyncio.sleep(0)  # the tasks begin
         say(line)
+        systemd.notify("READY=1", f"STATUS={line}")
         _say_waiting(router.plan)
         await asyncio.wait((stopped, outdated), return_when=asyncio.FIRST_COMPLETED)
-        return None if stopped.done() else outdated.result()
+        if stopped.done():
+            systemd.notify("STOPPING=1")
+            return None
+        systemd.notify(f"STATUS=starting anew: {outdated.result()}")
+        return outdated.result()
     finally:
         for task in (stopped, outdated):
             task.cancel()

@@ -21,7 +21,7 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -98,6 +98,8 @@ class Agent:
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
         self._changed = asyncio.Event()
         self._heart: asyncio.Task[None] | None = None
+        self.on_alive: Callable[[], object] = lambda: None
+        """called on the event loop with each word of its status: not called, the loop hangs"""
         table = {**TUNING, **self.verbs}
         self._orders = Orders(
             z.session, self.vehicle.fleet, vehicle, keys.AGENT_DO, table, parts={"agent": self.name}
@@ -109,6 +111,10 @@ class Agent:
             self._orders.add(verb, handler)
 
     # What it is made of.
+
+    @staticmethod
+    def check(settings: Any) -> None:
+        """Raise what can be known to be wrong before it runs, such as a file that ``settings`` name."""
 
     async def run(self) -> None:
         """What it does, until cancelled or done."""
@@ -171,6 +177,7 @@ class Agent:
         while True:
             self._changed.clear()
             self._speak()
+            self.on_alive()
             with contextlib.suppress(asyncio.TimeoutError):
                 await within(HEARTBEAT, self._changed.wait())
 

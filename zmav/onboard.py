@@ -144,6 +144,9 @@ class Onboard:
         self.orders = Orders(session, fleet, name)
         if self.gate is not None:
             self._stand_at(self.gate)
+        self.on_alive: Callable[[], object] = lambda: None
+        """called on the event loop, at most five times a second, when the ladder's thread has gone round since the last
+        time: not called, one of the two hangs"""
         self._own, self._tasks = own, list[asyncio.Task[None]]()
         self._add_orders()
 
@@ -309,7 +312,7 @@ class Onboard:
 
     async def _keep_house(self) -> None:
         """The slow work, five times a second; a fault in it is said and does not end it."""
-        beat = 0
+        beat, rounds = 0, 0
         while True:
             try:
                 self.identity.tick()
@@ -326,6 +329,9 @@ class Onboard:
                     self.rates.tick()
             except Exception as e:
                 self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
+            if rounds != self.authority.ladder.rounds:
+                rounds = self.authority.ladder.rounds
+                self.on_alive()
             beat += 1
             await asyncio.sleep(TICK)
 

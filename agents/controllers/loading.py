@@ -7,6 +7,7 @@ import traceback
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from agents.controllers.controller import Controller
 from zmav.errors import BadConfig
@@ -36,6 +37,15 @@ def load(what: str, cls: str = "") -> type[Controller]:
         found: type[Controller] = known[what].load()
         return found
     return _pick(_module(Path(what)), what, cls)
+
+
+def check(settings: Any) -> None:
+    """Raise :class:`~zmav.errors.BadConfig` where a supervisor's settings name no controller. A file is run, here."""
+    try:
+        load(settings.controller, settings.cls)
+    except Exception as e:
+        text = where(e, settings.controller)
+        raise BadConfig(text, field="controller", value=settings.controller, expected="a controller") from e
 
 
 def _module(path: Path) -> ModuleType:

@@ -85,6 +85,7 @@ class Supervisor(zmav.Agent):
 
     name = "controller"
     settings_type = Settings
+    check = staticmethod(loading.check)
     tunables: ClassVar = TUNABLES
     verbs: ClassVar = {
         "engage": Verb("engage", wire.Order, Access.MOVE, "take over from the autopilot, and stay where it is"),

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib.util
-import re
 import sys
 import time
-from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
+from importlib.metadata import entry_points
 from typing import Any
 
 import click
@@ -17,19 +14,18 @@ import msgspec
 from rich.table import Table
 
 import zmav
-from zmav import keys, wire
+from zmav import keys, systemd, wire
 from zmav.agent import Agent
+from zmav.cli import installed
+from zmav.cli.agentkind import resolve, settings_of
 from zmav.cli.common import assignments, console, dump, fleet_option, json_option, run, seconds_option, zenoh_options
-from zmav.config.table import reading
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.waiting import within
 
-GROUP, CONTROLLERS, VERBS = "zmav.agents", "zmav.controllers", "zmav.agent.verbs"
-"""entry points: agents by name, controllers that an agent runs, and verbs of packages above the library"""
-CONTROLLER = "controller"
-"""the agent that runs a controller"""
+VERBS = "zmav.agent.verbs"
+"""entry points: verbs of packages above the library"""
 vehicle_option = click.option("--vehicle", required=True, help="The vehicle that it runs for.")
 
 
@@ -74,7 +70,7 @@ def run_(
     my_controller.py --vehicle hex1'. 'zmav agent about NAME' shows its settings, parameters and orders.
     """
     kind, given = resolve(name)
-    own = _settings(kind, {**given, **assignments(options)})
+    own = settings_of(kind, {**given, **assignments(options)})
     run(_run(kind, vehicle, own, assignments(tuned), fleet, settings))
 
 
@@ -87,16 +83,37 @@ async def _run(
     async with zmav.open(fleet=fleet, settings=settings) as z:
         agent = kind(z, vehicle, own, tuned)
         async with agent:
-            say(f"{vehicle}/{agent.name}: runs")
+            line = f"{vehicle}/{agent.name}: runs"
+            say(line)
+            agent.on_alive = lambda: systemd.notify("WATCHDOG=1")
+            systemd.notify("READY=1", f"STATUS={line}")
             working, stopped = asyncio.create_task(agent.run()), asyncio.create_task(until_stopped())
             try:
                 await asyncio.wait({working, stopped}, return_when=asyncio.FIRST_COMPLETED)
             finally:
+                systemd.notify("STOPPING=1")
                 for task in (working, stopped):
                     task.cancel()
                 await asyncio.gather(working, stopped, return_exceptions=True)
             if not working.cancelled() and (error := working.exception()) is not None:
                 raise error
+
+
+@command.command("serve")
+@click.argument("name")
+@click.option("--directory", metavar="DIR", help="Where it was installed.  [default: /etc/zmav/agents.d]")
+@click.option("--check", is_flag=True, help="Only look whether it can be run.")
+@zenoh_options
+def serve(name: str, directory: str | None, check: bool, settings: SessionSettings) -> None:
+    """Run an agent that 'zmav agent install' has installed, in this terminal, as its unit does."""
+    sys.dont_write_bytecode = True  # beside the agent, in /etc
+    found = installed.read(name, directory)
+    kind, given = resolve(found.what(directory))
+    own = settings_of(kind, {**given, **found.options})
+    if check:
+        kind.check(own)
+    else:
+        run(_run(kind, found.vehicle, own, found.set, found.fleet, settings))
 
 
 @command.command("about")
@@ -128,7 +145,8 @@ def about(name: str) -> None:
 @json_option
 @zenoh_options
 def list_(vehicles: str, seconds: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    """Show the agents that are heard, and what they do."""
+    """Show the agents that are installed on this computer, with their units, and all that are heard."""
+    installed.show(as_json)
     run(_list(vehicles, seconds, fleet, as_json, settings))
 
 
@@ -222,66 +240,5 @@ async def _tell(
     console().print(rows)
 
 
-def resolve(what: str) -> tuple[type[Agent], dict[str, Any]]:
-    """The agent that is meant, and settings that go with it: of a name, or of a file that holds a class.
-
-    Raises :class:`~zmav.errors.BadInput` for a name that there is not, :class:`BadConfig` for a file that holds none.
-    """
-    if what.endswith(".py"):
-        own = _agent_in(Path(what))
-        return (own, {}) if own is not None else (find(CONTROLLER), {"controller": what})
-    known = entry_points(group=GROUP).names
-    if what not in known and what in entry_points(group=CONTROLLERS).names:
-        return find(CONTROLLER), {"controller": what}
-    return find(what), {}
-
-
-def _agent_in(path: Path) -> type[Agent] | None:
-    """The agent that a file holds. A controller's file is not run here, but in a process of its own: None."""
-    with reading(path, "agent"):
-        text = path.read_text(encoding="utf-8", errors="replace")  # what is wrong in it, Python says with its line
-    if not re.search(r"^class \w+\(.*\bAgent\b", text, re.MULTILINE):
-        return None
-    name = f"zmav_agent_file_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # where the types in its annotations are looked up
-    try:
-        spec.loader.exec_module(module)
-    except Exception as e:
-        raise BadConfig(f"{path}: {type(e).__name__}: {e}", field="name", value=str(path), expected="an agent") from e
-    found = [
-        each
-        for each in vars(module).values()
-        if isinstance(each, type) and issubclass(each, Agent) and each.__module__ == name
-    ]
-    if len(found) != 1 or not hasattr(found[0], "name"):
-        names = ", ".join(each.__name__ for each in found) or "none"
-        text = f"{path} holds {names}; expected one class derived from zmav.Agent, with a name"
-        raise BadConfig(text, field="name", value=str(path), expected="one agent")
-    return found[0]
-
-
-def find(name: str) -> type[Agent]:
-    """The agent of that name; raises :class:`~zmav.errors.BadInput` naming those there are."""
-    known: dict[str, EntryPoint] = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in known:
-        names = ", ".join(sorted(known)) or "none installed"
-        raise BadInput(f"no agent {name!r}; there are: {names}", field="name", value=name, expected=names)
-    try:
-        kind = known[name].load()
-    except ImportError as e:
-        text = f"the agent {name} needs more than is installed ({e.name} is missing): pip install 'zmav[vision]'"
-        raise BadConfig(text, field="name", value=e.name, expected="the extra that it needs") from e
-    if not (isinstance(kind, type) and issubclass(kind, Agent)):
-        raise BadConfig(f"{known[name].value} is no zmav.Agent", field="name", value=name, expected="a zmav.Agent")
-    return kind
-
-
-def _settings(kind: type[Agent], values: dict[str, Any]) -> msgspec.Struct:
-    try:
-        return msgspec.convert(values, kind.settings_type, strict=False)
-    except msgspec.ValidationError as e:
-        known = ", ".join(field.name for field in msgspec.structs.fields(kind.settings_type)) or "none"
-        raise BadInput(f"{kind.name}: {e}; settings: {known}", field="option", value=values, expected=known) from e
+for verb in installed.VERBS:
+    command.add_command(verb)

@@ -42,6 +42,8 @@ SEGMENT_HZ = 10.0
 SEGMENT_AHEAD = 0.07
 """s by which a point of a segment is given early: half the time between two, and what link and autopilot take"""
 RETRY_ACTION = 10.0
+ROUND = 1.0
+"""s at most between two rounds of the thread: whoever counts them sees that it lives"""
 SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
 
 
@@ -102,6 +104,8 @@ class Ladder:
         """an action follows the hold"""
         self._over = 0
         """the lease under which the ladder has acted: nothing more is flown under it"""
+        self.rounds = 0
+        """of its thread so far"""
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"ladder {port.name}", daemon=True)
 
@@ -226,8 +230,9 @@ class Ladder:
         with self._changed:
             while not self._closing:
                 now = time.monotonic()
+                self.rounds += 1
                 if now < self._due:
-                    self._changed.wait(None if self._due == math.inf else self._due - now)
+                    self._changed.wait(min(self._due - now, ROUND))
                     continue
                 try:
                     self._tick(now)

@@ -17,7 +17,7 @@ from agents.controllers.packets import Answer, pack_cycle
 from agents.controllers.types import LEVELS, Reference, State, Trim
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
-from zmav.cli.agent import resolve
+from zmav.cli.agentkind import resolve
 from zmav.errors import BadConfig, ZmavError
 from zmav.services.port import on_loop
 

@@ -1,0 +1,183 @@
+"""deploy/install.sh, run for real in a copy of this computer that is thrown away: nothing outside of it changes.
+
+An overlay of the root file system in a mount namespace of its own. systemd does not run in it: docs/install.md tells
+what was seen where it did.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+SCRIPT = ROOT / "deploy" / "install.sh"
+PATIENCE_S = 280.0
+NEEDED = ("unshare", "mount", "chroot", "useradd", "runuser", "flock", "systemctl")
+
+ENTER = """
+set -e
+mount -t tmpfs tmpfs "$TOP"
+mkdir "$TOP/upper" "$TOP/work" "$TOP/root"
+mount -t overlay overlay -o "lowerdir=/,upperdir=$TOP/upper,workdir=$TOP/work" "$TOP/root"
+mount --rbind /dev "$TOP/root/dev"
+mount -t proc proc "$TOP/root/proc"
+mount -t tmpfs tmpfs "$TOP/root/run"
+mount -t tmpfs -o mode=1777 tmpfs "$TOP/root/tmp"
+mkdir "$TOP/root/run/lock"
+mkdir -p "$TOP/root$TREE"
+mount --bind "$TREE" "$TOP/root$TREE"
+names=$(cat /etc/resolv.conf 2>/dev/null || true)
+rm -f "$TOP/root/etc/resolv.conf"
+printf '%s\\n' "$names" >"$TOP/root/etc/resolv.conf"
+(cd "$TOP/upper" && find . | sort) >"$TOP/before"
+exec_in() { chroot "$TOP/root" /bin/bash -c "$1"; }
+"""
+"""What makes the copy; $TOP is an empty folder, $TREE the project's."""
+
+
+def script(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(SCRIPT), *arguments], capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+
+
+def test_bash_can_read_it() -> None:
+    assert subprocess.run(["bash", "-n", str(SCRIPT)], check=False).returncode == 0
+    if shutil.which("shellcheck"):
+        done = subprocess.run(["shellcheck", str(SCRIPT)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--nonsense"], 2, "there is no option --nonsense"),
+        (["--name"], 1, "--name wants a value"),
+        (["--purge"], 1, "--purge goes with --uninstall"),
+        (["--help"], 0, "--agent-credentials DIR"),
+    ],
+)
+def test_wrong_usage_is_told(arguments: list[str], code: int, words: str) -> None:
+    done = script(*arguments)
+    assert done.returncode == code
+    assert words in done.stdout + done.stderr
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="runs as root")
+@pytest.mark.parametrize("arguments", [[], ["--check"], ["--uninstall"]])
+def test_it_needs_root_and_says_so(arguments: list[str]) -> None:
+    done = script(*arguments)
+    assert done.returncode == 1
+    assert "needs root: sudo " in done.stderr
+
+
+def usable_python() -> str | None:
+    """A Python that has venv, and that a service's user can run."""
+    for each in (Path(sys.base_prefix) / "bin" / "python3", Path("/usr/bin/python3"), Path("/usr/local/bin/python3")):
+        code = "import ensurepip, venv, sys; sys.exit(sys.version_info < (3, 10))"
+        try:
+            subprocess.run([each, "-c", code], user=65534, group=65534, extra_groups=[], cwd="/", check=True)
+        except (OSError, subprocess.CalledProcessError):
+            continue
+        return str(each)
+    return None
+
+
+class Copy:
+    """Runs commands in the copy, all in one go."""
+
+    def __init__(self, top: Path) -> None:
+        self.top = top
+
+    def run(self, text: str) -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "TOP": str(self.top), "TREE": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+        return subprocess.run(
+            ["unshare", "--mount", "--propagation", "private", "bash", "-c", ENTER + text],
+            capture_output=True, text=True, check=False, timeout=PATIENCE_S, env=environment,
+        )  # fmt: skip
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Iterator[Copy]:
+    if os.geteuid() != 0:
+        pytest.skip("needs root")
+    missing = [name for name in NEEDED if shutil.which(name) is None]
+    if missing:
+        pytest.skip(f"there is no {', '.join(missing)} here")
+    made = Copy(tmp_path)
+    tried = made.run("exec_in true")
+    if tried.returncode != 0:
+        pytest.skip(f"no overlay of / can be made here: {tried.stderr.strip()}")
+    yield made
+
+
+INSTALL = """
+say() { echo "## $1"; }
+run() { say "$1"; shift; (cd / && exec_in "$*") 2>&1 && echo "rc 0" || echo "rc $?"; }
+run install "$TREE/deploy/install.sh --python $PYTHON --name rover1 --fleet alpha --link tcp:127.0.0.1:5760"
+run modes "cd /etc/zmav && stat -c '%n %U %a' . vehicle.toml vehicle.env agents.d credentials agent-credentials"
+run users "id -nG zmav; id -nG zmav-agent; getent passwd zmav zmav-agent"
+run linked "readlink /usr/local/bin/zmav; readlink /opt/zmav/current; ls /etc/systemd/system/multi-user.target.wants"
+run program "zmav --version && cd / && runuser -u zmav -- zmav agent about ev1"
+run compiled "find /opt/zmav/current/lib/python3*/site-packages/zmav -name '*.pyc' | wc -l"
+run check "$TREE/deploy/install.sh --check"
+run agent "zmav agent install ev1 -o rate_hz=100 && cat /etc/zmav/agents.d/ev1.toml"
+run bad "echo 'link = 1' >>/etc/zmav/vehicle.toml; $TREE/deploy/install.sh --check"
+run uninstall "$TREE/deploy/install.sh --uninstall"
+run kept "stat -c '%n %U %a' /etc/zmav /etc/zmav/credentials; ls /etc/zmav/agents.d; getent passwd zmav"
+run purge "$TREE/deploy/install.sh --uninstall --purge"
+say left
+(cd "$TOP/upper" && find . | sort) | diff "$TOP/before" - | sed -n 's/^> //p'
+"""
+OTHERS = tuple(f"./etc/{name}" for name in ("passwd", "group", "shadow", "gshadow", "subuid", "subgid", ".pwd.lock"))
+"""what useradd and userdel write to, with their copies of the state before"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)  # 15 s where nothing else wants the processors
+def test_it_installs_and_leaves_nothing(copy: Copy) -> None:
+    python = usable_python()
+    if python is None:
+        pytest.skip("no Python here that has venv and that other users can run")
+    done = copy.run(f"PYTHON={python}\n{INSTALL}")
+    parts = dict(part.split("\n", 1) for part in done.stdout.split("## ")[1:])
+    assert len(parts) == 13, done.stdout + done.stderr
+
+    def told(step: str, code: int = 0) -> list[str]:
+        *lines, last = parts[step].rstrip("\n").split("\n")
+        assert last == f"rc {code}", parts[step]
+        return lines
+
+    assert "systemd does not run here" in parts["install"]
+    assert "is installed for rover1" in told("install")[-2]
+    assert told("modes") == [
+        ". root 755",
+        "vehicle.toml root 644",
+        "vehicle.env root 644",
+        "agents.d root 755",
+        "credentials zmav 700",
+        "agent-credentials zmav-agent 700",
+    ]
+    users = told("users")
+    assert "dialout" in users[0].split()
+    assert "dialout" not in users[1].split()  # the autopilot's port is not theirs
+    assert all(line.endswith("/usr/sbin/nologin") for line in users[2:])
+    linked = told("linked")
+    assert linked[0] == "/opt/zmav/current/bin/zmav"
+    assert linked[1].startswith("/opt/zmav/env-")
+    assert "zmav-vehicle.service" in linked
+    assert told("program")[0].startswith("zmav, version ")
+    assert int(told("compiled")[0]) > 100
+    assert told("check")
+    assert 'agent = "ev1"' in told("agent")
+    assert any(line.startswith("WRONG /etc/zmav/vehicle.toml has rover1: zmav mesh config") for line in told("bad", 1))
+    told("uninstall")
+    assert told("kept", 2)[:3] == ["/etc/zmav root 755", "/etc/zmav/credentials root 700", "ev1.toml"]
+    told("purge")
+    # What was there before and is noted here was written to: useradd's and userdel's files, and folders.
+    new = [line for line in parts["left"].splitlines() if not (Path("/") / line).exists()]
+    assert [line for line in new if "/.cache" not in line and not line.startswith(OTHERS)] == []
