@@ -84,7 +84,9 @@ def now() -> float:
     return asyncio.get_running_loop().time()
 
 
-async def test_the_router_that_an_agent_flies_through_is_killed(bench: StartBench, start: Start, tmp_path: Path) -> None:
+async def test_the_router_that_an_agent_flies_through_is_killed(
+    bench: StartBench, start: Start, tmp_path: Path
+) -> None:
     b = await armed(bench)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     ground = start("router", "--name", "ground", "-l", endpoint, "-e", b.endpoint)
