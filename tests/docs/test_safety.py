@@ -63,7 +63,7 @@ def test_each_row_says_what_proves_it(row: str) -> None:
 @pytest.mark.parametrize(("path", "name"), NAMED)
 def test_what_is_named_is_there_and_not_switched_off(path: str, name: str) -> None:
     assert name.split("::")[-1].startswith("test_")
-    assert definition(path, name)
+    assert isinstance(definition(path, name), (ast.FunctionDef, ast.AsyncFunctionDef))
     told = marks(path, name)
     assert not [mark for mark in told if re.search(r"\b(skip|xfail)\b", mark)], told
     first = ast.unparse(definition(path, name).body[0])
