@@ -3,8 +3,8 @@
     python tests/bench/clients.py [--rounds 3] [--seconds 4] [--rate 100] [--json]
 
 ATTITUDE comes by UDP, its time_boot_ms holding the microsecond at which it left; the sides take turns, medians over
-rounds. CPU is the scheduler's, of every thread of the side's processes: of the program, and with zmav also of 'zmav up',
-which is what lets others read the same vehicle, and which costs nothing more where there are several programs.
+rounds. CPU is the scheduler's, of every thread of a process: of the program, and with zmav also of 'zmav up', which is
+what lets others read the same vehicle, and which is paid once.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ async def by_mavsdk(where: str, ages: list[int]) -> None:
         try:
             attitude = await asyncio.wait_for(attitudes.__anext__(), 2.0 if ages else 30.0)
         except asyncio.TimeoutError:
-            return mavsdk.destroy()
+            mavsdk.destroy()
+            return
         ages.append(age(attitude.timestamp_us // 1000))
 
 
@@ -116,7 +117,7 @@ def run(name: str, rate: float, seconds: float) -> dict[str, Any]:
 
 
 def _send(port: int, rate: float, seconds: float, sides: list[subprocess.Popen[str]]) -> tuple[int, list[float]]:
-    """Heartbeats and attitudes, five seconds of them for who has to find a vehicle first; what the rest of them cost."""
+    """Heartbeats and attitudes, five seconds of them for who must find a vehicle first; what the rest of them cost."""
     packer, out = Packer(load_dialect(), 1, 1), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     out.connect(("127.0.0.1", port))
     before: list[float] = []
@@ -128,7 +129,9 @@ def _send(port: int, rate: float, seconds: float, sides: list[subprocess.Popen[s
             sent += 1
         try:
             if number % int(rate) == 0:
-                out.send(packer.pack("HEARTBEAT", type=2, autopilot=12, base_mode=81, system_status=3, mavlink_version=3))
+                out.send(
+                    packer.pack("HEARTBEAT", type=2, autopilot=12, base_mode=81, system_status=3, mavlink_version=3)
+                )
             out.send(packer.pack("ATTITUDE", time_boot_ms=time.monotonic_ns() // 1000 % WRAP))
         except ConnectionRefusedError:
             continue
