@@ -1,4 +1,5 @@
-"""``zmav up`` is killed (-9) or ended (SIGTERM) with the vehicle in the air: nothing flies on.
+"""``zmav up`` is killed (-9) or ended (SIGTERM) with the vehicle in the air, or the bridge of the
+ground station: nothing flies on.
 
 The embedded simulator imitates what ArduCopter and PX4 do then; docs/failsafes.md has what was measured on the former.
 """
@@ -8,13 +9,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import socket
 import sys
 from collections.abc import AsyncIterator
 from typing import NamedTuple
 
 import zmav
-from agents.demo.processes import free_port
+from agents.demo.processes import free_port, free_udp_ports
 from tests.cli.conftest import PLACE, Process
+from zmav.mavlink import Packer, load_dialect
 from zmav.services import carrot
 from zmav.sim import SimVehicle, VehicleSpec, VehicleStatus, World
 
@@ -28,6 +31,8 @@ class Flight(NamedTuple):
     world: World
     up: Process
     vehicle: zmav.Vehicle
+    endpoint: str
+    """its router's"""
 
     @property
     def sim(self) -> SimVehicle:
@@ -70,7 +75,7 @@ async def flight(spec: VehicleSpec) -> AsyncIterator[Flight]:
                 await vehicle.wait_until(lambda s: s.connected, 30.0)
                 await vehicle.arm()
                 await vehicle.takeoff(8.0)
-                yield Flight(world, up, vehicle)
+                yield Flight(world, up, vehicle, endpoint)
         finally:
             up.popen.kill()
             up.wait()
@@ -111,6 +116,35 @@ async def test_with_the_parameters_set_it_comes_home() -> None:
         flying.cancel()
         await f.see("RTL", lambda s: s.mode == "RTL")
         await f.see("home", lambda s: math.hypot(*s.ned_m[:2]) < 2.0)
+
+
+async def test_the_bridge_that_a_ground_station_beats_through() -> None:
+    """It is killed with the vehicle in the air: to the autopilot the ground station is lost, and that is watched."""
+    timeout = 3 * SPEED
+    port = free_udp_ports(1)
+    async with flight(VehicleSpec(params={"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": timeout})) as f:
+        gcs = Process(sys.executable, "-m", "zmav", "gcs", "--udpin", str(port), "-e", f.endpoint)
+        beating = asyncio.create_task(beat(port))
+        try:
+            await asyncio.to_thread(gcs.expect, "is 255/190")
+            patient = f.world.time_s + timeout + 10.0
+            await f.see("time", lambda s: f.world.time_s > patient)
+            assert f.sim.status().mode == "GUIDED", "the station was heard all the time"
+            gcs.popen.kill()
+            await f.see("RTL", lambda s: s.mode == "RTL")
+        finally:
+            beating.cancel()
+            gcs.popen.kill()
+            gcs.wait()
+
+
+async def beat(port: int) -> None:
+    """The HEARTBEATs of a ground station."""
+    packer, out = Packer(load_dialect(), 255, 190), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with out:
+        while True:
+            out.sendto(packer.pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), ("127.0.0.1", port))
+            await asyncio.sleep(0.3)
 
 
 async def test_px4_leaves_offboard_by_itself() -> None:
