@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterator
 
 import zmav
 from zmav.autopilots.safety import SAFETY, Safety
+from zmav.cli import topics
+from zmav.cli.finding import Finding
 from zmav.errors import BadInput, ZmavError
 from zmav.waiting import within
 
@@ -47,18 +50,19 @@ async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
     return None
 
 
-def judge(vehicle: zmav.Vehicle, values: dict[Safety, Value | None]) -> Iterator[tuple[bool, str, str]]:
-    """(well, found, advice) for each parameter that is not as it should be, or one line that all are."""
+def judge(vehicle: zmav.Vehicle, values: dict[Safety, Value | None], who: str) -> Iterator[Finding]:
+    """A line for each parameter that is not as it should be, or one that all are."""
     state = vehicle.last_state
     sysid = (state.sysid if state else None) or 0
     faults = 0
     for safety, value in values.items():
-        if value is None or not safety.bad(value[1], sysid):
+        if value is None or (not (unreadable := not math.isfinite(value[1])) and not safety.bad(value[1], sysid)):
             continue
         name, number = value
-        faults += safety.essential
+        say = topics.FAILSAFE.wrong if safety.essential or unreadable else topics.FAILSAFE.advise
+        faults += safety.essential or unreadable
         what = "" if safety.essential else "consider "
         advice = f"{what}{safety.advice}: zmav param set {vehicle.name} {name}=VALUE"
-        yield not safety.essential, f"{name} is {number:g}: {safety.why}", advice
+        yield say(f"{name} is {number:g}: {safety.why}", advice, who)
     if values and not faults:
-        yield True, "what it does without its companion is set", ""
+        yield topics.FAILSAFE.well("what it does without its companion is set", who)
