@@ -20,7 +20,7 @@ from zmav.cli.examine import examine
 from zmav.cli.filecheck import check_file, own_router
 from zmav.cli.finding import GROUPS, HOST, VEHICLE, Finding, Level, shown
 from zmav.cli.hostcheck import check_host, check_packages
-from zmav.cli.linkcheck import examine_link
+from zmav.cli.linkcheck import examine_link, serial_of
 from zmav.cli.lookround import look
 from zmav.cli.trustcheck import check_folder
 from zmav.config import FleetConfig, VehicleConfig
@@ -126,7 +126,7 @@ async def _examine(request: Request) -> list[Finding]:
 async def _examine_own_link(request: Request, table: VehicleConfig, running: bool) -> list[Finding]:
     """The link of this vehicle: listened to only where no ``zmav up`` does."""
     dialect = request.dialect or table.dialect
-    if running and "/dev" not in table.link and not table.link.startswith("serial"):
+    if running and serial_of(table.link) is None:
         return [topics.OPEN.well(f"{table.link}: left to 'zmav up', which runs")]
     return await asyncio.to_thread(examine_link, table.link, dialect, request.seconds, request.user)
 

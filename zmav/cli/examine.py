@@ -101,7 +101,7 @@ def check_readiness(seen: Seen) -> Iterator[Finding]:
             yield topics.READINESS.well(f"{'armed' if state.armed else 'ready to arm'}, {gps}", who)
         else:
             advice = f"wait for GPS and EKF under open sky; its reasons: zmav echo {vehicle.name}/event"
-            yield topics.READINESS.wrong(f"{'; '.join(state.not_ready)} ({gps})", advice, who)
+            yield topics.READINESS.wrong(f"{'; '.join(state.not_ready) or 'it does not say why'} ({gps})", advice, who)
         if state.battery is not None and state.battery.remaining is not None:
             left = f"{state.battery.remaining:.0%} left"
             if state.battery.remaining < LOW_BATTERY:

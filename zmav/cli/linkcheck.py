@@ -58,23 +58,22 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
     A serial device that somebody has open, or ``user`` may not open, is left alone.
     """
     try:
-        parsed, link, ear = parse_url(url), open_link(url), Ear(dialect)
+        serial, link, ear = serial_of(url), open_link(url), Ear(dialect)
     except BadInput as e:
         return [topics.OPEN.wrong(e.message, "docs: 'zmav up --help' shows what a link looks like")]
     found: list[Finding] = []
-    serial = parsed.inner if isinstance(parsed, LossyUrl) else parsed
-    if isinstance(serial, SerialUrl):
+    if serial is not None:
         found, free = check_device(serial.path, user)
         if not free:
             return found
     with link:
         link.start(ear.hear, lambda state, detail: None)
-        if isinstance(serial, SerialUrl) and serial.baud is None:
+        if serial is not None and serial.baud is None:
             _find_baud(link)
         _converse(link, Packer(ear.dialect, 1, 191), seconds)
         state, detail = link.state, link.detail
     noise = ear.splitter.counters.bytes and not ear.splitter.counters.frames
-    if noise and isinstance(serial, SerialUrl) and serial.baud is not None:
+    if noise and serial is not None and serial.baud is not None:
         heard = _baud_of(serial)
         if heard is not None:
             text = f"MAVLink is heard at {heard} baud, and not at {serial.baud}"
@@ -83,6 +82,13 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
             )
             return found
     return found + list(_judge(link, ear, state, detail))
+
+
+def serial_of(url: str) -> SerialUrl | None:
+    """What a link's URL says of a serial device; None where it is none. Raises :class:`~zmav.errors.BadUrl`."""
+    parsed = parse_url(url)
+    inner = parsed.inner if isinstance(parsed, LossyUrl) else parsed
+    return inner if isinstance(inner, SerialUrl) else None
 
 
 def _find_baud(link: Link) -> None:

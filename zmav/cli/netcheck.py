@@ -63,8 +63,12 @@ class Way(msgspec.Struct, frozen=True):
         return self.level, STATES.index(self.state), self.loss or 0.0, self.rtt or 0.0
 
     @property
+    def name(self) -> str:
+        return " - ".join(self.ends)
+
+    @property
     def words(self) -> str:
-        parts = [f"{self.ends[0]} - {self.ends[1]}: {self.state}"]
+        parts = [self.state]
         if self.loss is not None:
             parts.append(f"{self.loss:.0%} lost")
         if self.rtt is not None:
@@ -100,12 +104,13 @@ def check_ways(seen: Seen) -> Iterator[Finding]:
     found = ways(seen.neighbours.items())
     for way in found:
         if way.state == "down":
-            yield topics.NEIGHBOUR.wrong(f"{way.words} within the last minute", f"is that host on? {NEARER}")
+            yield topics.WAY.wrong(f"{way.words}, within the last minute", f"is that host on? {NEARER}", way.name)
         elif way.state == "silent" and way.age is None:
-            yield topics.NEIGHBOUR.advise(f"{way.words}, nothing measured", "is it a 'zmav router' or a 'zmav up'?")
+            advice = "is it a 'zmav router' or a 'zmav up'?"
+            yield topics.WAY.advise(f"{way.words}, nothing measured", advice, way.name)
         elif way.level == 2:
-            yield topics.NEIGHBOUR.wrong(way.words, NEARER)
+            yield topics.WAY.wrong(way.words, NEARER, way.name)
         elif way.level == 1:
-            yield topics.NEIGHBOUR.advise(way.words, NEARER)
+            yield topics.WAY.advise(way.words, NEARER, way.name)
     if found and found[0].level == 0:
-        yield topics.WEAKEST.well(f"of {len(found)}: {found[0].words}")
+        yield topics.WEAKEST.well(f"of {len(found)}: {found[0].name}: {found[0].words}")

@@ -178,7 +178,7 @@ ROUTER = Topic(
     "none answers, it tells nothing of itself, or its Zenoh is of another minor version than ours",
     "start `zmav up` (vehicle) or `zmav router` (ground), or name one with `-e`; install one version everywhere",
 )  # fmt: skip
-NEIGHBOUR = Topic(
+WAY = Topic(
     "way", NETWORK,
     "each link between two routers that is not good, as its two ends measure it",
     "it is down, no probe comes through, it loses 20 % or takes 150 ms a kilobyte",
