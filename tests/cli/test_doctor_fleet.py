@@ -177,10 +177,17 @@ def well(fleet: Fleet) -> None:
     lines = {line["subject"]: line for line in told.lines}
     assert told.code == 0, [line for line in told.lines if not line["ok"]]
     assert lines["vehicles"]["found"] == "2 present (all of the fleet file)"
-    for subject in ("router ground", "weakest", "alpha/quad2 clock", "alpha/ground computer", "versions", "firmware"):
+    for subject in (
+        "router ground",
+        "weakest",
+        "alpha/quad2 clock",
+        "alpha/ground computer",
+        "versions zmav",
+        "firmware",
+    ):
         assert lines[subject]["level"] == "ok", lines
     assert "alpha/quad1 - alpha/quad2" in lines["weakest"]["found"] or "ground" in lines["weakest"]["found"]
-    assert lines["versions"]["found"].endswith("on all 4 hosts that tell")
+    assert lines["versions zmav"]["found"].endswith("on all 4 hosts that tell")
     told = zmav_here("doctor", "--file", str(fleet.file), "--name", "quad1", "--for", "1.2", "--json")
     assert told.code == 0, [line for line in told.lines if not line["ok"]]
     lines = {line["subject"]: line for line in told.lines}
@@ -211,17 +218,17 @@ def lossy_then_cut(fleet: Fleet) -> None:
     def some(data: bytes) -> bool:
         nonlocal count
         count += 1
-        return len(data) < 400 and count % 2 == 0
+        return len(data) < 400 and count % 3 == 0
 
     async def until(true: Callable[[wire.NeighbourQuality], bool]) -> None:
         async with fleet.open() as z:
             await linked(z, true)
 
     fleet.relay.drop = [some, nothing]
-    asyncio.run(until(lambda q: (q.loss_in or 0.0) > 0.25))
+    asyncio.run(until(lambda q: (q.loss_in or 0.0) > 0.22))
     found = fleet.red()
     assert "lost" in found[WAY]["found"]
-    assert found[WAY]["found"].startswith("up, ")
+    assert found[WAY]["found"].startswith(("up, ", "silent, "))
     assert "zmav mesh graph" in found[WAY]["advice"]
     fleet.relay.cut()
     asyncio.run(until(lambda q: q.state == "down"))
@@ -255,8 +262,8 @@ def strangers(fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert "system id 1" in found["alpha/quad1 identity"]["found"]
     assert float(found["alpha/quad3 clock"]["found"].split()[0]) == pytest.approx(1e3 * OFF_S, abs=500.0)
     assert "chrony" in found["alpha/quad3 clock"]["advice"]
-    assert f"{OTHER}: alpha/quad3" in found["versions"]["found"]
-    assert "install one version" in found["versions"]["advice"]
+    assert f"{OTHER}: alpha/quad3" in found["versions zmav"]["found"]
+    assert "install one version" in found["versions zmav"]["advice"]
 
     look = lookround.look
 

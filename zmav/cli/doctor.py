@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import os
 import platform
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import click
@@ -18,10 +16,11 @@ from zmav.cli import topics
 from zmav.cli.common import dump, json_option, run, seconds_option, zenoh_options
 from zmav.cli.examine import examine
 from zmav.cli.filecheck import check_file, own_router
-from zmav.cli.finding import GROUPS, HOST, VEHICLE, Finding, Level, shown
+from zmav.cli.finding import Finding
 from zmav.cli.hostcheck import check_host, check_packages
-from zmav.cli.linkcheck import examine_link, serial_of
+from zmav.cli.linkcheck import examine_device, examine_link
 from zmav.cli.lookround import look
+from zmav.cli.page import page
 from zmav.cli.trustcheck import check_folder
 from zmav.config import FleetConfig, VehicleConfig
 from zmav.errors import SessionError, ZmavError
@@ -32,13 +31,6 @@ from zmav.waiting import within
 
 WHOLE_S = 60.0
 """s beside the listening after which what is left of the fleet's examination is given up"""
-FEW = 4
-"""vehicles up to which each has its green lines on the page, too"""
-MARKS = {
-    Level.OK: click.style("ok ", fg="green"),
-    Level.ADVICE: click.style("...", fg="yellow"),
-    Level.RED: click.style("RED", fg="red", bold=True),
-}
 
 
 class Request(msgspec.Struct, frozen=True):
@@ -53,6 +45,13 @@ class Request(msgspec.Struct, frozen=True):
     seconds: float
     fleet: str | None
     settings: SessionSettings
+
+
+class Agent(msgspec.Struct, frozen=True):
+    """The ``zmav up`` of the vehicle that this host is."""
+
+    hears: bool
+    """its autopilot"""
 
 
 @click.command("doctor")
@@ -113,28 +112,31 @@ async def _examine(request: Request) -> list[Finding]:
     if request.file is not None:
         told, file = check_file(request.file, request.name, own)
         here += told
-    if own is None and request.settings.credentials is not None:  # no session opens with credentials that are not good
-        fleet: list[Finding] = []
-        running = False
-    else:
-        fleet, running = await _examine_fleet(request, file, own)
+    fleet: list[Finding] = []
+    agent = None
+    if own is not None or request.settings.credentials is None:  # no session opens with credentials that are not good
+        fleet, agent = await _examine_fleet(request, file, own)
     table = file.vehicles.get(request.name or "") if file else None
-    link = await _examine_own_link(request, table, running) if table else []
-    return here + link + fleet
+    return here + (await _examine_own_link(request, table, agent) if table else []) + fleet
 
 
-async def _examine_own_link(request: Request, table: VehicleConfig, running: bool) -> list[Finding]:
+async def _examine_own_link(request: Request, table: VehicleConfig, agent: Agent | None) -> list[Finding]:
     """The link of this vehicle: listened to only where no ``zmav up`` does."""
-    dialect = request.dialect or table.dialect
-    if running and serial_of(table.link) is None:
-        return [topics.OPEN.well(f"{table.link}: left to 'zmav up', which runs")]
-    return await asyncio.to_thread(examine_link, table.link, dialect, request.seconds, request.user)
+    if agent is None:
+        dialect = request.dialect or table.dialect
+        return await asyncio.to_thread(examine_link, table.link, dialect, request.seconds, request.user)
+    found = await asyncio.to_thread(examine_device, table.link, request.user)
+    if agent.hears:
+        return [*found, topics.OPEN.well(f"{table.link}: left to 'zmav up', which hears the autopilot")]
+    text = f"{table.link}: left to 'zmav up', which hears no autopilot on it"
+    advice = "to have the link listened to here, and baud rates tried, stop it first: systemctl stop zmav-vehicle"
+    return [*found, topics.OPEN.advise(text, advice)]
 
 
 async def _examine_fleet(
     request: Request, file: FleetConfig | None, own: Credentials | None
-) -> tuple[list[Finding], bool]:
-    """Findings, and whether the agent of this very vehicle is there."""
+) -> tuple[list[Finding], Agent | None]:
+    """Findings, and the agent of this very vehicle where it runs."""
     settings, name = request.settings, request.name
     if file is not None and name is not None and not settings.connect and not settings.file:
         settings = msgspec.structs.replace(settings, connect=(own_router(file, name),))
@@ -142,55 +144,14 @@ async def _examine_fleet(
     try:
         async with zmav.open(fleet=fleet, settings=settings) as z:
             seen = await within(WHOLE_S + request.seconds, look(z, request.seconds, own, file, name))
-            found = list(examine(seen))
-            return found, name is not None and any(v.name == name and v.present for v in seen.vehicles)
+            own_agents = [v for v in seen.vehicles if v.name == name and v.present]
+            states = [v.last_state for v in own_agents]
+            return list(examine(seen)), Agent(any(s and s.connected for s in states)) if own_agents else None
     except SessionError as e:
         return [
             topics.ROUTER.wrong(e.message, "start 'zmav up' or 'zmav router' (systemctl status zmav-vehicle)")
-        ], False
+        ], None
     except asyncio.TimeoutError:
-        return [topics.DOCTOR.wrong("the fleet was not examined in time", "look at hosts one by one with -e")], False
+        return [topics.DOCTOR.wrong("the fleet was not examined in time", "look at hosts one by one with -e")], None
     except ZmavError as e:
-        return [topics.ROUTER.wrong(e.message, "mend what is named, and ask again")], False
-
-
-# The page.
-
-
-def page(findings: list[Finding], whole: bool = False) -> Iterator[str]:
-    """The findings as lines, grouped; of many vehicles only those in trouble have lines of their own."""
-    groups: dict[str, list[Finding]] = {}
-    for finding in sorted(findings, key=_place):
-        groups.setdefault(finding.heading, []).append(finding)
-    hosts = [heading for heading, found in groups.items() if found[0].group == VEHICLE]
-    quiet = [h for h in hosts if all(f.level is Level.OK for f in groups[h])]
-    hidden = set(quiet) if len(hosts) > FEW and not whole else set()
-    for heading, found in groups.items():
-        if heading in hidden:
-            continue
-        if len(hosts) > FEW and heading in hosts and not whole:
-            found = [finding for finding in found if finding.level is not Level.OK]
-        yield click.style(shown(f"{heading} ({platform.node()})" if heading == HOST else heading), bold=True)
-        for finding in found:
-            yield from _lines(finding)
-    if hidden:
-        yield f"{click.style('all is well', fg='green')} at {shown(', '.join(sorted(hidden)))}  (--all shows it)"
-    yield _sum(findings)
-
-
-def _place(finding: Finding) -> tuple[int, str]:
-    return GROUPS.index(finding.group), finding.who if finding.group == VEHICLE else ""
-
-
-def _lines(finding: Finding) -> Iterator[str]:
-    topic = finding.topic if finding.group == VEHICLE else finding.subject
-    yield f"  {MARKS[finding.level]} {shown(topic)}: {shown(finding.found)}"
-    if finding.advice:
-        yield f"        -> {shown(finding.advice)}"
-
-
-def _sum(findings: Iterable[Finding]) -> str:
-    counts = {level: len(list(group)) for level, group in itertools.groupby(sorted(f.level.value for f in findings))}
-    red, amber, green = (counts.get(level.value, 0) for level in (Level.RED, Level.ADVICE, Level.OK))
-    more = f"{green} ok" + (f", {amber} to consider" if amber else "")
-    return f"{red} red, {more}" if red else f"all is well: {more}"
+        return [topics.ROUTER.wrong(e.message, "mend what is named, and ask again")], None

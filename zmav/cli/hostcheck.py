@@ -119,17 +119,16 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
                 by_version.setdefault(versions[package], []).append(who)
         if len(by_version) < 2:
             yield from (
-                topics.VERSIONS.well(f"{package} {number} on {_count(whose)}") for number, whose in by_version.items()
+                topics.VERSIONS.well(f"{number} on {_count(whose)}", package) for number, whose in by_version.items()
             )
             continue
-        found = f"{package} " + "; ".join(f"{number}: {_few(whose)}" for number, whose in sorted(by_version.items()))
+        found = "; ".join(f"{number}: {_few(whose)}" for number, whose in sorted(by_version.items()))
         minor = {tuple(number.split(".")[:2]) for number in by_version}
         if package == "eclipse-zenoh" and len(minor) == 1:
-            yield topics.VERSIONS.advise(found, "install one version everywhere when there is time")
+            yield topics.VERSIONS.advise(found, "install one version everywhere when there is time", package)
         else:
-            yield topics.VERSIONS.wrong(
-                found, f"install one version of {package} everywhere: pip install {package}==VERSION"
-            )
+            advice = f"install one version everywhere: pip install {package}==VERSION"
+            yield topics.VERSIONS.wrong(found, advice, package)
 
 
 def _count(whose: list[str]) -> str:

@@ -60,7 +60,7 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
     try:
         serial, link, ear = serial_of(url), open_link(url), Ear(dialect)
     except BadInput as e:
-        return [topics.OPEN.wrong(e.message, "docs: 'zmav up --help' shows what a link looks like")]
+        return [topics.OPEN.wrong(e.message, "'zmav up --help' shows what a link looks like")]
     found: list[Finding] = []
     if serial is not None:
         found, free = check_device(serial.path, user)
@@ -82,6 +82,15 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
             )
             return found
     return found + list(_judge(link, ear, state, detail))
+
+
+def examine_device(url: str, user: str | None = None) -> list[Finding]:
+    """What can be said of a serial link without opening it; nothing of any other."""
+    try:
+        serial = serial_of(url)
+    except BadInput as e:
+        return [topics.OPEN.wrong(e.message, "'zmav up --help' shows what a link looks like")]
+    return check_device(serial.path, user)[0] if serial is not None else []
 
 
 def serial_of(url: str) -> SerialUrl | None:
