@@ -56,6 +56,10 @@ alt_amsl = 584.09
 [sim]
 speed = 8.0
 
+[mesh]
+lease = 1.0
+retry = 0.5
+
 [vehicles.quad1]
 link = "{folder}/ttyACM0,921600"
 sysid = 1
@@ -218,7 +222,7 @@ def lossy_then_cut(fleet: Fleet) -> None:
     def some(data: bytes) -> bool:
         nonlocal count
         count += 1
-        return len(data) < 400 and count % 3 == 0
+        return len(data) < 400 and count % 2 == 0
 
     async def until(true: Callable[[wire.NeighbourQuality], bool]) -> None:
         async with fleet.open() as z:

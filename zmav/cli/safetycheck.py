@@ -10,7 +10,7 @@ import zmav
 from zmav.autopilots.safety import SAFETY, Safety
 from zmav.cli import topics
 from zmav.cli.finding import Finding
-from zmav.errors import BadInput, ZmavError
+from zmav.errors import BadInput, TimedOut, ZmavError
 from zmav.waiting import within
 
 PATIENCE = 10.0
@@ -34,9 +34,12 @@ async def read_safety(vehicle: zmav.Vehicle) -> dict[Safety, Value | None] | Zma
 
 
 async def _read(vehicle: zmav.Vehicle, wanted: tuple[Safety, ...]) -> list[Value | None]:
-    if wanted:
-        await vehicle.params.list()  # once: the names below then come from the vehicle's cache
-    return [await _first(vehicle, safety.names) for safety in wanted]
+    """One by one from the vehicle's cache: the whole set is a hundred times as much for the radios between."""
+    try:
+        return [await _first(vehicle, safety.names) for safety in wanted]
+    except TimedOut:  # not all are known there yet, and one of these may not exist
+        await vehicle.params.list()
+        return [await _first(vehicle, safety.names) for safety in wanted]
 
 
 async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
@@ -61,7 +64,7 @@ def judge(vehicle: zmav.Vehicle, values: dict[Safety, Value | None], who: str) -
         name, number = value
         say = topics.FAILSAFE.wrong if safety.essential or unreadable else topics.FAILSAFE.advise
         faults += safety.essential or unreadable
-        what = "" if safety.essential else "consider "
+        what = "set " if safety.essential else "consider "
         advice = f"{what}{safety.advice}: zmav param set {vehicle.name} {name}=VALUE"
         yield say(f"{name} is {number:g}: {safety.why}", advice, who)
     if values and not faults:
