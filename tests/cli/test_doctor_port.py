@@ -15,11 +15,13 @@ from typing import Any
 
 import pytest
 
+from mesh.credentials.ca import Authority
 from tests.cli.conftest import Process, Told, zmav_here
 from tests.cli.test_doctor import heartbeat
 from zmav.cli import serialcheck
 from zmav.cli.finding import Level
 from zmav.links import serial as serial_link
+from zmav.trust.certificate import Role
 
 TABLE = '[vehicles.quad1]\nlink = "{link}"\nsysid = 1\nlisten = ["tcp/127.0.0.1:1"]\n'
 
@@ -193,6 +195,10 @@ def test_a_modem_manager_that_may_probe_it(tmp_path: Path) -> None:
     probe = serialcheck._modem_manager
     (line,) = probe("/dev/ttyACM0", Path("/dev/null").stat(), proc)
     assert (line.level, "pid 7" in line.found, "ID_MM_DEVICE_IGNORE" in line.advice) == (Level.ADVICE, True, True)
+    udev = tmp_path / "udev"
+    udev.mkdir()
+    (udev / "c1:3").write_text("S:autopilot\nE:ID_MM_PORT_IGNORE=1\n")  # /dev/null's numbers
+    assert list(probe("/dev/ttyACM0", Path("/dev/null").stat(), proc, udev)) == [], "a rule keeps it off"
     assert list(probe("/dev/ttyAMA0", Path("/dev/null").stat(), proc)) == [], "no modem is behind a UART"
 
 
@@ -236,6 +242,21 @@ def test_a_fleet_file_that_names_a_device_that_is_not_there(tmp_path: Path) -> N
     assert wrong["device"]["found"] == "/dev/ttyNOPE7 is not there"
     assert "tcp/127.0.0.1:1" in wrong["router"]["found"], "its own router's endpoint is the file's"
     assert {line["subject"]: line["level"] for line in told.lines}["fleet file"] == "ok"
+
+
+def test_credentials_of_another_vehicle_or_fleet(tmp_path: Path) -> None:
+    authority = Authority.create(tmp_path / "ca", "alpha")
+    folders = {name: authority.issue(name, role) for name, role in (("quad2", Role.VEHICLE), ("ops", Role.OPERATOR))}
+    text = 'fleet = "{fleet}"\n' + TABLE.format(link="udpin:127.0.0.1:0")
+
+    def told(fleet: str, member: str) -> str:
+        file = fleet_file(tmp_path, text.format(fleet=fleet))
+        wrong = red("--file", file, "--name", "quad1", "--credentials", str(folders[member]))
+        return str(wrong.get("fleet file", {}).get("found"))
+
+    assert told("alpha", "quad2") == "the credentials are quad2's, and this host is quad1"
+    assert told("alpha", "ops") == "None", "an operator may look at a vehicle on the vehicle"
+    assert told("beta", "ops").endswith("is the fleet beta's, and the credentials are for alpha")
 
 
 def test_a_name_needs_its_file() -> None:

@@ -25,7 +25,7 @@ from zmav.cli.trustcheck import check_folder
 from zmav.config import FleetConfig, VehicleConfig
 from zmav.errors import SessionError, ZmavError
 from zmav.services.store import default_directory
-from zmav.session import SessionSettings
+from zmav.session import CONNECT, SessionSettings
 from zmav.trust.credentials import Credentials
 from zmav.waiting import within
 
@@ -138,7 +138,8 @@ async def _examine_fleet(
 ) -> tuple[list[Finding], Agent | None]:
     """Findings, and the agent of this very vehicle where it runs."""
     settings, name = request.settings, request.name
-    if file is not None and name is not None and not settings.connect and not settings.file:
+    named = settings.connect or settings.file or os.environ.get(CONNECT)
+    if file is not None and name is not None and not named:
         settings = msgspec.structs.replace(settings, connect=(own_router(file, name),))
     fleet = request.fleet or (file.fleet if file else None) or os.environ.get("ZMAV_FLEET", "demo")
     try:

@@ -12,6 +12,7 @@ from zmav.links.url import parse_url
 from zmav.mavlink import load_dialect
 from zmav.mavlink.signing import read_key
 from zmav.session import DEFAULT_ROUTER
+from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 
 MEND = "mend that field: 'zmav mesh config --file FILE' reads it in the same way"
@@ -28,11 +29,11 @@ def check_file(path: str, name: str | None, own: Credentials | None = None) -> t
     if own is not None and own.fleet != file.fleet:
         text = f"{path} is the fleet {file.fleet}'s, and the credentials are for {own.fleet}"
         found.append(topics.FILE.wrong(text, "write the same fleet in both, or give the other --credentials"))
-    if own is not None and name is not None and own.name not in (name, "") and isinstance(table, VehicleConfig):
+    if own is not None and own.role is Role.VEHICLE and name not in (None, own.name):
         text = f"the credentials are {own.name}'s, and this host is {name}"
         found.append(topics.FILE.wrong(text, "give the vehicle's own --credentials: zmav mesh ca"))
     if all(finding.ok for finding in found):
-        counts = f"{len(file.vehicles)} vehicles, {len(file.stations)} stations"
+        counts = f"vehicles: {len(file.vehicles)}, stations: {len(file.stations)}"
         found.append(topics.FILE.well(f"{path}: fleet {file.fleet}, {counts}" + (f"; here: {name}" if name else "")))
     return found, file
 

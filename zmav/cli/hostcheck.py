@@ -132,7 +132,7 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
 
 
 def _count(whose: list[str]) -> str:
-    return "this host" if len(whose) == 1 else f"all {len(whose)} hosts that tell"
+    return "this host" if len(whose) == 1 else f"this host and {len(whose) - 1} that tell"
 
 
 def _few(whose: Iterable[str], most: int = 5) -> str:

@@ -23,6 +23,8 @@ SERVICE_USER = "zmav"
 """who runs the service, where root asks"""
 SCAN_S = 3.0
 """s that looking through all processes may take"""
+IGNORED = ("E:ID_MM_DEVICE_IGNORE=1", "E:ID_MM_PORT_IGNORE=1")
+"""lines of the udev database on a device that ModemManager leaves alone"""
 USB = re.compile(r"tty(ACM|USB)\d+\Z")
 
 
@@ -187,7 +189,9 @@ def _console(real: str, held: list[Process], proc: Path) -> Iterator[Finding]:
         yield topics.CONSOLE.wrong(f"{real} is the kernel's console", advice)
 
 
-def _modem_manager(real: str, mode: os.stat_result, proc: Path) -> Iterator[Finding]:
+def _modem_manager(
+    real: str, mode: os.stat_result, proc: Path, udev: Path = Path("/run/udev/data")
+) -> Iterator[Finding]:
     if not USB.match(Path(real).name):
         return
     running = next((p for p, _ in processes(proc) if p.words and Path(p.words[0]).name == "ModemManager"), None)
@@ -195,7 +199,7 @@ def _modem_manager(real: str, mode: os.stat_result, proc: Path) -> Iterator[Find
         return
     number = f"c{os.major(mode.st_rdev)}:{os.minor(mode.st_rdev)}"
     with contextlib.suppress(OSError):
-        if "E:ID_MM_DEVICE_IGNORE=1" in Path("/run/udev/data", number).read_text(errors="replace").splitlines():
+        if any(line in IGNORED for line in (udev / number).read_text(errors="replace").splitlines()):
             return
     advice = 'sudo systemctl mask --now ModemManager, or a udev rule with ENV{ID_MM_DEVICE_IGNORE}="1" for the device'
     yield topics.MODEM.advise(f"ModemManager (pid {running.pid}) probes {real} when it is plugged in", advice)
