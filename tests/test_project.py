@@ -38,7 +38,7 @@ BELOW = {
 LAYERS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "process": {"errors"}, "waiting": set(), "systemd": set()},
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}},
-    {"config": set(), "formats": set(), "trust": set()},
+    {"config": set(), "formats": set(), "host": set(), "trust": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},

@@ -138,6 +138,10 @@ CHANNELS: dict[str, Channel] = {
             rate_hz=1.0, stale_after=1.5, repeated=False,
         ),
         Channel(
+            "host", "{fleet}/{vehicle}/host", "query", wire.HostReport, Qos.MUST_ARRIVE,
+            "how the host's computer is: versions, disks, memory, load, heat, power, what keeps its clock", (ANYONE,),
+        ),
+        Channel(
             "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,
             "the whole parameter set, from the vehicle's cache; unchanged sets cost a line", (ANYONE,),
         ),
@@ -294,6 +298,7 @@ BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
 HISTORY = CHANNELS["history"]
 SWARM, OBSTACLE = CHANNELS["swarm"], CHANNELS["obstacle"]
+HOST = CHANNELS["host"]
 BODY, BEACON = CHANNELS["body"], CHANNELS["beacon"]
 CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"

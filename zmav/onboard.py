@@ -28,6 +28,7 @@ from zmav.services.events import Events
 from zmav.services.files import Files
 from zmav.services.flight import Flight
 from zmav.services.ftp import Ftp
+from zmav.services.host import HostService
 from zmav.services.identity import Identity
 from zmav.services.logs import Logs
 from zmav.services.messages import Messages
@@ -140,6 +141,7 @@ class Onboard:
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(session, port, ftp, Store(cache / fleet / name))
+        self.host = HostService(session, fleet, name, (cache,))
         self.logs = Logs(port, self.identity, ftp, self.files)
         self.orders = Orders(session, fleet, name)
         if self.gate is not None:
@@ -247,6 +249,7 @@ class Onboard:
         self.params.start()
         self.missions.start()
         self.files.start()
+        self.host.start()
         self.orders.start()
         self.authority.start()
         self.separation.start()
@@ -271,7 +274,7 @@ class Onboard:
         await asyncio.to_thread(self.adapter.close)
         for service in (
             self.identity, self.presence, self.state, self.messages, self.body, self.timesync, self.quality, self.files,
-            self.events,
+            self.host, self.events,
         ):  # fmt: skip
             service.close()
 

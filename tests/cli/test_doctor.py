@@ -15,9 +15,10 @@ import pytest
 import zenoh
 
 import zmav
-from zmav import keys, wire
-from zmav.cli import examine
-from zmav.cli.examine import Seen, check_routers
+from zmav import host, keys, wire
+from zmav.cli.hostcheck import check_packages
+from zmav.cli.lookround import Seen
+from zmav.cli.netcheck import check_routers
 from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:
@@ -54,13 +55,18 @@ def state(**changes: Any) -> bytes:
 
 def test_all_is_well(vehicle: Vehicle) -> None:
     told = vehicle.zmav("doctor", "--for", "1.2")
-    assert told.out.rstrip().endswith("all is well")
-    assert "BAD" not in told.out
-    for words in ("ok  packages: Python ", "ok  router quad1: ", "ok  demo/quad1: copter by ardupilot"):
+    assert told.out.splitlines()[-1].startswith("all is well: ")
+    assert "RED" not in told.out
+    for words in ("ok  packages: python ", "ok  router quad1: ", "demo/quad1\n", "ok  presence: copter by ardupilot"):
         assert words in told.out
     found = findings(vehicle.zmav("doctor", "--for", "1.2", "--json").lines)
     assert all(line["ok"] for line in found.values())
-    assert found.keys() >= {"demo/quad1 link", "demo/quad1 readiness", "demo/quad1 clock"}
+    assert found.keys() >= {
+        "demo/quad1 autopilot link",
+        "demo/quad1 computer",
+        "demo/quad1 readiness",
+        "demo/quad1 clock",
+    }
     assert vehicle.endpoint in found["router quad1"]["found"]
     assert "ready to arm" in found["demo/quad1 readiness"]["found"]
 
@@ -68,8 +74,8 @@ def test_all_is_well(vehicle: Vehicle) -> None:
 def test_without_a_router(start: StartProcess) -> None:
     doctor = start("doctor", "-e", "tcp/127.0.0.1:1")
     assert doctor.wait() == 1
-    assert "BAD router: no Zenoh router answers at tcp/127.0.0.1:1. Start one" in doctor.stdout
-    assert doctor.out[-1] == "1 of 2 need attention"
+    assert "RED router: no Zenoh router answers at tcp/127.0.0.1:1. Start one" in doctor.stdout
+    assert doctor.out[-1].startswith("1 red, ")
     assert doctor.stderr == ""
 
 
@@ -84,11 +90,11 @@ def test_without_a_vehicle(speaker: Speaker) -> None:
     [
         (
             {"connected": False, "sysid": None, "link": "down"},
-            "",
+            " presence",
             "no autopilot has been heard (link down)",
             "--link URL",
         ),
-        ({"connected": False}, "", "its autopilot is silent (link up)", "baud"),
+        ({"connected": False}, " presence", "its autopilot is silent (link up)", "baud"),
         ({"clash": "another vehicle is named quad7"}, " identity", "another vehicle is named quad7", "--name"),
         ({"ready": False, "not_ready": ["EKF has no position estimate"]}, " readiness", "EKF has no position", "GPS"),
     ],
@@ -105,14 +111,14 @@ def test_a_vehicle_in_trouble(speaker: Speaker, changes: dict[str, Any], subject
 
 def test_a_vehicle_of_which_there_is_only_a_token(speaker: Speaker) -> None:
     with speaker.session.liveliness().declare_token("zmav/demo/quad7/alive/vehicle/7/px4/-/x"):
-        assert "its state does not come" in bad(speaker)["demo/quad7"]["found"]
+        assert "its state does not come" in bad(speaker)["demo/quad7 presence"]["found"]
 
 
 def test_a_vehicle_that_fell_silent(speaker: Speaker) -> None:
     began = time.monotonic()
     speaker.say(STATE, lambda: state() if time.monotonic() < began + 0.5 else b"")
     told = speaker.zmav.fails("doctor", "--for", "2.8", "--json")
-    found = findings(told.lines)["demo/quad7"]
+    found = findings(told.lines)["demo/quad7 presence"]
     assert not found["ok"]
     assert found["found"].startswith("last heard ")
 
@@ -143,7 +149,7 @@ def test_a_link_in_trouble(speaker: Speaker, per_report: dict[str, int], words: 
     reports = qualities(**per_report)
     speaker.say(STATE, state)
     speaker.say(LINK, lambda: next(reports))
-    line = findings(speaker.zmav.fails("doctor", "--for", "0.4", "--json").lines)["demo/quad7 link"]
+    line = findings(speaker.zmav.fails("doctor", "--for", "0.4", "--json").lines)["demo/quad7 autopilot link"]
     assert line["ok"] is (not words)
     assert words in line["found"]
     assert bool(line["advice"]) is bool(words)
@@ -182,16 +188,16 @@ def test_parameters_that_leave_a_vehicle_flying_without_its_companion(vehicle: V
 
 def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
     old = {"zid": "0123456789", "version": "0.9.0", "locators": [], "links": []}
-    (found,) = check_routers(Seen([], [old], {}, {}, {}))
+    (found,) = check_routers(Seen(routers=[old]))
     assert (found.ok, found.subject) == (False, "router 01234567")
     assert "0.9.0" in found.found
-    (found,) = check_routers(Seen([], [], {}, {}, {}))
+    (found,) = check_routers(Seen())
     assert "adminspace" in found.advice
 
 
 def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examine, "PACKAGES", ("zmav", "no-such-package"))
-    missing, rest = examine.versions()
+    monkeypatch.setattr(host, "PACKAGES", ("zmav", "no-such-package"))
+    missing, rest = check_packages()
     assert (missing.ok, missing.found) == (False, "not installed: no-such-package")
     assert rest.ok
 
@@ -282,10 +288,13 @@ def test_losses_count_where_they_are_the_autopilots_own(
     assert (" 0 lost," in traffic["found"]) is well
 
 
-@pytest.mark.parametrize("url", ["pigeon:coop", "tcp:127.0.0.1:1", "/dev/no-such-tty,57600"])
-def test_a_link_that_does_not_open(here: type[Here], url: str) -> None:
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [("pigeon:coop", "link: "), ("tcp:127.0.0.1:1", "link: "), ("/dev/no-such-tty,57600", "device: ")],
+)
+def test_a_link_that_does_not_open(here: type[Here], url: str, words: str) -> None:
     told = here().fails("doctor", "--link", url, "--for", "0.2")
-    assert "BAD link: " in told.out
+    assert f"RED {words}" in told.out
 
 
 def test_a_dialect_that_there_is_not(here: type[Here]) -> None:

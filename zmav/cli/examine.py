@@ -1,140 +1,35 @@
-"""What ``zmav doctor`` looks at: checks, each a function from what was seen to findings."""
+"""What ``zmav doctor`` judges of vehicles and of the fleet: checks, each a function from what was seen to findings."""
 
 from __future__ import annotations
 
-import asyncio
-import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from importlib.metadata import PackageNotFoundError, version
-from typing import Any
-
-import msgspec
-import zenoh
 
 import zmav
 from zmav import keys, wire
-from zmav.autopilots.safety import Safety
+from zmav.cli import topics
 from zmav.cli.finding import Finding
-from zmav.cli.info import routers
-from zmav.cli.safetycheck import Value, judge, read_safety
-from zmav.cli.trustcheck import Trust, judge_trust, look_at_trust
-from zmav.client import Client
+from zmav.cli.hostcheck import check_host, check_versions
+from zmav.cli.linkcheck import MAX_BAD_CRC, MAX_LOSS
+from zmav.cli.lookround import Seen, label
+from zmav.cli.netcheck import check_routers, check_ways
+from zmav.cli.safetycheck import judge
+from zmav.cli.trustcheck import judge_trust
 from zmav.errors import ZmavError
-from zmav.trust.credentials import Credentials
 
-PACKAGES = ("zmav", "eclipse-zenoh", "pymavlink", "fastcrc", "pyserial", "numpy", "msgspec")
-MAX_LOSS = 0.02
-MAX_BAD_CRC = 0.01
 MAX_CLOCK_OFFSET = 0.1
 """s; a setpoint is valid for half a second, by the sender's clock"""
-PINGS = 5
-
-
-class Clock(msgspec.Struct, frozen=True):
-    """A vehicle's clock less ours in seconds, and by how much that may be wrong: half the round trip."""
-
-    offset: float
-    within: float
-
-
-class Seen(msgspec.Struct, frozen=True):
-    """What was seen of the key space; the dicts are by vehicle, and lack those that said nothing."""
-
-    vehicles: list[zmav.Vehicle]
-    routers: list[dict[str, Any]]
-    links: dict[str, list[wire.LinkQuality]]
-    """oldest first"""
-    clocks: dict[str, Clock | ZmavError]
-    safety: dict[str, dict[Safety, Value | None] | ZmavError]
-    trust: Trust | None = None
-
-
-async def look(z: Client, seconds: float, own: Credentials | None = None) -> Seen:
-    """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
-    links: dict[str, list[wire.LinkQuality]] = defaultdict(list)
-
-    def on_link(sample: zenoh.Sample) -> wire.LinkQuality:
-        quality = wire.decode(sample.payload.to_bytes(), wire.LinkQuality, "link")
-        links[_vehicle_in(str(sample.key_expr))].append(quality)
-        return quality
-
-    async def listen() -> None:
-        async with z.subscribe(keys.LINK.key(z.fleet_name, "*", link="*"), on_link) as qualities:
-            async for _ in qualities:
-                pass
-
-    listener = asyncio.create_task(listen())
-    await asyncio.sleep(seconds)
-    listener.cancel()
-    vehicles = await z.settle()
-    present = [v for v in vehicles if v.present]
-    names = [label(v) for v in present]
-    clocks = await asyncio.gather(*map(_clock_of, present))
-    safety = await asyncio.gather(*map(read_safety, present))
-    by_name = dict(zip(names, clocks, strict=True)), dict(zip(names, safety, strict=True))
-    trust = await look_at_trust(z, own, [v.name for v in present])
-    return Seen(vehicles, await routers(z), dict(links), *by_name, trust)
-
-
-def label(vehicle: zmav.Vehicle) -> str:
-    """``fleet/name``."""
-    return f"{vehicle.fleet}/{vehicle.name}"
-
-
-def _vehicle_in(key: str) -> str:
-    return "/".join(key.split("/")[1:3])
-
-
-async def _clock_of(vehicle: zmav.Vehicle) -> Clock | ZmavError:
-    """By the quickest of a few round trips, taken to be as long there as back."""
-    clocks = []
-    try:
-        for _ in range(PINGS):
-            sent = time.time()
-            there = float((await vehicle.order("ping", wire.Order()))["t"])
-            back = time.time()
-            clocks.append(Clock(there - (sent + back) / 2, (back - sent) / 2))
-    except ZmavError as e:
-        return e
-    return min(clocks, key=lambda clock: clock.within)
-
-
-def versions() -> Iterator[Finding]:
-    """Python and the packages that carry zmav."""
-    found, missing = [f"Python {platform.python_version()}"], []
-    for package in PACKAGES:
-        try:
-            found.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            missing.append(package)
-    if missing:
-        yield Finding(False, "packages", f"not installed: {', '.join(missing)}", "install zmav with its dependencies")
-    yield Finding(True, "packages", ", ".join(found))
-
-
-def check_routers(seen: Seen) -> Iterator[Finding]:
-    if not seen.routers:
-        advice = "its admin space is off: set adminspace.enabled in its Zenoh configuration"
-        yield Finding(False, "router", "one answers, but tells nothing about itself", advice)
-    names = {v.last_state.instance: v.name for v in seen.vehicles if v.last_state}
-    ours = version("eclipse-zenoh")
-    for router in seen.routers:
-        links = [link["whatami"] for link in router["links"]]
-        who = f"router {names.get(router['zid'], router['zid'][:8])}"
-        found = f"linked routers: {links.count('router')}, clients: {links.count('client')}"
-        if router["version"].split(".")[:2] != ours.split(".")[:2]:
-            found += f", Zenoh {router['version']}, but {ours} here"
-            yield Finding(False, who, found, "install one version of Zenoh everywhere")
-        else:
-            yield Finding(True, who, f"{found}, on {' '.join(router['locators']) or 'no endpoint'}")
+MAX_GPS_OFFSET = 1.0
+"""s that a vehicle's clock may be off its GPS, as the vehicle itself judges"""
+LOW_BATTERY = 0.3
+SYNCHRONISE = "setpoints will be dropped as too late or too early: synchronise the clocks (chrony, GPS, PTP)"
+OTHER_ID = "give one another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID) and restart its autopilot"
+UNIQUE = ("planner", "router")
+"""roles of which a name stands for one program; of vehicles, they tell it themselves"""
 
 
 def check_vehicles(seen: Seen) -> Iterator[Finding]:
-    if not seen.vehicles:
-        advice = "start 'zmav up' beside an autopilot ('zmav sim' makes one), or name its router with -e"
-        yield Finding(False, "vehicles", "none", advice)
     for vehicle in seen.vehicles:
         yield _presence(vehicle)
 
@@ -142,31 +37,35 @@ def check_vehicles(seen: Seen) -> Iterator[Finding]:
 def _presence(vehicle: zmav.Vehicle) -> Finding:
     who, state, age = label(vehicle), vehicle.last_state, vehicle.age
     if state is None or age is None:
-        return Finding(False, who, "present, but its state does not come", "is its zmav of the version used here?")
+        advice = "is its zmav of the version used here?"
+        return topics.PRESENCE.wrong("present, but its state does not come", advice, who)
     if age > (keys.STATE.stale_after or 0.0):
         advice = "is its computer on, and its router linked to this one?"
-        return Finding(False, who, f"last heard {age:.0f} s ago", advice)
+        return topics.PRESENCE.wrong(f"last heard {age:.0f} s ago", advice, who)
     if not state.connected:
         found = "its autopilot is silent" if state.sysid else "no autopilot has been heard"
-        advice = "on the vehicle, look at power, cable, port and baud rate; 'zmav doctor --link URL' tells more there"
-        return Finding(False, who, f"{found} (link {state.link})", advice)
+        advice = (
+            "on the vehicle, look at power, cable, port and baud rate; "
+            "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there"
+        )
+        return topics.PRESENCE.wrong(f"{found} (link {state.link})", advice, who)
     what = " ".join(filter(None, (state.kind, "by", state.autopilot, state.firmware)))
     armed = "armed" if state.armed else "disarmed"
-    return Finding(True, who, f"{what}, system id {state.sysid}, {armed} in {state.mode}")
+    return topics.PRESENCE.well(f"{what}, system id {state.sysid}, {armed} in {state.mode}", who)
 
 
 def check_clashes(seen: Seen) -> Iterator[Finding]:
     for vehicle in seen.vehicles:
         if vehicle.last_state and vehicle.last_state.clash:
             advice = "give one another --name, or another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"
-            yield Finding(False, f"{label(vehicle)} identity", vehicle.last_state.clash, advice)
+            yield topics.IDENTITY.wrong(vehicle.last_state.clash, advice, label(vehicle))
 
 
 def check_links(seen: Seen) -> Iterator[Finding]:
     for vehicle in seen.vehicles:
         qualities = seen.links.get(label(vehicle))
         if qualities:
-            yield from _judge_link(f"{label(vehicle)} link", qualities[0], qualities[-1])
+            yield from _judge_link(label(vehicle), qualities[0], qualities[-1])
 
 
 def _judge_link(who: str, first: wire.LinkQuality, last: wire.LinkQuality) -> Iterator[Finding]:
@@ -177,62 +76,176 @@ def _judge_link(who: str, first: wire.LinkQuality, last: wire.LinkQuality) -> It
     if lost > MAX_LOSS * (frames + lost):
         ok = False
         advice = "ask for fewer messages, or a higher baud rate with flow control; on a radio, look at the antennas"
-        yield Finding(False, who, f"{lost} of {frames + lost} frames lost", advice)
+        yield topics.HEARING.wrong(f"{lost} of {frames + lost} frames lost", advice, who)
     if bad > MAX_BAD_CRC * (frames + bad):
         ok = False
         advice = "look at baud rate, ground and cable; another --dialect may be spoken"
-        yield Finding(False, who, f"{bad} of {frames + bad} frames damaged", advice)
+        yield topics.HEARING.wrong(f"{bad} of {frames + bad} frames damaged", advice, who)
     if dropped:
         ok = False
         advice = "raise net.core.rmem_max (sysctl), and see what else keeps this computer busy"
-        yield Finding(False, who, f"{dropped} datagrams dropped by the kernel", advice)
+        yield topics.HEARING.wrong(f"{dropped} datagrams dropped by the kernel", advice, who)
     if ok:
         rtt = "-" if last.rtt is None else f"{1e3 * last.rtt:.1f} ms"
-        yield Finding(True, who, f"{last.url} {last.state}, {last.rx_rate:.0f} frames/s, round trip {rtt}")
+        found = f"{last.url} {last.state}, {last.rx_rate:.0f} frames/s, round trip {rtt}"
+        yield topics.HEARING.well(found, who)
 
 
 def check_readiness(seen: Seen) -> Iterator[Finding]:
     for vehicle in seen.vehicles:
-        state = vehicle.last_state
+        state, who = vehicle.last_state, label(vehicle)
         if state is None or not state.connected:
             continue
         gps = f"GPS {state.gps.fix}, {state.gps.satellites} satellites" if state.gps else "no GPS heard"
         if state.armed or state.ready:
-            yield Finding(True, f"{label(vehicle)} readiness", f"{'armed' if state.armed else 'ready to arm'}, {gps}")
+            yield topics.READINESS.well(f"{'armed' if state.armed else 'ready to arm'}, {gps}", who)
         else:
             advice = f"wait for GPS and EKF under open sky; its reasons: zmav echo {vehicle.name}/event"
-            yield Finding(False, f"{label(vehicle)} readiness", f"{'; '.join(state.not_ready)} ({gps})", advice)
+            yield topics.READINESS.wrong(f"{'; '.join(state.not_ready) or 'it does not say why'} ({gps})", advice, who)
+        if state.battery is not None and state.battery.remaining is not None:
+            left = f"{state.battery.remaining:.0%} left"
+            if state.battery.remaining < LOW_BATTERY:
+                yield topics.BATTERY.advise(left, "charge or change it before the next flight", who)
+            else:
+                yield topics.BATTERY.well(left, who)
 
 
 def check_clocks(seen: Seen) -> Iterator[Finding]:
     for who, clock in seen.clocks.items():
         if isinstance(clock, ZmavError):
-            yield Finding(False, f"{who} clock", f"it does not answer: {clock}", "is its 'zmav up' overloaded?")
+            yield topics.CLOCK.wrong(f"it does not answer: {clock}", "is its 'zmav up' overloaded?", who)
             continue
         found = f"{1e3 * clock.offset:+.1f} ms against ours, ±{1e3 * clock.within:.1f} ms"
         if abs(clock.offset) - clock.within > MAX_CLOCK_OFFSET:
-            advice = "setpoints will be dropped as too late or too early: synchronise the clocks (chrony, GPS, PTP)"
-            yield Finding(False, f"{who} clock", found, advice)
+            yield topics.CLOCK.wrong(found, SYNCHRONISE, who)
         else:
-            yield Finding(True, f"{who} clock", found)
+            yield topics.CLOCK.well(found, who)
+    for vehicle in seen.vehicles:
+        state = vehicle.last_state
+        off = state.clock.gps_offset_s if state and state.clock else None
+        if off is not None and abs(off) > MAX_GPS_OFFSET:
+            yield topics.CLOCK.wrong(f"{off:+.1f} s to its GPS", "set its computer's clock: chrony", label(vehicle))
 
 
 def check_safety(seen: Seen) -> Iterator[Finding]:
     """What the autopilot does by itself when its companion is dead."""
     for vehicle in seen.vehicles:
-        values, who = seen.safety.get(label(vehicle)), f"{label(vehicle)} failsafe"
+        values, who = seen.safety.get(label(vehicle)), label(vehicle)
         if isinstance(values, ZmavError):
-            yield Finding(False, who, f"its parameters cannot be read: {values}", "is its link up?")
+            yield topics.FAILSAFE.wrong(f"its parameters cannot be read: {values}", "is its link up?", who)
         elif values:
-            yield from (Finding(ok, who, found, advice) for ok, found, advice in judge(vehicle, values))
+            yield from judge(vehicle, values, who)
 
 
 def check_trust(seen: Seen) -> Iterator[Finding]:
     yield from judge_trust(seen.trust, time.time())
 
 
+def check_hosts(seen: Seen) -> Iterator[Finding]:
+    """The computers of vehicles and of ground hosts."""
+    for who, told in sorted(seen.hosts.items()):
+        if isinstance(told, wire.HostReport):
+            yield from check_host(told, who)
+        else:
+            text = f"tells nothing that can be read here: {told if isinstance(told, ZmavError) else 'another zmav'}"
+            yield topics.COMPUTER.advise(text, "bring its zmav to the version used here", who)
+    ground = {f"{token['fleet']}/{token['vehicle']}" for token in seen.tokens if token["role"] == "router"}
+    vehicles = {label(v) for v in seen.vehicles if v.present}
+    for who in sorted((ground | vehicles) - seen.hosts.keys()):
+        yield topics.COMPUTER.advise("tells nothing of itself", "bring its zmav to the version used here", who)
+
+
+# The fleet as a whole.
+
+
+def check_fleet(seen: Seen) -> Iterator[Finding]:
+    there = {vehicle.name for vehicle in seen.vehicles if vehicle.present}
+    if not seen.vehicles:
+        advice = "start 'zmav up' beside an autopilot ('zmav sim' makes one), or name its router with -e"
+        yield topics.VEHICLES.wrong("none", advice)
+    missing = [name for name in seen.file.vehicles if name not in there] if seen.file else []
+    if missing:
+        found = f"not heard: {', '.join(missing)}"
+        if seen.name in (seen.file.vehicles if seen.file else {}) and seen.name not in missing:
+            yield topics.VEHICLES.advise(found, "where they should be on: are their routers linked to this one?")
+        else:
+            yield topics.VEHICLES.wrong(found, "is 'zmav up' running there, and its router linked to this one?")
+    elif seen.vehicles:
+        whole = " (all of the fleet file)" if seen.file else ""
+        yield topics.VEHICLES.well(f"{len(there)} present{whole}")
+
+
+def check_sysids(seen: Seen) -> Iterator[Finding]:
+    by_id: dict[int, list[zmav.Vehicle]] = defaultdict(list)
+    for vehicle in seen.vehicles:
+        state = vehicle.last_state
+        if state is None or state.sysid is None or not state.connected:
+            continue
+        by_id[state.sysid].append(vehicle)
+        table = seen.file.vehicles.get(vehicle.name) if seen.file else None
+        if table is not None and table.sysid not in (None, state.sysid):
+            text = (
+                f"{label(vehicle)} is {state.sysid}, and vehicles.{vehicle.name}.sysid of the fleet file {table.sysid}"
+            )
+            yield topics.SYSIDS.wrong(
+                text, "correct the file, or its autopilot's MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"
+            )
+    for sysid, vehicles in sorted(by_id.items()):
+        if len({v.fleet for v in vehicles}) == len(vehicles):
+            continue  # one of each fleet
+        uids = [v.last_state.uid for v in vehicles if v.last_state]
+        if None in uids or len(set(uids)) > 1:  # else one autopilot, heard by several companions
+            yield topics.SYSIDS.wrong(f"{', '.join(map(label, vehicles))} all have {sysid}", OTHER_ID)
+
+
+def check_firmware(seen: Seen) -> Iterator[Finding]:
+    found: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for vehicle in seen.vehicles:
+        state = vehicle.last_state
+        if state and state.connected and state.firmware:
+            found[f"{state.autopilot} {state.kind}"][state.firmware].append(vehicle.name)
+    for kind, versions in sorted(found.items()):
+        if len(versions) > 1:
+            said = "; ".join(f"{number}: {', '.join(names)}" for number, names in sorted(versions.items()))
+            yield topics.FIRMWARE.advise(f"{kind}: {said}", "flash one version, so that they fly alike")
+        else:
+            yield topics.FIRMWARE.well(f"{kind}: {next(iter(versions))}")
+
+
+def check_names(seen: Seen) -> Iterator[Finding]:
+    instances: dict[tuple[str, str, str], set[str]] = defaultdict(set)
+    for token in seen.tokens:
+        instances[token["role"], token["fleet"], token["vehicle"]].add(token["instance"])
+    for (role, fleet, name), found in sorted(instances.items()):
+        if len(found) > 1 and role in (*UNIQUE, keys.VEHICLE):
+            yield topics.NAMES.wrong(f"{len(found)} of the role {role} are named {fleet}/{name}", "end one of them")
+    for vehicle in seen.vehicles:
+        if not keys.NAME.match(vehicle.name):
+            yield topics.NAMES.wrong(f"{vehicle.name!r} cannot be a name", "see who says that: zmav echo 'zmav/**'")
+
+
+def check_agents(seen: Seen) -> Iterator[Finding]:
+    for who, told in seen.agents.items():
+        said = f"{who}: {told.status.state}{', ' if told.status.text else ''}{told.status.text}"
+        if told.age > (keys.AGENT_STATUS.stale_after or 0.0):
+            agent = told.status.agent
+            yield topics.AGENTS.wrong(f"{said}, silent for {told.age:.0f} s", f"zmav agent logs {agent}; start it anew")
+        else:
+            yield topics.AGENTS.well(said)
+
+
+def check_version(seen: Seen) -> Iterator[Finding]:
+    yield from check_versions({who: told for who, told in seen.hosts.items() if not isinstance(told, ZmavError)})
+
+
+def check_doctor(seen: Seen) -> Iterator[Finding]:
+    for what in seen.unfinished:
+        yield topics.DOCTOR.wrong(what, "try again; if it stays, look at the hosts one by one with -e")
+
+
 CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_routers,
+    check_ways,
     check_vehicles,
     check_clashes,
     check_links,
@@ -240,4 +253,22 @@ CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_clocks,
     check_safety,
     check_trust,
+    check_hosts,
+    check_fleet,
+    check_sysids,
+    check_names,
+    check_version,
+    check_firmware,
+    check_agents,
+    check_doctor,
 )
+
+
+def examine(seen: Seen) -> Iterator[Finding]:
+    """All of it. A check that fails, by whatever somebody out there says, is a finding and ends no other."""
+    for check in CHECKS:
+        try:
+            yield from list(check(seen))
+        except Exception as e:
+            name = check.__name__.removeprefix("check_")
+            yield topics.DOCTOR.wrong(f"the check of {name} failed: {e!r}", "please report this line")

@@ -6,14 +6,20 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
+
 from zmav.autopilots import autopilot_for, kind_of
-from zmav.cli.examine import MAX_BAD_CRC, MAX_LOSS
+from zmav.cli import topics
 from zmav.cli.finding import Finding
+from zmav.cli.serialcheck import check_device
 from zmav.errors import BadInput
 from zmav.links import Link, LinkState, SerialLink, open_link
+from zmav.links.url import LossyUrl, SerialUrl, parse_url
 from zmav.mavlink import Packer, Splitter, decode, load_dialect
 from zmav.services.identity import AUTOPILOT_INVALID, NOT_AUTOPILOTS
 
+MAX_LOSS, MAX_BAD_CRC = 0.02, 0.01
+MENDING = "look at baud rate and cable, and at net.core.rmem_max"
 BAUD_SEARCH = 12.0
 """s that listening at one baud rate after the other may take"""
 
@@ -46,25 +52,67 @@ class Ear:
         return sum(s.lost for s in sources), sum(s.frames for s in sources)
 
 
-def examine_link(url: str, dialect: str, seconds: float) -> list[Finding]:
-    """Findings about a link, after ``seconds`` of it (more where a baud rate must be found)."""
+def examine_link(url: str, dialect: str, seconds: float, user: str | None = None) -> list[Finding]:
+    """Findings about a link, after ``seconds`` of it (more where a baud rate must be found).
+
+    A serial device that somebody has open, or ``user`` may not open, is left alone.
+    """
     try:
-        link, ear = open_link(url), Ear(dialect)
+        serial, link, ear = serial_of(url), open_link(url), Ear(dialect)
     except BadInput as e:
-        return [Finding(False, "link", e.message)]
+        return [topics.OPEN.wrong(e.message, "'zmav up --help' shows what a link looks like")]
+    found: list[Finding] = []
+    if serial is not None:
+        found, free = check_device(serial.path, user)
+        if not free:
+            return found
     with link:
         link.start(ear.hear, lambda state, detail: None)
-        if isinstance(link, SerialLink):
+        if serial is not None and serial.baud is None:
             _find_baud(link)
         _converse(link, Packer(ear.dialect, 1, 191), seconds)
         state, detail = link.state, link.detail
-    return list(_judge(link, ear, state, detail))
+    noise = ear.splitter.counters.bytes and not ear.splitter.counters.frames
+    if noise and serial is not None and serial.baud is not None:
+        heard = _baud_of(serial)
+        if heard is not None:
+            text = f"MAVLink is heard at {heard} baud, and not at {serial.baud}"
+            found.append(
+                topics.OPEN.wrong(text, f'write link = "{serial.path},{heard}", or set the autopilot\'s baud rate')
+            )
+            return found
+    return found + list(_judge(link, ear, state, detail))
+
+
+def examine_device(url: str, user: str | None = None) -> list[Finding]:
+    """What can be said of a serial link without opening it; nothing of any other."""
+    try:
+        serial = serial_of(url)
+    except BadInput as e:
+        return [topics.OPEN.wrong(e.message, "'zmav up --help' shows what a link looks like")]
+    return check_device(serial.path, user)[0] if serial is not None else []
+
+
+def serial_of(url: str) -> SerialUrl | None:
+    """What a link's URL says of a serial device; None where it is none. Raises :class:`~zmav.errors.BadUrl`."""
+    parsed = parse_url(url)
+    inner = parsed.inner if isinstance(parsed, LossyUrl) else parsed
+    return inner if isinstance(inner, SerialUrl) else None
 
 
 def _find_baud(link: Link) -> None:
     end = time.monotonic() + BAUD_SEARCH
     while link.state is LinkState.CONNECTING and time.monotonic() < end:
         link.wait(LinkState.UP, 0.2)
+
+
+def _baud_of(serial: SerialUrl) -> int | None:
+    """The rate at which MAVLink is heard on the device; None: not found in time."""
+    link = SerialLink(msgspec.structs.replace(serial, baud=None))
+    with link:
+        link.start(lambda data: None, lambda state, detail: None)
+        _find_baud(link)
+        return link.baud if link.state is LinkState.UP else None
 
 
 def _converse(link: Link, packer: Packer, seconds: float) -> None:
@@ -78,19 +126,20 @@ def _converse(link: Link, packer: Packer, seconds: float) -> None:
 def _judge(link: Link, ear: Ear, state: LinkState, detail: str) -> Iterator[Finding]:
     counts = ear.splitter.counters
     up = state is LinkState.UP or bool(counts.bytes)
-    yield Finding(up, "link", f"{link.url}: {detail}", "" if up else "is the address right, and the other end on?")
     if not up:
+        yield topics.OPEN.wrong(f"{link.url}: {detail}", "is the address right, and the other end on?")
         return
+    yield topics.OPEN.well(f"{link.url}: {detail}")
     if not counts.frames:
         found = f"{counts.bytes} bytes, but no MAVLink in them" if counts.bytes else "not a byte"
         advice = "is the baud rate right, and the autopilot's port set to MAVLink? does another program hold the port?"
-        yield Finding(False, "traffic", found, advice)
+        yield topics.TRAFFIC.wrong(found, advice)
         return
     (lost, came), bad, dropped = ear.lost(), counts.bad_crc, link.counters.rx_dropped
     found = f"{counts.bytes} bytes, {counts.frames} frames ({counts.unknown} unknown), {lost} lost, {bad} damaged"
     well = lost <= MAX_LOSS * (came + lost) and bad <= MAX_BAD_CRC * (counts.frames + bad) and not dropped
     found += f", {dropped} dropped by the kernel" if dropped else ""
-    yield Finding(well, "traffic", found, "" if well else "look at baud rate and cable, and at net.core.rmem_max")
+    yield topics.TRAFFIC.well(found) if well else topics.TRAFFIC.wrong(found, MENDING)
     yield from _systems(ear)
 
 
@@ -102,9 +151,9 @@ def _systems(ear: Ear) -> Iterator[Finding]:
         else:
             kind = ear.dialect.enum_name("MAV_TYPE", fields["type"]) or str(fields["type"])
             what = kind.removeprefix("MAV_TYPE_").lower().replace("_", " ")
-        yield Finding(True, f"system {sysid}/{compid}", what)
+        yield topics.SYSTEM.well(what, f"{sysid}/{compid}")
     if not autopilots:
         advice = "is this the autopilot's port, and does it send HEARTBEAT there?"
-        yield Finding(False, "autopilot", "none among what is heard", advice)
+        yield topics.AUTOPILOT.wrong("none among what is heard", advice)
     elif len(autopilots) > 1:
-        yield Finding(True, "autopilot", f"{len(autopilots)} on this link: choose one for 'zmav up' with --sysid")
+        yield topics.AUTOPILOT.well(f"{len(autopilots)} on this link: choose one for 'zmav up' with --sysid")

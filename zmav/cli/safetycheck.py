@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterator
 
 import zmav
 from zmav.autopilots.safety import SAFETY, Safety
-from zmav.errors import BadInput, ZmavError
+from zmav.cli import topics
+from zmav.cli.finding import Finding
+from zmav.errors import BadInput, TimedOut, ZmavError
 from zmav.waiting import within
 
 PATIENCE = 10.0
@@ -31,9 +34,12 @@ async def read_safety(vehicle: zmav.Vehicle) -> dict[Safety, Value | None] | Zma
 
 
 async def _read(vehicle: zmav.Vehicle, wanted: tuple[Safety, ...]) -> list[Value | None]:
-    if wanted:
-        await vehicle.params.list()  # once: the names below then come from the vehicle's cache
-    return [await _first(vehicle, safety.names) for safety in wanted]
+    """One by one from the vehicle's cache: the whole set is a hundred times as much for the radios between."""
+    try:
+        return [await _first(vehicle, safety.names) for safety in wanted]
+    except TimedOut:  # not all are known there yet, and one of these may not exist
+        await vehicle.params.list()
+        return [await _first(vehicle, safety.names) for safety in wanted]
 
 
 async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
@@ -47,18 +53,19 @@ async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
     return None
 
 
-def judge(vehicle: zmav.Vehicle, values: dict[Safety, Value | None]) -> Iterator[tuple[bool, str, str]]:
-    """(well, found, advice) for each parameter that is not as it should be, or one line that all are."""
+def judge(vehicle: zmav.Vehicle, values: dict[Safety, Value | None], who: str) -> Iterator[Finding]:
+    """A line for each parameter that is not as it should be, or one that all are."""
     state = vehicle.last_state
     sysid = (state.sysid if state else None) or 0
     faults = 0
     for safety, value in values.items():
-        if value is None or not safety.bad(value[1], sysid):
+        if value is None or (not (unreadable := not math.isfinite(value[1])) and not safety.bad(value[1], sysid)):
             continue
         name, number = value
-        faults += safety.essential
-        what = "" if safety.essential else "consider "
+        say = topics.FAILSAFE.wrong if safety.essential or unreadable else topics.FAILSAFE.advise
+        faults += safety.essential or unreadable
+        what = "set " if safety.essential else "consider "
         advice = f"{what}{safety.advice}: zmav param set {vehicle.name} {name}=VALUE"
-        yield not safety.essential, f"{name} is {number:g}: {safety.why}", advice
+        yield say(f"{name} is {number:g}: {safety.why}", advice, who)
     if values and not faults:
-        yield True, "what it does without its companion is set", ""
+        yield topics.FAILSAFE.well("what it does without its companion is set", who)

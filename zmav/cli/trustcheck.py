@@ -12,6 +12,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
+from zmav.cli import topics
 from zmav.cli.finding import Finding
 from zmav.client import OVER, Answer, Client
 from zmav.errors import BadInput, ZmavError
@@ -96,29 +97,29 @@ def check_folder(folder: str | None, now: float | None = None) -> tuple[list[Fin
     try:
         own = Credentials.load(folder, now)
     except ZmavError as e:
-        return [Finding(False, "credentials", e.message, "the fleet's authority issues them: zmav mesh ca")], None
+        return [topics.CREDENTIALS.wrong(e.message, "the fleet's authority issues them: zmav mesh ca")], None
     return list(_judge_own(own, now)), own
 
 
 def _judge_own(own: Credentials, now: float) -> Iterator[Finding]:
     who = f"{own.name}, {own.role.value} of {own.fleet}"
     if own.roster.is_revoked(own.certificate.fingerprint):
-        yield Finding(False, "credentials", f"{who}: revoked", "ask the authority for others, under another name")
+        yield topics.CREDENTIALS.wrong(f"{who}: revoked", "ask the authority for others, under another name")
     else:
-        yield _ends("credentials", who, own.certificate.not_after, now)
+        yield _ends(topics.CREDENTIALS, who, own.certificate.not_after, now)
     mode = Path(own.folder).stat().st_mode
     if mode & 0o022:
         advice = f"whoever writes there decides whom to trust: chmod go-w {own.folder}"
-        yield Finding(False, "credentials folder", f"{own.folder} can be written by others", advice)
+        yield topics.FOLDER.wrong(f"{own.folder} can be written by others", advice)
 
 
-def _ends(subject: str, who: str, not_after: float, now: float) -> Finding:
+def _ends(topic: topics.Topic, said: str, not_after: float, now: float, who: str = "") -> Finding:
     on = datetime.datetime.fromtimestamp(not_after, datetime.timezone.utc).date().isoformat()
     left = not_after - now
     if left <= 0:
-        return Finding(False, subject, f"{who}: expired on {on}", RENEW)
-    found = f"{who}: until {on}"
-    return Finding(True, subject, found) if left > SOON else Finding(False, subject, f"{found}, soon", RENEW)
+        return topic.wrong(f"{said}: expired on {on}", RENEW, who)
+    found = f"{said}: until {on}"
+    return topic.well(found, who) if left > SOON else topic.wrong(f"{found}, soon", RENEW, who)
 
 
 def judge_trust(trust: Trust | None, now: float) -> Iterator[Finding]:
@@ -127,24 +128,24 @@ def judge_trust(trust: Trust | None, now: float) -> Iterator[Finding]:
         return
     yield from _judge_rosters(trust, now)
     for name, certificate in trust.certificates.items():
-        subject = f"{trust.own.fleet}/{name} certificate"
+        who = f"{trust.own.fleet}/{name}"
         if isinstance(certificate, ZmavError):
             advice = "start its 'zmav up' with --credentials: what it says and is told is not proven"
-            yield Finding(False, subject, certificate.message, advice)
+            yield topics.CERTIFICATE.wrong(certificate.message, advice, who)
         else:
-            yield _judge_vehicle(subject, name, certificate, trust.own, now)
+            yield _judge_vehicle(who, name, certificate, trust.own, now)
 
 
-def _judge_vehicle(subject: str, name: str, certificate: Certificate, own: Credentials, now: float) -> Finding:
+def _judge_vehicle(who: str, name: str, certificate: Certificate, own: Credentials, now: float) -> Finding:
     try:
         certificate.check(own.authority, max(certificate.not_before, min(now, certificate.not_after)))
     except BadInput as e:
-        return Finding(False, subject, e.message, "it is a stranger, whatever it says")
+        return topics.CERTIFICATE.wrong(e.message, "it is a stranger, whatever it says", who)
     if own.roster.is_revoked(certificate.fingerprint):
-        return Finding(False, subject, "revoked", "do not believe what it says")
+        return topics.CERTIFICATE.wrong("revoked", "do not believe what it says", who)
     if certificate.name != name:
-        return Finding(False, subject, f"it is {certificate.name}'s", "one of them speaks as the other")
-    return _ends(subject, certificate.role.value, certificate.not_after, now)
+        return topics.CERTIFICATE.wrong(f"it is {certificate.name}'s", "one of them speaks as the other", who)
+    return _ends(topics.CERTIFICATE, certificate.role.value, certificate.not_after, now, who)
 
 
 def _judge_rosters(trust: Trust, now: float) -> Iterator[Finding]:
@@ -152,15 +153,15 @@ def _judge_rosters(trust: Trust, now: float) -> Iterator[Finding]:
     age = f"{(now - ours.t) / 86_400:.0f} days old"
     if not held:
         advice = "its routers run without --credentials, or are not reached"
-        yield Finding(False, "roster", f"number {ours.number}, {age}; no router tells which one it has", advice)
+        yield topics.ROSTER.wrong(f"number {ours.number}, {age}; no router tells which one it has", advice)
         return
     newest = max(each.number for each in held)
     if newest > ours.number:
         advice = f"bring it here: zmav mesh ca roster --fetch --credentials {trust.own.folder}"
-        yield Finding(False, "roster", f"number {ours.number}, {age}; the fleet's is {newest}", advice)
+        yield topics.ROSTER.wrong(f"number {ours.number}, {age}; the fleet's is {newest}", advice)
     else:
-        yield Finding(True, "roster", f"number {ours.number}, {age}")
+        yield topics.ROSTER.well(f"number {ours.number}, {age}")
     late = [f"{each.name} ({each.number})" for each in held if each.number < max(newest, ours.number)]
     if late:
         advice = "bring it to them: zmav mesh ca roster --publish; where it does not arrive, look at their links"
-        yield Finding(False, "routers' rosters", f"older than {max(newest, ours.number)}: {', '.join(late)}", advice)
+        yield topics.ROSTERS.wrong(f"older than {max(newest, ours.number)}: {', '.join(late)}", advice)

@@ -40,8 +40,12 @@ class SerialLink(StreamLink):
     @property
     def capacity(self) -> float | None:
         """A tenth of the baud rate: a byte has a start and a stop bit. USB is not slowed by what its rate is set to."""
-        baud = self._target.baud or self._last_good
-        return None if baud is None or self._is_usb() else baud / 10
+        return None if self.baud is None or self._is_usb() else self.baud / 10
+
+    @property
+    def baud(self) -> int | None:
+        """The rate: as given, or the last one at which MAVLink was heard; None: none yet."""
+        return self._target.baud or self._last_good
 
     def _is_usb(self) -> bool:
         return "ttyACM" in self._target.path or "ttyACM" in os.path.realpath(self._target.path)

@@ -28,6 +28,7 @@ from zmav.wire.files import (
 )
 from zmav.wire.group import GroupMember, GroupStates
 from zmav.wire.history import History, HistoryEntry, HistoryQuery
+from zmav.wire.host import Disk, HostReport
 from zmav.wire.link import LinkQuality, LinkState, NeighbourQuality, decode_link
 from zmav.wire.mission import (
     Mission,
@@ -102,6 +103,7 @@ __all__ = [
     "ClockInfo",
     "Detection",
     "Detections",
+    "Disk",
     "DropLease",
     "ErrorBody",
     "Event",
@@ -121,6 +123,7 @@ __all__ = [
     "History",
     "HistoryEntry",
     "HistoryQuery",
+    "HostReport",
     "LastMessage",
     "LeaseEnd",
     "LeaseEnding",

@@ -1,0 +1,25 @@
+"""A ground host's router tells how its computer is; a vehicle's agent does that beside the autopilot."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator
+
+import zenoh
+
+from mesh.plan import RouterPlan
+from zmav.services.host import HostService
+
+
+@contextlib.asynccontextmanager
+async def tell_health(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[None]:
+    """A part of the router."""
+    if plan.vehicle:
+        yield
+        return
+    service = HostService(session, plan.fleet, plan.name)
+    service.start()
+    try:
+        yield
+    finally:
+        service.close()

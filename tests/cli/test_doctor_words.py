@@ -1,0 +1,259 @@
+"""What ``zmav doctor`` makes of what a fleet says: the ways between routers, ids, versions, agents, and whoever never
+answers; how the page is laid out; and that the guide names every line."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+import pytest
+import zenoh
+
+import zmav
+from mesh import topology
+from tests.cli.test_doctor import findings, state
+from zmav import keys, wire
+from zmav.cli import examine, lookround, netcheck, topics
+from zmav.cli.finding import LONGEST, Finding, Level, shown
+from zmav.cli.lookround import Seen
+from zmav.cli.page import page
+
+if TYPE_CHECKING:
+    from tests.cli.conftest import Here, Speaker
+
+Said = dict[tuple[str, str], wire.NeighbourQuality]
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vehicles that do not answer are given up soon."""
+    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.3)
+
+
+# Ways between routers.
+
+
+def quality(name: str, **changes: Any) -> wire.NeighbourQuality:
+    whole = wire.NeighbourQuality(t=0.0, name=name, router="aa", peer="bb", url="udp/1", state="up", age=0.1, rtt=0.004,
+                                  loss_in=0.0, loss_out=0.0, cost=100)  # fmt: skip
+    return msgspec.structs.replace(whole, **changes)
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "level", "words"),
+    [
+        ({}, {}, Level.OK, "of 2: d/a - d/b: up, 0% lost, round trip 4.0 ms"),
+        ({"loss_in": 0.06}, {}, Level.ADVICE, "up, 6% lost"),
+        ({}, {"loss_out": 0.25}, Level.RED, "up, 25% lost"),
+        ({"cost": 3000}, {}, Level.ADVICE, "up"),
+        ({"cost": 15_000, "rtt": 0.3}, {"rtt": 0.2}, Level.RED, "up, 0% lost, round trip 300.0 ms"),
+        ({"state": "silent", "age": 4.0}, {}, Level.RED, "silent"),
+        (
+            {"state": "silent", "age": None},
+            {"age": None},
+            Level.ADVICE,
+            "silent, 0% lost, round trip 4.0 ms, nothing mea",
+        ),
+        ({}, {"state": "down"}, Level.RED, "down, 0% lost, round trip 4.0 ms, within the last minute"),
+    ],
+)
+def test_a_way_by_the_worse_of_its_ends(here: dict[str, Any], there: dict[str, Any], level: Level, words: str) -> None:
+    said: Said = {
+        ("d/a", "d/b"): quality("b", **here),
+        ("d/b", "d/a"): quality("a", **there),
+        ("d/b", "d/c"): quality("c", rtt=0.001, loss_in=0.0),
+    }
+    (line,) = netcheck.check_ways(Seen(neighbours=said))
+    assert line.level is level
+    assert words in line.found
+    assert line.who == ("" if level is Level.OK else "d/a - d/b")
+    assert bool(line.advice) is (level is not Level.OK)
+
+
+def test_ways_are_judged_as_the_graph_colours_them() -> None:
+    assert (netcheck.FAIR_LOSS, netcheck.POOR_LOSS) == (topology.FAIR_LOSS, topology.POOR_LOSS)
+    assert (netcheck.FAIR_COST, netcheck.POOR_COST) == (topology.FAIR_COST, topology.POOR_COST)
+
+
+# Vehicles that are said by a speaker.
+
+
+def told(speaker: Speaker, *arguments: str) -> dict[str, dict[str, Any]]:
+    """What a doctor beside the speaker says of a fleet that is not well: nobody answers its questions."""
+    return findings(speaker.zmav.fails("doctor", "--for", "0.4", "--json", *arguments).lines)
+
+
+def test_unequal_firmware_and_equal_system_ids(speaker: Speaker) -> None:
+    speaker.say(keys.STATE.key("demo", "quad7"), lambda: state(firmware="4.6.0", uid="1"))
+    speaker.say(keys.STATE.key("demo", "quad8"), lambda: state(name="quad8", firmware="4.7.0", uid="2"))
+    speaker.say(keys.STATE.key("demo", "quad9"), lambda: state(name="quad9", firmware="4.7.0", sysid=9))
+    found = told(speaker)
+    assert (found["system ids"]["level"], found["firmware"]["level"]) == ("red", "advice")
+    assert found["system ids"]["found"] == "demo/quad7, demo/quad8 all have 7"
+    assert found["firmware"]["found"] == "generic copter: 4.6.0: quad7; 4.7.0: quad8, quad9"
+
+
+def test_one_autopilot_that_two_companions_hear_is_no_clash(speaker: Speaker) -> None:
+    speaker.say(keys.STATE.key("demo", "quad7"), lambda: state(uid="1"))
+    speaker.say(keys.STATE.key("demo", "quad8"), lambda: state(name="quad8", uid="1"))
+    assert "system ids" not in told(speaker)
+
+
+def test_a_system_id_that_is_not_the_files(speaker: Speaker, tmp_path: Path) -> None:
+    file = tmp_path / "fleet.toml"
+    file.write_text('[vehicles.quad7]\nlink = "udpin::1"\nsysid = 5\n[vehicles.quad8]\nlink = "udpin::1"\n')
+    speaker.say(keys.STATE.key("demo", "quad7"), state)
+    found = told(speaker, "--file", str(file))
+    assert found["system ids"]["found"].startswith("demo/quad7 is 7, and vehicles.quad7.sysid of the fleet file 5")
+    assert (found["vehicles"]["level"], found["vehicles"]["found"]) == ("red", "not heard: quad8")
+    found = told(speaker, "--file", str(file), "--name", "quad7")
+    assert found["vehicles"]["level"] == "advice", "the others may be elsewhere"
+    assert "left to 'zmav up', which hears the autopilot" in found["link"]["found"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "subject", "level", "words"),
+    [
+        ({"battery": wire.Battery(remaining=0.2)}, "battery", "advice", "20% left"),
+        ({"battery": wire.Battery(remaining=0.9)}, "battery", "ok", "90% left"),
+        ({"clock": wire.ClockInfo(boot_t=0.0, error_s=0.0, gps_offset_s=-30.0)}, "clock", "red", "-30.0 s to its GPS"),
+        ({"connected": False}, "computer", "advice", "tells nothing of itself"),
+        ({"ready": False}, "readiness", "red", "it does not say why"),
+    ],
+)
+def test_a_vehicle(speaker: Speaker, changes: dict[str, Any], subject: str, level: str, words: str) -> None:
+    speaker.say(keys.STATE.key("demo", "quad7"), lambda: state(**changes))
+    line = told(speaker)[f"demo/quad7 {subject}"]
+    assert (line["level"], words in line["found"]) == (level, True)
+
+
+def test_an_agent_that_speaks_and_two_of_one_name(speaker: Speaker) -> None:
+    status = wire.AgentStatus(t=0.0, agent="follower", state="waiting", text="no helipad in sight")
+    speaker.say(keys.AGENT_STATUS.key("demo", "quad7", agent="follower"), wire.encode(status))
+    token = {"role": "planner", "sys": 0, "autopilot": "planner", "uid": "-"}
+    one, two = (keys.ALIVE.key("demo", "ground", instance=each, **token) for each in "ab")
+    with speaker.session.liveliness().declare_token(one), speaker.session.liveliness().declare_token(two):
+        found = told(speaker)
+    assert found["agents"]["found"] == "demo/quad7 follower: waiting, no helipad in sight"
+    assert found["names"]["found"] == "2 of the role planner are named demo/ground"
+
+
+def test_an_agent_that_fell_silent() -> None:
+    status = wire.AgentStatus(t=0.0, agent="follower", state="idle")
+    (line,) = examine.check_agents(Seen(agents={"demo/quad7 follower": lookround.Told(status, 7.0)}))
+    assert (line.level, line.found) == (Level.RED, "demo/quad7 follower: idle, silent for 7 s")
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        (b'{"versions": {"zmav": "99.1", "eclipse-zenoh": "1.0.0"}, "new": 1}', "99.1: demo/quad7"),
+        (b"{", "tells nothing that can be read here: host: not JSON"),
+    ],
+    ids=["newer", "nonsense"],
+)
+def test_a_host_whose_report_is_not_known_here(speaker: Speaker, payload: bytes, words: str) -> None:
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.HOST.key("demo", "quad7"), payload)
+
+    speaker.say(keys.STATE.key("demo", "quad7"), state)
+    host = speaker.session.declare_queryable(keys.HOST.key("demo", "quad7"), answer)
+    said = json.dumps(list(told(speaker).values()))
+    host.undeclare()
+    assert words in said
+
+
+def test_whoever_never_answers_holds_nobody_up(speaker: Speaker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lookround, "PART_S", 0.5)
+    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 1000.0)
+    held: list[zenoh.Query] = []
+    over = threading.Event()
+
+    def never(query: zenoh.Query) -> None:
+        if not over.is_set():
+            held.append(query)
+
+    speaker.say(keys.STATE.key("demo", "quad7"), state)
+    asked = [speaker.session.declare_queryable(key, never) for key in ("zmav/demo/quad7/**", "@/beef/router")]
+    found = speaker.zmav.fails("doctor", "--for", "0.4", "--json").lines
+    over.set()
+    for query in held:
+        query.drop()
+    for each in asked:
+        each.undeclare()
+    late = {line["found"].partition(":")[0] for line in found if line["topic"] == "doctor"}
+    assert late >= {"clocks", "hosts", "routers"}
+    assert held, "nothing was asked"
+    assert findings(found)["demo/quad7 presence"]["ok"], "what came is told"
+
+
+def test_a_check_that_fails_ends_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    def check_that(seen: Seen) -> Iterator[Finding]:
+        raise ValueError("of all things")
+
+    monkeypatch.setattr(examine, "CHECKS", (check_that, examine.check_fleet))
+    one, two = examine.examine(Seen())
+    assert "the check of that failed: ValueError('of all things')" in one.found
+    assert (one.level, two.topic) == (Level.RED, "vehicles")
+
+
+# The page.
+
+
+def test_one_page_for_many_hosts() -> None:
+    told = [topics.PACKAGES.well("all of them")]
+    for n in range(30):
+        who = f"demo/quad{n:02}"
+        told += [topics.PRESENCE.well("here", who), topics.TIME.advise("nothing keeps the clock", "chrony", who)]
+    told += [topics.CLOCK.wrong("+9 s", "set it", "demo/quad07"), topics.VEHICLES.well("30 present")]
+    lines = [click.unstyle(line) for line in page(told)]
+    assert len(lines) < 20
+    assert lines.count("demo/quad07") == 1
+    assert "  RED clock: +9 s" in lines
+    assert any(line.startswith("  ... time at demo/quad00, ") and "and 24 more" in line for line in lines)
+    assert any("nothing else at demo/quad00, " in line and "and 23 more" in line for line in lines)
+    assert lines[-1] == "1 red, 32 ok, 30 to consider"
+    whole = list(page(told, whole=True))
+    assert len(whole) > 90
+    assert not any("nothing else" in line for line in whole)
+
+
+def test_what_others_say_cannot_hurt_a_terminal() -> None:
+    line = topics.READINESS.wrong("\x1b[2J\r\n" + "x" * 10_000, "\x07", "demo/a\x9bb")
+    text = "\n".join(page([line]))
+    assert not re.search(r"[\x00-\x09\x0b-\x1a\x1c-\x1f\x7f-\x9f]", text)
+    assert "\x1b[2J" not in text
+    assert len(shown("x" * 10_000)) == LONGEST
+    document = line.document()
+    assert document["subject"] == "demo/a?b readiness"
+    assert len(document["found"]) == LONGEST
+
+
+# The guide.
+
+
+def test_the_guide_has_every_line_and_says_what_the_program_says(root: Path, here: type[Here]) -> None:
+    guide = (root / "docs" / "doctor.md").read_text()
+    explained = here()("doctor", "--explain").out
+    for line in filter(None, explained.splitlines()):
+        assert line.startswith("### ") or line.count("|") == 5, "a cell of the table holds a bar"
+        assert line in guide, "docs/doctor.md is older than zmav/cli/topics.py: paste 'zmav doctor --explain'"
+    for topic in topics.TOPICS:
+        assert f"| {topic.name} | " in explained
+        assert topic.about
+        assert topic.todo
+    assert len({(topic.group, topic.name) for topic in topics.TOPICS}) == len(topics.TOPICS)
+
+
+def test_every_topic_is_told_by_some_check(root: Path) -> None:
+    source = "".join(path.read_text() for path in (root / "zmav" / "cli").glob("*.py") if path.name != "topics.py")
+    names = [name for name, value in vars(topics).items() if isinstance(value, topics.Topic)]
+    assert len(names) == len(topics.TOPICS)
+    assert [name for name in names if f"topics.{name}" not in source] == []
