@@ -12,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import time
+import uuid
 from collections.abc import Iterator, Sequence
 from ipaddress import ip_interface
 from pathlib import Path
@@ -24,10 +25,12 @@ from tests.deploy.networks import files
 
 NETWORKD = Path("/lib/systemd/systemd-networkd")
 SETTINGS = Path("/etc/systemd/network")
-# A read-only /sys tells networkd that no udev is there to wait for; its files lie in a /run of its own.
+# A read-only /sys tells networkd that no udev is there to wait for; its files lie in a /run of its own. A bridge's hardware
+# address follows from the machine's id, so each has its own.
 PREPARE = """
 mount -t sysfs -o ro sysfs /sys && mount -t tmpfs tmpfs /run && mkdir -p /run/systemd/netif
-chown -R systemd-network /run/systemd/netif && mount --bind "$0" /etc/systemd/network && ip link set lo up && exec cat
+chown -R systemd-network /run/systemd/netif && mount --bind "$0" /etc/systemd/network
+mount --bind "$0.id" /etc/machine-id && ip link set lo up && exec cat
 """
 DEADLINE_S = 30.0
 
@@ -39,7 +42,7 @@ def check_able() -> None:
     for program in ("ip", "unshare", "nsenter", "mount"):
         if shutil.which(program) is None:
             pytest.skip(f"needs the program {program}")
-    if not NETWORKD.exists() or not SETTINGS.is_dir():
+    if not NETWORKD.exists() or not SETTINGS.is_dir() or not Path("/etc/machine-id").exists():
         pytest.skip("needs systemd-networkd")
     if subprocess.run(["unshare", "--net", "--mount", "true"], capture_output=True, check=False).returncode:
         pytest.skip("may not make namespaces here")
@@ -50,6 +53,7 @@ class Place:
 
     def __init__(self, name: str, settings: Path) -> None:
         self.name = name
+        settings.with_name(f"{settings.name}.id").write_text(uuid.uuid4().hex)
         self._holder = subprocess.Popen(
             ["unshare", "--net", "--mount", "sh", "-c", PREPARE, str(settings)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, preexec_fn=_die_with_us,
