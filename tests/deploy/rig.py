@@ -25,8 +25,8 @@ from tests.deploy.networks import files
 
 NETWORKD = Path("/lib/systemd/systemd-networkd")
 SETTINGS = Path("/etc/systemd/network")
-# A read-only /sys tells networkd that no udev is there to wait for; its files lie in a /run of its own. A bridge's hardware
-# address follows from the machine's id, so each has its own.
+# A read-only /sys tells networkd that no udev is there to wait for; its files lie in a /run of its own. A bridge's
+# hardware address follows from the machine's id, so each host has its own.
 PREPARE = """
 mount -t sysfs -o ro sysfs /sys && mount -t tmpfs tmpfs /run && mkdir -p /run/systemd/netif
 chown -R systemd-network /run/systemd/netif && mount --bind "$0" /etc/systemd/network
