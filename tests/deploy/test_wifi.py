@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -211,3 +212,29 @@ def test_the_program_itself_parses_its_files(program: str, tmp_path: Path) -> No
         assert not complaints(program, ours), path
         ours.write_text(text.replace("sae_pwe=2", "sae_pew=2"), encoding="utf-8")
         assert complaints(program, ours), "the program does not say what it does not know"
+
+
+UNITS = (Path("/lib/systemd/system"), Path("/usr/lib/systemd/system"))
+DROPINS = sorted(WIFI.rglob("*.service.d/*.conf"))
+
+
+@pytest.mark.parametrize("dropin", DROPINS, ids=lambda path: str(path.relative_to(WIFI)).replace("/systemd/system", ""))
+def test_systemd_takes_the_unit_with_what_is_added_to_it(dropin: Path, tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("needs systemd-analyze")
+    unit = dropin.parent.name.removesuffix(".d")
+    template = unit.partition("@")[0] + "@.service"
+    base = next((folder / template for folder in UNITS if (folder / template).is_file()), None)
+    if base is None:
+        pytest.skip(f"the package that has {template} is not installed")
+    shutil.copyfile(base, tmp_path / template)
+    target = tmp_path / dropin.parent.name / dropin.name
+    target.parent.mkdir()
+    for text, good in ((dropin.read_text(encoding="utf-8"), True), ("[Service]\nRestrat=always\n", False)):
+        target.write_text(text, encoding="utf-8")
+        done = subprocess.run(
+            ["systemd-analyze", "verify", unit], env={"PATH": os.environ["PATH"], "SYSTEMD_UNIT_PATH": f"{tmp_path}:"},
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        about = [line for line in (done.stdout + done.stderr).splitlines() if str(tmp_path) in line or unit in line]
+        assert (not about) == good, about
