@@ -32,7 +32,7 @@ mount -t sysfs -o ro sysfs /sys && mount -t tmpfs tmpfs /run && mkdir -p /run/sy
 chown -R systemd-network /run/systemd/netif && mount --bind "$0" /etc/systemd/network
 mount --bind "$0.id" /etc/machine-id && ip link set lo up && exec cat
 """
-DEADLINE_S = 30.0
+DEADLINE_S = 90.0
 
 
 def check_able() -> None:

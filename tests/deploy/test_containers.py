@@ -225,6 +225,14 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
         return int(each.getsockname()[1])
 
 
+def is_open(port: int) -> bool:
+    """What the image's health check asks."""
+    with contextlib.suppress(OSError):
+        socket.create_connection(("127.0.0.1", port), 2).close()
+        return True
+    return False
+
+
 class Boxes:
     """The services of ``compose.yaml`` as processes of this machine.
 
@@ -267,6 +275,10 @@ class Boxes:
         return [places.get(word, word) for word in self.file["services"][service]["command"]]
 
     def start(self, service: str) -> None:
+        """As Docker does: not before what it depends on is healthy."""
+        for other, how in self.file["services"][service].get("depends_on", {}).items():
+            assert how == {"condition": "service_healthy"}
+            until(lambda port=self.port[other]: is_open(port), f"a healthy {other}", self)
         with (self.directory / f"{service}.log").open("wb") as log:
             self.processes[service] = subprocess.Popen(
                 [sys.executable, "-m", "zmav", *self.words(service)],
@@ -306,7 +318,7 @@ def boxes(tmp_path: Path) -> Iterator[Boxes]:
 
 
 def until(there: Any, what: str, boxes: Boxes) -> None:
-    last = time.monotonic() + 60.0
+    last = time.monotonic() + 90.0
     while not there():
         dead = [name for name, process in boxes.processes.items() if process.poll() is not None]
         if dead or time.monotonic() > last:
