@@ -129,6 +129,8 @@ class Play:
         elif step.stop is not None:
             self._mark(f"kill -9 {step.stop}")
             self.processes.kill(step.stop)
+        elif step.join is not None:
+            await self._join(step.join, step.within)
         elif step.wait is not None:
             await self._wait(z, step.wait, step.within)
         elif step.pause is not None:
@@ -165,6 +167,15 @@ class Play:
             raise ZmavError(f"'{command}' was done, but should have been refused")
         if not step.refused and process.returncode != 0:
             raise ZmavError(f"'{command}' ended with {process.returncode}")
+
+    async def _join(self, name: str, within: float) -> None:
+        deadline = time.monotonic() + within
+        while self.processes.ended(name) is None:
+            self.processes.check()
+            if time.monotonic() > deadline:
+                raise TimedOut(f"{name} did not end within {within:g} s; it said last:\n{self.processes.said(name)}")
+            await asyncio.sleep(LOOK)
+        self._mark(f"{name} has ended")
 
     async def _said(self, name: str, text: str, within: float) -> None:
         deadline = time.monotonic() + within

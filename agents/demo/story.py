@@ -33,6 +33,8 @@ from zmav.config.table import Positive, Table, reading
 from zmav.errors import BadConfig
 
 GROUND = "ground"
+ACTS = ("run", "start", "stop", "join", "cut", "mend", "wait", "pause")
+"""what a step can do"""
 Pair = tuple[str, str]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
 
@@ -56,7 +58,7 @@ class Wait(Table, frozen=True):
 
 
 class Step(Table, frozen=True):
-    """One of ``run``, ``start``, ``stop``, ``cut``, ``mend``, ``wait`` and ``pause``; or words alone."""
+    """One of :data:`ACTS`, or words alone."""
 
     say: str | None = None
     run: str | None = None
@@ -65,6 +67,8 @@ class Step(Table, frozen=True):
     """a verb that goes on until the demo ends"""
     stop: str | None = None
     """name of what was started: it is killed"""
+    join: str | None = None
+    """name of what was started and ends by itself: it is waited for"""
     cut: list[Pair] | None = None
     """links through which nothing passes from now on"""
     mend: list[Pair] | None = None
@@ -84,8 +88,7 @@ class Step(Table, frozen=True):
 
     def act(self) -> str | None:
         """Which one of them it is."""
-        acts = ("run", "start", "stop", "cut", "mend", "wait", "pause")
-        return next((act for act in acts if getattr(self, act) is not None), None)
+        return next((act for act in ACTS if getattr(self, act) is not None), None)
 
 
 class Story(Table, frozen=True):
@@ -201,13 +204,9 @@ def _check(demo: Demo) -> None:
     started: set[str] = set()
     for i, step in enumerate(demo.story.steps):
         where = f"demo.steps[{i}]"
-        acts = [
-            act for act in ("run", "start", "stop", "cut", "mend", "wait", "pause") if getattr(step, act) is not None
-        ]
+        acts = [act for act in ACTS if getattr(step, act) is not None]
         if len(acts) > 1 or not (acts or step.say):
-            raise _bad(
-                where, " and ".join(acts) or "nothing", "one of run, start, stop, cut, mend, wait, pause, or words"
-            )
+            raise _bad(where, " and ".join(acts) or "nothing", f"one of {', '.join(ACTS)}, or words")
         for command in filter(None, (step.run, step.start)):
             if not command.startswith("zmav "):
                 raise _bad(f"{where}.{acts[0]}", command, "zmav and a verb")
@@ -222,8 +221,9 @@ def _check(demo: Demo) -> None:
             raise _bad(f"{where}.wait.vehicles", step.wait.vehicles, f"some of {', '.join(demo.vehicles)}")
         if step.start is not None:
             started.add(called(step))
-        if step.stop is not None and step.stop not in started:
-            raise _bad(f"{where}.stop", step.stop, f"what was started: {', '.join(sorted(started)) or 'nothing'}")
+        for act, name in (("stop", step.stop), ("join", step.join)):
+            if name is not None and name not in started:
+                raise _bad(f"{where}.{act}", name, f"what was started: {', '.join(sorted(started)) or 'nothing'}")
 
 
 def called(step: Step) -> str:
