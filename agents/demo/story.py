@@ -221,9 +221,9 @@ def _check(demo: Demo) -> None:
             raise _bad(f"{where}.wait.vehicles", step.wait.vehicles, f"some of {', '.join(demo.vehicles)}")
         if step.start is not None:
             started.add(called(step))
-        for act, name in (("stop", step.stop), ("join", step.join)):
-            if name is not None and name not in started:
-                raise _bad(f"{where}.{act}", name, f"what was started: {', '.join(sorted(started)) or 'nothing'}")
+        for name in filter(None, (step.stop, step.join)):
+            if name not in started:
+                raise _bad(f"{where}.{acts[0]}", name, f"what was started: {', '.join(sorted(started)) or 'nothing'}")
 
 
 def called(step: Step) -> str:
