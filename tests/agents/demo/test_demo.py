@@ -84,7 +84,7 @@ EVERYONE = ("quad1", "quad2", "quad3", "router", "sim", "swarm", "record")
 
 @pytest.mark.slow
 def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
-    demo = start_demo("--headless", "--out", str(tmp_path), "--animation")
+    demo = start_demo("--headless", "--out", str(tmp_path))
     pids = wait_for_children(demo, *EVERYONE)
     out, _ = demo.communicate(timeout=115.0)
     assert demo.returncode == 0, out
@@ -104,7 +104,6 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
         (away,) = re.findall(rf"{name}: arrived, ([\d.]+) m from its goal", out)
         assert float(away) < 1.0
     assert (tmp_path / "tracks.png").read_bytes().startswith(b"\x89PNG")
-    assert (tmp_path / "tracks.gif").read_bytes().startswith(b"GIF8")
     assert sorted(path.name for path in tmp_path.glob("recording/*/*")) == [
         "quad1.001.tlog", "quad2.001.tlog", "quad3.001.tlog", "record.001.mcap",
     ]  # fmt: skip

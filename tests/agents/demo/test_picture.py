@@ -26,10 +26,10 @@ def test_tracks_are_drawn_or_it_is_said_why_not(tmp_path: Path) -> None:
 
 
 def test_an_animation_is_a_gif_or_it_is_said_why_not(tmp_path: Path) -> None:
-    animate(["a", "b"], ROWS[:20], "a test", tmp_path / "tracks.gif")
+    animate(["a", "b"], ROWS[:20], "a test", tmp_path / "tracks.gif", frames=3)
     assert (tmp_path / "tracks.gif").read_bytes().startswith(b"GIF8")
     with pytest.raises(BadInput, match=r"cannot draw .*nowhere"):
-        animate(["a", "b"], ROWS[:20], "a test", tmp_path / "nowhere" / "tracks.gif")
+        animate(["a", "b"], ROWS[:20], "a test", tmp_path / "nowhere" / "tracks.gif", frames=3)
 
 
 def test_truth_knows_how_far_how_high_and_how_near() -> None:
