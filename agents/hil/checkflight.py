@@ -70,7 +70,12 @@ class CheckFlight:
     async def meet(self) -> None:
         """Who it is, and its parameters; what cannot be flown raises :class:`ZmavError`, and nothing was armed."""
         began = time.monotonic()
-        state = await self.until(lambda s: s.connected and s.uid is not None, FOUND_S, "an autopilot with a uid")
+        wanted = f"an autopilot with system id {self.table.sysid}" if self.table.sysid else "an autopilot"
+        try:
+            state = await self.vehicle.wait_until(lambda s: s.connected and s.uid is not None, FOUND_S)
+        except TimedOut as e:
+            text = f"not heard: {wanted} that gives its uid, within {FOUND_S:.0f} s; {self.last_words()}"
+            raise Refused(text) from e
         if state.armed:
             raise Refused("it is armed: disarm it, and begin again; nothing was sent to it")
         self.kind = kind_of(state.autopilot, state.kind)

@@ -67,7 +67,7 @@ async def gate(
             base_mode = str((await flight.vehicle.message("HEARTBEAT")).fields["base_mode"])
             for check in judge_identity(flown, now.identity):
                 say(check)
-            say(judge_real(now.params, base_mode))
+            say(judge_real(now.identity.autopilot, now.params, base_mode))
             if flown["bench"] is not None:
                 for check in judge_params(now.identity.autopilot, flown["bench"].params, now.params, accept):
                     say(check)
@@ -126,7 +126,7 @@ def judge_identity(flown: Mapping[Stage, Report | None], now: Identity) -> list[
     return checks
 
 
-def judge_real(params: Mapping[str, Value], base_mode: str) -> Check:
+def judge_real(autopilot: str, params: Mapping[str, Value], base_mode: str) -> Check:
     """Simulation is off: a vehicle that flies a simulation does not see the world."""
     simulation = [name for name in params if name.startswith("SIM_")]
     if params.get(HITL):
@@ -134,7 +134,7 @@ def judge_real(params: Mapping[str, Value], base_mode: str) -> Check:
         return Check("simulation", "BAD", text)
     if HIL_FLAG in base_mode:
         return Check("simulation", "BAD", "its HEARTBEAT says that it is in HIL: reboot it")
-    if simulation:
+    if simulation and autopilot == "ardupilot":  # a PX4 has some without simulating
         text = f"its firmware simulates on board ({len(simulation)} SIM_ parameters): load the vehicle's own"
         return Check("simulation", "BAD", text)
     return Check("simulation", "ok", "off")

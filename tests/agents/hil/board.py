@@ -27,13 +27,14 @@ HIL = 32
 class Px4Board:
     """``with Px4Board(PATH, hitl=1) as board``: it beats at ``PATH`` until it is left; :meth:`unplug` takes it away."""
 
-    def __init__(self, link: Path, home: Home, *, hitl: int = 1) -> None:
+    def __init__(self, link: Path, home: Home, *, hitl: int = 1, **params: float) -> None:
         self.link = link
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.bind(("127.0.0.1", 0))
         self._udp.settimeout(0.05)
         port = self._udp.getsockname()[1]
-        spec = VehicleSpec(autopilot="px4", endpoints=(f"onboard:0:{port}",), params={"SYS_HITL": float(hitl)})
+        endpoints, params = (f"onboard:0:{port}",), {"SYS_HITL": float(hitl), **params}
+        spec = VehicleSpec(autopilot="px4", endpoints=endpoints, params=params)
         self.world = World([spec], home=home, speed=1.0)
         self._in_hil = hitl == 1
         self._stop = threading.Event()
