@@ -25,9 +25,10 @@ HIL = 32
 
 
 class Px4Board:
-    """``with Px4Board(PATH, hitl=1) as board``: it beats at ``PATH`` until it is left; :meth:`unplug` takes it away."""
+    """``with Px4Board(PATH, hitl=1) as board``: it beats at ``PATH`` until it is left; :meth:`unplug` takes it away.
+    ``speed``: times real time that it flies by itself."""
 
-    def __init__(self, link: Path, home: Home, *, hitl: int = 1, **params: float) -> None:
+    def __init__(self, link: Path, home: Home, *, hitl: int = 1, speed: float = 1.0, **params: float) -> None:
         self.link = link
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.bind(("127.0.0.1", 0))
@@ -35,7 +36,7 @@ class Px4Board:
         port = self._udp.getsockname()[1]
         endpoints, params = (f"onboard:0:{port}",), {"SYS_HITL": float(hitl), **params}
         spec = VehicleSpec(autopilot="px4", endpoints=endpoints, params=params)
-        self.world = World([spec], home=home, speed=1.0)
+        self.world = World([spec], home=home, speed=speed)
         self._in_hil = hitl == 1
         self._stop = threading.Event()
         self._autopilot: tuple[str, int] | None = None

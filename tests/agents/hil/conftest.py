@@ -52,7 +52,7 @@ def fleet(tmp_path: Path) -> Path:
 
 
 class MakeBoard(Protocol):
-    def __call__(self, *, hitl: int = 1) -> Px4Board: ...
+    def __call__(self, *, hitl: int = 1, speed: float = 1.0) -> Px4Board: ...
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def make_board(tmp_path: Path) -> Iterator[MakeBoard]:
     """A PX4 on a pseudo-terminal that is gone at the test's end."""
     with ExitStack() as stack:
 
-        def make(*, hitl: int = 1) -> Px4Board:
-            return stack.enter_context(Px4Board(tmp_path / "ttyACM0", HOME, hitl=hitl, **SAFE))
+        def make(*, hitl: int = 1, speed: float = 1.0) -> Px4Board:
+            return stack.enter_context(Px4Board(tmp_path / "ttyACM0", HOME, hitl=hitl, speed=speed, **SAFE))
 
         yield make

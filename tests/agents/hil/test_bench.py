@@ -32,7 +32,7 @@ def kept(folder: Path, name: str = "px1") -> Report:
 
 @pytest.mark.slow
 async def test_a_px4_flies_every_check_through_its_line(fleet: Path, tmp_path: Path, make_board: MakeBoard) -> None:
-    board = make_board()
+    board = make_board(speed=3.0)
     assert await bench(fleet, "px1", tmp_path, str(board.link), False) == 0
     report = kept(tmp_path)
     assert report.passed and len(report.proof) == 2 and report.identity is not None
@@ -111,7 +111,7 @@ def running(fleet: Path, folder: Path, device: Path, name: str) -> Iterator[subp
         said = []
         for line in process.stdout:
             said.append(line)
-            if " takeoff:" in line:
+            if " arm:" in line:
                 break
         else:
             raise AssertionError("".join(said))

@@ -55,7 +55,7 @@ def test_every_other_report_is_told_apart(report: Report) -> None:
         ({"t": time.time() - 31 * 86_400}, "31.0 days old"),
         ({"t": time.time() + 86_400}, "-1.0 days old"),  # somebody's clock
     ):
-        check = judged(report, **changed)  # type: ignore[arg-type]
+        check = judged(report, **changed)
         assert check.status == "BAD" and words in check.found, check
 
 
