@@ -34,11 +34,14 @@ FORCE = 21196.0
 
 
 class CheckFlight:
-    """One flight of one vehicle. ``tell`` takes each check as it is made; ``hurry`` sets the simulator's speed."""
+    """One flight of one vehicle. ``tell`` takes each check as it is made; ``hurry`` sets the simulator's speed, and
+    ``radio`` a channel of its pilot's (from 1) to µs, where the simulator can.
+    """
 
     def __init__(
         self, client: zmav.Client, file: FleetConfig, name: str, router: str, children: Children, report: Report,
         tell: Callable[[Check], None], hurry: Callable[[float], object] | None = None,
+        radio: Callable[[int, int], object] | None = None,
     ) -> None:  # fmt: skip
         self.client, self.file, self.router, self.children, self.report = client, file, router, children, report
         self.fleet, self.vehicle, self.table = file.fleet, client.vehicle(name), file.vehicle(name)
@@ -52,7 +55,7 @@ class CheckFlight:
         """it was told to arm, and has not ended on the ground since"""
         self.left_armed = False
         """it could not be disarmed at the end"""
-        self._tell, self._hurry = tell, hurry
+        self._tell, self._hurry, self.radio = tell, hurry, radio
         self._links: list[wire.LinkQuality] = []
         client.session.declare_subscriber(keys.EVENT.key(self.fleet, name), self._on_event)
         client.session.declare_subscriber(keys.LINK.key(self.fleet, name, link="*"), self._on_link)
@@ -163,7 +166,8 @@ class CheckFlight:
                     self.say("disarmed", "in its simulated flight, by force" if self.kind.height else "by force")
                 return
         self.left_armed = True
-        text = "it was armed when it was last heard, and cannot be reached: take its power off before you touch it"
+        lost = "it was armed when it was last heard, and cannot be reached (was it unplugged?)"
+        text = f"{lost}: take its power off before you touch it"
         self.say("disarmed", text, "BAD")
 
     # ---- what the checks use

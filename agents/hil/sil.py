@@ -33,11 +33,17 @@ async def sil(
         click.echo(f"sil: {file.fleet}/{name} from {path}, flown by {by} at {link}")
         with closing(report, reports) as ended, await talk(children, control) as simulator:
             hurry: Callable[[float], object] | None = None if ardupilot or px4 else simulator.speed
+            radio = None if ardupilot or px4 else _radio(simulator, name)
             async with beside(children, path, file, name, link) as (client, router):
-                flight = CheckFlight(client, file, name, router, children, report, tell, hurry)
+                flight = CheckFlight(client, file, name, router, children, report, tell, hurry, radio)
                 await flight.meet()
                 await flight.fly()
         return ended.code
+
+
+def _radio(simulator: Remote, name: str) -> Callable[[int, int], object]:
+    """A channel of the simulated pilot's radio."""
+    return lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
 
 
 async def talk(children: Children, control: Path) -> Remote:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 from zmav import geo, wire
@@ -174,7 +175,6 @@ async def _dropped(f: CheckFlight, why: str, point: dict[str, Any]) -> None:
 async def pilot(f: CheckFlight) -> str:
     """The pilot's switch, or else a mode of his, ends the lease at once, and no setpoint takes it back."""
     switch = f.table.pilot_switch
-    words = ""
     async with f.vehicle.lease("check") as lease:
         point = f.from_here(0.0, 0.0)
         await _stream(lease, point, lambda: f.state.mode in FOLLOWS)
@@ -185,7 +185,7 @@ async def pilot(f: CheckFlight) -> str:
                 text = f"the switch (channel {switch.channel} at {on} µs) took it after {took:.2f} s"
                 await _back(f, switch.channel, 1100 if switch.low > 1200 else switch.high + 100)
                 return text + ", and gave it back"
-            words = f"; its switch was not tried: channel {switch.channel} follows no RC_CHANNELS_OVERRIDE here"
+            f.say("pilot's switch", "not tried: RC_CHANNELS does not follow RC_CHANNELS_OVERRIDE here", "left out")
         asked = time.monotonic()
         await f.pilots_mode()
         took = await _lost(f, lease, point, asked)
@@ -194,7 +194,7 @@ async def pilot(f: CheckFlight) -> str:
     await f.until(lambda s: s.mode == f.kind.pilots_mode, 3.0, f"in the pilot's mode {f.kind.pilots_mode}")
     await f.vehicle.hold()
     why = "" if switch else "; the fleet file has no pilot_switch"
-    return f"mode {f.kind.pilots_mode} took it after {took:.2f} s{why}{words}"
+    return f"mode {f.kind.pilots_mode} took it after {took:.2f} s{why}"
 
 
 async def _stream(lease: Any, point: dict[str, Any], true: Callable[[], bool]) -> None:
@@ -223,21 +223,36 @@ async def _lost(f: CheckFlight, lease: Any, point: dict[str, Any], since: float)
 
 
 async def _flip(f: CheckFlight, lease: Any, point: dict[str, Any], channel: int, pwm: int) -> float | None:
-    turning = asyncio.create_task(_override(f, channel, pwm))
-    try:
-        return await _lost(f, lease, point, time.monotonic())
-    finally:
-        turning.cancel()
+    since = time.monotonic()
+    async with _turned(f, channel, pwm):
+        return await _lost(f, lease, point, since)
 
 
 async def _back(f: CheckFlight, channel: int, pwm: int) -> None:
     """Nobody may have it until the switch is back, and then everybody."""
+    async with _turned(f, channel, pwm):
+        await f.until(lambda s: s.pilot is None, 5.0, "the switch back")
+    if not _has_radio(f, channel):
+        _put_override(f, channel, FREE_LOW if channel <= LOW_CHANNELS else FREE_HIGH)
+
+
+@asynccontextmanager
+async def _turned(f: CheckFlight, channel: int, pwm: int) -> AsyncIterator[None]:
+    """Hold one channel there: by the simulated radio, or as a ground station's override, which has to be said again."""
+    if _has_radio(f, channel):
+        assert f.radio is not None
+        f.radio(channel, pwm)
+        yield
+        return
     turning = asyncio.create_task(_override(f, channel, pwm))
     try:
-        await f.until(lambda s: s.pilot is None, 5.0, "the switch back")
+        yield
     finally:
         turning.cancel()
-    _put_override(f, channel, FREE_LOW if channel <= LOW_CHANNELS else FREE_HIGH)
+
+
+def _has_radio(f: CheckFlight, channel: int) -> bool:
+    return f.radio is not None and channel <= LOW_CHANNELS
 
 
 async def _override(f: CheckFlight, channel: int, pwm: int) -> None:
