@@ -31,6 +31,8 @@ DOCTOR_S = 3.0
 MOST_TOLD = 40
 """differing parameters that are named"""
 SIMULATED = ("SIM_*", HITL)
+COUNTED = ("MIS_TOTAL", "FENCE_TOTAL", "RALLY_TOTAL", "COMPASS_DEC")
+"""what an ArduPilot writes by itself of its plans and its place"""
 SENSORS: Mapping[str, tuple[str, ...]] = {
     "ardupilot": (
         "INS_*OFFS_*", "INS_*SCAL_*", "INS_*CALTEMP", "INS_TCAL*", "AHRS_TRIM_*", "COMPASS_OFS*", "COMPASS_DIA*",
@@ -145,7 +147,7 @@ def judge_params(
 ) -> list[Check]:
     """What differs from what flew on the bench, by name; what is each one's own, or the sensors', is only counted."""
     own = own_params(autopilot, {*flown, *now})
-    quiet = (*SIMULATED, *SENSORS.get(autopilot, ()))
+    quiet = (*SIMULATED, *COUNTED, *SENSORS.get(autopilot, ()))
     told, counted = [], 0
     for each in differences({"bench": flown, "now": now}):
         if each.name in own or any(fnmatch.fnmatchcase(each.name, pattern) for pattern in quiet):

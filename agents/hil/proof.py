@@ -3,7 +3,8 @@
 ArduPilot: only a build with simulation in it has ``SIM_`` parameters, and its gyroscopes and accelerometers then carry
 the bus type SITL in their ids (AP_HAL::Device::BUS_TYPE_SITL); SIM_OH_MASK names outputs that it drives all the same.
 Source: ardupilot.org/dev, "Simulation on Hardware"; AP_HAL/Device.h, SITL.cpp, AP_HAL_ChibiOS/RCOutput.cpp.
-PX4: SYS_HITL is 1, for which it starts neither sensor nor output drivers, and its HEARTBEAT says that it is in HIL.
+PX4: SYS_HITL is 1, for which it starts simulated outputs and no sensor drivers, and its HEARTBEAT says that it is in
+HIL, in which its commander locks the real outputs.
 Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_MODE_FLAG.
 """
 
@@ -47,7 +48,10 @@ def px4_simulates(params: Mapping[str, Value], base_mode: str) -> list[str]:
         raise _real(f"{HITL} is {params[HITL]}, and not 1")
     if HIL_FLAG not in base_mode:
         raise _real(f"{HITL} is 1, but its HEARTBEAT does not say that it is in HIL ({base_mode}): reboot it")
-    return [f"{HITL} is 1: neither sensor nor output drivers are started", "its HEARTBEAT says HIL_ENABLED"]
+    return [
+        f"{HITL} is 1: simulated outputs, no sensor drivers",
+        "its HEARTBEAT says HIL_ENABLED: real outputs are locked",
+    ]
 
 
 def _real(why: str) -> Refused:
