@@ -37,7 +37,7 @@ BELOW = {
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
     {
-        "errors": set(), "process": {"errors"}, "waiting": set(), "systemd": set(), "figures": {"errors"},
+        "errors": set(), "process": {"errors"}, "waiting": set(), "systemd": set(), "figures": {"errors"}, "rotation": set(),
     },  # fmt: skip
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}},
     {"config": set(), "formats": set(), "host": set(), "trust": set()},

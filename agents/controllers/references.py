@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.controllers.inject import Inject, Injection
-from agents.controllers.rotation import from_euler
 from agents.controllers.types import Array, Level, Reference, State
 from zmav import wire
 from zmav.errors import BadInput
+from zmav.rotation import from_euler
 from zmav.services.trajectory import MAX_STEP, Segment
 
 BRAKE = 3.0

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from agents.controllers import rotation
+from zmav import rotation
 
 Array = npt.NDArray[np.float64]
 Level = Literal["position", "velocity", "altitude", "attitude", "rates"]
