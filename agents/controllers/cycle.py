@@ -25,7 +25,6 @@ from agents.controllers.packets import Answer
 from agents.controllers.references import References
 from agents.controllers.signals import told
 from agents.controllers.types import (
-    Array,
     AttitudeThrust,
     Output,
     RatesThrust,
@@ -34,9 +33,9 @@ from agents.controllers.types import (
     TorqueThrust,
     Trim,
     Velocity,
+    plain,
 )
 from agents.controllers.worker import Worker
-from zmav import wire
 from zmav.errors import ZmavError
 from zmav.mavlink import Dialect, decode, parse_frame
 from zmav.vehicle.lease import Lease
@@ -295,20 +294,16 @@ class Cycles:
 def setpoint(output: Output) -> dict[str, Any]:
     """As :meth:`zmav.vehicle.lease.Lease.setpoint` takes it."""
     if isinstance(output, TorqueThrust):
-        return {"torque": _vector(output.torque), "thrust": output.thrust, "valid": INNER_VALID}
+        return {"torque": plain(output.torque), "thrust": output.thrust, "valid": INNER_VALID}
     if isinstance(output, RatesThrust):
-        return {"rates": _vector(output.rates), "thrust": output.thrust, "valid": INNER_VALID}
+        return {"rates": plain(output.rates), "thrust": output.thrust, "valid": INNER_VALID}
     if isinstance(output, AttitudeThrust):
         q = tuple(float(each) for each in output.attitude)
         return {"attitude": q, "thrust": output.thrust, "valid": INNER_VALID}
     turn = {"yaw": output.yaw, "yaw_rate": output.yaw_rate, "valid": OUTER_VALID}
     if isinstance(output, Velocity):
-        return {"vel": _vector(output.vel), **turn}
-    return {"acc": _vector(output.acc), **turn}
-
-
-def _vector(vector: Array) -> wire.Vector:
-    return float(vector[0]), float(vector[1]), float(vector[2])
+        return {"vel": plain(output.vel), **turn}
+    return {"acc": plain(output.acc), **turn}
 
 
 def _applied(output: Output, state: State) -> Trim | None:
