@@ -36,10 +36,15 @@ BELOW = {
 # The layers within zmav, lowest first. A unit imports from lower layers, and from those named beside it in its own.
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
+    {"errors": set(), "process": {"errors"}, "waiting": set(), "systemd": set()},
     {
-        "errors": set(), "process": {"errors"}, "waiting": set(), "systemd": set(), "figures": {"errors"}, "rotation": set(),
-    },  # fmt: skip
-    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}},
+        "wire": set(),
+        "keys": {"wire"},
+        "geo": {"wire"},
+        "verbs": {"wire", "keys"},
+        "figures": set(),
+        "rotation": set(),
+    },
     {"config": set(), "formats": set(), "host": set(), "trust": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},
