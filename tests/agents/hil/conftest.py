@@ -9,6 +9,7 @@ from typing import Protocol
 
 import pytest
 
+from agents.hil import bench, checkflight, steps
 from tests.agents.hil.board import Px4Board
 from zmav.sim.spec import Home
 
@@ -42,6 +43,20 @@ autopilot = "px4"
 """
 SAFE = {"COM_OBL_RC_ACT": 3.0, "RTL_RETURN_ALT": 6.0, "RTL_DESCEND_ALT": 6.0, "RTL_LAND_DELAY": 0.0}
 """PX4's parameters as 'zmav doctor' wants them, and for a short way home"""
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the stages expect of time, a busy machine that runs the tests need not keep."""
+    for module, name, value in (
+        (steps, "HOLD_SLACK", 10.0),
+        (steps, "PILOT_S", 10.0),
+        (checkflight, "SILENT_S", 15.0),
+        (checkflight, "MOST_LOSS", 0.5),
+        (bench, "LEAST_SHARE", 0.05),
+        (bench, "LEAST_SPEED", 0.1),
+    ):
+        monkeypatch.setattr(module, name, value)
 
 
 @pytest.fixture

@@ -157,7 +157,9 @@ def test_unplugged_in_flight_it_says_that_it_may_be_armed(
     assert "cannot be reached (was it unplugged?): take its power off before you touch it" in said
 
 
-def test_the_loop_is_judged_by_its_figures() -> None:
+def test_the_loop_is_judged_by_its_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.hil.bench.LEAST_SHARE", 0.5)
+    monkeypatch.setattr("agents.hil.bench.LEAST_SPEED", 0.98)
     start = HilLoop(0, 0, 0, 0, 0.0)
     good = judge_loop(start, HilLoop(2500, 2490, 0, 0, 0.02), 10.0, 1.0)
     assert good.status == "ok" and good.found.startswith("250.0 readings/s sent, 249.0 controls/s heard")
