@@ -79,3 +79,11 @@ def test_distances() -> None:
     assert geo.distance((1.0, 2.0, 3.0), (4.0, 6.0, 3.0)) == 5.0
     assert geo.horizontal_distance(50.0, 8.0, 50.0, 8.0) == 0.0
     assert geo.horizontal_distance(50.0, 179.99995, 50.0, -179.99995) == pytest.approx(7.17, abs=0.01)
+
+
+@given(origins)
+def test_a_place_is_told_in_the_fleet_s_frame_by_a_near_one(origin: Origin) -> None:
+    known, local = Origin(lat_deg=origin.lat_deg, lon_deg=origin.lon_deg, alt_amsl=100.0), (30.0, -20.0, -5.0)
+    lat, lon, alt = geo.to_global(known, (7.0, 3.0, -2.0))
+    fields = {"lat": round(lat * 1e7), "lon": round(lon * 1e7), "alt": round(alt * 1e3)}
+    assert geo.in_fleet_frame(known, local, fields) == pytest.approx((37.0, -17.0, -7.0), abs=0.02)

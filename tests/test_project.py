@@ -37,7 +37,14 @@ BELOW = {
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "process": {"errors"}, "waiting": set(), "systemd": set()},
-    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}},
+    {
+        "wire": set(),
+        "keys": {"wire"},
+        "geo": {"wire"},
+        "verbs": {"wire", "keys"},
+        "figures": set(),
+        "rotation": set(),
+    },
     {"config": set(), "formats": set(), "host": set(), "trust": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},

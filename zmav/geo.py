@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
-from zmav.wire import Origin, Vector
+from zmav.wire import GlobalPosition, Origin, Vector
 
 _A = 6378137.0
 _E2 = 6.69437999014e-3
@@ -40,6 +42,15 @@ def to_global(origin: Origin, ned: Vector) -> tuple[float, float, float]:
         (lon + 180.0) % 360.0 - 180.0,
         origin.alt_amsl - ned[2],
     )
+
+
+def in_fleet_frame(known: GlobalPosition | Origin, local: Vector, fields: Mapping[str, Any]) -> Vector:
+    """Where a GLOBAL_POSITION_INT (``fields``: lat and lon in 1e-7 degrees, alt in mm AMSL) is in the fleet's frame,
+    by a near place that is known as WGS84 and there: a vehicle's state has both.
+    """
+    here = Origin(lat_deg=known.lat_deg, lon_deg=known.lon_deg, alt_amsl=known.alt_amsl)
+    north, east, down = to_ned(here, fields["lat"] / 1e7, fields["lon"] / 1e7, fields["alt"] / 1e3)
+    return local[0] + north, local[1] + east, local[2] + down
 
 
 def distance(a: Vector, b: Vector) -> float:

@@ -11,7 +11,6 @@ import enum
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -25,7 +24,6 @@ from agents.controllers.packets import Answer
 from agents.controllers.references import References
 from agents.controllers.signals import told
 from agents.controllers.types import (
-    Array,
     AttitudeThrust,
     Output,
     RatesThrust,
@@ -34,9 +32,9 @@ from agents.controllers.types import (
     TorqueThrust,
     Trim,
     Velocity,
+    plain,
 )
 from agents.controllers.worker import Worker
-from zmav import wire
 from zmav.errors import ZmavError
 from zmav.mavlink import Dialect, decode, parse_frame
 from zmav.vehicle.lease import Lease
@@ -50,8 +48,6 @@ CLOCK_STEP = 0.0002
 """s by which the autopilot's clock is set at a time while a controller flies"""
 DO_SET_MODE, ACCEPTED = 176, 0
 """MAV_CMD and MAV_RESULT"""
-KEPT = 10_000
-"""cycles whose times are kept"""
 
 
 class Phase(enum.IntEnum):
@@ -87,8 +83,6 @@ class Cycles:
         self.signals_hz = 50.0
         self.phase = Phase.LOOKING_ON
         self.tally = Tally()
-        self.took: deque[tuple[float, float]] = deque(maxlen=KEPT)
-        """s from a cycle's frame to its setpoint's put, and s in the controller"""
         self.heard = 0.0
         """monotonic s of the last attitude"""
         self.source: tuple[int, int] | None = None
@@ -130,7 +124,6 @@ class Cycles:
             self.guard.begin(self.estimate.state, height)
             self._lease, self.tally = lease, Tally()
             self._late, self._applied = 0, None
-            self.took.clear()
             self.phase = Phase.ENGAGING
 
     def presume(self) -> None:
@@ -253,10 +246,9 @@ class Cycles:
                 return
             self._put(answer.output)
             now = time.monotonic()
-            self.took.append((now - self._begun, answer.took))
             if self.phase is Phase.IN_FORCE:
                 self._applied = _applied(answer.output, self.estimate.state)
-            self._stream(worker, answer, now)
+            self._stream(worker, answer.output, answer.signals, now)
 
     def on_failed(self, worker: Worker, text: str) -> None:
         with self.lock:
@@ -280,13 +272,13 @@ class Cycles:
     def _end(self) -> None:
         self.phase, self._lease, self._applied = Phase.LOOKING_ON, None, None
 
-    def _stream(self, worker: Worker, answer: Answer, now: float) -> None:
+    def _stream(self, worker: Worker, output: Output, signals: tuple[float, ...], now: float) -> None:
         if now < self._said:
             return
         # Cycles come when they come: the next due time, not the time since, keeps the rate on average.
         self._said = max(self._said + 1.0 / self.signals_hz, now - 1.0 / self.signals_hz)
-        values = told(self.estimate.state, self._reference, answer.output)
-        values.update(zip(worker.names, answer.signals, strict=False))
+        values = told(self.estimate.state, self._reference, output)
+        values.update(zip(worker.names, signals, strict=False))
         values["inject"] = self.references.injected
         values["took_us"], values["late"] = (now - self._begun) * 1e6, float(self.tally.late)
         self.on_signals(self.estimate.state.t, values)
@@ -295,20 +287,16 @@ class Cycles:
 def setpoint(output: Output) -> dict[str, Any]:
     """As :meth:`zmav.vehicle.lease.Lease.setpoint` takes it."""
     if isinstance(output, TorqueThrust):
-        return {"torque": _vector(output.torque), "thrust": output.thrust, "valid": INNER_VALID}
+        return {"torque": plain(output.torque), "thrust": output.thrust, "valid": INNER_VALID}
     if isinstance(output, RatesThrust):
-        return {"rates": _vector(output.rates), "thrust": output.thrust, "valid": INNER_VALID}
+        return {"rates": plain(output.rates), "thrust": output.thrust, "valid": INNER_VALID}
     if isinstance(output, AttitudeThrust):
         q = tuple(float(each) for each in output.attitude)
         return {"attitude": q, "thrust": output.thrust, "valid": INNER_VALID}
     turn = {"yaw": output.yaw, "yaw_rate": output.yaw_rate, "valid": OUTER_VALID}
     if isinstance(output, Velocity):
-        return {"vel": _vector(output.vel), **turn}
-    return {"acc": _vector(output.acc), **turn}
-
-
-def _vector(vector: Array) -> wire.Vector:
-    return float(vector[0]), float(vector[1]), float(vector[2])
+        return {"vel": plain(output.vel), **turn}
+    return {"acc": plain(output.acc), **turn}
 
 
 def _applied(output: Output, state: State) -> Trim | None:

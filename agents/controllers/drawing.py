@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 from agents.controllers.frequency import TRUSTED, Chirp, decibel
 from agents.controllers.response import Report, Step
 from agents.controllers.types import Array
-from zmav.errors import BadInput
+from zmav.figures import save
 
 INK, GREY, PALE = "#202124", "#80868b", "#dadce0"
 MEASURED, WRONG, MARK = "#1a73e8", "#d93025", "#e8710a"
@@ -36,15 +35,7 @@ STYLE: Any = {
 
 def draw(report: Report, path: Path) -> None:
     """Write a picture (PNG, or what the file's name says). Raises :class:`BadInput` where that cannot be."""
-    suffix = path.suffix.lstrip(".").lower() or "png"
-    data = io.BytesIO()
-    try:
-        figure_of(report).savefig(data, format=suffix)
-        path.write_bytes(data.getvalue())
-    except ValueError as e:
-        raise BadInput(f"cannot draw {path}: {e}", field="picture", value=suffix, expected="png, svg or pdf") from e
-    except OSError as e:
-        raise BadInput(f"cannot write {path}: {e.strerror}", field="picture", value=str(path)) from e
+    save(figure_of(report), path)
 
 
 def figure_of(report: Report) -> Figure:

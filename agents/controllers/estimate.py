@@ -51,7 +51,7 @@ class Estimate:
             text = f"rc = {list(channels)}: RC_CHANNELS has channels 1 to {CHANNELS}"
             raise BadConfig(text, field="rc", value=list(channels), expected=f"1 to {CHANNELS}")
         self._channels = channels
-        self._anchor: tuple[wire.Origin, Array] | None = None
+        self._anchor: tuple[wire.Origin, wire.Vector] | None = None
         self.state, self.trim = State(), Trim()
         self.period = 0.0
         """s from cycle to cycle, by the autopilot's clock"""
@@ -70,7 +70,7 @@ class Estimate:
         """One place in both frames, by the vehicle's own state; without it, positions stay about the estimator's."""
         if self._anchor is None:
             about = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
-            self._anchor = about, np.array(local)
+            self._anchor = about, local
 
     @property
     def ready(self) -> bool:
@@ -119,7 +119,7 @@ class Estimate:
         about, local = self._anchor
         ms = int(f["time_boot_ms"])
         at, pos, vel = min(self._places, key=lambda place: abs(place[0] - ms))
-        here = local + geo.to_ned(about, f["lat"] / 1e7, f["lon"] / 1e7, f["alt"] / 1e3)
+        here = np.array(geo.in_fleet_frame(about, local, f))
         shift = here - (pos + vel * ((ms - at) / 1e3))
         if self._shift is not None and float(np.abs(shift - self._shift).max()) > MOVED:
             self._shifts.clear()

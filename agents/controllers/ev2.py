@@ -30,8 +30,8 @@ import numpy as np
 from agents.controllers.backstepping import Backstepping, Inner, Vec, add, angle_rates, less, scaled
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.linearising import GRAVITY, Aim, Linearising, Outer
-from agents.controllers.rotation import euler
 from agents.controllers.types import Array, Output, Reference, State, TorqueThrust, Trim
+from zmav.rotation import euler
 
 SETTLE_S = 1.0  # over so long the autopilot's thrust is set against the weight
 SCALE = (0.6, 1.4)  # of the full thrust that is told by the parameter

@@ -17,7 +17,6 @@ import signal
 import socket
 import sys
 import threading
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -71,12 +70,11 @@ class Host:
     # Cycles.
 
     def _cycle(self, data: bytes) -> None:
-        begun = time.perf_counter()
         number, phase, state, reference, trim = packets.unpack_cycle(data)
         try:
             output = self._step(phase, state, reference, trim)
             signals = self._signals()
-            answer = packets.pack_output(number, time.perf_counter() - begun, output, signals)
+            answer = packets.pack_output(number, output, signals)
             self._failed = False
         except Exception as e:
             if not self._failed or phase:  # while it only looks on, once is enough
@@ -84,7 +82,7 @@ class Host:
                 self._say(failed=said)  # at once: to find out where takes longer than some cycles
                 self._say(because=where(e, self._what)[:MOST_TEXT])
             else:
-                self._line.send(packets.pack_output(number, 0.0, None, {}))
+                self._line.send(packets.pack_output(number, None, {}))
             self._failed = True
             return
         self._tell_names(tuple(signals))
@@ -216,7 +214,7 @@ def _one_cycle(stack: Stack, kept: Mapping[str, Any] | None) -> None:
     stack.reset(state, reference, trim)
     if kept is not None:
         stack.keep(kept)
-    packets.pack_output(0, 0.0, checked(stack.update(state, reference), stack.controller.gives), stack.signals)
+    packets.pack_output(0, checked(stack.update(state, reference), stack.controller.gives), stack.signals)
 
 
 def _end_with(line: socket.socket) -> None:

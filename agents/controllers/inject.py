@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from agents.controllers.rotation import heading, product
 from agents.controllers.types import Array, Level, Reference
 from zmav import wire
 from zmav.errors import BadInput
+from zmav.rotation import heading, product
 
 Kind = Literal["step", "doublet", "chirp"]
 KINDS: tuple[Kind, ...] = ("step", "doublet", "chirp")

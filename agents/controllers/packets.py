@@ -33,8 +33,8 @@ MOST_SIGNALS = 1000
 CYCLE, OUTPUT, TALK = b"c", b"o", b"j"
 _CYCLE = struct.Struct(f"<cBBI{19 + MOTORS + 19 + 8}d")
 """kind, phase (see :mod:`agents.controllers.cycle`), the reference's level, number; state, motors, reference, trim"""
-_OUTPUT = struct.Struct("<cBI7d")
-"""kind, which output, number; seconds it took, and its six numbers"""
+_OUTPUT = struct.Struct("<cBI6d")
+"""kind, which output, number; its six numbers"""
 _CLASSES = tuple(OUTPUTS.values())
 NOTHING = 255
 """in place of an output: the controller only follows what the autopilot does"""
@@ -44,8 +44,6 @@ class Answer(NamedTuple):
     """What came of one cycle."""
 
     number: int
-    took: float
-    """s in the controller"""
     output: Output | None
     signals: tuple[float, ...]
     """in the order of the names that were told"""
@@ -77,21 +75,21 @@ def unpack_cycle(data: bytes) -> tuple[int, int, State, Reference, Trim]:
     return number, phase, state, reference, Trim(float(r[19]), r[20:24], r[24:27])
 
 
-def pack_output(number: int, took: float, output: Output | None, signals: dict[str, float]) -> bytes:
+def pack_output(number: int, output: Output | None, signals: dict[str, float]) -> bytes:
     """Raises TypeError, ValueError or struct.error for what is no output."""
     if output is None:
-        return _OUTPUT.pack(OUTPUT, NOTHING, number, took, *[math.nan] * 6)
+        return _OUTPUT.pack(OUTPUT, NOTHING, number, *[math.nan] * 6)
     if len(signals) > MOST_SIGNALS:
         raise ValueError(f"{len(signals)} signals are too many: at most {MOST_SIGNALS} numbers go out with a cycle")
     which = _CLASSES.index(type(output))
-    head = _OUTPUT.pack(OUTPUT, which, number, took, *_numbers(output))
+    head = _OUTPUT.pack(OUTPUT, which, number, *_numbers(output))
     return head + struct.pack(f"<{len(signals)}d", *signals.values())
 
 
 def unpack_output(data: bytes) -> Answer:
-    _, which, number, took, *values = _OUTPUT.unpack_from(data)
+    _, which, number, *values = _OUTPUT.unpack_from(data)
     signals = struct.unpack_from(f"<{(len(data) - _OUTPUT.size) // 8}d", data, _OUTPUT.size)
-    return Answer(number, took, None if which == NOTHING else _output(_CLASSES[which], values), signals)
+    return Answer(number, None if which == NOTHING else _output(_CLASSES[which], values), signals)
 
 
 def _numbers(output: Output) -> tuple[float, ...]:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.controllers.inject import Inject, Injection
-from agents.controllers.rotation import from_euler
-from agents.controllers.types import Array, Level, Reference, State
+from agents.controllers.types import Level, Reference, State, plain
 from zmav import wire
 from zmav.errors import BadInput
+from zmav.rotation import from_euler
 from zmav.services.trajectory import MAX_STEP, Segment
 
 BRAKE = 3.0
@@ -80,7 +80,7 @@ class References:
             raise BadInput(text, field="speed", value=speed, expected=f"arrival within {MAX_STEP:.0f} s")
         rest = (0.0, 0.0, 0.0)
         points = [
-            wire.SegmentPoint(t=state.t, pos=_tuple(start.pos), vel=rest, acc=rest, yaw=start.yaw),
+            wire.SegmentPoint(t=state.t, pos=plain(start.pos), vel=rest, acc=rest, yaw=start.yaw),
             wire.SegmentPoint(
                 t=state.t + lasts, pos=pos, vel=rest, acc=rest, yaw=start.yaw if yaw is None else yaw
             ),
@@ -197,7 +197,3 @@ class References:
 
     def _lift(self, throttle: float) -> float:
         return self._hover + (1.0 - self._hover) * (2.0 * throttle - 1.0)
-
-
-def _tuple(vector: Array) -> wire.Vector:
-    return float(vector[0]), float(vector[1]), float(vector[2])

@@ -13,7 +13,7 @@ import numpy as np
 from agents.controllers.types import LEVELS, Array, Output, Reference, State
 
 
-def told(state: State, reference: Reference, output: Output | None) -> dict[str, float]:
+def told(state: State, reference: Reference, output: Output) -> dict[str, float]:
     """The signals that every controller has: what is, what is asked for from outside, and what goes out."""
     values: dict[str, float] = {}
     _spread(values, "is.", ("x", "y", "z"), state.pos)
@@ -25,10 +25,6 @@ def told(state: State, reference: Reference, output: Output | None) -> dict[str,
     if reference.level in ("position", "velocity"):
         _spread(values, "ref.", ("vx", "vy", "vz"), reference.vel)
         values["ref.yaw"] = reference.yaw
-    elif reference.level in ("altitude", "attitude"):
-        _spread(values, "ref.", ("roll", "pitch", "yaw"), State(q=reference.attitude).euler)
-    elif reference.level == "rates":
-        _spread(values, "ref.", ("p", "q", "r"), reference.rates)
     for name, value in vars(output).items():
         if isinstance(value, np.ndarray):
             _spread(values, f"out.{name}.", "wxyz" if len(value) == 4 else "xyz", value)

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from agents.controllers import rotation
+from zmav import rotation, wire
 
 Array = npt.NDArray[np.float64]
 Level = Literal["position", "velocity", "altitude", "attitude", "rates"]
@@ -21,6 +21,11 @@ LEVELS: tuple[Level, ...] = ("position", "velocity", "altitude", "attitude", "ra
 """from the outermost to the innermost"""
 MOTORS = 8
 """whose saturation is told, at most"""
+
+
+def plain(vector: Array) -> wire.Vector:
+    """Three numbers as the wire has them."""
+    return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 def _zeros() -> Array:

@@ -59,7 +59,6 @@ class Worker:
         self._loop = asyncio.get_running_loop()
         self.names: tuple[str, ...] = ()
         """of the signals"""
-        self.about: Loaded | None = None
         self._waiting: asyncio.Future[dict[str, Any]] | None = None
         self._closed = False
         self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -121,8 +120,7 @@ class Worker:
         late = f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s"
         said = await self._ask(packets.talk(load={"what": what, "cls": cls, "tuned": tuned}), LOAD_TIMEOUT, late)
         self._whole(said)
-        self.about = msgspec.convert(said, Loaded)
-        return self.about
+        return msgspec.convert(said, Loaded)
 
     async def kept(self) -> str:
         """What its class says that it keeps, after its last cycle. Raises as :meth:`load`."""

@@ -316,13 +316,9 @@ class Helipad(zmav.Agent):
                 state = self.vehicle.last_state
                 if state is None or state.local is None or state.position is None:
                     continue
-                fields, known, base = message.fields, state.position, state.local
-                here = wire.Origin(lat_deg=known.lat_deg, lon_deg=known.lon_deg, alt_amsl=known.alt_amsl)
                 with contextlib.suppress(TypeError, KeyError):
-                    lat, lon, alt = (float(fields[name]) for name in ("lat", "lon", "alt"))
-                    vx, vy, vz = (float(fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
-                    north, east, down = geo.to_ned(here, lat / 1e7, lon / 1e7, alt / 1e3)
-                    pos = (base[0] + north, base[1] + east, base[2] + down)
+                    pos = geo.in_fleet_frame(state.position, state.local, message.fields)
+                    vx, vy, vz = (float(message.fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
                     self.poses.was(self._time(message), pos, (vx, vy, vz))
 
     async def _autopilot_frame(self) -> None:

@@ -341,12 +341,9 @@ class Navigator(zmav.Agent):
                 state = self.vehicle.last_state
                 if state is None or state.local is None or state.position is None:
                     continue
-                known, base, fields = state.position, state.local, message.fields
-                here = wire.Origin(lat_deg=known.lat_deg, lon_deg=known.lon_deg, alt_amsl=known.alt_amsl)
-                place = geo.to_ned(here, fields["lat"] / 1e7, fields["lon"] / 1e7, fields["alt"] / 1e3)
-                north, east, down = (a + b for a, b in zip(base, place, strict=True))
                 if self.course is not None:
-                    self._note(self._time(message, state), (north, east, down))
+                    place = geo.in_fleet_frame(state.position, state.local, message.fields)
+                    self._note(self._time(message, state), place)
 
     def _note(self, t: float, place: wire.Vector) -> None:
         course, way = self.course, self._way

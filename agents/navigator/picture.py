@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from agents.navigator.path import Array
 from agents.navigator.tracking import Errors, errors, summarise
 from agents.navigator.trajectory import Trajectory
 from zmav.errors import BadConfig, BadInput
+from zmav.figures import save
 
 REFERENCE, CORNER = "#5f6368", "#e8710a"
 FLOWN = ("#1a73e8", "#188038", "#a142f4", "#d93025")
@@ -48,14 +48,7 @@ def picture(path: str | Path, flights: Mapping[str, Flight], trajectory: Traject
     under.set_xlabel("time, s (dotted: at a corner)")
     lines = [f"{name}: {summarise(each, trajectory.route)}" for name, each in found.items()]
     figure.suptitle("\n".join([title, *lines] if title else lines), fontsize=9)
-    data = io.BytesIO()
-    try:
-        figure.savefig(data, format=path.suffix.lstrip(".").lower() or "png")
-        path.write_bytes(data.getvalue())
-    except ValueError as e:
-        raise BadInput(f"cannot draw {path}: {e}", field="picture", value=str(path), expected="png, svg or pdf") from e
-    except OSError as e:
-        raise BadInput(f"cannot write {path}: {e.strerror}", field="picture", value=str(path)) from e
+    save(figure, path)
 
 
 def _space(ax: Any, flights: Mapping[str, Flight], trajectory: Trajectory) -> None:

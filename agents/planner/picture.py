@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from agents.planner.plans import Plan
 from agents.planner.problem import Motion
 from agents.planner.scene import Box, Cylinder, NoFly, Scene
 from agents.planner.verify import Report
-from zmav.errors import BadInput
+from zmav.figures import save
 
 SOLID, ZONE, FENCE = "#9aa0a6", "#e8710a", "#188038"
 INK, BAD = "#202124", "#d93025"
@@ -37,15 +36,7 @@ def draw(scene: Scene, plan: Plan, report: Report | None, path: Path) -> None:
 
     Without a plan the scene is drawn, and whom its error names.
     """
-    suffix = path.suffix.lstrip(".").lower() or "png"
-    data = io.BytesIO()
-    try:
-        figure_of(scene, plan, report).savefig(data, format=suffix)
-        path.write_bytes(data.getvalue())
-    except ValueError as e:
-        raise BadInput(f"cannot draw {path}: {e}", field="picture", value=suffix, expected="png, svg or pdf") from e
-    except OSError as e:
-        raise BadInput(f"cannot write {path}: {e.strerror}", field="picture", value=str(path)) from e
+    save(figure_of(scene, plan, report), path)
 
 
 def figure_of(scene: Scene, plan: Plan, report: Report | None) -> Figure:

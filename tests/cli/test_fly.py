@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from zmav import cli
-from zmav.cli.fly import quaternion
 from zmav.errors import BadInput, Refused
+from zmav.rotation import from_euler
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Here, Vehicle
@@ -90,7 +90,7 @@ def test_a_wrong_line_ends_the_stream(vehicle: Vehicle, line: str, words: str) -
 )
 def test_a_quaternion_turns_the_nose_where_it_says(roll: float, pitch: float, yaw: float) -> None:
     """The body's forward and down axes in NED, as the three turns by themselves give them."""
-    w, x, y, z = quaternion(roll, pitch, yaw)
+    w, x, y, z = from_euler(roll, pitch, yaw)
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     assert forward == pytest.approx(
         (math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), -math.sin(pitch))

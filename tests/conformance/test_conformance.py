@@ -17,6 +17,7 @@ import pytest
 from tests.conformance.conftest import speed
 from zmav import geo, wire
 from zmav.errors import BadInput, NotHolder, Refused, Unsupported
+from zmav.rotation import from_euler
 
 if TYPE_CHECKING:
     from tests.conformance.conftest import Flight
@@ -193,7 +194,7 @@ async def test_attitude(flight: Flight) -> None:
     yaw = flight.state.attitude.yaw if flight.state.attitude else 0.0
     yaw += math.radians(60.0) if kind.lean is None else 0.0
     lean = kind.lean or 0.0
-    point = {"attitude": quaternion(kind.bank, -lean, yaw), "thrust": kind.thrust}
+    point = {"attitude": from_euler(kind.bank, -lean, yaw), "thrust": kind.thrust}
 
     def held(state: wire.VehicleState) -> bool:
         a = state.attitude
@@ -336,15 +337,3 @@ def unsupported(flight: Flight) -> int:
 async def refused(flight: Flight, before: int) -> None:
     """Another such setpoint was dropped, and counted."""
     await flight.until(lambda s: unsupported(flight) > before, 10.0, "a setpoint of a level there is not")
-
-
-def quaternion(roll: float, pitch: float, yaw: float) -> wire.Quaternion:
-    """Body to NED, from Euler angles in radians (roll, then pitch, then yaw about the body's own axes, backwards)."""
-    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )

@@ -12,7 +12,7 @@ import pytest
 
 import zmav
 from zmav import wire
-from zmav.cli.fly import quaternion
+from zmav.rotation import from_euler
 from zmav.sim import VehicleSpec, World
 from zmav.vehicle import Vehicle
 
@@ -44,7 +44,7 @@ LEVELS: list[tuple[dict[str, Any], Callable[[State], bool]]] = [
     ({"acc": (-1.0, 0.0, 0.0), "yaw": 0.0}, lambda s: s.velocity is not None and s.velocity[0] < -0.7),
     ({"pos": (0.0, 0.0, -6.0), "vel": (0.0, 0.0, 0.0), "yaw": 0.0}, near(0.0, 0.0, -6.0)),
     (
-        {"attitude": quaternion(0.0, -0.15, 0.0), "thrust": 0.5},
+        {"attitude": from_euler(0.0, -0.15, 0.0), "thrust": 0.5},
         lambda s: s.attitude is not None and abs(s.attitude.pitch + 0.15) < 0.05,
     ),
     ({"rates": (0.0, 0.0, 0.5), "thrust": 0.5}, turned(0.7)),

@@ -89,6 +89,13 @@ class TestWords:
             assert sim.status() == world.status()
             assert (sim.status().speed, sim.status().vehicles[0].name) == (4.0, "copter1")
 
+    def test_the_pilots_hands_are_told_by_the_numbers_of_channels(self, start: Any) -> None:
+        world = start("one")
+        with Remote() as sim:
+            sim.pilot("copter1", None, {7: 1900})
+        brain = world.vehicles[0].brain
+        assert brain.pilot.pwm[6] == 1900
+
     def test_a_pause_ends_a_step(self, start: Any) -> None:
         start("one", speed=1.0)
         with Remote() as stepper, Remote() as sim:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import sys
 import time
 from collections.abc import AsyncIterator, Callable
@@ -17,6 +16,7 @@ from zmav import keys, wire
 from zmav.cli.common import F, dump, fleet_option, json_option, run, zenoh_options
 from zmav.client import Client
 from zmav.errors import BadInput, Refused
+from zmav.rotation import from_euler
 from zmav.services.target import group_of
 from zmav.session import SessionSettings
 from zmav.vehicle import Lease, Vehicle
@@ -92,24 +92,13 @@ def _fields(given: dict[str, Any]) -> dict[str, Any]:
     if at:
         given |= {"frame": "global", "lat_deg": at[0], "lon_deg": at[1], "alt_rel": alt}
     if rpy:
-        given["attitude"] = quaternion(*rpy)
+        given["attitude"] = from_euler(*rpy)
     if sticks:
         given["manual"] = dict(zip("xyzr", sticks, strict=True))
     for name in ("rc", "servo"):
         if given[name] is not None:
             given[name] = _pulses(name, given[name])
     return given
-
-
-def quaternion(roll: float, pitch: float, yaw: float) -> wire.Quaternion:
-    """w, x, y, z of the rotation that yaws, pitches and rolls, in this order (radians)."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return (
-        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy,
-    )  # fmt: skip
 
 
 def _pulses(name: str, text: str) -> list[int | None]:

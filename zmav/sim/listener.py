@@ -153,7 +153,7 @@ class Caller:
                 known = ", ".join(sorted(self._offers))
                 text = f"no request {request.verb!r}; there are {known}"
                 raise BadInput(text, field="verb", value=request.verb, expected=known)
-            return offer.do(msgspec.convert(request.args, offer.args))
+            return offer.do(msgspec.convert(request.args, offer.args, str_keys=True))
         except msgspec.ValidationError as e:
             raise BadInput(str(e), field="args", value=line.decode(errors="replace")[:200], expected=str(e)) from e
         except msgspec.DecodeError as e:

@@ -7,9 +7,23 @@ import msgspec
 Vector = tuple[float, float, float]
 
 
+class HilLoop(msgspec.Struct, frozen=True):
+    """The loop with a flight controller on its own hardware, counted since the world began. ``dropped``: readings that
+    the line had no room for; ``bad``: frames of it that could not be read; ``longest_s``: wall seconds between two
+    controls, at most, since it last went to HIL.
+    """
+
+    readings: int
+    controls: int
+    dropped: int
+    bad: int
+    longest_s: float
+
+
 class VehicleStatus(msgspec.Struct, frozen=True, kw_only=True):
     """One vehicle. ``ned_m``: true position in the world's NED, metres; ``height_m`` above home; ``links``: open
-    channels, whether anybody is at their other end or not; ``failed``: the defect that stopped its autopilot for good.
+    channels, whether anybody is at their other end or not; ``failed``: the defect that stopped its autopilot for good;
+    ``loop``: of a vehicle whose autopilot is on its own hardware.
     """
 
     name: str
@@ -31,6 +45,7 @@ class VehicleStatus(msgspec.Struct, frozen=True, kw_only=True):
     links: int
     faults: tuple[str, ...] = ()
     failed: str | None = None
+    loop: HilLoop | None = None
 
     @property
     def flying(self) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.controllers.bench import simulator
 from agents.controllers.bench.processes import START, VEHICLE, Processes, Rig, fleet_file, free_port, rig
-from agents.controllers.types import Array
+from agents.controllers.types import Array, plain
 from zmav import wire
 
 SIMULATOR = "simulator"
@@ -80,12 +80,8 @@ def segment(begin: float, seconds: float, centre: Array, yaw: float) -> list[wir
     points = []
     for t in np.linspace(0.0, seconds, round(seconds / APART) + 1):
         pos, vel, acc = lemniscate(float(t), seconds, centre)
-        points.append(wire.SegmentPoint(t=begin + float(t), pos=_three(pos), vel=_three(vel), acc=_three(acc), yaw=yaw))
+        points.append(wire.SegmentPoint(t=begin + float(t), pos=plain(pos), vel=plain(vel), acc=plain(acc), yaw=yaw))
     return points
-
-
-def _three(vector: Array) -> wire.Vector:
-    return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 async def rest(run: Rig, agent: str) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.loops.parts import FADE, Axis, Vector, clamp, down_axis, turn_from
-from agents.controllers.rotation import Quaternion, product
 from agents.controllers.types import RatesThrust, Reference, State, TorqueThrust, Trim
+from zmav.rotation import Quaternion, product
 
 I_FADES = 6.98
 """rad/s (400 degrees): where the error is a flip the integrators of the rates stop"""

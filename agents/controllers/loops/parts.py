@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from agents.controllers.rotation import Quaternion, product
+from zmav.rotation import Quaternion, product
 
 GRAVITY = 9.80665
 SETTLE = 1.0

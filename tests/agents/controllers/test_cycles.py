@@ -92,7 +92,7 @@ class Rig:
     def answer(self, output: RatesThrust | None = ANSWER) -> None:
         """The process answers what it was asked last."""
         number, *_ = unpack_cycle(self.process.asked[-1])
-        self.cycles.on_answer(self.process, Answer(number, 0.001, output, ()))
+        self.cycles.on_answer(self.process, Answer(number, output, ()))
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_an_answer_to_an_earlier_cycle_is_not_flown(rig: Rig) -> None:
     number, *_ = unpack_cycle(rig.process.asked[-1])
     rig.cycles.fly_by(rig.process)
     rig.cycle()
-    rig.cycles.on_answer(rig.process, Answer(number, 0.001, ANSWER, ()))
+    rig.cycles.on_answer(rig.process, Answer(number, ANSWER, ()))
     assert rig.put == []
     rig.answer()
     assert len(rig.put) == 1

@@ -13,6 +13,8 @@ import selectors
 import time
 from collections.abc import Callable, Sequence
 
+import msgspec
+
 from zmav.errors import BadMessage
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
@@ -25,6 +27,7 @@ from zmav.sim.hil.relay import Relay
 from zmav.sim.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
 from zmav.sim.hil.tty import is_usb, open_device, parse_device
 from zmav.sim.hil.vehicle import External
+from zmav.sim.status import HilLoop, VehicleStatus
 
 READING_BYTES = 76  # a HIL_SENSOR frame
 SHARE = 0.6  # of the line for readings; the rest is for everything else
@@ -69,7 +72,9 @@ class HardwareVehicle(External):
         rate = fitting_hz(self.path, self.baud)
         self.stream = HilStream(plant, dialect, sysid, epoch_us, rate, state_every_s=0.0)
         self.relay = Relay(dialect, self._to_autopilot)
-        self.bad = self.dropped = 0
+        self.bad = self.dropped = self.readings = self.controls = 0
+        self._controlled: float | None = None  # wall time of the last controls
+        self._longest_s = 0.0
         self.in_hil = False
         self._dialect = dialect
         self._addresses = addresses
@@ -147,7 +152,15 @@ class HardwareVehicle(External):
                     self.stream.take(frame)
                 except BadMessage:
                     self.bad += 1
+                else:
+                    self._count()
                 self.heard()
+
+    def _count(self) -> None:
+        now = time.monotonic()
+        if self._controlled is not None:
+            self._longest_s = max(self._longest_s, now - self._controlled)
+        self.controls, self._controlled = self.controls + 1, now
 
     def _beats(self, frame: Frame) -> None:
         """A heartbeat: whose, and in HIL or not."""
@@ -169,6 +182,7 @@ class HardwareVehicle(External):
         readings; by itself it sends 200 a second.
         """
         self.in_hil, self._asked = True, 0
+        self._controlled, self._longest_s = None, 0.0
         self._to_autopilot(
             self.stream.packer.pack(
                 "COMMAND_LONG",
@@ -232,6 +246,7 @@ class HardwareVehicle(External):
         if BACKLOG_BYTES - line.room() > STALE_BYTES:
             self.dropped += 1
             return
+        self.readings += 1
         line.put(frames)
         line.flush()
 
@@ -242,3 +257,7 @@ class HardwareVehicle(External):
     @property
     def links(self) -> int:
         return len(self.relay.channels)
+
+    def status(self) -> VehicleStatus:
+        loop = HilLoop(self.readings, self.controls, self.dropped, self.bad, self._longest_s)
+        return msgspec.structs.replace(super().status(), loop=loop)

@@ -23,6 +23,7 @@ def product(a: Iterable[float], b: Iterable[float]) -> Quaternion:
 
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """The rotation that yaws, pitches and rolls, in this order (radians)."""
     cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
     return (
@@ -34,6 +35,7 @@ def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def euler(q: Iterable[float]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw, radians: the inverse of :func:`from_euler`."""
     w, x, y, z = q
     pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
@@ -41,6 +43,6 @@ def euler(q: Iterable[float]) -> tuple[float, float, float]:
 
 
 def heading(q: Iterable[float]) -> float:
-    """Yaw."""
+    """Yaw, radians clockwise from north."""
     w, x, y, z = q
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

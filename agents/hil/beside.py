@@ -1,0 +1,107 @@
+"""``zmav up`` as the vehicle itself runs it, from its fleet file, but with another link and on loopback alone."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import stat
+import time
+from collections.abc import AsyncIterator, Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+import click
+
+import zmav
+from agents.hil.children import Children, free_port
+from agents.hil.report import Check, Report, Stage, hash_of, keep, line
+from zmav.config import FleetConfig
+from zmav.errors import BadConfig, ZmavError
+
+COLOURS = {"ok": "green", "BAD": "red", "left out": "yellow"}
+
+
+@contextlib.asynccontextmanager
+async def beside(
+    children: Children, path: Path, file: FleetConfig, name: str, link: str
+) -> AsyncIterator[tuple[zmav.Client, str]]:
+    """While it lasts ``zmav up`` runs; gives a client of it, and the endpoint where its router is."""
+    router = f"tcp/127.0.0.1:{free_port()}"
+    alone = ["-l", router, "--cfg", "connect/endpoints:[]", "--cfg", "scouting/multicast/enabled:false"]
+    children.start(
+        "up",
+        "up",
+        "--file",
+        str(path),
+        "--name",
+        name,
+        "--link",
+        link,
+        *alone,
+        "--cache",
+        str(children.folder / "cache"),
+    )
+    try:
+        async with contextlib.AsyncExitStack() as stack:
+            yield await children.connect(stack, file.fleet, router), router
+    finally:
+        await children.stop("up")
+
+
+def begun(stage: Stage, file: FleetConfig, name: str, flown_by: str) -> Report:
+    """A report of which nothing has been flown yet."""
+    return Report(
+        stage=stage, fleet=file.fleet, vehicle=name, fleet_hash=hash_of(file, name), zmav=version("zmav"),
+        t=time.time(), flown_by=flown_by,
+    )  # fmt: skip
+
+
+def tell(check: Check) -> None:
+    """A line on standard output, as it is found."""
+    mark, rest = line(check)[:8], line(check)[8:]
+    click.echo(click.style(mark, fg=COLOURS[check.status], bold=check.status == "BAD") + rest)
+
+
+class Ended:
+    """How a stage ended: ``code`` is 0 where its report passed."""
+
+    code = 1
+
+
+@contextlib.contextmanager
+def closing(report: Report, folder: Path) -> Iterator[Ended]:
+    """A stage: whatever ends it, the report is kept, and says why; a :class:`ZmavError` is a line of it."""
+    ended = Ended()
+    try:
+        yield ended
+    except ZmavError as e:
+        report.checks.append(Check("stage", "BAD", e.message))
+        tell(report.checks[-1])
+    except BaseException as e:
+        why = "it was interrupted" if isinstance(e, asyncio.CancelledError) else repr(e)
+        report.checks.append(Check("stage", "BAD", why))
+        tell(report.checks[-1])
+        raise
+    finally:
+        report.passed = bool(report.checks) and all(check.status != "BAD" for check in report.checks)
+        path = keep(report, folder)
+        ended.code = 0 if report.passed else 1
+        click.echo(f"{'PASSED' if report.passed else 'NOT PASSED'}: {path} and {path.with_suffix('.txt').name}")
+
+
+def check_device(link: str) -> None:
+    """Raise :class:`BadConfig` for a serial device that is not there, is none, or is not ours to open."""
+    path = Path(link.removeprefix("serial:").partition(",")[0])
+    if not str(path).startswith("/"):
+        return  # another transport: the link itself says what is wrong with it
+    try:
+        mode = path.stat().st_mode
+    except OSError as e:
+        text = f"there is no {path} ({e.strerror}): is the autopilot plugged in, and on? See 'ls /dev/serial/by-id'"
+        raise BadConfig(text, field="device", value=link, expected="a serial device") from e
+    if not stat.S_ISCHR(mode):
+        raise BadConfig(f"{path} is no serial device", field="device", value=link, expected="a serial device")
+    if not os.access(path, os.R_OK | os.W_OK):
+        text = f"you may not open {path}: join its group (sudo usermod -aG dialout $USER), and log in again"
+        raise BadConfig(text, field="device", value=link, expected="a device that you may open")
