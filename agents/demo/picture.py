@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zmav.errors import BadConfig, BadInput
+from zmav.figures import save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +46,7 @@ def draw(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title
     if len(names) <= NAMED:
         above.legend(fontsize=7, loc="best")
     _mark(heights, ways, marks, times)
-    _save(figure, path)
+    save(figure, path)
 
 
 def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, frames: int = FRAMES) -> None:
@@ -131,13 +131,3 @@ def _shades(count: int) -> list[Any]:
     from matplotlib import colormaps
 
     return [colormaps["turbo"]((i + 0.5) / count) for i in range(count)]
-
-
-def _save(figure: Figure, path: Path) -> None:
-    data = io.BytesIO()
-    try:
-        figure.savefig(data, format=path.suffix.lstrip(".").lower() or "png")
-        path.write_bytes(data.getvalue())
-    except (ValueError, OSError) as e:
-        expected = "a .png, .svg or .pdf in a folder that exists"
-        raise BadInput(f"cannot draw {path}: {e}", field="picture", value=str(path), expected=expected) from e

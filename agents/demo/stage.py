@@ -45,7 +45,7 @@ class Stage:
         """Simulator first: it says where its vehicles are reached. Raises :class:`TimedOut`."""
         port = self.cameras.rpartition(":")[2]
         self.processes.start("sim", "sim", "--fleet", str(self.demo.path), "--control", str(self.control),
-                             "--endpoint", "tcp:0", "--camera-port", port, *self._stacks)  # fmt: skip
+                             "--free-ports", "--camera-port", port, *self._stacks)  # fmt: skip
         urls = await self._reached()
         connects: dict[str, list[str]] = {name: [] for name in self.routers}
         for one, other in self.demo.links():

@@ -21,7 +21,7 @@ def test_tracks_are_drawn_or_it_is_said_why_not(tmp_path: Path) -> None:
     assert "<svg" in drawn
     with pytest.raises(BadInput, match=r"cannot draw .*\.xyz"):
         draw(["a", "b"], ROWS, marks, "a test", tmp_path / "tracks.xyz")
-    with pytest.raises(BadInput, match=r"cannot draw .*nowhere"):
+    with pytest.raises(BadInput, match=r"cannot write .*nowhere"):
         draw(["a", "b"], ROWS, marks, "a test", tmp_path / "nowhere" / "tracks.png")
 
 

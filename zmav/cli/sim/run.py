@@ -34,6 +34,9 @@ _OPTIONS = (
         "--fleet", "fleet_file", metavar="FILE",
         help="Fleet file (TOML), the one that 'zmav up --file' reads: its vehicles with a sim table, and its world.",
     ),
+    click.option(
+        "--free-ports", is_flag=True, help="Its vehicles at any free TCP ports, not where its links say: see 'status'."
+    ),
     click.option("--copters", type=COUNT, help="How many ArduCopters.  [default: 1 where nothing else is asked for]"),
     click.option("--hexas", default=0, type=COUNT, help="How many ArduCopters on hexarotors."),
     click.option("--rovers", default=0, type=COUNT, help="How many ArduRovers."),
@@ -44,7 +47,7 @@ _OPTIONS = (
         "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
         "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  "
-        "[default: the fleet file's links, ardupilot or px4]",
+        "[default: ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
     click.option("--spacing", type=float, metavar="M", help="Metres between starts.  [default: 10]"),
@@ -102,14 +105,14 @@ def make_world(
     fleet_file: str | None, copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...],
     home: str | None, spacing: float | None, wind: str | None, noise: str | None, speed: str | None, lockstep: bool,
     seed: int | None, real_boot: bool, cameras: tuple[str, ...], pads: tuple[str, ...], scene: str | None,
-    tick_hz: int | None = None, **stacks: Any,
+    tick_hz: int | None = None, free_ports: bool = False, **stacks: Any,
 ) -> World:  # fmt: skip
     """The world that these options ask for: what they do not say, the fleet file says, or a default."""
     file = load_simulated(fleet_file) if fleet_file else FleetFile(WorldTable(), None, None, [])
     counts = {"copter": copters or 0, "hexa": hexas, "rover": rovers, "plane": planes}
     ours, stacks = flown_by(file.vehicles, stacks)
-    if endpoints:
-        ours = [msgspec.structs.replace(spec, endpoints=None) for spec in ours]
+    if free_ports:
+        ours = [msgspec.structs.replace(spec, endpoints=("tcp:0",)) for spec in ours]
     vehicles = [*ours, *stack_vehicles(counts, stacks)]
     if copters is None and not vehicles and not any(counts.values()):
         counts["copter"] = 1
