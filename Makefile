@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input --quiet
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11 python3.10 python)
-PACKAGES := $(wildcard zmav agents mesh ground tests)
+PACKAGES := $(wildcard zmav agents mesh ground tests docs)
 BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
 PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 ARGS ?=
@@ -28,7 +28,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint kernels conformance bench lock clean FORCE
+.PHONY: help demo test lint docs kernels conformance bench lock clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -53,6 +53,9 @@ lint: $(VENV)/.dev ## check style, format and types
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
+
+docs: $(VENV)/.dev ## write docs/keys.md and docs/cli.md anew
+	@$(BIN)/python docs/generate.py
 
 kernels: $(VENV)/.dev ## compile the planner for this machine (a minute, once; else its first run does)
 	@echo "==> compiling the planner's kernels where they are not yet"
