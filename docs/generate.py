@@ -140,8 +140,9 @@ def channel_tables() -> Iterator[str]:
     yield "## Channels\n"
     yield "`pub`: the vehicle publishes. `put`: others write. `query`: others ask. `token`: liveliness.\n"
     rows = (
-        (code(f"{keys.ROOT}/{c.template}"), c.kind, linked(c.payload) if c.kind != "token" else "", line(c.doc)) for c in channels
-    )  # fmt: skip
+        (code(f"{keys.ROOT}/{c.template}"), c.kind, linked(c.payload) if c.kind != "token" else "", line(c.doc))
+        for c in channels
+    )
     yield from table(("key", "kind", "payload", "meaning"), rows)
     yield "## How each channel travels\n"
     yield (

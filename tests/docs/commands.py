@@ -1,0 +1,147 @@
+"""The commands that the documents show, and whether each can be: a verb, options, targets and files that there are."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+from zmav.cli import zmav
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+GENERATED = ("docs/cli.md", "docs/keys.md")
+"""made from the code: their usage lines are nobody's commands"""
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+PROGRAMS = (
+    "zmav", "make", "sudo", "zenoh", "curl", "pip", "python", "python3", "git", "cd", ".", "systemctl", "journalctl",
+    "docker", "apt", "apt-get", "rerun", "octave", "octave-cli", "openssl", "ssh", "scp", "deploy/install.sh", "ls", "cat", "mkdir", "cp",
+    "ip", "batctl", "iw", "ros2", "timedatectl",
+)  # fmt: skip
+"""what a line of a block begins with where it is a command and no figure, file or answer"""
+SHELL = ("", "sh", "shell", "bash", "console")
+"""languages of fenced blocks that hold commands"""
+OPERATORS = ("&&", "||", ";", "|", "&")
+PREFIXES = re.compile(r"([A-Z_]+=\S*\s+|sudo\s+(-E\s+)?|\$\s+)+")
+IN_TREE = re.compile(r"(?<![\w/~.-])(?:agents|deploy|docs|ground|mesh|tests|zmav)/[\w./-]+")
+
+
+class Command(NamedTuple):
+    page: str
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page}:{self.line}: {self.text}"
+
+
+def blocks(text: str) -> Iterator[tuple[str, int, str]]:
+    """Each line of code of a page: the block's language ("" where it has none), its number, the line."""
+    fence: str | None = None
+    above = ""
+    inside = False
+    for number, line in enumerate(text.splitlines(), 1):
+        if re.match(r"\s*```", line):
+            fence = None if fence is not None else line.strip().strip("`").strip()
+            inside, above = False, ""
+            continue
+        if fence is not None:
+            yield fence, number, line.strip()
+            continue
+        inside = line.startswith("    ") and (inside or not above.strip())
+        if inside:
+            yield "", number, line.strip()
+        above = line
+
+
+def commands_of(page: Path) -> list[Command]:
+    """The commands in a page's blocks, without their comments; lines that end in a backslash are one with the next."""
+    name = page.relative_to(ROOT).as_posix()
+    if name in GENERATED:
+        return []
+    found: list[Command] = []
+    begun, since = "", 0
+    for language, number, line in blocks(page.read_text("utf-8")):
+        if language not in SHELL:
+            continue
+        since = since if begun else number
+        begun += re.sub(r"(^|\s+)#(\s.*|)$", "", line)
+        if begun.endswith("\\"):
+            begun = begun[:-1]
+            continue
+        text, begun = begun.strip().removeprefix("$ "), ""
+        first = PREFIXES.sub("", text).split(" ", 1)[0]
+        if first in PROGRAMS and (" " in text or first == "zmav") and text != ".":
+            found.append(Command(name, since, text))
+    return found
+
+
+def all_commands() -> list[Command]:
+    return [command for page in PAGES for command in commands_of(page)]
+
+
+def words_of(text: str) -> list[list[str]]:
+    """The words of each simple command of a line."""
+    lexer = shlex.shlex(text, posix=True, punctuation_chars="&|;")
+    lexer.whitespace_split = True
+    lexer.commenters = ""
+    parts: list[list[str]] = [[]]
+    for word in lexer:
+        if word in OPERATORS:
+            parts.append([])
+        else:
+            parts[-1].append(word)
+    return [part for part in parts if part]
+
+
+def parse(words: list[str]) -> None:
+    """Parse a zmav command as click does, without doing anything; raises click.ClickException.
+
+    Whether files are there is for the run to say.
+    """
+    command: click.Command = zmav
+    context: click.Context | None = None
+    name, args = words[0], words[1:]
+    while True:
+        context = command.make_context(name, list(args), parent=context)
+        if not isinstance(command, click.Group):
+            return
+        rest = [*context._protected_args, *context.args]
+        if not rest:
+            if not command.invoke_without_command:
+                raise click.UsageError(f"{name} wants a verb of its own")
+            return
+        _, found, args = command.resolve_command(context, rest)
+        assert found is not None
+        command, name = found, rest[0]
+
+
+def targets() -> set[str]:
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    return set(re.findall(r"^([a-z]+):.*##", makefile, re.MULTILINE))
+
+
+def faults(command: Command) -> Iterator[str]:
+    """What is wrong with a command as it stands in the page."""
+    for path in IN_TREE.findall(command.text):
+        if not (ROOT / path).exists():
+            yield f"{path} is not in the tree"
+    for words in words_of(command.text):
+        while words and re.fullmatch(r"sudo|-E|[A-Z_]+=.*", words[0]):
+            words = words[1:]
+        if words[:3] == ["zmav", "lab", "exec"]:
+            words = words[4:]
+        if words[:1] == ["zmav"]:
+            try:
+                parse(words)
+            except click.exceptions.Exit:
+                pass
+            except click.ClickException as e:
+                yield e.format_message()
+        if words[:1] == ["make"]:
+            yield from (
+                f"make has no target {word!r}" for word in words[1:] if "=" not in word and word not in targets()
+            )

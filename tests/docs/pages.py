@@ -1,0 +1,82 @@
+"""How each page's commands are run, and which are not, with the reason.
+
+A page's commands run in their order, in a shell, in a folder and a network of their own (:mod:`tests.docs.stage`).
+Programs that run on (:data:`tests.docs.stage.SERVICES`) stay beside those that follow, until the page's end or until a
+:class:`Part` begins. **To add a page**: give it its parts in :data:`PARTS`, each with what must run before, and put what
+cannot be run here into :data:`NOT_RUN`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+ORIGIN = "--origin -35.363261 149.165230 584.09"
+QUAD = ("zmav sim --copters 1", f"zmav up --link tcp:127.0.0.1:5760 --name quad1 {ORIGIN}")
+"""one copter and its agent, where every program looks for them"""
+AIRBORNE = (*QUAD, "zmav do quad1 arm && zmav do quad1 takeoff alt_rel=10")
+
+
+class Part(NamedTuple):
+    """From a page's first command that begins with ``at`` on: end what runs, then run ``before``."""
+
+    at: str = ""
+    before: tuple[str, ...] = ()
+
+
+PARTS: dict[str, tuple[Part, ...]] = {
+    "README.md": (
+        Part(),
+        Part("zmav mesh ca init"),
+        Part("zmav param diff", (*AIRBORNE, "zmav param save quad1 tuned.params")),
+        Part("zmav gcs", QUAD),
+        Part("zenoh", QUAD),
+    ),
+    "docs/agents.md": (Part("", QUAD),),
+    "docs/concepts.md": (Part("", QUAD),),
+    "docs/credentials.md": (Part(),),
+    "docs/http.md": (Part("", QUAD),),
+    "docs/planner-files.md": (Part(),),
+    "docs/recording.md": (Part("", QUAD),),
+    "docs/simulator.md": (Part("zmav sim status", ("zmav sim --copters 2",)),),
+    "docs/gcs.md": (Part("", QUAD),),
+    "docs/mesh-bench.md": (Part("", QUAD),),
+}
+"""the pages whose commands are run: of all others each command stands in NOT_RUN"""
+
+NOT_RUN: dict[str, str] = {
+    # A regular expression that the whole command matches: why it is not run here.
+    r"make (test|demo)": "the first is this; the second is tests/agents/test_demo.py",
+    r"make conformance.*": "flies for minutes: tests/conformance, which 'make test' runs on the simulated autopilots",
+    r"(sudo )?zmav lab .*": "needs root and a network of many hosts: tests/mesh/lab",
+    r"sudo python tests/bench/.*|python tests/bench/.*": "a measurement of many minutes",
+    r"zmav sim (--(ardupilot|px4|stack) .*|--copters 10 .*|--speed max.*)":
+        "real flight stacks, or as many vehicles as fill the machine: tests/sim",
+    r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*": "needs a device: tests/sim/hil, tests/agents/camera",
+    r"pip install .*": "a network to the package registries; what it names is checked against pyproject.toml",
+    r"zmav view.*": "opens a window or a port of the viewer's for good: tests/ground/view",
+    r"zmav top": "a table of a terminal that ends on q: tests/ground/top",
+    r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",
+    r"zmav mesh graph": "tests/mesh/quality, with more than one router",
+    r"zmav (up|router|mesh config) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
+    r"zmav swarm .*|zmav router &": "a planner and vehicles that fly for minutes: tests/agents/planner/live",
+    r"zmav demo follow.*": "a minute of flight: tests/agents/test_demo_follow.py",
+    r"zmav agent (run|do|param|inject) .*(hex1|follower|helipad|rover1|quad1).*":
+        "flights with pictures or 250 cycles a second: tests/agents/follower, tests/agents/controllers",
+    r"zmav (do hex1|up --file deploy/demos/hexarotor|sim --fleet deploy/demos/hexarotor).*":
+        "the hexarotor's flights: tests/agents/controllers",
+    r"zmav camera .*": "wants a camera, or a video: tests/agents/camera",
+    r"zmav sim --copters 1 --rovers 1 --pad .*": "renders pictures, a core for itself: tests/sim/camera",
+    r"zmav sim --fleet fleet.toml": "the fleet file is the reader's: tests/sim/test_fleetfile.py",
+    r"zmav (ls|do|doctor|mesh ca roster) .*-e quic/10\..*": "addresses of the example's network: tests/mesh/credentials",
+    r"zmav mesh ca init --fleet alpha --passphrase": "asks for a passphrase at a terminal: tests/mesh/credentials",
+    r"zmav mesh ca (issue (quad2|ground|alice|lab)|revoke) .*|zmav mesh ca issue quad1 --role vehicle|zmav mesh ca revoke lab":
+        "under that authority: tests/mesh/credentials",
+    r"zmav doctor --credentials DIR": "DIR is the reader's: tests/cli/test_doctor.py",
+    r"zmav gcs --udp 192.*": "an address that is not here: tests/ground/gcs",
+    r"zmav replay .*": "of a recording with that name: tests/ground/record/test_replay.py",
+    r"zmav record --out /data .*": "a disk that is not here: tests/ground/record",
+    r"zmav get '?\S*history/.*": "wants a recorder by that name with a past: tests/ground/record",
+    r"zmav sim --endpoint pty:.*|zmav up --link /tmp/quad1.*": "terminals outside of the test's folder: tests/sim/test_endpoints.py",
+    r"zmav lab simulate .*": "minutes of many cores: tests/mesh/scale",
+    r"zmav plan scenes/.*|zmav plan .* --save .*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
+}  # fmt: skip

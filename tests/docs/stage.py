@@ -1,0 +1,191 @@
+"""Where a page's commands are run as they stand: a folder and a network of its own, so that every port is free."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+
+from tests.docs.commands import ROOT
+
+PATIENCE_S = 90.0
+"""how long a command may take, or a program to say that it is ready"""
+LINKED = ("agents", "deploy", "docs", "ground", "mesh", "tests")
+SERVICES: tuple[tuple[str, str], ...] = (
+    (r"zmav sim( --.*)?", r"\(system id \d+\): "),
+    (r"zmav up .*", r"parameters read"),
+    (r"zmav router.*", r"on tcp/|router"),
+    (r"zmav swarm planner.*", r"."),
+    (r"zmav gcs.*", r"."),
+    (r"zmav http.*", r"http://"),
+    (r"zmav record.*", r"."),
+    (r"zmav agent run .*", r"."),
+    (r"zmav camera (run|record) .*|zmav camera view \S+ --serve .*", r"."),
+    (r"zmav top.*", r"."),
+    (r"zmav view( --web.*| --save.*)?", r"."),
+    (r"zenoh .* subscribe .*", r"."),
+)
+"""programs that run until they are ended, and what they have said when the next command may come"""
+
+
+def namespaced() -> str:
+    """Why no network of one's own can be made here; empty where it can."""
+    try:
+        with Network():
+            return ""
+    except (OSError, AssertionError) as e:
+        return f"no network namespace can be made here: {e}"
+
+
+class Network:
+    """A network namespace with nothing but loopback, kept by a process."""
+
+    def __enter__(self) -> Network:
+        user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+        script = "ip link set lo up && echo up && exec sleep infinity"
+        self.keeper = subprocess.Popen(
+            ["unshare", "--net", *user, "sh", "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert self.keeper.stdout is not None and self.keeper.stderr is not None
+        if self.keeper.stdout.readline() != "up\n":
+            self.keeper.kill()
+            raise AssertionError(self.keeper.stderr.read().strip())
+        more = ["--user", "--preserve-credentials"] if user else []
+        self.enter = ["nsenter", "--target", str(self.keeper.pid), *more, "--net", "--"]
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.keeper.kill()
+        self.keeper.communicate()
+
+
+class Program:
+    """A command that runs on, with all it has said."""
+
+    def __init__(self, text: str, process: subprocess.Popen[str]) -> None:
+        self.text, self.process = text, process
+        self.said = ""
+        self._changed = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            with self._changed:
+                self.said += line
+                self._changed.notify_all()
+        with self._changed:
+            self._changed.notify_all()
+
+    def until(self, pattern: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        with self._changed:
+            while not re.search(pattern, self.said):
+                ended = not self._reader.is_alive()
+                left = deadline - time.monotonic()
+                assert not ended and left > 0, f"{self.text}: never said {pattern!r} but:\n{self.said[-3000:]}"
+                self._changed.wait(min(left, 0.5))
+
+    def signal(self, number: int) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
+
+    def end(self) -> None:
+        """Ctrl-C, as a person ends it."""
+        self.signal(signal.SIGINT)
+        try:
+            code = self.process.wait(20.0)
+        except subprocess.TimeoutExpired:
+            self.signal(signal.SIGKILL)
+            self.process.wait()
+            raise AssertionError(f"{self.text}: does not end on Ctrl-C:\n{self.said[-3000:]}") from None
+        self._reader.join(5.0)
+        assert code in (0, 1, 130, -signal.SIGINT), f"{self.text}: ended with {code}:\n{self.said[-3000:]}"
+        assert "Traceback" not in self.said, f"{self.text}:\n{self.said[-3000:]}"
+
+
+class Stage:
+    """Runs commands one after another; those of :data:`SERVICES` stay beside them until :meth:`clear`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.network = Network()
+        self.programs: list[Program] = []
+        self.environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
+        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+        self.environment |= {
+            "PATH": path, "HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache"), "MPLBACKEND": "Agg",
+            "PYTHONUNBUFFERED": "1", "TERM": "dumb",
+        }  # fmt: skip
+        for name in LINKED:
+            (folder / name).symlink_to(ROOT / name)
+        (folder / ".venv").symlink_to(sys.prefix)
+
+    def __enter__(self) -> Stage:
+        self.network.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        try:
+            if kind is None:
+                self.clear()
+        finally:
+            for program in self.programs:
+                program.signal(signal.SIGKILL)
+                program.process.wait()
+            self.network.__exit__(kind, error, tb)
+
+    def clear(self) -> None:
+        """End what runs, the last first."""
+        while self.programs:
+            program = self.programs[-1]
+            program.end()
+            self.programs.pop()
+
+    def run(self, line: str, where: str = "") -> None:
+        """Run a line of a page; each part of it that ends in ``&`` runs on."""
+        *behind, last = [part.strip() for part in re.split(r"(?<!&)&(?!&)(?=\s|$)", line)]
+        for part in behind:
+            self._start(part, r".")
+        if not last:
+            return
+        for pattern, ready in SERVICES:
+            if re.fullmatch(pattern, last):
+                self._start(last, ready)
+                return
+        process = self._open(last)
+        try:
+            said, _ = process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            said, _ = process.communicate()
+            raise AssertionError(
+                f"{where or line}: not done after {PATIENCE_S:g} s:\n{said[-3000:]}{self._log()}"
+            ) from None
+        assert process.returncode == 0 and "Traceback" not in said, (
+            f"{where or line}: exit code {process.returncode}:\n{said[-3000:]}{self._log()}"
+        )
+
+    def _log(self) -> str:
+        return "".join(f"\n--- {program.text}\n{program.said[-600:]}" for program in self.programs)
+
+    def _start(self, text: str, ready: str) -> None:
+        for pattern, words in SERVICES:
+            if re.fullmatch(pattern, text):
+                ready = words
+        self.programs.append(Program(text, self._open(text)))
+        self.programs[-1].until(ready)
+
+    def _open(self, text: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*self.network.enter, "bash", "-c", text], cwd=self.folder, env=self.environment, text=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip

@@ -1,0 +1,133 @@
+"""Every command in README.md and docs/*.md: what it names is there, and it runs, or a table says why not here."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from tests.agents.planner.generate import as_json, swap_circle
+from tests.docs.commands import ROOT, Command, all_commands, faults
+from tests.docs.pages import NOT_RUN, PARTS
+from tests.docs.stage import Stage, namespaced
+
+COMMANDS = all_commands()
+
+
+def not_run(command: Command) -> str | None:
+    """Why a command is not run here; None where it is."""
+    return next((why for pattern, why in NOT_RUN.items() if re.fullmatch(pattern, command.text)), None)
+
+
+def to_run(page: str) -> list[Command]:
+    return [command for command in COMMANDS if command.page == page and not_run(command) is None]
+
+
+def test_every_command_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Verbs, options and their values, make's targets, files of the tree; the reader's own files need not be there."""
+    monkeypatch.setattr(click.Path, "convert", lambda self, value, param, ctx: value)
+    assert len(COMMANDS) > 100, "the pages' commands are not found"
+    wrong = [f"{command}\n    {fault}" for command in COMMANDS for fault in faults(command)]
+    assert not wrong, "\n" + "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("zmav nosuch", "No such command"),
+        ("zmav ls --nosuch", "No such option"),
+        ("zmav ls --for soon", "not a valid float"),
+        ("zmav ls && zmav fly", "Missing argument"),
+        ("make nosuch", "no target"),
+        ("zmav plan deploy/nosuch.json", "not in the tree"),
+    ],
+)
+def test_a_command_that_cannot_be_is_named(text: str, words: str) -> None:
+    assert words in " ".join(faults(Command("page.md", 1, text)))
+
+
+def test_every_command_is_run_or_told_of() -> None:
+    lost = [str(command) for command in COMMANDS if command.page not in PARTS and not_run(command) is None]
+    assert not lost, (
+        "\nthese are neither run nor is it said why not. In tests/docs/pages.py, give the page its parts in PARTS "
+        "(then they are run), or the command a line with a reason in NOT_RUN:\n" + "\n".join(lost)
+    )
+
+
+def test_no_reason_is_given_for_what_no_page_says() -> None:
+    texts = {command.text for command in COMMANDS}
+    dead = [pattern for pattern in NOT_RUN if not any(re.fullmatch(pattern, text) for text in texts)]
+    assert not dead, f"no document has these any more; take them out of NOT_RUN: {dead}"
+    for page, parts in PARTS.items():
+        assert (ROOT / page).is_file(), f"{page} is gone; take it out of PARTS"
+        for part in parts:
+            assert any(command.text.startswith(part.at) for command in to_run(page)) or not part.at, (
+                f"{page}: no command that is run begins with {part.at!r}: mend PARTS"
+            )
+
+
+def test_what_a_reason_names_is_there() -> None:
+    named = [path for why in NOT_RUN.values() for path in re.findall(r"tests/[\w/]+(?:\.py)?", why)]
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize("page", [page for page in PARTS if to_run(page)])
+@pytest.mark.timeout(300)
+def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
+    if why := namespaced():
+        pytest.skip(why)
+    files(tmp_path)
+    parts = list(PARTS[page])
+    with Stage(tmp_path) as stage:
+        for command in to_run(page):
+            while parts and command.text.startswith(parts[0].at):
+                stage.clear()
+                for line in parts.pop(0).before:
+                    stage.run(line, f"{page}: before {command.text!r}")
+            stage.run(command.text, str(command))
+
+
+def test_what_does_not_run_is_said(tmp_path: Path) -> None:
+    if why := namespaced():
+        pytest.skip(why)
+    with Stage(tmp_path) as stage, pytest.raises(AssertionError, match="no Zenoh router answers"):
+        stage.run("zmav ls", "page.md:1: zmav ls")
+
+
+def simple(number: int, command: int, lat: float, lon: float, alt: float) -> dict[str, Any]:
+    params = [0, 0, 0, None, lat, lon, alt]
+    return {"type": "SimpleItem", "autoContinue": True, "command": command, "doJumpId": number, "frame": 3,
+            "params": params}  # fmt: skip
+
+
+def plan() -> dict[str, Any]:
+    """A mission of a few seconds from where the copter is, as QGroundControl saves it."""
+    items = [simple(1, 22, -35.363261, 149.165230, 10), simple(2, 16, -35.36320, 149.165230, 10)]
+    return {
+        "fileType": "Plan", "version": 1, "groundStation": "QGroundControl",
+        "geoFence": {"circles": [], "polygons": [], "version": 2}, "rallyPoints": {"points": [], "version": 2},
+        "mission": {
+            "cruiseSpeed": 15, "firmwareType": 3, "globalPlanAltitudeMode": 1, "hoverSpeed": 5, "items": items,
+            "plannedHomePosition": [-35.363261, 149.165230, 584.09], "vehicleType": 2, "version": 2,
+        },
+    }  # fmt: skip
+
+
+def files(folder: Path) -> None:
+    """What a reader of the pages would have."""
+    (folder / "survey.plan").write_text(json.dumps(plan()))
+    (folder / "scene.json").write_text(json.dumps(as_json(swap_circle(3))))
+    for name, text in programs():
+        (folder / name).write_text(text)
+
+
+def programs() -> Iterator[tuple[str, str]]:
+    """The whole programs that a page shows, each under the name in its first line: ``# blinker.py``."""
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for body in re.findall(r"```python\n(# (\w+\.py)\b.*?)```", page.read_text("utf-8"), re.DOTALL):
+            yield body[1], body[0]
