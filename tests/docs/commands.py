@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import re
 import shlex
 from collections.abc import Iterator
@@ -16,11 +17,10 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 GENERATED = ("docs/cli.md", "docs/keys.md")
 """made from the code: their usage lines are nobody's commands"""
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-PROGRAMS = (
-    "zmav", "make", "sudo", "zenoh", "curl", "pip", "python", "python3", "git", "cd", ".", "systemctl", "journalctl",
-    "docker", "apt", "apt-get", "rerun", "octave", "octave-cli", "openssl", "ssh", "scp", "deploy/install.sh", "ls", "cat", "mkdir", "cp",
-    "ip", "batctl", "iw", "ros2", "timedatectl",
-)  # fmt: skip
+PROGRAMS = re.compile(
+    r"zmav|make|sudo|zenoh|curl|pip|python3?|git|cd|\.|systemctl|journalctl|docker|apt|apt-get|rerun|octave(-cli)?|openssl"
+    r"|ssh|scp|deploy/install\.sh|ls|cat|mkdir|cp|ip|batctl|iw|timedatectl"
+)
 """what a line of a block begins with where it is a command and no figure, file or answer"""
 SHELL = ("", "sh", "shell", "bash", "console")
 """languages of fenced blocks that hold commands"""
@@ -74,7 +74,7 @@ def commands_of(page: Path) -> list[Command]:
             continue
         text, begun = begun.strip().removeprefix("$ "), ""
         first = PREFIXES.sub("", text).split(" ", 1)[0]
-        if first in PROGRAMS and (" " in text or first == "zmav") and text != ".":
+        if PROGRAMS.fullmatch(first) and (" " in text or first == "zmav") and text != ".":
             found.append(Command(name, since, text))
     return found
 
@@ -141,6 +141,12 @@ def faults(command: Command) -> Iterator[str]:
                 pass
             except click.ClickException as e:
                 yield e.format_message()
+        if words[:2] == ["pip", "install"]:
+            extras = re.findall(r"zmav\[([\w,]+)\]", " ".join(words))
+            known = set(importlib.metadata.metadata("zmav").get_all("Provides-Extra") or ())
+            yield from (
+                f"zmav has no extra {each!r}" for each in ",".join(extras).split(",") if each not in {*known, ""}
+            )
         if words[:1] == ["make"]:
             yield from (
                 f"make has no target {word!r}" for word in words[1:] if "=" not in word and word not in targets()

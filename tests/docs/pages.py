@@ -2,8 +2,8 @@
 
 A page's commands run in their order, in a shell, in a folder and a network of their own (:mod:`tests.docs.stage`).
 Programs that run on (:data:`tests.docs.stage.SERVICES`) stay beside those that follow, until the page's end or until a
-:class:`Part` begins. **To add a page**: give it its parts in :data:`PARTS`, each with what must run before, and put what
-cannot be run here into :data:`NOT_RUN`.
+:class:`Part` begins. **To add a page**: give it its parts in :data:`PARTS`, each with what must run before,
+and put what cannot be run here into :data:`NOT_RUN`.
 """
 
 from __future__ import annotations
@@ -51,8 +51,9 @@ NOT_RUN: dict[str, str] = {
     r"sudo python tests/bench/.*|python tests/bench/.*": "a measurement of many minutes",
     r"zmav sim (--(ardupilot|px4|stack) .*|--copters 10 .*|--speed max.*)":
         "real flight stacks, or as many vehicles as fill the machine: tests/sim",
-    r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*": "needs a device: tests/sim/hil, tests/agents/camera",
-    r"pip install .*": "a network to the package registries; what it names is checked against pyproject.toml",
+    r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*":
+        "needs a device: tests/sim/hil, tests/agents/camera",
+    r"pip install .*": "a network to the package registries; what it names is looked up among its extras",
     r"zmav view.*": "opens a window or a port of the viewer's for good: tests/ground/view",
     r"zmav top": "a table of a terminal that ends on q: tests/ground/top",
     r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",
@@ -67,16 +68,18 @@ NOT_RUN: dict[str, str] = {
     r"zmav camera .*": "wants a camera, or a video: tests/agents/camera",
     r"zmav sim --copters 1 --rovers 1 --pad .*": "renders pictures, a core for itself: tests/sim/camera",
     r"zmav sim --fleet fleet.toml": "the fleet file is the reader's: tests/sim/test_fleetfile.py",
-    r"zmav (ls|do|doctor|mesh ca roster) .*-e quic/10\..*": "addresses of the example's network: tests/mesh/credentials",
+    r"zmav (ls|do|doctor|mesh ca roster) .*-e quic/10\..*":
+        "addresses of the example's network: tests/mesh/credentials",
     r"zmav mesh ca init --fleet alpha --passphrase": "asks for a passphrase at a terminal: tests/mesh/credentials",
-    r"zmav mesh ca (issue (quad2|ground|alice|lab)|revoke) .*|zmav mesh ca issue quad1 --role vehicle|zmav mesh ca revoke lab":
+    r"zmav mesh ca (issue (quad1|quad2|ground|alice|lab) --role \w+|revoke lab)":
         "under that authority: tests/mesh/credentials",
     r"zmav doctor --credentials DIR": "DIR is the reader's: tests/cli/test_doctor.py",
     r"zmav gcs --udp 192.*": "an address that is not here: tests/ground/gcs",
     r"zmav replay .*": "of a recording with that name: tests/ground/record/test_replay.py",
     r"zmav record --out /data .*": "a disk that is not here: tests/ground/record",
     r"zmav get '?\S*history/.*": "wants a recorder by that name with a past: tests/ground/record",
-    r"zmav sim --endpoint pty:.*|zmav up --link /tmp/quad1.*": "terminals outside of the test's folder: tests/sim/test_endpoints.py",
+    r"zmav sim --endpoint pty:.*|zmav up --link /tmp/quad1.*":
+        "terminals outside of the test's folder: tests/sim/test_endpoints.py",
     r"zmav lab simulate .*": "minutes of many cores: tests/mesh/scale",
     r"zmav plan scenes/.*|zmav plan .* --save .*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
 }  # fmt: skip
