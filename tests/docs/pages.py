@@ -13,7 +13,11 @@ from typing import NamedTuple
 ORIGIN = "--origin -35.363261 149.165230 584.09"
 QUAD = ("zmav sim --copters 1", f"zmav up --link tcp:127.0.0.1:5760 --name quad1 {ORIGIN}")
 """one copter and its agent, where every program looks for them"""
-AIRBORNE = (*QUAD, "zmav do quad1 arm && zmav do quad1 takeoff alt_rel=10")
+TWO = (
+    "zmav sim --copters 2 --speed 4",
+    QUAD[1],
+    f"zmav up --link tcp:127.0.0.1:5770 --name quad2 {ORIGIN} -l tcp/127.0.0.1:7448 -e tcp/127.0.0.1:7447",
+)
 
 
 class Part(NamedTuple):
@@ -27,7 +31,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "README.md": (
         Part(),
         Part("zmav mesh ca init"),
-        Part("zmav param diff", (*AIRBORNE, "zmav param save quad1 tuned.params")),
+        Part("zmav param diff", (*TWO, "zmav param save quad1 tuned.params")),
         Part("zmav gcs", QUAD),
         Part("zenoh", QUAD),
     ),
