@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ SHELL = ("", "sh", "shell", "bash", "console")
 """languages of fenced blocks that hold commands"""
 OPERATORS = ("&&", "||", ";", "|", "&")
 PREFIXES = re.compile(r"([A-Z_]+=\S*\s+|sudo\s+(-E\s+)?|\$\s+)+")
-IN_TREE = re.compile(r"(?<![\w/~.-])(?:agents|deploy|docs|ground|mesh|tests|zmav)/[\w./-]+")
+IN_TREE = re.compile(r"(?<![\w/~.-])(?:(?:agents|deploy|docs|ground|mesh|tests)/[\w./-]+|zmav/[\w/]+\.py)")
 
 
 class Command(NamedTuple):
@@ -151,3 +151,23 @@ def faults(command: Command) -> Iterator[str]:
             yield from (
                 f"make has no target {word!r}" for word in words[1:] if "=" not in word and word not in targets()
             )
+
+
+def verbs_in_prose(page: Path, coming: Container[str]) -> Iterator[str]:
+    """The verbs that a page names between backquotes, as ``zmav agent run``, and that there are not."""
+    if page.relative_to(ROOT).as_posix() in GENERATED:
+        return
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for span in re.findall(r"`zmav ([a-z][^`]*)`", text):
+        command: click.Command = zmav
+        context = click.Context(zmav, info_name="zmav")
+        for word in span.split():
+            if not isinstance(command, click.Group) or not re.fullmatch(r"[a-z][a-z-]*", word):
+                break
+            found = command.get_command(context, word)
+            if found is None:
+                verb = f"{context.command_path} {word}".split(" ", 1)[1]
+                if verb not in coming and not command.invoke_without_command:
+                    yield f"{page.relative_to(ROOT)}: `zmav {span}`: there is no verb {word!r}"
+                break
+            command, context = found, click.Context(found, info_name=word, parent=context)

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -121,7 +122,9 @@ class Stage:
         self.programs: list[Program] = []
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
         path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+        self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")
         self.environment |= {
+            "XDG_RUNTIME_DIR": self._runtime.name,  # short: a socket's path may have some 100 letters
             "PATH": path, "HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache"), "MPLBACKEND": "Agg",
             "PYTHONUNBUFFERED": "1", "TERM": "dumb",
         }  # fmt: skip
@@ -142,6 +145,7 @@ class Stage:
                 program.signal(signal.SIGKILL)
                 program.process.wait()
             self.network.__exit__(kind, error, tb)
+            self._runtime.cleanup()
 
     def clear(self) -> None:
         """End what runs, the last first."""

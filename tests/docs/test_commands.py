@@ -11,9 +11,10 @@ from typing import Any
 import click
 import pytest
 
+from agents.planner.warm import warm
 from tests.agents.planner.generate import as_json, swap_circle
-from tests.docs.commands import ROOT, Command, all_commands, faults
-from tests.docs.pages import NOT_RUN, PARTS
+from tests.docs.commands import PAGES, ROOT, Command, all_commands, faults, verbs_in_prose
+from tests.docs.pages import COMING, NOT_RUN, PARTS
 from tests.docs.stage import Stage, namespaced
 
 COMMANDS = all_commands()
@@ -41,7 +42,7 @@ def test_every_command_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("zmav nosuch", "No such command"),
         ("zmav ls --nosuch", "No such option"),
-        ("zmav ls --for soon", "not a valid float"),
+        ("zmav hz quad1 --for soon", "not a valid float"),
         ("zmav ls && zmav fly", "Missing argument"),
         ("make nosuch", "no target"),
         ("zmav plan deploy/nosuch.json", "not in the tree"),
@@ -49,6 +50,11 @@ def test_every_command_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_a_command_that_cannot_be_is_named(text: str, words: str) -> None:
     assert words in " ".join(faults(Command("page.md", 1, text)))
+
+
+def test_every_verb_in_the_prose_is_there() -> None:
+    wrong = [fault for page in PAGES for fault in verbs_in_prose(page, COMING)]
+    assert not wrong, "\n" + "\n".join(wrong)
 
 
 def test_every_command_is_run_or_told_of() -> None:
@@ -82,6 +88,8 @@ def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     if why := namespaced():
         pytest.skip(why)
     files(tmp_path)
+    if any(command.text.startswith("zmav plan ") for command in to_run(page)):
+        warm()  # compiles where nothing has been yet, which takes minutes
     parts = list(PARTS[page])
     with Stage(tmp_path) as stage:
         for command in to_run(page):
