@@ -22,10 +22,11 @@ TWO = (
 
 
 class Part(NamedTuple):
-    """From a page's first command that begins with ``at`` on: end what runs, then run ``before``."""
+    """From a page's first command that begins with ``at`` on: end what runs (if ``fresh``), then run ``before``."""
 
     at: str = ""
     before: tuple[str, ...] = ()
+    fresh: bool = True
 
 
 PARTS: dict[str, tuple[Part, ...]] = {
@@ -33,24 +34,30 @@ PARTS: dict[str, tuple[Part, ...]] = {
         Part(),
         Part("zmav mesh ca init"),
         Part("zmav param diff", (*TWO, "zmav param save quad1 tuned.params", UP)),
+        Part("zmav log", ("zmav do quad1 land",), fresh=False),
         Part("zmav gcs", QUAD),
         Part("zenoh", QUAD),
     ),
     "docs/agents.md": (Part("", QUAD),),
     "docs/concepts.md": (Part("", QUAD),),
-    "docs/credentials.md": (Part(),),
+    "docs/credentials.md": (Part("", ("zmav mesh ca init --fleet alpha",)),),
+    "docs/mesh.md": (Part(),),
+    "docs/planner.md": (Part("zmav swarm", (*QUAD, "zmav swarm planner --name ground")),),
+    "docs/viewer.md": (Part("", QUAD),),
     "docs/http.md": (Part("", QUAD),),
     "docs/planner-files.md": (Part(),),
     "docs/recording.md": (Part("", QUAD),),
-    "docs/simulator.md": (Part("zmav sim status", ("zmav sim --copters 2",)),),
+    "docs/simulator.md": (
+        Part("zmav sim status", ("zmav sim --copters 2",)),
+        Part("zmav sim fault", ("zmav sim --copters 1",)),
+    ),
     "docs/gcs.md": (Part("", QUAD),),
     "docs/matlab.md": (Part(),),
-    "docs/mesh-bench.md": (Part("", QUAD),),
 }
 """the pages whose commands are run: of all others each command stands in NOT_RUN"""
 
 NOT_RUN: dict[str, str] = {
-    # A regular expression that the whole command matches: why it is not run here.
+    # A regular expression that the whole command matches, or "PAGE: COMMAND": why it is not run here.
     r"make (test|demo)": "the first is this; the second is tests/agents/test_demo.py",
     r"make conformance.*": "flies for minutes: tests/conformance, which 'make test' runs on the simulated autopilots",
     r"(sudo )?zmav lab .*": "needs root and a network of many hosts: tests/mesh/lab",
@@ -60,12 +67,11 @@ NOT_RUN: dict[str, str] = {
     r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*":
         "needs a device: tests/sim/hil, tests/agents/camera",
     r"pip install .*": "a network to the package registries; what it names is looked up among its extras",
-    r"zmav view.*": "opens a window or a port of the viewer's for good: tests/ground/view",
-    r"zmav top": "a table of a terminal that ends on q: tests/ground/top",
+    r"zmav view|zmav view --viewer .*": "opens a window, or wants one elsewhere: tests/ground/view",
     r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",
-    r"zmav mesh graph": "tests/mesh/quality, with more than one router",
-    r"zmav (up|router|mesh config) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
-    r"zmav swarm .*|zmav router &": "a planner and vehicles that fly for minutes: tests/agents/planner/live",
+    r"zmav (up|router) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
+    r"README.md: zmav swarm .*|zmav swarm (takeoff|formation|planner) .*|zmav swarm cancel g1|zmav router &":
+        "several vehicles that fly for minutes: tests/agents/planner/live",
     r"zmav demo follow.*": "a minute of flight: tests/agents/test_demo_follow.py",
     r"zmav agent (run|do|param|inject) (?!blinker|hopper).*(hex1|follower|helipad|rover1|quad1).*":
         "flights with pictures or 250 cycles a second: tests/agents/follower, tests/agents/controllers",
@@ -77,8 +83,6 @@ NOT_RUN: dict[str, str] = {
     r"zmav (ls|do|doctor|mesh ca roster) .*-e quic/10\..*":
         "addresses of the example's network: tests/mesh/credentials",
     r"zmav mesh ca init --fleet alpha --passphrase": "asks for a passphrase at a terminal: tests/mesh/credentials",
-    r"zmav mesh ca (issue (quad1|quad2|ground|alice|lab) --role \w+|revoke lab)":
-        "under that authority: tests/mesh/credentials",
     r"zmav doctor --credentials DIR": "DIR is the reader's: tests/cli/test_doctor.py",
     r"zmav gcs --udp 192.*": "an address that is not here: tests/ground/gcs",
     r"zmav replay .*": "of a recording with that name: tests/ground/record/test_replay.py",
