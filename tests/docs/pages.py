@@ -33,10 +33,12 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "README.md": (
         Part(),
         Part("zmav mesh ca init"),
+        Part("zmav mesh graph", QUAD),
         Part("zmav param diff", (*TWO, "zmav param save quad1 tuned.params", UP)),
         Part("zmav log", ("zmav do quad1 land",), fresh=False),
         Part("zmav gcs", QUAD),
         Part("zenoh", QUAD),
+        Part("zmav sim fault", ("zmav sim --copters 1",)),
     ),
     "docs/agents.md": (Part("", QUAD),),
     "docs/concepts.md": (Part("", QUAD),),
@@ -51,14 +53,26 @@ PARTS: dict[str, tuple[Part, ...]] = {
         Part("zmav sim status", ("zmav sim --copters 2",)),
         Part("zmav sim fault", ("zmav sim --copters 1",)),
     ),
+    "docs/demos.md": (Part(),),
+    "docs/doctor.md": (Part("", QUAD),),
     "docs/gcs.md": (Part("", QUAD),),
+    "docs/quickstart.md": (Part("zmav goto", (*QUAD, UP)),),
     "docs/matlab.md": (Part(),),
 }
 """the pages whose commands are run: of all others each command stands in NOT_RUN"""
 
 NOT_RUN: dict[str, str] = {
     # A regular expression that the whole command matches, or "PAGE: COMMAND": why it is not run here.
-    r"make (test|demo)": "the first is this; the second is tests/agents/test_demo.py",
+    r"(cd zmav && )?make (test|demo( ARGS=\S+)?)": "the first is this; the others take minutes: tests/agents/demo",
+    r"(sudo|systemctl|journalctl|git|ssh|scp) .*": "changes this machine, or wants another one: tests/deploy",
+    r"docs/(install|vehicle-setup).md: .*":
+        "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py",
+    r"docs/quickstart.md: (zmav .*quad[23].*|zmav mesh (ca|config|graph).*|zmav swarm .*|zmav param set 'quad\*' .*"
+    r"|zmav (ls|doctor|gcs|top|record --out flights|do .*|echo quad1/ATTITUDE|demo --stay))":
+        "with three vehicles, in the reader's order: README.md has them run; tests/agents/demo",
+    r"zmav demo (?!--list$).*": "minutes of flight: tests/agents/demo",
+    r"zmav doctor( --file .*| --link .*)": "looks at a vehicle's own computer: tests/cli/test_doctor_fleet.py",
+    r"zmav hil .*": "asks a person, and wants an autopilot",
     r"make conformance.*": "flies for minutes: tests/conformance, which 'make test' runs on the simulated autopilots",
     r"(sudo )?zmav lab .*": "needs root and a network of many hosts: tests/mesh/lab",
     r"sudo python tests/bench/.*|python tests/bench/.*": "a measurement of many minutes",
@@ -72,7 +86,6 @@ NOT_RUN: dict[str, str] = {
     r"zmav (up|router) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
     r"README.md: zmav swarm .*|zmav swarm (takeoff|formation|planner) .*|zmav swarm cancel g1|zmav router &":
         "several vehicles that fly for minutes: tests/agents/planner/live",
-    r"zmav demo follow.*": "a minute of flight: tests/agents/test_demo_follow.py",
     r"zmav agent (run|do|param|inject) (?!blinker|hopper).*(hex1|follower|helipad|rover1|quad1).*":
         "flights with pictures or 250 cycles a second: tests/agents/follower, tests/agents/controllers",
     r"zmav (do hex1|up --file deploy/demos/hexarotor|sim --fleet deploy/demos/hexarotor).*":
@@ -94,5 +107,5 @@ NOT_RUN: dict[str, str] = {
     r"zmav plan scenes/.*|zmav plan .* --save .*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
 }  # fmt: skip
 
-COMING = frozenset(["agent install"])
+COMING = frozenset(["hil"])
 """verbs that are being written and may be named before they are there"""
