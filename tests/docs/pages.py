@@ -17,6 +17,7 @@ UP = "zmav do quad1 arm && zmav do quad1 takeoff alt_rel=10"
 TWO = (
     "zmav sim --copters 2 --speed 4",
     QUAD[1],
+    "zmav param set quad1 DISARM_DELAY=0",  # four times as fast, it would disarm before the next order comes
     f"zmav up --link tcp:127.0.0.1:5770 --name quad2 {ORIGIN} -l tcp/127.0.0.1:7448 -e tcp/127.0.0.1:7447",
 )
 
