@@ -37,6 +37,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
         Part("zmav mesh graph", QUAD),
         Part("zmav param diff", (*TWO, "zmav param save quad1 tuned.params", UP)),
         Part("zmav log", ("zmav do quad1 land",), fresh=False),
+        Part("zmav command", (UP,), fresh=False),
         Part("zmav gcs", QUAD),
         Part("zenoh", QUAD),
         Part("zmav sim fault", ("zmav sim --copters 1",)),
