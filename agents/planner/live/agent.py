@@ -315,6 +315,9 @@ class Agent:
         self._end_runs()
         if self.solver.ready:
             self._begin_runs()
+        else:
+            for entry in self.ledger.ready():
+                entry.text = "waits for the solver, which compiles for a minute or two once on a machine"
 
     def _ask_homes(self, now: float) -> None:
         """One after the other and again, where we did not see them take off."""
