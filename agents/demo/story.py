@@ -141,12 +141,9 @@ class Demo(msgspec.Struct, frozen=True):
 
 
 def folder() -> Path | None:
-    """Where the demo fleets are: in the tree that this runs from, or in the installed package."""
-    here = Path(__file__).resolve()
-    for place in (here.parents[2] / "deploy" / "demos", here.parent / "fleets"):
-        if place.is_dir():
-            return place
-    return None
+    """Where the demo fleets are: in the tree that this runs from. None: it was installed without one."""
+    place = Path(__file__).resolve().parents[2] / "deploy" / "demos"
+    return place if place.is_dir() else None
 
 
 def demos() -> list[Demo]:
