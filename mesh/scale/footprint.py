@@ -97,6 +97,7 @@ class Copter:
         silent = (
             keys.MSG.key(fleet, name, msg="*"),
             keys.BODY.key(fleet, name),
+            keys.HOST.key(fleet, name),
             keys.PARAMS.key(fleet, name),
             keys.PARAM.key(fleet, name, param="*"),
             keys.MISSION.key(fleet, name, kind="*"),

@@ -317,7 +317,22 @@ def test_wrong_usage_is_told(here: type[Here], arguments: list[str]) -> None:
 
 def test_help_lists_every_verb(here: type[Here]) -> None:
     told = here()("--help")
-    above = {"up", "demo", "router", "plan", "swarm", "mesh", "lab", "gcs", "http", "record", "replay", "view", "top"}
+    above = {
+        "up",
+        "demo",
+        "hil",
+        "router",
+        "plan",
+        "swarm",
+        "mesh",
+        "lab",
+        "gcs",
+        "http",
+        "record",
+        "replay",
+        "view",
+        "top",
+    }
     above |= {"camera"}
     verbs = {*cli.VERBS, *above}
     assert len(verbs) == len(cli.VERBS) + len(above)

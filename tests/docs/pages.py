@@ -47,7 +47,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "docs/credentials.md": (Part("", ("zmav mesh ca init --fleet alpha",)),),
     "docs/mesh.md": (Part(),),
     "docs/planner.md": (Part("zmav swarm", (*QUAD, "zmav swarm planner --name ground")),),
-    "docs/viewer.md": (Part("", QUAD),),
+    "docs/viewer.md": (Part("", QUAD), Part("zmav view --web --save", QUAD)),
     "docs/http.md": (Part("", QUAD),),
     "docs/planner-files.md": (Part(),),
     "docs/recording.md": (Part("", QUAD),),
