@@ -120,7 +120,7 @@ def _figure(title: str) -> tuple[Figure, Any, Any, Any]:
     above, heights, ways = axes["above"], axes["heights"], axes["ways"]
     above.set(xlabel="east, m", ylabel="north, m", aspect="equal")
     heights.set(ylabel="height, m")
-    ways.set(xlabel="time, s", ylabel="from its start over the ground, m")
+    ways.set(xlabel="time, s", ylabel="way from start, m")
     for each in (above, heights, ways):
         each.grid(alpha=0.3)
     figure.suptitle(title, fontsize=10)
