@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import fnmatch
+import importlib.util
 import time
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import zenoh
 from rich.console import Console
@@ -28,11 +30,11 @@ LOOK = 0.1
 RECORDER = "recorder"
 
 
-class Mark:
-    """A moment of the story that its picture shows."""
+class Mark(NamedTuple):
+    """A moment of the story, s since its beginning, that its picture shows."""
 
-    def __init__(self, t: float, text: str) -> None:
-        self.t, self.text = t, text
+    t: float
+    text: str
 
 
 class Play:
@@ -43,7 +45,6 @@ class Play:
         self.truth = Truth(demo.vehicles)
         self.marks: list[Mark] = []
         self.watch: Watch | None = None
-        self.recorded = False
         self._brief: list[str] = []
         """what was started and may end by itself"""
         self._live = live
@@ -67,21 +68,14 @@ class Play:
                     for task in filter(None, (watching, drawing)):
                         task.cancel()
                     await asyncio.gather(*filter(None, (watching, drawing)), return_exceptions=True)
-            if self.recorded:
-                self.processes.end(RECORDER)
+            self.processes.end(RECORDER)
 
     def _record(self) -> None:
         """Beside everything else; without its package there are .tlog files alone."""
-        try:
-            import mcap  # type: ignore[import-untyped,unused-ignore]  # noqa: F401
-
-            more: tuple[str, ...] = ()
-        except ImportError:
-            more = ("--no-mcap",)
-        environment = self.stage.environment("ground")
-        self.processes.start(RECORDER, "record", "--out", str(self.out / "recording"), "--keep-free", "100MB", *more,
-                             environment=environment)  # fmt: skip
-        self.recorded = True
+        more = () if importlib.util.find_spec("mcap") else ("--no-mcap",)
+        where = self.stage.environment("ground")
+        how = ("--out", str(self.out / "recording"), "--keep-free", "100MB", *more)
+        self.processes.start(RECORDER, "record", *how, environment=where)
 
     def judge(self) -> None:
         """Raise :class:`ZmavError` where two came nearer than the story allows."""
@@ -93,13 +87,13 @@ class Play:
     async def _ready(self, z: zmav.Client) -> None:
         names = self.demo.vehicles
         self._tell(f"waiting until {len(names)} vehicles are there and ready")
-        await self._watched(z.wait_for(*names, timeout=self.demo.story.ready), self.demo.story.ready)
+        await self._watched(z.wait_for(*names, timeout=self.demo.story.ready))
         for name in names:
             until = z.vehicle(name).wait_until(lambda s: s.ready is True and s.local is not None, self.demo.story.ready)
-            await self._watched(until, self.demo.story.ready)
+            await self._watched(until)
         self._mark("ready")
 
-    async def _watched(self, waiting: Awaitable[object], within: float) -> None:
+    async def _watched(self, waiting: Awaitable[object]) -> None:
         """Wait, but not for processes that are gone."""
         task = asyncio.ensure_future(waiting)
         try:
@@ -134,7 +128,7 @@ class Play:
         elif step.wait is not None:
             await self._wait(z, step.wait, step.within)
         elif step.pause is not None:
-            await self._watched(asyncio.sleep(step.pause), step.pause)
+            await self._watched(asyncio.sleep(step.pause))
         for pairs, through in ((step.cut, False), (step.mend, True)):
             for pair in pairs or ():
                 self._mark(f"{'mended' if through else 'cut'}: {pair[0]} - {pair[1]}")
@@ -155,13 +149,14 @@ class Play:
         process = self.processes.start(
             name, *self._words(command), may_end=True, environment=self._environment(step)
         )  # fmt: skip
-        deadline, told = time.monotonic() + step.within, 0
-        while process.poll() is None:
+        told = 0
+
+        def ended() -> bool:
+            nonlocal told
             told = self._echo(name, told)
-            self.processes.check()
-            if time.monotonic() > deadline:
-                raise TimedOut(f"'{command}' was not done within {step.within:g} s")
-            await asyncio.sleep(LOOK)
+            return process.poll() is not None
+
+        await self._until(ended, step.within, lambda: f"'{command}' was not done within {step.within:g} s")
         self._echo(name, told)
         if step.refused and process.returncode == 0:
             raise ZmavError(f"'{command}' was done, but should have been refused")
@@ -169,22 +164,25 @@ class Play:
             raise ZmavError(f"'{command}' ended with {process.returncode}")
 
     async def _join(self, name: str, within: float) -> None:
-        deadline = time.monotonic() + within
-        while self.processes.ended(name) is None:
-            self.processes.check()
-            if time.monotonic() > deadline:
-                raise TimedOut(f"{name} did not end within {within:g} s; it said last:\n{self.processes.said(name)}")
-            await asyncio.sleep(LOOK)
+        def words() -> str:
+            return f"{name} did not end within {within:g} s; it said last:\n{self.processes.said(name)}"
+
+        await self._until(lambda: self.processes.ended(name) is not None, within, words)
         self._mark(f"{name} has ended")
 
     async def _said(self, name: str, text: str, within: float) -> None:
+        def words() -> str:
+            return f"{name} did not say {text!r} within {within:g} s; it said last:\n{self.processes.said(name)}"
+
+        await self._until(lambda: any(text in line for line in self.processes.lines(name)), within, words)
+
+    async def _until(self, true: Callable[[], bool], within: float, words: Callable[[], str]) -> None:
+        """Look until it is so, but not for processes that are gone. Raises :class:`TimedOut` with those words."""
         deadline = time.monotonic() + within
-        while not any(text in line for line in self.processes.lines(name)):
+        while not true():
             self.processes.check()
             if time.monotonic() > deadline:
-                raise TimedOut(
-                    f"{name} did not say {text!r} within {within:g} s; it said last:\n{self.processes.said(name)}"
-                )
+                raise TimedOut(words())
             await asyncio.sleep(LOOK)
 
     def _echo(self, name: str, told: int) -> int:
@@ -202,16 +200,14 @@ class Play:
             status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
             heard[str(sample.key_expr).split("/")[2]] = status.state
 
+        def missing() -> list[str]:
+            return [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]
+
         key = keys.AGENT_STATUS.key(z.fleet_name, "*", agent=wait.agent or "none")
         async with z.subscribe(key, convert) as statuses:
             reading = asyncio.create_task(_drain(statuses))
-            deadline = time.monotonic() + within
             try:
-                while missing := [name for name in names if not holds(z.vehicle(name), wait, heard.get(name))]:
-                    self.processes.check()
-                    if time.monotonic() > deadline:
-                        raise TimedOut(f"within {within:g} s it did not come about for {', '.join(missing)}: {wait}")
-                    await asyncio.sleep(LOOK)
+                await self._until(lambda: not missing(), within, lambda: _late(wait, missing(), within))
             finally:
                 reading.cancel()
                 await asyncio.gather(reading, return_exceptions=True)
@@ -271,17 +267,25 @@ def holds(vehicle: zmav.Vehicle, wait: Wait, agent_state: str | None) -> bool:
     return wait.agent is None or (agent_state is not None and fnmatch.fnmatch(agent_state, wait.state or "*"))
 
 
+def _late(wait: Wait, missing: list[str], within: float) -> str:
+    return f"within {within:g} s it did not come about: {_words_of(wait, missing)}"
+
+
 def _words_of(wait: Wait, names: list[str]) -> str:
     who = ", ".join(names) if len(names) <= 4 else f"{len(names)} vehicles"
-    what = [f"in {' or '.join(wait.mode)}"] if wait.mode else []
-    what += ["armed" if wait.armed else "disarmed"] if wait.armed is not None else []
-    what += [f"above {wait.above:g} m"] if wait.above is not None else []
-    what += (
-        ["with their pilots" if wait.pilot else "with nobody's hand on the switch"] if wait.pilot is not None else []
-    )
-    what += ["not heard any more" if wait.stale else "heard again"] if wait.stale is not None else []
-    what += [f"{wait.agent}: {wait.state}"] if wait.agent else []
-    return f"{who} {' and '.join(what)}"
+    what = [
+        f"in {' or '.join(wait.mode)}" if wait.mode else "",
+        _either(wait.armed, "armed", "disarmed"),
+        f"above {wait.above:g} m" if wait.above is not None else "",
+        _either(wait.pilot, "with their pilots", "with nobody's hand on the switch"),
+        _either(wait.stale, "not heard any more", "heard again"),
+        f"{wait.agent}: {wait.state}" if wait.agent else "",
+    ]
+    return f"{who} {' and '.join(filter(None, what))}"
+
+
+def _either(value: bool | None, yes: str, no: str) -> str:
+    return "" if value is None else yes if value else no
 
 
 async def _draw(z: zmav.Client, view: Live) -> None:
