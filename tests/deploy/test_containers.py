@@ -56,7 +56,7 @@ def test_bases_are_pinned_and_good_enough() -> None:
     assert found, bases[0]
     assert f"Programming Language :: Python :: {found[1]}" in PROJECT["project"]["classifiers"]
     assert set(re.findall(r"/lib/python([\d.]+)/", DOCKERFILE)) == {found[1]}
-    assert f"docker.io/library/{bases[0]}" in LAST_STAGE
+    assert f'base.name="{bases[0]}"' in LAST_STAGE
 
 
 def test_the_version_is_the_project_s() -> None:
