@@ -34,6 +34,8 @@ TICK, EVERY = 0.1, 1.0
 LEAD, GUARD = 0.8, 0.05
 """s ahead at which a new segment leaves the old one, and before that by which it must have been taken"""
 RESEND = 0.3
+APART = 0.05
+"""s between two points at least: vehicles refuse those that are nearer than 0.02"""
 KNOTS = 5
 """steps of a motion from one point of a segment to the next"""
 BLOCKED = 6.0
@@ -292,8 +294,10 @@ def _standing(place: Floats, now: float) -> Entry:
 
 
 def _head(rows: Floats, d: float, now: float) -> Floats:
-    """The points up to ``d`` (not at it), from just before now; of what rests by then, its place."""
-    before = rows[rows[:, 0] < d - 1e-3]
+    """The points up to ``d`` (not at it, nor so near that a vehicle refuses it), from just before now; of what rests by
+    then, its place.
+    """
+    before = rows[rows[:, 0] <= d - APART]
     first = max(int(np.searchsorted(before[:, 0], now - 0.2)) - 1, 0)
     kept: Floats = before[first:]
     if len(kept) and kept[-1, 0] > now - 4.0 and rows[-1, 0] > now - 0.2:
