@@ -44,6 +44,8 @@ class Relay:
                 continue
             readable, _, _ = select.select([self._door, *self._other], [], [], 0.05)
             for each in readable:
+                if self.cut.is_set():  # meanwhile
+                    break
                 if each is self._door:
                     self._connect()
                 elif each in self._other:

@@ -184,9 +184,21 @@ class Vehicle(NamedTuple):
         return asyncio.run(wait())
 
 
+@pytest.fixture
+def vehicle(shared_vehicle: Vehicle) -> Iterator[Vehicle]:
+    """quad1, awake; shared, so leave it as you found it: disarmed on the ground. One that a failed test left in the air
+    is brought down, so that the next ones can tell of themselves.
+    """
+    yield shared_vehicle
+    left = shared_vehicle.sim.status()
+    if left.armed or left.mode != "STABILIZE":
+        for order in (("land",), ("set_mode", "mode=STABILIZE")):
+            shared_vehicle.zmav("do", "quad1", *order)
+        shared_vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
+
+
 @pytest.fixture(scope="session")
-def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
-    """quad1, awake; shared, so leave it as you found it: disarmed on the ground."""
+def shared_vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
     spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "FS_GCS_ENABLE": 1.0})
     with World([spec], endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
