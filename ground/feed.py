@@ -34,7 +34,7 @@ class Origin(NamedTuple):
     sysid: int
     compid: int
     message: str
-    """by name; ``UNKNOWN_410`` where the vehicle's dialect lacks it"""
+    """by name; ``UNKNOWN_44000`` where the vehicle's dialect lacks it"""
     key: str
 
 
@@ -61,6 +61,7 @@ class Feed:
         once: bool = True,
     ) -> None:
         self._on_frame, self._once = on_frame, once
+        self._replay = keys.is_replay(fleet)
         self._origins: dict[str, Origin] = {}
         self._lock = threading.Lock()
         """each subscriber has a thread of its own"""
@@ -72,7 +73,7 @@ class Feed:
         self.twice = 0
         """frames left out because they had come over another link already"""
         self.foreign = 0
-        """samples left out because their key is none of a frame's"""
+        """samples left out because their key is none of a frame's, or a recording's where vehicles are heard"""
         wanted = {
             keys.expression(f"{vehicle}/mav/rx/*/*/{message}", fleet) for vehicle in vehicles for message in messages
         }
@@ -97,7 +98,7 @@ class Feed:
         key = str(sample.key_expr)
         with self._lock:
             origin = self._origins.get(key) or self._new_origin(key)
-            if origin is None:
+            if origin is None or keys.is_replay(origin.fleet) != self._replay:
                 self.foreign += 1
                 return
             if index and any(wanted.intersects(sample.key_expr) for wanted in self._wanted[:index]):

@@ -10,7 +10,7 @@ from mesh.plan import RouterPlan
 from mesh.router import Router
 from zmav import systemd
 from zmav.errors import ZmavError
-from zmav.process import say, until_stopped
+from zmav.process import log, until_stopped
 
 LOOK_S, AGAIN_S = 0.5, 1.0
 
@@ -27,7 +27,7 @@ async def until_outdated(
     stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, plan, idle))
     try:
         await asyncio.sleep(0)  # the tasks begin
-        say(line)
+        log(line)
         systemd.notify("READY=1", f"STATUS={line}")
         _say_waiting(router.plan)
         await asyncio.wait((stopped, outdated), return_when=asyncio.FIRST_COMPLETED)
@@ -47,7 +47,7 @@ async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[
     why, said = await router.outdated(), ""
     while True:
         if not idle():
-            say(f"{why}: starting anew as soon as the vehicle is disarmed and nobody commands it")
+            log(f"{why}: starting anew as soon as the vehicle is disarmed and nobody commands it")
             while not idle():
                 await asyncio.sleep(LOOK_S)
         try:
@@ -55,7 +55,7 @@ async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[
         except ZmavError as e:
             if said != str(e):
                 said = str(e)
-                say(f"{why}, but this could not start anew: {said}")
+                log(f"{why}, but this could not start anew: {said}")
             await asyncio.sleep(AGAIN_S)
             continue
         if idle():
@@ -67,4 +67,4 @@ def _say_waiting(plan: RouterPlan) -> None:
     for radio in plan.radios:
         if not radio.present:
             what = f"has not the address {radio.address.ip}" if radio.address else "is not there or has no address"
-            say(f"{radio.name} {what} yet: waiting for it")
+            log(f"{radio.name} {what} yet: waiting for it")

@@ -141,8 +141,8 @@ class Net:
         session = self._open(msgspec.structs.replace(how, cfg=("scouting/delay:0", *cfg)))
         return session, endpoint_of(session)
 
-    def ground(self, endpoint: str, name: str = "quad1") -> Ground:
-        return Ground(self._open(SessionSettings(connect=[endpoint])), name=name)
+    def ground(self, endpoint: str, name: str = "quad1", fleet: str = "demo") -> Ground:
+        return Ground(self._open(SessionSettings(connect=[endpoint])), fleet, name)
 
     async def linked(self, session: zenoh.Session, key: str) -> None:
         """Wait until ``session`` knows of a subscriber of ``key``: what is put before is lost."""

@@ -117,7 +117,7 @@ async def test_every_frame_on_its_key_as_it_came(rig: Rig) -> None:
         rx(7, 191, "HEARTBEAT"): heartbeat(7, 191, version=1),
         rx(255, 190, "COMMAND_LONG"): command(),
         rx(255, 190, "SET_MODE"): signed(set_mode(1)),
-        rx(1, 1, "UNKNOWN_410"): unknown(410),
+        rx(1, 1, "UNKNOWN_44010"): unknown(44010),
         rx(1, 1, "UNKNOWN_16777215"): unknown(0xFFFFFF),
     }
     assert await rig.came(*sent.values()) == list(sent.items())
@@ -130,7 +130,7 @@ async def test_every_frame_on_its_key_as_it_came(rig: Rig) -> None:
         rig.autopilot.send(stream[at : at + 7])
     await rig.frames.until(lambda: len(rig.frames.items) == 24, "all of them")
     assert rig.frames.items[12:] == list(sent.items()) * 2
-    assert rig.adapter.names() == ["COMMAND_LONG", "HEARTBEAT", "SET_MODE", "UNKNOWN_16777215", "UNKNOWN_410"]
+    assert rig.adapter.names() == ["COMMAND_LONG", "HEARTBEAT", "SET_MODE", "UNKNOWN_16777215", "UNKNOWN_44010"]
 
 
 GOOD = {
@@ -142,7 +142,7 @@ GOOD = {
     "broadcast": (heartbeat(255, 190), "HEARTBEAT", 0, 0),
     "MAVLink 1": (heartbeat(255, 190, version=1), "HEARTBEAT", 0, 0),
     "signed": (signed(command()), "COMMAND_LONG", 1, 1),
-    "unknown": (unknown(411, 255, 190), "UNKNOWN_411", 1, 1),
+    "unknown": (unknown(44011, 255, 190), "UNKNOWN_44011", 1, 1),
 }
 
 
@@ -166,8 +166,8 @@ BAD = [
     (heartbeat()[:-1] + b"\0", "HEARTBEAT", 1, 1, "the checksum of HEARTBEAT is"),
     (heartbeat()[:2] + b"\x02" + heartbeat()[3:], "HEARTBEAT", 1, 1, "flags 0x02"),
     (heartbeat(), "ATTITUDE", 1, 1, "it holds HEARTBEAT"),
-    (unknown(410), "UNKNOWN_411", 1, 1, "it holds UNKNOWN_410"),
-    (unknown(410), "HEARTBEAT", 1, 1, "it holds UNKNOWN_410"),
+    (unknown(44010), "UNKNOWN_44011", 1, 1, "it holds UNKNOWN_44010"),
+    (unknown(44010), "HEARTBEAT", 1, 1, "it holds UNKNOWN_44010"),
     (command(2, 1), "COMMAND_LONG", 1, 1, "its target_system is 2"),
     (command(0, 0), "COMMAND_LONG", 1, 1, "its target_system is 0"),
     (command(1, 1), "COMMAND_LONG", 0, 0, "its target_system is 1"),
@@ -202,18 +202,18 @@ async def test_unfit_frames_are_refused_counted_and_said(rig: Rig) -> None:
     assert (rig.adapter.tx.refused, rig.adapter.tx.frames) == (len(BAD) + 3, 1)
 
 
-async def test_nothing_passes_while_the_guard_forbids(rig: Rig) -> None:
+async def test_nothing_passes_that_is_not_admitted(rig: Rig) -> None:
     await rig.came(heartbeat())
 
-    def guard() -> None:
+    def admit(frame: Frame) -> None:
         raise Clash("refused: two of one name")
 
-    rig.adapter.guard, free = guard, rig.adapter.guard
+    rig.adapter.admit, free = admit, rig.adapter.admit
     for _ in range(3):
         rig.put(command(), "COMMAND_LONG")
     rig.put(b"and nonsense", "COMMAND_LONG")
     await rig.all_refused(4)
-    rig.adapter.guard = free
+    rig.adapter.admit = free
     rig.put(heartbeat(255), "HEARTBEAT")
     assert await rig.received() == heartbeat(255)
     assert [("two of one name" in said) for said in rig.refused] == [True] * 3 + [False]
@@ -236,9 +236,9 @@ async def test_what_services_use(rig: Rig) -> None:
     heard: list[Frame] = []
     other: list[Frame] = []
     stop, _ = a.listen("HEARTBEAT", heard.append), a.listen("HEARTBEAT", other.append)
-    await rig.came(heartbeat(), heartbeat(2), heartbeat(seq=1), unknown(410))
+    await rig.came(heartbeat(), heartbeat(2), heartbeat(seq=1), unknown(44010))
     stop()
-    await rig.came(heartbeat(2, seq=1), unknown(410))  # a listener is called after the put: by the next frame, it was
+    await rig.came(heartbeat(2, seq=1), unknown(44010))  # a listener is called after the put: by the next frame, it was
     assert [f.data for f in heard] == [heartbeat(), heartbeat(2), heartbeat(seq=1)]
     assert len(other) == 4
     newest, mine = a.newest("HEARTBEAT"), a.latest("HEARTBEAT", (1, 1))  # in this order: an age is as of its asking
@@ -246,9 +246,9 @@ async def test_what_services_use(rig: Rig) -> None:
     assert (mine.frame.data, mine.total) == (heartbeat(seq=1), 2)
     assert (newest.frame.data, newest.total) == (heartbeat(2, seq=1), 2)
     assert mine.age >= newest.age >= 0.0
-    strange = a.newest("UNKNOWN_410")
+    strange = a.newest("UNKNOWN_44010")
     assert strange is not None
-    assert strange.frame.data == unknown(410)
+    assert strange.frame.data == unknown(44010)
 
 
 async def test_it_speaks_with_one_row_of_sequence_numbers(rig: Rig) -> None:

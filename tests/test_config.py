@@ -108,21 +108,21 @@ def test_a_missing_vehicle_is_told_with_those_there_are(path: Path) -> None:
     ("before", "after", "field", "words"),
     [
         ('fleet = "alpha"', 'flete = "alpha"', "the file", "unknown field `flete`"),
-        ("sysid = 7", "system = 7", "vehicles[...]", "unknown field `system`"),
-        ("sysid = 7", 'sysid = "7"', "vehicles[...].sysid", "Expected `int | null`"),
-        ("sysid = 7", "sysid = 0", "vehicles[...].sysid", ">= 1"),
-        ("sysid = 7", "sysid = 256", "vehicles[...].sysid", "<= 255"),
-        ('link = "udpin:127.0.0.1:14550"', "", "vehicles[...]", "missing required field `link`"),
+        ("sysid = 7", "system = 7", "vehicles.quad1", "unknown field `system`"),
+        ("sysid = 7", 'sysid = "7"', "vehicles.quad1.sysid", "Expected `int | null`"),
+        ("sysid = 7", "sysid = 0", "vehicles.quad1.sysid", ">= 1"),
+        ("sysid = 7", "sysid = 256", "vehicles.quad1.sysid", "<= 255"),
+        ('link = "udpin:127.0.0.1:14550"', "", "vehicles.quad2", "missing required field `link`"),
         ("lat_deg = 52.756", "", "origin", "missing required field `lat_deg`"),
         ("lat_deg = 52.756", "lat_deg = 91.0", "origin.lat_deg", "±89"),
-        ("lon_deg = -1.246", "lon_deg = nan", "origin.lon_deg", "±180"),
-        ("alt_amsl = 60.0", "alt_amsl = inf", "origin.alt_amsl", "±10000"),
+        ("lon_deg = -1.246", "lon_deg = nan", "origin.lon_deg", "not a number (nan)"),
+        ("alt_amsl = 60.0", "alt_amsl = inf", "origin.alt_amsl", "infinite (inf)"),
         ('fleet = "alpha"', 'fleet = "Alpha Team"', "name", "lower-case"),
         ("[vehicles.quad2]", '[vehicles."quad 2"]', "name", "lower-case"),
         ('fleet = "alpha"', 'fleet = "alpha', "file", "not TOML"),
         ('fleet = "alpha"', "fleet == 1", "file", "not TOML"),
         ("hold_after = 0.4", "hold_after = 0.05", "failsafe.hold_after", ">= 0.1"),
-        ("hold_after = 0.4", "hold_after = nan", "failsafe.hold_after", ">= 0.1"),
+        ("hold_after = 0.4", "hold_after = nan", "failsafe.hold_after", "not a number (nan)"),
         ("land_after = 20", 'land_after = "later"', "failsafe.land_after", "Invalid enum value 'later'"),
         ("land_after = 20", "land_after = 0.2", "failsafe.land_after", ">= 1.0"),
         (
@@ -136,11 +136,16 @@ def test_a_missing_vehicle_is_told_with_those_there_are(path: Path) -> None:
         ("[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]", "[52.75, -1.25]", "geofence.polygon", "three corners"),
         ("[52.75, -1.25],", "[152.75, -1.25],", "geofence.polygon", "latitude and longitude"),
         ("radius = 300.0", "radius = -1.0", "geofence.radius", "> 0.0"),
-        ("radius = 300.0", "radius = inf", "geofence.radius", "a number of metres"),
+        ("radius = 300.0", "radius = nan", "geofence.radius", "not a number (nan)"),
         ("floor = 2.0", "floor = 60.0", "geofence.floor", "less than the ceiling"),
         ("speed = 12.0", "speed = 0", "limits.speed", "> 0.0"),
-        ("speed = 12.0", "speed = inf", "limits.speed", "a number"),
-        ("channel = 7", "channel = 19", "vehicles[...].pilot_switch.channel", "<= 18"),
+        ("speed = 12.0", "accel = inf", "limits.accel", "infinite (inf)"),
+        ("channel = 7", "channel = 19", "vehicles.quad1.pilot_switch.channel", "<= 18"),
+        ('land_after = "never"', "land_after = 0.5", "vehicles.quad1.failsafe.land_after", ">= 1.0"),
+        ('land_after = "never"', "hold_after = nan", "vehicles.quad1.failsafe.hold_after", "not a number (nan)"),
+        ("[52.75, -1.25],", "[nan, -1.25],", "geofence.polygon[0][0]", "not a number (nan)"),
+        ("speed = 12.0", "[mesh.thin]\nATTITUDE = 4\nVFR_HUD = -1", "mesh.thin.VFR_HUD", "> 0.0"),
+        ('dialect = "common"', "sysid = 7", "vehicles.quad2.sysid", "quad1 has this one"),
         ("high = 2100", "high = 1700", "vehicles.quad1.pilot_switch.low", "less than 1700"),
     ],
 )
@@ -152,6 +157,30 @@ def test_what_is_wrong_is_named(path: Path, before: str, after: str, field: str,
     assert str(path) in caught.value.message
     assert words in caught.value.message
     assert caught.value.detail["field"] == field
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "refused"),
+    [
+        ('link = "tcp:127.0.0.1:5760"', 'link = "tcp:127.0.0.1:5760"', True),
+        ('link = "tcp:10.0.0.5:5760"', 'link = "tcp:10.0.0.5:5760"\nlisten = ["tcp/10.0.0.2:7447"]', True),
+        ('link = "/dev/ttyACM0"\nsim = {}', 'link = "/dev/ttyACM0"\nsim = {}', False),  # each on its own computer
+        ('link = "serial:/dev/ttyAMA0:921600"', 'link = "serial:/dev/ttyAMA0:921600"', False),
+        (
+            'link = "udpin:0.0.0.0:14550"\nlisten = ["tcp/10.0.0.1:7447"]',
+            'link = "udpin:0.0.0.0:14550"\nconnect = ["tcp/10.0.0.1:7447"]',
+            False,
+        ),
+    ],
+)
+def test_one_link_of_two_vehicles_is_refused(path: Path, one: str, other: str, refused: bool) -> None:
+    path.write_text(f"[vehicles.quad1]\n{one}\n[vehicles.quad2]\n{other}\n")
+    if not refused:
+        assert list(load_fleet(path).vehicles) == ["quad1", "quad2"]
+        return
+    with pytest.raises(BadConfig, match="quad1 has this one") as caught:
+        load_fleet(path)
+    assert caught.value.detail["field"] == "vehicles.quad2.link"
 
 
 @pytest.mark.parametrize(

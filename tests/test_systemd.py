@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from agents.demo.processes import free_port
 from tests.cli.conftest import Process
 from tests.services.conftest import Bench, StartBench, bench, peer
 from zmav import systemd
+from zmav.process import free_port
 
 if TYPE_CHECKING:
     from tests.conftest import Net
@@ -159,3 +159,14 @@ def test_an_agent_says_when_it_is_ready_alive_and_ending(manager: Manager, net: 
     finally:
         agent.popen.kill()
         agent.wait()
+
+
+def test_the_journal_keeps_times_itself(tmp_path: Path) -> None:
+    """Only where it is standard error that goes there: $JOURNAL_STREAM is inherited."""
+    code = "import os; os.environ['JOURNAL_STREAM'] = {}; from zmav.process import log; log('up')"
+    ours, others = "f'{os.fstat(2).st_dev}:{os.fstat(2).st_ino}'", "'1:1'"
+    for stream, stamped in ((ours, False), (others, True)):
+        process = Process(sys.executable, "-c", code.format(stream))
+        assert process.wait() == 0
+        assert len(process.err) == 1
+        assert (process.err != ["up"]) is stamped, process.err

@@ -68,10 +68,8 @@ class Adapter:
         self.tx = TxCounters()
         self.on_refused: Callable[[str], None] = lambda reason: None
         self.on_link: Callable[[LinkState, str], None] = lambda state, text: None
-        self.guard: Callable[[], None] = lambda: None
-        """raises a ZmavError while nothing may be sent to the vehicle on others' behalf (a clash of names or ids)"""
         self.admit: Callable[[Frame], None] = lambda frame: None
-        """raises a ZmavError for a frame of others that may not be sent now (somebody commands the vehicle)"""
+        """raises a ZmavError for a frame of others that may not be sent now (a clash of ids, a lease)"""
         self.on_sent: Callable[[Frame], None] = lambda frame: None
         """told of each frame of others that was sent"""
         self.prove: Prove = anybody
@@ -91,8 +89,9 @@ class Adapter:
 
     def start(self) -> None:
         """Begin to carry; the link keeps itself open from now on."""
-        tx = keys.TX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
-        self._subscriber = self.session.declare_subscriber(tx, self._on_tx)
+        if not self.link.recorded:
+            tx = keys.TX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
+            self._subscriber = self.session.declare_subscriber(tx, self._on_tx)
         self.link.start(self._on_data, self._on_link_state)
 
     def close(self) -> None:
@@ -172,7 +171,6 @@ class Adapter:
         try:
             self.prove(key, payload, attached(sample))
             frame = self._checked(key, payload)
-            self.guard()
             self.admit(frame)
             data = self._signed(frame)
         except Forbidden:
@@ -242,7 +240,7 @@ class Adapter:
         return sent
 
     def latest(self, name: str, source: tuple[int, int]) -> Heard | None:
-        """The last such message of that (system, component), ``UNKNOWN_410`` included; None: never heard."""
+        """The last such message of that (system, component), ``UNKNOWN_44000`` included; None: never heard."""
         stream = self._streams.get((*source, self._msgid(name)))
         return None if stream is None else self._heard(stream)
 
@@ -275,8 +273,8 @@ class Adapter:
         return int(number) if number != name and re.fullmatch("[0-9]+", number) else self.dialect.message(name).id
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
-        """Call ``listener(frame)`` in the reader thread for every such message of any source, ``UNKNOWN_410`` included;
-        returns what ends it.
+        """Call ``listener(frame)`` in the reader thread for every such message of any source, ``UNKNOWN_44000``
+        included; returns what ends it.
         """
         msgid = self._msgid(name)
         self._set_listeners(msgid, lambda before: (*before, listener))

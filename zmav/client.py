@@ -22,7 +22,7 @@ import zenoh
 from zenoh import handlers
 
 from zmav import keys, wire
-from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, ZmavError
+from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.services.port import on_loop
 from zmav.services.proven import attached
@@ -159,7 +159,8 @@ class Client:
             roster, take = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER), self.member.take_roster
             session.declare_subscriber(roster, on_loop(loop, lambda sample: take(sample.payload.to_bytes())))
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
-        alive = keys.ALIVE.key(self.fleet_name, "*", role=keys.VEHICLE, sys="*", autopilot="*", uid="*", instance="*")
+        role = keys.REPLAY if keys.is_replay(self.fleet_name) else keys.VEHICLE
+        alive = keys.ALIVE.key(self.fleet_name, "*", role=role, sys="*", autopilot="*", uid="*", instance="*")
         session.liveliness().declare_subscriber(alive, on_loop(loop, self._on_token), history=True)
         return self
 
@@ -247,6 +248,8 @@ class Client:
 
     def _on_state(self, sample: zenoh.Sample) -> None:
         place = _place(sample)
+        if keys.is_replay(place[0]) != keys.is_replay(self.fleet_name):
+            return  # of all fleets: recordings are heard by who names theirs, and are nobody's vehicles
         try:
             self._judge(sample, self._newest)
             state = wire.decode(sample.payload.to_bytes(), wire.VehicleState, f"state of {place[1]}")
@@ -411,8 +414,11 @@ class Client:
     ) -> None:  # fmt: skip
         """Put on a channel's key with its encoding and class of service, and with a proof of origin where it needs one.
 
+        Raises :class:`~zmav.errors.Refused` for a frame to a recording.
         ``attachment``: what goes with it instead. ``publisher``: the key's, where links are not to repeat it.
         """
+        if channel is keys.TX and keys.is_replay(key.split("/")[1]):
+            raise Refused(f"{key}: a recording takes no frames", key=key)
         data = payload if isinstance(payload, bytes) else wire.encode(payload)
         proof = attachment if attachment is not None else self._proof(key, data)
         if publisher is not None:
@@ -454,6 +460,23 @@ def connect(
     elif credentials:
         settings = msgspec.structs.replace(settings, credentials=credentials)
     return Client(settings, fleet, dialect)
+
+
+async def connect_once_up(
+    stack: contextlib.AsyncExitStack, fleet: str, endpoint: str, check: Callable[[], None], patience: float = 40.0
+) -> Client:
+    """A client of a router that is just starting, perhaps among many on a busy machine; it closes with ``stack``.
+
+    ``check`` raises where that router's process has ended; :class:`~zmav.errors.SessionError` after ``patience`` s.
+    """
+    deadline = time.monotonic() + patience
+    while True:
+        check()
+        try:
+            return await stack.enter_async_context(connect(fleet=fleet, settings=SessionSettings(connect=[endpoint])))
+        except SessionError:
+            if time.monotonic() > deadline:
+                raise
 
 
 def _own(folder: str, fleet: str) -> Credentials:

@@ -49,6 +49,8 @@ _PRIORITY = {
 }
 
 VEHICLE, OPERATOR, PLANNER, VIEWER = "vehicle", "operator", "planner", "viewer"
+REPLAY = "replay"
+"""the role in the tokens of recorded vehicles, and the last word in the name of the fleets they are played in"""
 AGENT = "agent"
 """a vehicle's own programs, which speak with its certificate, and about that vehicle only"""
 ANYONE = "anyone"
@@ -324,8 +326,18 @@ def check_name(name: str, field: str = "name") -> str:
     return name
 
 
+def is_replay(fleet: str) -> bool:
+    """What this fleet's vehicles say was recorded: they hear no orders. See :func:`replay_of`."""
+    return fleet == REPLAY or fleet.endswith(f"-{REPLAY}")
+
+
+def replay_of(fleet: str) -> str:
+    """The fleet in which recordings of ``fleet`` are played: never its own, where they would be taken for vehicles."""
+    return fleet if is_replay(fleet) else f"{fleet}-{REPLAY}"
+
+
 def check_message(name: str) -> str:
-    """``name`` itself where it can be a MAVLink message's or ``UNKNOWN_410``; raises :class:`BadKey` otherwise."""
+    """``name`` itself where it can be a MAVLink message's or ``UNKNOWN_44000``; raises :class:`BadKey` otherwise."""
     if not MESSAGE.match(name):
         raise BadKey(
             f"{name!r} cannot be a message's name: they are like ATTITUDE or GPS_RAW_INT",

@@ -8,14 +8,14 @@ from __future__ import annotations
 import asyncio
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import zenoh
 
-from zmav import config, wire
+from zmav import config, keys, wire
 from zmav.adapter import Adapter
 from zmav.errors import BadConfig, Forbidden, Refused
 from zmav.links import Link, LinkState, open_link
@@ -23,7 +23,9 @@ from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
 from zmav.services.authority import Authority, Rules
 from zmav.services.body import BodyService
+from zmav.services.bounds import Bounds
 from zmav.services.command import Commander
+from zmav.services.event_words import EventTexts
 from zmav.services.events import Events
 from zmav.services.files import Files
 from zmav.services.flight import Flight
@@ -55,6 +57,7 @@ from zmav.trust.roster import Roster
 from zmav.verbs import VERBS, Verb
 
 TICK = 0.2
+Judge = Callable[[Any, Report], Awaitable[None]]
 
 
 class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
@@ -92,12 +95,15 @@ class Onboard:
         if settings.sysid is not None and not 1 <= settings.sysid <= 255:
             why = f"no system id {settings.sysid}; expected 1 to 255"
             raise BadConfig(why, field="sysid", value=settings.sysid, expected="1 to 255")
+        link = link or open_link(settings.link)
+        if link.recorded != keys.is_replay(fleet):
+            raise _other_fleet(link, fleet)
         self.settings = settings
         own = _credentials(settings)
         self.gate = Gate(own) if own else None
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
-            session, fleet, name, link or open_link(settings.link), dialect,
+            session, fleet, name, link, dialect,
             signing=_signing(settings.signing, dialect) if settings.signing else None,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )  # fmt: skip
@@ -114,33 +120,34 @@ class Onboard:
         self.quality = Quality(session, port, self.identity, self.timesync)
         self.rates = Rates(session, port, self.identity, self.events)
         self.commander = Commander(port, self.identity, self.events)
-        self.flight = Flight(port, self.identity, self.state, self.commander)
-        self.payload = Payload(port, self.commander)
+        bounds = Bounds(port, self.identity, settings.origin, settings.geofence, settings.limits)
+        self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
+        self.payload = Payload(port, self.commander, bounds)
         self.missions = Missions(session, port, self.identity, self.commander, self.events)
-        self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions)
-        rules = Rules(
-            origin=settings.origin, failsafe=settings.failsafe, geofence=settings.geofence, limits=settings.limits,
-            pilot_switch=settings.pilot_switch,
-        )  # fmt: skip
+        self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
+        rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
-            session, port, self.identity, self.commander, self.events, self.presence.check, rules
+            session, port, self.identity, self.commander, self.events, bounds, self.presence.check, rules
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
         self.rates.needs.update(self.authority.pilot.needs)
-        self.flight.check, carrot = self.authority.bounds.check, self.authority.carrot
+        carrot = self.authority.carrot
         self.flight.lead, self.flight.leads = carrot.lead, lambda: carrot.leading
         self.separation = Separation(
-            session, port, self.identity, self.authority.bounds, self.events, settings.origin,
+            session, port, self.identity, bounds, self.events, settings.origin,
             lambda: self.body.body, settings.separation,
         )  # fmt: skip
         self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
         self.params = Params(session, port, self.identity, self.events)
+        self.flight.param = self.params.value
         count = self.setpoints.counts
         self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
         self.setpoints.accept = self.needs.check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(session, port, ftp, Store(cache / fleet / name))
+        self.event_texts = EventTexts(self.identity, self.commander, self.events, self.files)
+        self.state.checks = self.event_texts.against_arming
         self.host = HostService(session, fleet, name, (cache,))
         self.logs = Logs(port, self.identity, ftp, self.files)
         self.orders = Orders(session, fleet, name)
@@ -176,7 +183,7 @@ class Onboard:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""
         flight, payload, leases = self.flight, self.payload, self.leases
         handlers: dict[str, Handler] = {
-            "arm": flight.arm,
+            "arm": self.needs.explained(flight.arm),
             "disarm": flight.disarm,
             "takeoff": flight.takeoff,
             "goto": flight.goto,
@@ -204,14 +211,36 @@ class Onboard:
             "mission_current": self.mission_flight.set_current,
         }
         told: dict[str, Guarded] = {"lease": leases.take, "release": leases.drop, "revoke": leases.revoke}
+        judges: dict[str, Judge] = {
+            "takeoff": flight.judge_takeoff,
+            "goto": flight.judge_place,
+            "reposition": flight.judge_place,
+            "set_mode": self.mission_flight.judge_mode,
+            "command": self._judge_command,
+            "mission_start": self.mission_flight.judge_start,
+        }
         for name, guarded in (told | {name: _untold(handler) for name, handler in handlers.items()}).items():
-            self.orders.add(name, self._guarded(VERBS[name], guarded))
+            self.orders.add(name, self._guarded(VERBS[name], guarded, judges.get(name)))
 
-    def _guarded(self, verb: Verb, handler: Guarded) -> Guarded:
-        """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one."""
+    async def _judge_command(self, args: wire.RunCommand, report: Report) -> None:
+        await self.payload.judge_command(args, report)
+        await self.mission_flight.judge_command(args, report)
+
+    def _guarded(self, verb: Verb, handler: Guarded, judge: Judge | None) -> Guarded:
+        """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one.
+
+        ``judge`` raises where the order cannot be done: what it would end goes on then.
+        """
 
         async def guarded(args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
-            flown = self.authority.admit(verb, args, origin)
+            self.authority.allow(verb, args, origin)
+            if judge is not None:
+                safe = self.authority.made_safe
+                await judge(args, report)  # which may take its time
+                if self.authority.made_safe != safe:
+                    raise Refused(f"{verb.name} was overtaken: the vehicle was told to hold, land or return meanwhile")
+                self.authority.allow(verb, args, origin)
+            flown = self.authority.begin(verb, args, origin)
             try:
                 return await handler(args, report, origin)
             except Exception as e:
@@ -232,12 +261,12 @@ class Onboard:
         self.identity.on_change = self.presence.on_change = changed
         self.state.extras.append(self._add_to_state)
         self.setpoints.on_segment = self.state.publish
-        adapter.guard, adapter.admit = self.presence.check, self.authority.stations.admit
+        adapter.admit = self.authority.stations.admit
         adapter.on_sent = lambda frame: self.authority.stations.sent(frame)
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
-        adapter.listen("UNKNOWN_410", on_loop(loop, self._on_words(self.events.numbered)))  # PX4's EVENT
+        adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
         self.timesync.on_restart = self.rates.restarted
         self.identity.start()
         self.presence.start()
@@ -250,7 +279,9 @@ class Onboard:
         self.missions.start()
         self.files.start()
         self.host.start()
-        self.orders.start()
+        if not adapter.link.recorded:  # a recording takes no orders, and gives no files
+            self.event_texts.start()
+            self.orders.start()
         self.authority.start()
         self.separation.start()
         self.needs.start()
@@ -269,6 +300,7 @@ class Onboard:
         self.rates.close()
         self.needs.close()
         await self.orders.close()
+        await self.event_texts.close()
         self.params.close()
         await self.missions.close()
         await asyncio.to_thread(self.adapter.close)
@@ -341,6 +373,15 @@ class Onboard:
     def _send_heartbeat(self) -> None:
         """The companion's own: MAV_TYPE_ONBOARD_CONTROLLER, no autopilot, active."""
         self.adapter.send("HEARTBEAT", type=18, autopilot=8, system_status=4, mavlink_version=3)
+
+
+def _other_fleet(link: Link, fleet: str) -> BadConfig:
+    """Recordings and vehicles are never in one fleet: none is taken for the other, nor addressed in its place."""
+    if link.recorded:
+        text = f"a recording is played in a fleet of its own: 'zmav replay', or --fleet {keys.replay_of(fleet)}"
+        return BadConfig(text, field="fleet", value=fleet, expected=keys.replay_of(fleet))
+    text = f"the fleet {fleet!r} is for recordings, whose vehicles take no orders: call it otherwise"
+    return BadConfig(text, field="fleet", value=fleet, expected=f"a name that does not end with {keys.REPLAY}")
 
 
 def _signing(settings: config.Signing, dialect: Dialect) -> Signing:

@@ -1,11 +1,15 @@
-"""How a zmav process lives: it runs until SIGTERM or SIGINT, and then ends or starts anew; and how a script does."""
+"""How a zmav process lives: it runs until SIGTERM or SIGINT, and then ends or starts anew; how a script does; and free
+ports for those that it starts.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import datetime
 import os
 import signal
+import socket
 import stat
 import sys
 import tempfile
@@ -15,6 +19,7 @@ from typing import Any, NoReturn
 
 import click
 
+from zmav import systemd
 from zmav.errors import BadConfig, ZmavError
 
 
@@ -62,6 +67,11 @@ def say(line: str) -> None:
         click.echo(line, err=True)
 
 
+def log(line: str) -> None:
+    """As :func:`say`, for a program that runs for long: with the local time, but where a journal keeps times itself."""
+    say(line if systemd.journals() else f"{datetime.datetime.now().isoformat(' ', 'milliseconds')} {line}")
+
+
 def own_directory(name: str, advice: str, environment: Mapping[str, str] = os.environ) -> Path:
     """Where this user's running programs of a kind have their sockets; made where it is missing.
 
@@ -102,3 +112,21 @@ def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A port nobody uses now on loopback."""
+    with socket.socket(socket.AF_INET, kind) as s:
+        s.bind(("127.0.0.1", 0))
+        port: int = s.getsockname()[1]
+        return port
+
+
+def free_udp_ports(count: int) -> int:
+    """The first of ``count`` neighbouring UDP ports nobody uses now on loopback."""
+    while True:
+        first = free_port(socket.SOCK_DGRAM)
+        with contextlib.ExitStack() as held, contextlib.suppress(OSError, OverflowError):
+            for port in range(first, first + count):
+                held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("127.0.0.1", port))
+            return first

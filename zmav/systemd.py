@@ -20,6 +20,16 @@ def runs() -> bool:
     return RUNS.is_dir()
 
 
+def journals() -> bool:
+    """Whether standard error goes into the journal, as systemd.exec(5) has it told: ``$JOURNAL_STREAM`` is inherited by
+    programs whose output goes elsewhere, too.
+    """
+    with contextlib.suppress(OSError):
+        found = os.fstat(2)
+        return os.environ.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
+    return False
+
+
 def notify(*lines: str) -> bool:
     """Tell it ``lines``: ``READY=1``, ``STATUS=...``, ``WATCHDOG=1``, ``STOPPING=1``. Any thread; it never waits.
 

@@ -10,12 +10,14 @@ from zmav.autopilots import autopilot_named
 from zmav.errors import Refused, ZmavError
 from zmav.vehicle.vehicle import Vehicle
 
-ENOUGH = 0.8
-"""of the rate that is wanted: below it nobody takes over"""
+ENOUGH, LEAST = 0.8, 0.5
+"""of the rate that is wanted: below the first it is said, below the second nobody takes over"""
 
 
-def check_ready(state: wire.VehicleState, estimate: Estimate, wanted: float) -> None:
-    """Raises :class:`Refused` with what is missing; ``wanted``: cycles a second."""
+def check_ready(state: wire.VehicleState, estimate: Estimate, wanted: float) -> str:
+    """Words on a rate that is lower than the one ``wanted`` (cycles a second); empty: it is not. Raises
+    :class:`Refused` with what is missing.
+    """
     if state.pilot:
         raise Refused(f"the pilot has it: {state.pilot}", count="pilot")
     if not state.armed or state.landed:
@@ -25,13 +27,14 @@ def check_ready(state: wire.VehicleState, estimate: Estimate, wanted: float) -> 
     if not estimate.ready:
         raise Refused("no ATTITUDE_QUATERNION and LOCAL_POSITION_NED yet: is the link up, has it a position?")
     hz = 1.0 / max(estimate.period, 1e-6)
-    if hz < ENOUGH * wanted:
+    if hz < LEAST * wanted:
         text = (
             f"the autopilot's state comes at {hz:.0f} Hz of {wanted:g}: give the link more room (a higher baud, "
             f"SERIALn_BAUD or SER_TELn_BAUD; 'zmav rate {state.name}' shows who reads what), or ask for less "
             f"(-o rate_hz={max(hz * 0.9, 1.0):.0f})"
         )
         raise Refused(text, hz=hz, wanted=wanted)
+    return "" if hz >= ENOUGH * wanted else f" at {hz:.0f} Hz: its state comes no faster ({wanted:g} wanted)"
 
 
 async def check_parameters(vehicle: Vehicle, gives: str, back: str) -> None:

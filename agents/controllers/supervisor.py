@@ -302,7 +302,7 @@ class Supervisor(zmav.Agent):
         self._wanted = wanted = object()
         with contextlib.suppress(asyncio.TimeoutError):
             await within(SOON, self._estimated())
-        check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
+        slow = check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
         if self.workshop.worker is None or not self.workshop.worker.alive:
             await self._load_again(kept=False)
         await self._check_parameters()
@@ -320,8 +320,8 @@ class Supervisor(zmav.Agent):
             raise Refused(f"it did not take over: {self._why}", reason=self._why)
         took = (time.monotonic() - begun) * 1e3
         by = f", by {origin.name}" if origin else ""
-        self.say("engaged", "notice", f"{self._described()} flies{by}", took_ms=took)
-        return {"state": "controller", "took_ms": took}
+        self.say("engaged", "notice", f"{self._described()} flies{by}{slow}", took_ms=took)
+        return {"state": "controller", "took_ms": took, "hz": round(1.0 / self.estimate.period)}
 
     async def _by_switch(self) -> None:
         try:
@@ -357,6 +357,8 @@ class Supervisor(zmav.Agent):
                 if not self._over.is_set() and await self._take_over(lease):
                     taken.set()
                     await self._over.wait()
+                else:
+                    self._began = time.monotonic()
                 self.cycles.end()
                 await self._hand_back(lease)
         except ZmavError as e:

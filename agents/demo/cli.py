@@ -15,19 +15,25 @@ from rich.console import Console
 
 from agents.demo import picture, report
 from agents.demo.play import Play
-from agents.demo.processes import Processes, free_port
+from agents.demo.processes import Processes
 from agents.demo.stage import Stage
-from agents.demo.story import Demo, demos, find
+from agents.demo.story import Demo, demos, find, on_stacks
 from zmav.cli.common import console
 from zmav.errors import BadConfig, ZmavError
+from zmav.process import free_port
 from zmav.session import DEFAULT_ROUTER
+from zmav.sim.hil.binaries import PX4_LAST_ONBOARD
+
+COPTERS = (None, "arducopter", "px4")
+MOST_PX4 = PX4_LAST_ONBOARD + 1
+"""those beyond share one link"""
 
 
 @click.command("demo")
 @click.argument("name", default="line")
 @click.option("--list", "listed", is_flag=True, help="Show the demos there are.")
 @click.option("--ardupilot", metavar="PATH", help="Have a real ArduPilot fly the fleet's: a build tree, or a program.")
-@click.option("--px4", metavar="PATH", help="Have a real PX4 fly the fleet's PX4s: a build tree, or its program.")
+@click.option("--px4", metavar="PATH", help="Have a real PX4 fly the fleet's PX4s, or its copters where it has none.")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of what is left.  "
               "[default: flights/NAME-TIME]")  # fmt: skip
 @click.option("--animation", is_flag=True, help="Draw the tracks as a .gif, too.")
@@ -49,13 +55,40 @@ def demo(
             click.echo(f"{each.path.stem:<12} {each.story.title}")
         return
     found = find(name)
-    stacks = (*(("--ardupilot", ardupilot) if ardupilot else ()), *(("--px4", px4) if px4 else ()))
+    if stacks := stack_options(found, ardupilot, px4):
+        found = on_stacks(found)
     with tempfile.TemporaryDirectory(prefix="zmav-demo-") as folder, Processes() as processes:
         ground = endpoint or (DEFAULT_ROUTER if stay else f"tcp/127.0.0.1:{free_port()}")
         with Stage(found, processes, Path(folder), ground, stacks) as stage:
             if stay:
                 _stay(stage, processes)
             sys.exit(_play(found, stage, processes, _folder(out, found), animation, headless))
+
+
+def stack_options(found: Demo, ardupilot: str | None, px4: str | None) -> tuple[str, ...]:
+    """What ``zmav sim`` is told so that real stacks fly it; their receivers are exact, as a swarm's must be: a single
+    one's error wanders by metres, by which they would truly meet. Raises :class:`BadConfig` where they cannot.
+    """
+    sims = {name: table.sim or {} for name, table in found.fleet.vehicles.items()}
+    copters = [name for name, sim in sims.items() if sim.get("autopilot") in COPTERS]
+    px4s = [name for name, sim in sims.items() if sim.get("autopilot") == "px4"]
+    hexas = [name for name in px4s if sims[name].get("airframe") == "hexa"]
+    demo = found.path.stem
+    if px4 and hexas:
+        text = (
+            f"{hexas[0]} of {demo} is a hexarotor, for which no PX4 is started, and takes torques, which PX4 does "
+            "up to 1.13: fly it without --px4"
+        )
+        raise BadConfig(text, field="px4", value=px4, expected="a demo of quadrotors")
+    if ardupilot and not set(sims) - set(px4s or (copters if px4 else ())):
+        why = "--px4 flies its copters" if px4 else "it has PX4s alone"
+        text = f"{demo} has no vehicle left for --ardupilot: {why}"
+        raise BadConfig(text, field="ardupilot", value=ardupilot, expected="one of --ardupilot and --px4")
+    if px4 and len(copters) > MOST_PX4:
+        text = f"{demo} has {len(copters)} copters, and PX4s that are started have links for {MOST_PX4}"
+        raise BadConfig(text, field="px4", value=px4, expected=f"a demo of at most {MOST_PX4} copters")
+    given = (*(("--ardupilot", ardupilot) if ardupilot else ()), *(("--px4", px4) if px4 else ()))
+    return (*given, "--noise", "rtk") if given else ()
 
 
 def _folder(out: Path | None, found: Demo) -> Path:

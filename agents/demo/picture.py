@@ -18,10 +18,18 @@ if TYPE_CHECKING:
 
 NAMED = 12
 """tracks that get a name each; more are a crowd"""
-MOST_MARKS = 40
-"""words that have room beside each other"""
+APART = 1 / 60
+"""of the time shown, between two numbers that have room beside each other"""
+COLUMNS, KEY_LINE = 4, 0.14
+"""of the key to the steps; inches"""
+LONGEST = 38
+"""characters of a step that a column has room for"""
+LEAST = 12.0
+"""m that is seen from above at least, north and east: a way along a line is no line"""
+STILL = 3.0
+"""s that are shown before the first moves and after the last has come to rest"""
 STIRRED = 0.3
-"""m that a vehicle has moved when an animation begins"""
+"""m that a vehicle is from where it begins or ends while it flies"""
 FRAMES, PACE = 150, 0.08
 """of an animation: pictures, and s of each"""
 TAIL = 60
@@ -32,21 +40,42 @@ def draw(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title
     """PNG, SVG or PDF by the name. Raises :class:`BadConfig` without matplotlib, :class:`BadInput` where it cannot be
     written.
     """
-    figure, above, heights, ways = _figure(title)
+    save(drawn(names, rows, marks, title), path)
+
+
+def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title: str) -> Figure:
+    """From the first that moves to the last that does. Raises :class:`BadConfig` without matplotlib."""
+    rows = shown(rows)
+    marks = [mark for mark in marks if rows[0].t <= mark.t <= rows[-1].t]
+    figure, above, heights, ways = _figure(title, math.ceil(len(marks) / COLUMNS))
     shades = _shades(len(names))
     times = [row.t for row in rows]
     for i, name in enumerate(names):
         north, east, up = ([row.places[i][axis] for row in rows] for axis in (0, 1, 2))
-        above.plot(east, north, color=shades[i], lw=1.2, label=name)
+        wide = 1.0 + 2.0 * (1.0 - (i + 1) / len(names)) if len(names) <= NAMED else 1.0  # ways may lie on one another
+        above.plot(east, north, color=shades[i], lw=wide, label=name)
         above.plot(east[:1], north[:1], "o", color=shades[i], ms=4, mfc="white")
         above.plot(east[-1:], north[-1:], "o", color=shades[i], ms=4)
         heights.plot(times, up, color=shades[i], lw=1.0)
         ways.plot(times, [math.hypot(n - north[0], e - east[0]) for n, e in zip(north, east, strict=True)],
                   color=shades[i], lw=1.0)  # fmt: skip
+    _look_down(above, rows)
+    for axes in (heights, ways):
+        axes.set_xlim(times[0], times[-1])
     if len(names) <= NAMED:
-        above.legend(fontsize=7, loc="best")
-    _mark(heights, ways, marks, times)
-    save(figure, path)
+        above.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, frameon=False, handlelength=1.0)
+    _mark(figure, heights, ways, marks, times)
+    return figure
+
+
+def shown(rows: Sequence[Row]) -> Sequence[Row]:
+    """Those from shortly before the first moves to shortly after the last has come to rest; all where nobody moves."""
+    away = [k for k, row in enumerate(rows) if _moved(rows[0], row)]
+    going = [k for k, row in enumerate(rows) if _moved(rows[-1], row)]
+    if not away or not going:
+        return rows
+    begin, end = rows[away[0]].t - STILL, rows[going[-1]].t + STILL
+    return [row for row in rows if begin <= row.t <= end]
 
 
 def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, frames: int = FRAMES) -> None:
@@ -54,15 +83,13 @@ def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, f
     figure, above, heights, ways = _figure(title)
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    begin = next((k for k, row in enumerate(rows) if _moved(rows[0], row)), 0)
-    rows = rows[max(begin - 5, 0) :]
+    rows = shown(rows)
     shades = _shades(len(names))
-    norths, easts, ups = ([place[axis] for row in rows for place in row.places] for axis in (0, 1, 2))
-    room = 0.06 * max(max(norths) - min(norths), max(easts) - min(easts), 5.0)
-    above.set(xlim=(min(easts) - room, max(easts) + room), ylim=(min(norths) - room, max(norths) + room))
+    _look_down(above, rows)
+    top = max(place[2] for row in rows for place in row.places)
     far = max(_off(rows[0], row, i) for row in rows for i in range(len(names)))
-    for axes, top in ((heights, max(ups)), (ways, far)):
-        axes.set(xlim=(rows[0].t, rows[-1].t), ylim=(-0.03 * top - 0.3, 1.1 * top + 0.5))
+    for axes, most in ((heights, top), (ways, far)):
+        axes.set(xlim=(rows[0].t, rows[-1].t), ylim=(-0.03 * most - 0.3, 1.1 * most + 0.5))
     dots = [above.plot([], [], "o", color=shade, ms=6 if len(names) <= NAMED else 4)[0] for shade in shades]
     tails = [above.plot([], [], color=shade, lw=1.0, alpha=0.7)[0] for shade in shades]
     ups_ = [heights.plot([], [], color=shade, lw=1.0)[0] for shade in shades]
@@ -95,30 +122,60 @@ def _off(first: Row, now: Row, i: int) -> float:
     return math.hypot(now.places[i][0] - first.places[i][0], now.places[i][1] - first.places[i][1])
 
 
-def _mark(heights: Any, ways: Any, marks: Sequence[Mark], times: Sequence[float]) -> None:
-    """A dotted line for each step; words where there is room for them."""
-    top, last, room = heights.get_ylim()[1], -math.inf, (times[-1] - times[0]) / MOST_MARKS
-    for mark in marks:
+def _look_down(above: Any, rows: Sequence[Row]) -> None:
+    """All of it from above, and as much in both directions as the axes have room for."""
+    corners = []
+    for axis in (1, 0):
+        values = [place[axis] for row in rows for place in row.places]
+        middle, half = (max(values) + min(values)) / 2, max(0.56 * (max(values) - min(values)), LEAST / 2)
+        corners.append((middle - half, middle + half))
+    above.update_datalim(list(zip(*corners, strict=True)))
+    above.margins(0.0)
+    above.autoscale_view()
+
+
+def _mark(figure: Figure, heights: Any, ways: Any, marks: Sequence[Mark], times: Sequence[float]) -> None:
+    """A dotted line with a number for each step, several as one where they are too near, and below what they are."""
+    room, groups = APART * (times[-1] - times[0]), list[list[int]]()
+    for i, mark in enumerate(marks):
         for axes in (heights, ways):
             axes.axvline(mark.t, color="#9aa0a6", lw=0.6, ls=":")
-        if mark.t - last >= room:
-            heights.text(mark.t, top, f" {mark.text}", rotation=90, va="top", fontsize=6, color="#5f6368", clip_on=True)
-            last = mark.t
+        wide = room * (2 if i >= 9 else 1) * (3 if groups and len(groups[-1]) > 1 else 1)
+        if groups and mark.t - marks[groups[-1][0]].t < wide:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+        lines = math.ceil(len(marks) / COLUMNS)
+        below = 0.04 + KEY_LINE * (lines - 1 - i % lines)
+        text = f"{i + 1}  {mark.t:.0f} s  {mark.text}"
+        figure.text(
+            0.02 + 0.98 / COLUMNS * (i // lines), below / figure.get_figheight(), text[:LONGEST], fontsize=6.5,
+            color="#5f6368", va="bottom",
+        )  # fmt: skip
+    for group in groups:
+        text = f"{group[0] + 1}" + (f"-{group[-1] + 1}" if len(group) > 1 else "")
+        heights.text(marks[group[0]].t, 1.01, text, transform=heights.get_xaxis_transform(), fontsize=6.5,
+                     color="#5f6368", ha="left", va="bottom")  # fmt: skip
 
 
-def _figure(title: str) -> tuple[Figure, Any, Any, Any]:
-    """From above; and over time the heights and the ways over the ground."""
+def _figure(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:
+    """From above; and over time the heights and the ways over the ground. ``key``: lines of text below that."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as e:
         text = "the picture needs matplotlib: pip install 'zmav[planner]'"
         raise BadConfig(text, field="picture", value=e.name, expected="matplotlib") from e
-    figure = Figure(figsize=(11.0, 5.2), dpi=110, layout="constrained")
+    height, foot = 5.2 + key * KEY_LINE, key * KEY_LINE + (0.08 if key else 0.0)
+    figure = Figure(figsize=(11.0, height), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.set(rect=(0.0, foot / height, 1.0, 1.0 - foot / height))  # type: ignore[call-arg]
     axes = figure.subplot_mosaic([["above", "heights"], ["above", "ways"]], width_ratios=(1.0, 1.15))
     above, heights, ways = axes["above"], axes["heights"], axes["ways"]
-    above.set(xlabel="east, m", ylabel="north, m", aspect="equal")
+    above.set(xlabel="east, m", ylabel="north, m")
+    above.set_aspect("equal", adjustable="datalim")
     heights.set(ylabel="height, m")
     ways.set(xlabel="time, s", ylabel="way from start, m")
     for each in (above, heights, ways):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -15,30 +14,12 @@ from pathlib import Path
 from types import TracebackType
 
 import zmav
-from zmav.errors import SessionError, ZmavError
-from zmav.session import CONNECT, SessionSettings
+from zmav.errors import ZmavError
+from zmav.session import CONNECT
 from zmav.trust.credentials import VARIABLE
 
 OURS = (VARIABLE, CONNECT, "ZMAV_FLEET")
 """environment variables that would make them part of another fleet"""
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port nobody uses now on loopback."""
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        port: int = s.getsockname()[1]
-        return port
-
-
-def free_udp_ports(count: int) -> int:
-    """The first of ``count`` neighbouring UDP ports nobody uses now on loopback."""
-    while True:
-        first = free_port(socket.SOCK_DGRAM)
-        with contextlib.ExitStack() as held, contextlib.suppress(OSError, OverflowError):
-            for port in range(first, first + count):
-                held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("127.0.0.1", port))
-            return first
 
 
 class Processes:
@@ -147,15 +128,7 @@ async def connect(
     stack: contextlib.AsyncExitStack, fleet: str, endpoint: str, processes: Processes
 ) -> zmav.Client:  # fmt: skip
     """A client of a router that they hold, once that router is up."""
-    deadline = time.monotonic() + 40.0  # many interpreters start at once, perhaps on a busy machine
-    while True:
-        processes.check()
-        try:
-            settings = SessionSettings(connect=[endpoint])
-            return await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
-        except SessionError:
-            if time.monotonic() > deadline:
-                raise
+    return await zmav.client.connect_once_up(stack, fleet, endpoint, processes.check)
 
 
 def _leave(number: int) -> None:

@@ -8,10 +8,11 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from agents.demo.processes import Processes, free_port
+from agents.demo.processes import Processes
 from agents.demo.relay import Relay
 from agents.demo.story import GROUND, Demo, Pair
 from zmav.errors import LinkDown, TimedOut
+from zmav.process import free_port
 from zmav.session import CONNECT
 from zmav.sim import Remote
 

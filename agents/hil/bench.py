@@ -16,13 +16,14 @@ import click
 import zmav
 from agents.hil.beside import begun, beside, check_device, closing, tell
 from agents.hil.checkflight import CheckFlight
-from agents.hil.children import Children, free_port
+from agents.hil.children import Children
 from agents.hil.proof import HIL_FLAG, HITL, ardupilot_simulates, px4_simulates
 from agents.hil.report import Check, Report, find, hash_of
 from agents.hil.sil import talk
 from zmav import wire
 from zmav.config import FleetConfig, load_fleet
 from zmav.errors import BadConfig, Refused
+from zmav.process import free_port
 from zmav.sim import Remote
 from zmav.sim.spec import Home
 from zmav.sim.status import HilLoop

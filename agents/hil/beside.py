@@ -14,10 +14,11 @@ from pathlib import Path
 import click
 
 import zmav
-from agents.hil.children import Children, free_port
+from agents.hil.children import Children
 from agents.hil.report import Check, Report, Stage, hash_of, keep, line
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, ZmavError
+from zmav.process import free_port
 
 COLOURS = {"ok": "green", "BAD": "red", "left out": "yellow"}
 

@@ -291,7 +291,7 @@ class CheckFlight:
         return None
 
     def _fence(self) -> Fence | None:
-        return Fence(self.table.geofence, self.file.origin) if self.table.geofence else None
+        return Fence(self.table.geofence, self.file.origin, ground=False) if self.table.geofence else None
 
     async def pilots_mode(self) -> None:
         """A pilot's mode, past all of zmav's own orders."""

@@ -5,33 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import socket
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from types import TracebackType
 
 import zmav
-from zmav.errors import SessionError, ZmavError
-from zmav.session import SessionSettings
+from zmav.errors import ZmavError
 from zmav.sim.hil import guard
 from zmav.trust.credentials import VARIABLE
 
 GRACE_S = 5.0
 """s to end in good order"""
 WATCH_S = 0.2
-OPEN_S = 40.0
-"""s for a router to answer: it may start on a busy machine"""
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port nobody uses now on loopback."""
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        port: int = s.getsockname()[1]
-        return port
 
 
 class Children:
@@ -106,12 +93,4 @@ class Children:
 
     async def connect(self, stack: contextlib.AsyncExitStack, fleet: str, endpoint: str) -> zmav.Client:
         """A client of a router that one of them runs, once it is up."""
-        deadline = time.monotonic() + OPEN_S
-        while True:
-            self.check()
-            try:
-                settings = SessionSettings(connect=[endpoint])
-                return await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
-            except SessionError:
-                if time.monotonic() > deadline:
-                    raise
+        return await zmav.client.connect_once_up(stack, fleet, endpoint, self.check)

@@ -10,9 +10,10 @@ from typing import Any
 
 import msgspec
 
-from agents.hil.children import Children, free_port
+from agents.hil.children import Children
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig
+from zmav.process import free_port
 from zmav.sim.spec import PX4
 
 USUAL: Mapping[str, dict[str, Any]] = {

@@ -132,7 +132,8 @@ def _streamed(f: CheckFlight) -> list[str]:
     """Options of ``zmav fly`` that keep it moving."""
     if f.kind.velocity is not None:
         scale = min(1.0, 0.8 * f.most_speed / 1.5)
-        return ["--vel", *(f"{scale * v:g}" for v in f.kind.velocity)]
+        north, east, down = (scale * v for v in f.kind.velocity)
+        return ["--vel", f"{north:g},{east:g},{-down:g}"]
     far = f.from_here(f.side, 0.0)
     return ["--at", f"{far['lat_deg']:.7f}", f"{far['lon_deg']:.7f}", "--alt", f"{far['alt_rel']:g}"]
 

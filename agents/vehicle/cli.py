@@ -19,7 +19,7 @@ from zmav.cli.common import run, zenoh_options
 from zmav.config import Signing, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import leave, restart, say
+from zmav.process import leave, log, restart
 from zmav.session import SessionSettings
 
 
@@ -92,7 +92,7 @@ async def _up(
                 router, line, plan_anew, lambda: not onboard.identity.armed and onboard.leases.holder is None
             )
     if why:
-        say(f"starting anew: {why}")
+        log(f"starting anew: {why}")
         restart()
     leave()
 
@@ -101,4 +101,4 @@ def _log(sample: zenoh.Sample) -> None:
     """An event as a line of the process's log: what happens to the link and the autopilot, and what was refused."""
     with contextlib.suppress(BadInput):  # somebody else's: ours are what they should be
         event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-        say(f"{event.severity}: {event.text}")
+        log(f"{event.severity}: {event.text}")

@@ -1,7 +1,7 @@
 """A vehicle follows another one (a rover, say) at an offset, until that one is lost: then it holds. Ctrl-C: it holds.
 
 zmav demo --stay                              # in another terminal: three simulated copters, quad1 to quad3
-python ground/examples/follow.py quad1 quad2  # leader, follower; then 'zmav goto quad1 --ned 20 0 -10'
+python ground/examples/follow.py quad1 quad2  # leader, follower; then 'zmav goto quad1 --to 20,0,10'
 """
 
 from __future__ import annotations

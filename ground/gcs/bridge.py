@@ -49,6 +49,14 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     streams: str = "gcs"
     """which messages are wanted while a client is there: :data:`ground.gcs.standard.SETS`"""
 
+    def read_only(self) -> Settings:
+        """The same, and nothing that a station says reaches a vehicle."""
+        shut = (
+            msgspec.structs.replace(each, options=msgspec.structs.replace(each.options, read_only=True))
+            for each in self.endpoints
+        )
+        return msgspec.structs.replace(self, endpoints=tuple(shut))
+
 
 class Bridge:
     """``async with Bridge(z, settings, say): ...``; ``say`` gets a line for whoever watches, on the event loop.
@@ -57,6 +65,8 @@ class Bridge:
     """
 
     def __init__(self, z: zmav.Client, settings: Settings, say: Callable[[str], None] = lambda line: None) -> None:
+        if keys.is_replay(z.fleet_name):
+            settings = settings.read_only()  # recordings are looked at, and told nothing
         self.z, self.settings = z, settings
         self.dialect: Dialect = z.dialect
         self.loop = asyncio.get_running_loop()

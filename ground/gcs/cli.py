@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 
 import click
-import msgspec
 
 import zmav
 from ground.gcs.bridge import Bridge, Settings
@@ -106,17 +105,16 @@ async def _bridge(
 
 def allowed(z: zmav.Client, settings: Settings) -> Settings:
     """The settings, read-only where our credentials are a viewer's: routers would drop what stations send, unsaid."""
+    if keys.is_replay(z.fleet_name):
+        say(f"read-only: {z.fleet_name} is of recordings, which take no orders")
+        return settings.read_only()
     if z.member is None:
         return settings
     try:
         z.member.check_role(keys.TX.key(z.member.credentials.fleet, "vehicles", sys=0, comp=0, msg="HEARTBEAT"))
     except Forbidden as e:
         say(f"read-only, by your credentials: {e}")
-        shut = (
-            msgspec.structs.replace(each, options=msgspec.structs.replace(each.options, read_only=True))
-            for each in settings.endpoints
-        )
-        return msgspec.structs.replace(settings, endpoints=tuple(shut))
+        return settings.read_only()
     return settings
 
 

@@ -45,7 +45,7 @@ class Asked:
     def items(self) -> Items:
         state = self.vehicle.last_state
         rules = autopilot_named(state.autopilot if state else None, state.kind if state else None)
-        return Items(self._ground.dialect, rules.missions.home_first)
+        return Items(self._ground.dialect, rules.missions)
 
     def raws(self, kind: MissionKind, mission: wire.Mission) -> list[Raw]:
         """As the autopilot has it, home included."""

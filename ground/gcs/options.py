@@ -135,7 +135,7 @@ def read_hz(text: str, where: str = "--hz") -> float:
 
 
 def read_messages(text: str, dialect: Dialect, where: str) -> tuple[str, ...]:
-    """Names joined by commas; a name without ``*`` must be the dialect's, or ``UNKNOWN_410``."""
+    """Names joined by commas; a name without ``*`` must be the dialect's, or ``UNKNOWN_44000``."""
     names = tuple(filter(None, (name.strip().upper() for name in text.split(","))))
     for name in names:
         known = any(fnmatch.fnmatchcase(each, name) for each in dialect.by_name) or name.startswith("UNKNOWN_")

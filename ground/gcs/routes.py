@@ -9,6 +9,7 @@ from typing import NamedTuple
 import zmav
 from ground.gcs.kinds import Place, Track
 from ground.gcs.options import Options
+from zmav.autopilots import Autopilot, autopilot_named
 from zmav.errors import Clash, NoSuchVehicle
 
 SILENT = 1.5
@@ -28,6 +29,7 @@ class Known(NamedTuple):
     uid: str | None
     what: str
     """in words, for people"""
+    autopilot: Autopilot
 
     @property
     def name(self) -> str:
@@ -65,8 +67,10 @@ class Routes:
             state = vehicle.last_state
             if state is None or state.sysid is None or not vehicle.present or not self._selected.sees(vehicle.name):
                 continue
-            words = ", ".join(filter(None, (f"system {state.sysid}", state.kind, state.autopilot)))
-            known = Known((state.fleet, vehicle.name), state.sysid, state.compid or 1, state.uid, words)
+            recorded = "a recording, which takes no orders" if state.replayed else None
+            words = ", ".join(filter(None, (f"system {state.sysid}", state.kind, state.autopilot, recorded)))
+            place, rules = (vehicle.fleet, vehicle.name), autopilot_named(state.autopilot, state.kind)
+            known = Known(place, state.sysid, state.compid or 1, state.uid, words, rules)
             now[known.place] = known
             systems.setdefault(known.sysid, []).append(known)
         self.vehicles, self.systems = now, {sysid: tuple(found) for sysid, found in systems.items()}

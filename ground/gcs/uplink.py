@@ -17,6 +17,7 @@ from ground.gcs.kinds import HEARTBEAT, Place
 from ground.gcs.routes import Routes
 from ground.gcs.streams import DENIED, Streams
 from zmav import keys, wire
+from zmav.autopilots.safety import makes_safe
 from zmav.errors import Clash, NoSuchVehicle, ZmavError
 from zmav.mavlink import Dialect, Frame, decode, targets
 from zmav.mavlink.signing import SETUP_SIGNING
@@ -173,13 +174,28 @@ class Uplink:
         try:
             place = self._routes.way_to(system)
         except (Clash, NoSuchVehicle) as e:
-            self._not_routed(client, system, e)
+            if not (isinstance(e, Clash) and self._make_safe(client, system, component, name, frame)):
+                self._not_routed(client, system, e)
             return
         if not client.options.sees(place[1]):
             self._refuse(client, "target")
             return
         client.addressed[place] = time.monotonic()
         self._put(place, system, component, name, frame)
+
+    def _make_safe(self, client: Client, system: int, component: int, name: str, frame: Frame) -> bool:
+        """Of two that claim to be the target each is landed, brought home or halted: nobody can tell who is meant.
+
+        False: the frame does not make them safe, and went nowhere.
+        """
+        meant = [
+            known
+            for known in self._routes.systems.get(system, ())
+            if client.options.sees(known.place[1]) and makes_safe(frame, self._dialect, known.autopilot)
+        ]
+        for known in meant:
+            self._put(known.place, system, component, name, frame)
+        return bool(meant)
 
     def _put(self, place: Place, system: int, component: int, name: str, frame: Frame) -> None:
         self._z.put(keys.TX, keys.TX.key(*place, sys=system, comp=component, msg=name), frame.data)

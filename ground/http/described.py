@@ -31,6 +31,7 @@ GROUP = {
     "/ws": "Key space",
     "do": "Orders",
     "agent": "Orders",
+    "fleet": "Orders",
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
@@ -103,6 +104,10 @@ BODIES: dict[tuple[str, str], dict[str, Any]] = {
             "application/json": {"schema": {"type": "object"}},
             "application/x-www-form-urlencoded": {"schema": {"type": "object"}},
         },
+    },
+    ("post", "/fleet/{verb}"): {
+        "description": "vehicles (a list of names or patterns; all without), id and wait, and the order's arguments",
+        "content": {"application/json": {"schema": {"type": "object"}}},
     },
     ("post", "/agent/{vehicle}/{agent}/{verb}"): {
         "description": "its arguments: name and value for set, none for params; others as the agent itself says",

@@ -9,8 +9,9 @@ import msgspec
 import zenoh
 from starlette.responses import Response
 
-from zmav import keys
-from zmav.errors import BadKey
+from zmav import keys, wire
+from zmav.doctor.rules import Reason, of_state
+from zmav.errors import BadInput, BadKey
 from zmav.mavlink import Dialect
 from zmav.zenoh_codec import readable
 
@@ -28,11 +29,15 @@ def answer(value: object, status: int = 200) -> Response:
 
 
 def document_of(key: str, t: float, payload: bytes, encoding: str, dialect: Dialect) -> dict[str, Any]:
-    """``{"key", "t", "value"}``: a frame decoded, JSON as it is, a picture in base64, other bytes in hexadecimal.
+    """``{"key", "t", "value"}``: a frame decoded, JSON as it is, a picture in base64, other bytes in hexadecimal;
+    beside a state its ``alarms``, the worst first: what is not well, by the rules of :mod:`zmav.doctor`.
 
     ``t``: UTC seconds at which it came here. Bytes that should be a frame and are none: ``{"error", "hex"}``.
     """
-    return {"key": key, "t": t, "value": _value(key, payload, encoding, dialect)}
+    document = {"key": key, "t": t, "value": _value(key, payload, encoding, dialect)}
+    if _channel(key) is keys.STATE:
+        document["alarms"] = _alarms(payload)
+    return document
 
 
 def document_of_sample(sample: zenoh.Sample, t: float, dialect: Dialect) -> dict[str, Any]:
@@ -54,6 +59,15 @@ def _value(key: str, payload: bytes, encoding: str, dialect: Dialect) -> Any:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return {"hex": payload.hex()}
     return msgspec.Raw(payload)  # as it came: what is JSON need not be made anew
+
+
+def _alarms(payload: bytes) -> list[dict[str, Any]]:
+    try:
+        found = of_state(wire.decode(payload, wire.VehicleState, "state"))
+    except BadInput:
+        text = "its state is not understood: another version of zmav?"
+        found = [Reason(rule="state", level="bad", text=text)]
+    return [msgspec.to_builtins(each) for each in found]
 
 
 def _channel(key: str) -> keys.Channel | None:

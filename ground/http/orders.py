@@ -1,5 +1,6 @@
 """Orders: ``POST /do/{vehicle}/{verb}``, the same by ``GET`` for who can do no more, and the ``do`` keys by ``POST``;
-to the agents that run for a vehicle by ``POST /agent/{vehicle}/{agent}/{verb}`` and by their keys.
+to several vehicles by ``POST /fleet/{verb}``, under the rule of :mod:`zmav.swarm`; to the agents that run for a vehicle
+by ``POST /agent/{vehicle}/{agent}/{verb}`` and by their keys.
 
 The answer is the vehicle's outcome. Without an ``id`` it comes when the order has ended, which the vehicle sees to by
 itself even where nobody waits any longer; with one it says after ``wait`` seconds that it is still ``running``, and the
@@ -8,8 +9,11 @@ same request asks again.
 
 from __future__ import annotations
 
+import asyncio
+import fnmatch
 import re
 import time
+from typing import Any
 
 import msgspec
 from starlette.requests import Request
@@ -20,7 +24,8 @@ from ground.http.arguments import arguments_of
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from zmav import keys, wire
-from zmav.errors import BadKey, NoSuchVehicle, TimedOut, ZmavError
+from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
+from zmav.swarm import FleetOrder
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS
 
@@ -30,9 +35,68 @@ ORDER = re.compile(
     rf"((?:{keys.ROOT}/)?(?P<fleet>[^/]+)/)?(?P<vehicle>[^/]+)(?:/agent/(?P<agent>[^/]+))?/do/(?P<verb>[^/]+)"
 )
 """a key of an order as people type it"""
+REMEMBERED = 100
+"""orders to several vehicles of which is known how they stand"""
+
+
+class FleetOrders:
+    """``POST /fleet/{verb}``: the orders that were given, by their ids. On the event loop."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._gateway = gateway
+        self._given: dict[str, tuple[FleetOrder, asyncio.Task[Any], float]] = {}
+        gateway.at_end(self._end)
+
+    def _end(self) -> None:
+        """The vehicles see through what they were told."""
+        for _, task, _ in self._given.values():
+            task.cancel()
+
+    async def give(self, request: Request) -> Response:
+        """Give several vehicles an order; vehicles: names or patterns, quad* or demo/quad1. Answers as orders do, with
+        how it stands with each vehicle.
+
+        Several that return are brought home by the planner, where there is one; who is disarmed is left out.
+        """
+        verb = _known(request.path_params["verb"])
+        values = await arguments_of(request, VERBS[verb].args)
+        patterns = values.pop("vehicles", ["*"])
+        args = wire.decode(msgspec.json.encode(values), VERBS[verb].args, f"fleet/{verb}")
+        name = args.id or f"{id(request)} {time.monotonic()}"
+        if name not in self._given:
+            order = FleetOrder(self._gateway.client, self._matching(patterns), verb, args)
+            self._given[name] = (order, asyncio.create_task(order.run()), time.monotonic())
+        order, task, since = self._given[name]
+        while len(self._given) > REMEMBERED:
+            self._given.pop(next(iter(self._given)))
+        await asyncio.wait({task}, timeout=min(args.wait, PATIENCE) if args.id else None)
+        if task.done():
+            task.result()
+        status, took = ("done" if task.done() else "running"), time.monotonic() - since
+        told = [msgspec.to_builtins(told) for told in order.told.values()]
+        return answer({"verb": verb, "status": status, "took": took, "notes": order.notes, "vehicles": told})
+
+    def _matching(self, patterns: Any) -> list[Vehicle]:
+        patterns = [patterns] if isinstance(patterns, str) else patterns
+        if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
+            text = "vehicles are a list of names or patterns"
+            raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
+        known = self._gateway.client.fleet()
+        found = [v for v in known for each in patterns[:1000] if _fits(v, each)]
+        if not found:
+            present = ", ".join(v.name for v in known) or "nobody"
+            raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
+        return list({(v.fleet, v.name): v for v in found}.values())
+
+
+def _fits(vehicle: Vehicle, pattern: str) -> bool:
+    name = f"{vehicle.fleet}/{vehicle.name}" if "/" in pattern else vehicle.name
+    return fnmatch.fnmatchcase(name, pattern)
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
+    fleet_orders = FleetOrders(gateway)
+
     async def do(request: Request) -> Response:
         """Give a vehicle an order; arguments by name, as JSON, as a form or in the address."""
         vehicle = gateway.client.vehicle(request.path_params["vehicle"])
@@ -52,6 +116,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 
     return [
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
+        Route("/fleet/{verb}", fleet_orders.give, methods=["POST"]),
         Route("/agent/{vehicle}/{agent}/{verb}", agent, methods=["POST"]),
         Route("/keys/{key:path}", do_key, methods=["POST"]),
     ]
@@ -61,16 +126,20 @@ async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) 
     """See an order through, or ask once how one with an ``id`` goes; raises what the vehicle says, and
     :class:`~zmav.errors.BadInput` for arguments that do not fit, before anything is sent.
     """
-    if verb not in VERBS:
-        known = ", ".join(VERBS)
-        raise BadKey(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
-    kind = VERBS[verb].args
+    kind = VERBS[_known(verb)].args
     args = wire.decode(msgspec.json.encode(await arguments_of(request, kind)), kind, f"do/{verb}")
     if args.id:
         return await _once(gateway, vehicle, keys.DO.key(vehicle.fleet, vehicle.name, verb=verb), wire.encode(args))
     start = time.monotonic()
     result = await vehicle.order(verb, args)
     return wire.Outcome(verb=verb, status="done", took=time.monotonic() - start, result=result)
+
+
+def _known(verb: str) -> str:
+    if verb not in VERBS:
+        known = ", ".join(VERBS)
+        raise BadKey(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
+    return verb
 
 
 async def tell(gateway: Gateway, vehicle: Vehicle, name: str, verb: str, request: Request) -> wire.Outcome:

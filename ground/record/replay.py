@@ -1,23 +1,28 @@
-"""``zmav replay``: recorded flights on the key space, in step."""
+"""``zmav replay``: recorded flights on the key space, in step, in a fleet of their own.
+
+No vehicle is in that fleet, and none of its keys leads to one (:func:`zmav.keys.replay_of`). So all that was recorded
+can be played but what would be asked or sent there: frames for vehicles, orders, rosters.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import msgspec
+import zenoh
 
 import zmav
-from ground.record.guard import Guard
 from ground.record.player import Deliver, FedLink, Player, Span
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
-from zmav import keys
+from zmav import keys, wire
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.client import Client
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadConfig, BadInput, Clash
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
@@ -29,13 +34,12 @@ SETTLE_S = 1.0
 
 
 @click.command("replay")
-@click.argument("files", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path), metavar="FILE...")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.option("--as", "--name", "name", help="Another name; for several vehicles with a * for theirs: 'old-*'.")
 @click.option("--speed", default="1", show_default=True, help="Times real time; 'max' as fast as it goes.")
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
 @click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Seconds after the beginning to start at.")
 @click.option("--end", type=click.FloatRange(min=0.0), help="Seconds after the beginning to end at.")
-@click.option("--force", is_flag=True, help="Play a vehicle although one of its name is there; never its setpoints.")
 @click.option("--sysid", type=click.IntRange(1, 255), help="Which system is the vehicle, where a .tlog has several.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
 @fleet_option
@@ -47,19 +51,21 @@ def command(
     loop: bool,
     start: float,
     end: float | None,
-    force: bool,
     sysid: int | None,
     dialect: str,
     fleet: str,
     settings: SessionSettings,
 ) -> None:
-    """Play recordings into the key space, in step: .tlog files, .mcap files, or the folder of a session.
+    """Play recordings into the key space, in step: .tlog files, .mcap files, or a folder: of a session, or of the
+    recorder, whose newest session is played.
+
+    They are played in a fleet of their own, 'demo-replay' for --fleet demo: no vehicle is in it, and nobody who looks
+    at vehicles hears it. Look at it by that name: 'zmav ls --fleet demo-replay', 'zmav gcs --fleet demo-replay'.
 
     A .tlog becomes a vehicle: its frames byte for byte, and state, messages and events as in flight. Of an .mcap every
-    key gets again what came on it. Frames that were sent to vehicles are never played; setpoints and the fleet's plans
-    only where no vehicle is there that could follow them. A vehicle that is there is not played over: see --as.
+    key gets again what came on it. What is played takes no orders and no frames.
     """  # fmt: skip
-    keys.check_name(fleet, "fleet")
+    fleet = keys.replay_of(keys.check_name(fleet, "fleet"))
     if end is not None and end <= start:
         raise BadConfig(f"--end {end:g} is not after --start {start:g}", field="end", value=end, expected="later")
     sources = open_all(files)
@@ -67,96 +73,49 @@ def command(
         _check_mcap()
     span, settings = Span(start, end), msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))
     base = OnboardSettings(link="", name="replay", fleet=fleet, sysid=sysid, dialect=dialect)
-    run(_replay(sources, name, _speed(speed), loop, span, force, base, settings))
+    run(_replay(sources, name, _speed(speed), loop, span, base, settings))
 
 
 async def _replay(
-    sources: Sequence[Source], name: str | None, speed: float, loop: bool, span: Span, force: bool,
+    sources: Sequence[Source], name: str | None, speed: float, loop: bool, span: Span,
     base: OnboardSettings, settings: SessionSettings,
 ) -> None:  # fmt: skip
     names = await asyncio.to_thread(_names, sources, name)
     async with zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z:
         await z.settle(timeout=SETTLE_S)
-        cast = Cast(asyncio.get_running_loop())
-        guard = Guard(z, set(names.values()), force, cast.withdraw_from_thread)
-        guard.check()
+        if taken := sorted(each for each in names.values() if z.present(each, base.fleet)):
+            text = f"{', '.join(taken)}: played already in {base.fleet}: --as 'old-*' plays it under another name"
+            raise Clash(text, vehicles=taken)
+        onboards: list[Onboard] = []
+        links: list[FedLink] = []
         parts: list[tuple[Source, Deliver]] = []
-        putters: list[Putter] = []
-        for source in sources:
-            called = [names[vehicle] for vehicle in source.vehicles()]
-            say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{each}' for each in called)}")
-            if isinstance(source, Tlogs):
-                link = FedLink(source.label)
-                cast.add(called[0], Onboard(z.session, msgspec.structs.replace(base, name=called[0]), link), link)
-                parts.append((source, _feed(link)))
-            else:
-                putters.append(Putter(z, names, guard))
-                parts.append((source, putters[-1]))
-        player, begun = Player(parts, speed, loop, span), time.monotonic()
-        try:
-            await cast.enter()
-            guard.watch({str(z.session.info.zid())})
-            player.start()
-            await _until_over(player, cast.links)
-        finally:
-            cast.close_links()
-            await asyncio.to_thread(player.close)
-            guard.close()
-            await cast.leave()
-        _say_end(player, cast.onboards, sum(put.held_back for put in putters), time.monotonic() - begun)
+        putter = Putter(z, names)
+        async with contextlib.AsyncExitStack() as stack:
+            for source in sources:
+                called = [names[vehicle] for vehicle in source.vehicles()]
+                say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{each}' for each in called)}")
+                if isinstance(source, Tlogs):
+                    links.append(link := FedLink(source.label))
+                    onboards.append(Onboard(z.session, msgspec.structs.replace(base, name=called[0]), link))
+                    await stack.enter_async_context(onboards[-1])
+                    parts.append((source, _feed(link)))
+                else:
+                    parts.append((source, putter))
+            stack.callback(putter.close)
+            say(f"look at it: zmav ls --fleet {base.fleet}")
+            player, begun = Player(parts, speed, loop, span), time.monotonic()
+            try:
+                player.start()
+                await _until_over(player, links)
+            finally:
+                for link in links:
+                    link.close()  # what is still fed is nobody's: whoever feeds waits no more
+                await asyncio.to_thread(player.close)
+        _say_end(player, onboards, putter.held_back, time.monotonic() - begun)
 
 
 def _feed(link: FedLink) -> Deliver:
     return lambda record: link.feed(record.data)
-
-
-class Cast:
-    """The agents of vehicles that are played from .tlog files. On the event loop."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
-        self.onboards: list[Onboard] = []
-        self.links: list[FedLink] = []
-        self._on_stage: dict[str, tuple[Onboard, FedLink]] = {}
-        self._waiting: dict[str, tuple[Onboard, FedLink]] = {}
-        self._leaving: set[asyncio.Task[None]] = set()
-
-    def add(self, name: str, onboard: Onboard, link: FedLink) -> None:
-        self.onboards.append(onboard)
-        self.links.append(link)
-        self._waiting[name] = (onboard, link)
-
-    async def enter(self) -> None:
-        for name, (onboard, link) in self._waiting.items():
-            await onboard.__aenter__()
-            self._on_stage[name] = (onboard, link)
-
-    async def leave(self) -> None:
-        for name in list(self._on_stage):
-            await self._withdraw(name)
-        await asyncio.gather(*self._leaving, return_exceptions=True)
-
-    def close_links(self) -> None:
-        """What is still fed to them is nobody's: whoever feeds waits no more."""
-        for link in self.links:
-            link.close()
-
-    def withdraw_from_thread(self, name: str) -> None:
-        """The vehicle itself has come: its double goes, before somebody takes the two for one. From any thread."""
-        say(f"{name} has come: what was recorded of it is no longer played")
-
-        def start() -> None:
-            task = self._loop.create_task(self._withdraw(name))
-            self._leaving.add(task)
-
-        self._loop.call_soon_threadsafe(start)
-
-    async def _withdraw(self, name: str) -> None:
-        found = self._on_stage.pop(name, None)
-        if found is not None:
-            onboard, link = found
-            await asyncio.to_thread(link.close)
-            await onboard.__aexit__(None, None, None)
 
 
 def _say_end(player: Player, onboards: list[Onboard], held_back: int, seconds: float) -> None:
@@ -169,7 +128,7 @@ def _say_end(player: Player, onboards: list[Onboard], held_back: int, seconds: f
     if others > 0:
         told.append(f"{others} samples")
     if held_back:
-        told.append(f"{held_back} held back, that vehicles might take for orders")
+        told.append(f"{held_back} held back, that were for vehicles")
     say(f"{', '.join(told) or 'nothing'} in {seconds:.1f} s")
     if player.error is not None:
         raise BadInput(f"the recording could not be played to its end: {player.error}", field="file")
@@ -192,12 +151,17 @@ async def _until_over(player: Player, links: Sequence[FedLink]) -> None:
 
 
 class Putter:
-    """Puts again what came on a key, under the vehicle's new name, where the guard lets it."""
+    """Puts again what came on a key, in our fleet, under the vehicle's new name; who says a state has a token, too."""
 
-    def __init__(self, z: Client, names: dict[str, str], guard: Guard) -> None:
-        self._z, self._names, self._guard = z, names, guard
+    def __init__(self, z: Client, names: dict[str, str]) -> None:
+        self._z, self._names = z, names
         self._known: dict[str, tuple[keys.Channel, str, str | None] | None] = {}
         self.held_back = 0
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+
+    def close(self) -> None:
+        for token in self._tokens.values():
+            token.undeclare()
 
     def __call__(self, record: Record) -> None:
         try:
@@ -206,11 +170,25 @@ class Putter:
             known = self._known[record.key] = self._read(record.key)
         if known is None:
             return
-        channel, key, vehicle = known
-        if not self._guard.may(channel, key, vehicle):
+        channel, key, name = known
+        if channel.kind not in ("pub", "put") or channel is keys.TX or key.endswith(f"/{keys.ROSTER}"):
             self.held_back += 1
             return
-        self._z.put(channel, key, record.data)
+        data = record.data if channel is not keys.STATE or name is None else self._marked(record.data, name)
+        self._z.put(channel, key, data)
+
+    def _marked(self, data: bytes, name: str) -> bytes:
+        """A state that says whose it is now, and that it is a recording's."""
+        with contextlib.suppress(BadInput):
+            state = wire.decode(data, wire.VehicleState, "state")
+            if name not in self._tokens:
+                about = {"sys": state.sysid or 0, "autopilot": state.autopilot or "-", "uid": state.uid or "-"}
+                instance = self._z.session.info.zid()
+                key = keys.ALIVE.key(self._z.fleet_name, name, role=keys.REPLAY, instance=instance, **about)
+                self._tokens[name] = self._z.session.liveliness().declare_token(key)
+            state.fleet, state.name, state.replayed = self._z.fleet_name, name, True
+            return wire.encode(state)
+        return data
 
     def _read(self, key: str) -> tuple[keys.Channel, str, str | None] | None:
         channel, vehicle = vehicle_of(key)

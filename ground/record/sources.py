@@ -114,12 +114,13 @@ class Mcap:
 
 
 def open_all(paths: Sequence[Path]) -> list[Source]:
-    """The recordings in these files, and in these folders of a session: of a folder the .mcap, if it has one, and else
-    the .tlog files. Raises :class:`BadConfig` for what is neither, and where an .mcap needs what is not installed.
+    """The recordings in these files and folders: of a folder the .mcap, if it has one, else the .tlog files, and else
+    those of its newest session. A pattern that the shell left as it is, is looked for there, too: the recorder gives
+    each session a folder. Raises :class:`BadConfig` for what is none of these.
     """
     tlogs: dict[str, list[Path]] = {}
     sources: list[Source] = []
-    files = [file for path in paths for file in (_in_folder(path) if path.is_dir() else [path])]
+    files = [file for path in paths for file in _files(path)]
     several = sum(file.suffix != ".mcap" for file in files) > 1
     for file in files:
         if file.suffix == ".mcap":
@@ -129,13 +130,23 @@ def open_all(paths: Sequence[Path]) -> list[Source]:
     return [*sources, *(Tlogs(vehicle, parts) for vehicle, parts in tlogs.items())]
 
 
-def _in_folder(folder: Path) -> list[Path]:
-    for ending in (".mcap", ".tlog"):
-        found = sorted(folder.glob(f"*{ending}"))
-        if found:
-            return found
-    text = f"{folder} holds no .mcap and no .tlog: give the folder of one session"
-    raise BadConfig(text, field="file", value=str(folder), expected="recordings")
+def _files(path: Path) -> list[Path]:
+    if path.is_dir():
+        found = _in(path, "*.mcap") or _in(path, "*.tlog")
+    else:
+        found = [path] if path.is_file() else _in(path.parent, path.name)
+    if found:
+        return found
+    text = f"{path}: no .mcap and no .tlog there: give a file, a session's folder, or the recorder's (--out)"
+    raise BadConfig(text, field="file", value=str(path), expected="recordings")
+
+
+def _in(folder: Path, pattern: str) -> list[Path]:
+    """What fits in a folder; where nothing does, in its newest folder that has some: they are called by time."""
+    if found := sorted(folder.glob(pattern)):
+        return found
+    within = sorted(folder.glob(f"*/{pattern}"))
+    return [file for file in within if file.parent == within[-1].parent]
 
 
 def _vehicle(file: Path, several: bool) -> str:

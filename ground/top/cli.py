@@ -17,8 +17,8 @@ from ground.top.report import Report
 from ground.top.screen import table
 from ground.top.ui import Ui
 from ground.top.watch import Watch
-from ground.top.words import clean
 from zmav.cli.common import console, fleet_option, run, zenoh_options
+from zmav.doctor.words import clean
 from zmav.session import SessionSettings
 
 

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ground.top.report import LEVELS, VehicleReport, condition
-from ground.top.words import duration, fit, milliseconds, number, percent
+from ground.top.report import VehicleReport, condition
+from ground.top.words import fit, milliseconds, number, percent
+from zmav.doctor.rules import LEVELS
+from zmav.doctor.words import duration
 
 NAME, FLEET, MODE, WHY, EVENT = "vehicle", "fleet", "mode", "why", "last event"
 NAME_MOST, MODE_MOST = 16, 12

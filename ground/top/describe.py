@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import msgspec
 
-from ground.top.facts import Facts
-from ground.top.reasons import reasons
 from ground.top.report import (
     GpsReport,
     LeaseReport,
@@ -20,6 +18,8 @@ from ground.top.report import (
 )
 from mesh.topology import Graph, Link, Way
 from zmav import wire
+from zmav.doctor.facts import Facts
+from zmav.doctor.rules import reasons
 
 
 def describe(facts: Facts, fleet: str, twins: tuple[str, ...], graph: Graph | None, several: bool) -> VehicleReport:

@@ -21,7 +21,8 @@ from ground.top.screen import draw
 from ground.top.terminal import Terminal
 from ground.top.ui import Ui
 from ground.top.watch import Watch
-from ground.top.words import cells, clean
+from ground.top.words import cells
+from zmav.doctor.words import clean
 from zmav.waiting import within
 
 ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)

@@ -6,34 +6,11 @@ computer. What is not known is null. Fields are only ever added.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import msgspec
 
+from zmav.doctor.facts import AgentReport, Happening, Presence
+from zmav.doctor.rules import Level, Reason
 from zmav.wire import Vector
-
-Presence = Literal["ok", "stale", "gone", "silent"]
-"""ok: its state is fresh; stale: old, but its presence token is there; gone: old, and no token; silent: a token, and
-never a state that could be believed"""
-Level = Literal["ok", "note", "warn", "bad"]
-LEVELS: tuple[Level, ...] = ("ok", "note", "warn", "bad")
-
-
-class Reason(msgspec.Struct, kw_only=True, frozen=True):
-    """Something that is not well: the rule that says so, how bad it is, and the words."""
-
-    rule: str
-    level: Level
-    text: str
-
-
-class Happening(msgspec.Struct, kw_only=True, frozen=True):
-    """An event of the vehicle's."""
-
-    age: float
-    kind: str
-    severity: str
-    text: str
 
 
 class Position(msgspec.Struct, kw_only=True, frozen=True):
@@ -89,19 +66,6 @@ class NetworkReport(msgspec.Struct, kw_only=True, frozen=True):
     way: list[str]
     complete: bool
     weakest: WeakHop | None
-
-
-class AgentReport(msgspec.Struct, kw_only=True, frozen=True):
-    """A program that says what it does."""
-
-    name: str
-    fleet: str
-    host: str
-    """the vehicle or other host it speaks under"""
-    state: str
-    text: str
-    age: float
-    stale: bool
 
 
 class VehicleReport(msgspec.Struct, kw_only=True):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ground.top.columns import NAME, NAMES, Column, columns
 from ground.top.report import Report, VehicleReport, condition
-from ground.top.words import clean
+from zmav.doctor.words import clean
 
 FILTER_MOST = 40
 

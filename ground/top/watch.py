@@ -14,15 +14,16 @@ from zenoh import handlers
 
 import mesh.graph
 from ground.top.describe import describe
-from ground.top.facts import LINK_STALE, Facts
-from ground.top.reasons import PROOF
-from ground.top.report import AgentReport, Happening, Presence, Report
+from ground.top.report import Report
 from mesh.topology import Graph
 from zmav import keys, wire
 from zmav.client import Client
+from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_of
+from zmav.doctor.rules import PROOF
 from zmav.errors import BadInput, ZmavError
 from zmav.services.port import on_loop
 from zmav.trust.member import Place
+from zmav.vehicle import Vehicle
 from zmav.waiting import together, within
 
 TRIP_EVERY, NETWORK_EVERY = 2.0, 5.0
@@ -209,18 +210,14 @@ class Watch:
         if heard is None and not token and not seen.events:
             return None
         state, age = (heard.state, now - heard.at) if heard else (None, None)
-        return Facts(
-            name=name,
-            presence=_presence(age, token),
-            age=age,
-            state=state,
+        return facts_of(
+            Vehicle(self._z, name, fleet),
             link=seen.link if seen.link is not None and now - seen.link_at < LINK_STALE else None,
             rtt=seen.rtt if now - seen.rtt_at < LINK_STALE else None,
             rtt_age=now - seen.rtt_at if seen.rtt is not None else None,
             agents=tuple(agent for agent in agents if (agent.fleet, agent.host) == place),
             events=_happenings(seen, state, age),
             recent=seen.recent(now, state),
-            disbelieved=tuple(self._z.disbelieved(name, fleet)),
         )
 
     def _agent_reports(self, now: float) -> tuple[AgentReport, ...]:
@@ -246,14 +243,6 @@ def _systems(known: dict[Place, Facts]) -> dict[tuple[str, int | None], list[str
 def _shown_for(status: wire.AgentStatus) -> float:
     """s of silence; who said that it ends is expected to say no more."""
     return AGENT_STALE if status.state.lower() in FINISHED else AGENT_GONE
-
-
-def _presence(age: float | None, token: bool) -> Presence:
-    if age is not None and age <= (keys.STATE.stale_after or 0.0):
-        return "ok"
-    if age is None:
-        return "silent" if token else "gone"
-    return "stale" if token else "gone"
 
 
 def _happenings(seen: Seen, state: wire.VehicleState | None, age: float | None) -> tuple[Happening, ...]:

@@ -2,8 +2,8 @@
 
 Who publishes them decides their shape; here it is only looked for what has a place: a vector of three numbers is a
 point (NED about the fleet's origin; where a document's ``frame`` says ENU, it is turned), a list of them a path, and
-an object with ``min`` and ``max``, ``center`` and ``radius``, or ``polygon``, ``floor`` and ``ceiling`` a body. Floors
-and ceilings are heights above the origin, up positive.
+an object with ``min`` and ``max``, ``center`` and ``radius``, or ``polygon``, ``floor`` and ``ceiling`` a body; without
+a ceiling a polygon is an area, drawn as its outline at its floor. Both are heights above the origin, up positive.
 """
 
 from __future__ import annotations
@@ -136,9 +136,14 @@ class _Finder:
         if "polygon" in value:
             corners = [pair(each, enu) for each in value["polygon"][:MANY]] if _is_list(value["polygon"]) else []
             outline = [corner for corner in corners if corner is not None]
-            if len(outline) >= 3:
-                self.found.prisms.append(Prism(outline, -50.0 if top is None else top, bottom or 0.0))
-            return len(outline) >= 3
+            if len(outline) < 3:
+                return False
+            if top is None:  # an area, as that of a search, and no body: walls would hide who flies in it
+                loop = [(n, e, bottom or 0.0) for n, e in [*outline, outline[0]]]
+                self.found.lines.append(Line(loop, ""))
+            else:
+                self.found.prisms.append(Prism(outline, top, bottom or 0.0))
+            return True
         if radius is None or not 0.0 < radius <= FAR:
             return False
         flat, solid = pair(center, enu), vector(center, enu)

@@ -13,6 +13,7 @@ from urllib.parse import quote, urlsplit
 
 from ground.view.settings import Sink
 from zmav.errors import BadConfig
+from zmav.process import free_port
 
 HOST = "127.0.0.1"
 PORT = 9876
@@ -71,13 +72,6 @@ def proxy(port: int) -> str:
 def page(sink: Sink) -> str:
     """Where a browser finds the web viewer."""
     return f"http://{HOST}:{sink.web_port}/?url={quote(sink.url, safe='')}"
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def start_viewer(sink: Sink) -> subprocess.Popen[bytes]:

@@ -25,6 +25,7 @@ from mesh.neighbours import Neighbour, Way
 from mesh.plan import RouterPlan, Setting
 from zmav.config import FleetConfig, Radio
 from zmav.errors import BadConfig
+from zmav.process import free_port
 from zmav.session import SessionSettings
 
 LISTEN, CONNECT = "listen/endpoints", "connect/endpoints"
@@ -75,7 +76,7 @@ class Bearers:
                 parse_budget(radio.budget)
         if not radios:
             return self
-        router = ("127.0.0.1", _free_port())
+        router = ("127.0.0.1", free_port(socket.SOCK_DGRAM))
         fars = [_far(plan, each, radios) for each in carried(plan)]
         ports = _ports(plan, radios)
         known = [*plan.file.vehicles, *plan.file.stations]
@@ -170,11 +171,3 @@ def _address(endpoint: str) -> Address | None:
         return str(ipaddress.ip_address(host)), int(port)
     except ValueError:
         return None
-
-
-def _free_port() -> int:
-    """A UDP port of loopback that nobody has: the router takes it a moment later."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port

@@ -11,6 +11,7 @@ import click
 
 from mesh.plan import RouterPlan, plan_router
 from zmav.config import load_fleet
+from zmav.errors import BadConfig
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
 
@@ -27,7 +28,12 @@ def plan_host(
     fleet_file: str | None, name: str | None, settings: SessionSettings, *, fleet: str | None = None,
     insecure: bool = False, vehicle: bool = False,
 ) -> RouterPlan:  # fmt: skip
-    """This computer's router as the options ask for it; raises what :func:`plan_router` and :func:`load_fleet` do."""
+    """This computer's router as the options ask for it; raises what :func:`plan_router` and :func:`load_fleet` do, and
+    :class:`BadConfig` for another mode than a router's.
+    """
+    if settings.mode not in (None, "router"):
+        text = f"-m {settings.mode}: what is opened here is a router, for all on this computer; leave -m out"
+        raise BadConfig(text, field="mode", value=settings.mode, expected="router")
     file = load_fleet(fleet_file) if fleet_file else None
     return plan_router(file, own_name(name, settings), settings, fleet=fleet, insecure=insecure, vehicle=vehicle)
 

@@ -12,7 +12,7 @@ from mesh.plan import RouterPlan
 from mesh.router import Router
 from mesh.running import until_outdated
 from zmav.cli.common import run, zenoh_options
-from zmav.process import leave, restart, say
+from zmav.process import leave, log, restart
 from zmav.session import SessionSettings
 
 
@@ -40,6 +40,6 @@ async def _route(plan: Callable[[], RouterPlan], settings: SessionSettings) -> N
         line = f"router {router.session.info.zid()} on {' '.join(planned.listens)}"
         why = await until_outdated(router, line, plan)
     if why:
-        say(f"starting anew: {why}")
+        log(f"starting anew: {why}")
         restart()
     leave()

@@ -24,7 +24,7 @@ from mesh.credentials.acl import access_control
 from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
-from zmav.process import say
+from zmav.process import log
 from zmav.services.port import on_loop
 from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
@@ -222,5 +222,5 @@ async def watch_roster(session: zenoh.Session, plan: RouterPlan) -> AsyncIterato
     if plan.credentials is None:
         yield None
         return
-    async with RosterWatch(session, plan, plan.credentials, say) as watch:
+    async with RosterWatch(session, plan, plan.credentials, log) as watch:
         yield watch

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import socket
 import subprocess
 import sys
 import tempfile
@@ -18,21 +17,6 @@ from zmav.errors import ZmavError
 PATIENCE = 180.0
 """s for a process to answer on a busy machine"""
 LINK = "?rel=1;mixed_rel=1"
-
-
-def udp_port() -> int:
-    """A UDP port of loopback that is free now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        port: int = s.getsockname()[1]
-        return port
-
-
-def tcp_port() -> int:
-    """A TCP port of loopback that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as s:
-        port: int = s.getsockname()[1]
-        return port
 
 
 class Child:

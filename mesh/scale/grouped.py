@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import socket
 import time
 
-from mesh.scale.fleet import Child, Children, ask_all, tcp_port, udp_port, until
+from mesh.scale.fleet import Child, Children, ask_all, until
 from mesh.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint, know, measure
+from zmav.process import free_port
 
 
 def grouped(children: Children, shape: Shape) -> Run:
     """As the flat run, the ground's router being on the trunk: its neighbour is the trunk's first router."""
-    port = udp_port()
+    port = free_port(socket.SOCK_DGRAM)
     trunk = children.start("trunk", NODE, {"fleet": FLEET, "listen": [endpoint(port)], "connect": []})
     trunk.hear()
     each = max(shape.routers // shape.groups, 1)
@@ -45,6 +47,6 @@ def _doors(gateways: list[Child]) -> int:
 def _gateway(children: Children, i: int, network: Network, port: int) -> Child:
     how = {
         "fleet": FLEET, "group": f"g{i}", "inside": [network.local], "connect": [endpoint(port)],
-        "listen": [f"tcp/127.0.0.1:{tcp_port()}"],
+        "listen": [f"tcp/127.0.0.1:{free_port()}"],
     }  # fmt: skip
     return children.start(f"gateway{i}", GATEWAY, how)

@@ -6,14 +6,16 @@ The ground's router stands at the first router, over one link that is counted. W
 
 from __future__ import annotations
 
+import socket
 import time
 from typing import Any
 
 import msgspec
 
-from mesh.scale.fleet import LINK, Child, Children, ask_all, tcp_port, udp_port, until
+from mesh.scale.fleet import LINK, Child, Children, ask_all, until
 from mesh.scale.meter import Meter
 from mesh.scale.topology import Topology, links
+from zmav.process import free_port
 
 FLEET = "study"
 NODE, STATION, GATEWAY = "mesh.scale.node", "mesh.scale.station", "mesh.scale.gatewaynode"
@@ -87,8 +89,8 @@ class Network:
     """Routers of one network and the ports they listen on."""
 
     def __init__(self, children: Children, name: str, topology: Topology, routers: int) -> None:
-        self.ports = [udp_port() for _ in range(routers)]
-        self.local = f"tcp/127.0.0.1:{tcp_port()}"
+        self.ports = [free_port(socket.SOCK_DGRAM) for _ in range(routers)]
+        self.local = f"tcp/127.0.0.1:{free_port()}"
         self.nodes: list[Child] = []
         for i, others in enumerate(links(topology, routers)):
             listen = [endpoint(self.ports[i]), *([self.local] if i == 0 else [])]
@@ -143,7 +145,7 @@ def measure(
 ) -> Run:
     """The ground's side, from the start of its router on, vehicles speaking. ``tokens``: of how many it learns."""
     with Meter(port) as meter:
-        local = f"tcp/127.0.0.1:{tcp_port()}"
+        local = f"tcp/127.0.0.1:{free_port()}"
         start = time.monotonic()
         how = {"fleet": FLEET, "listen": [local], "connect": [endpoint(meter.port)]}
         ground = children.start("ground", NODE, how)

@@ -262,7 +262,9 @@ def test_the_mode_that_follows() -> None:
     for stack, mode in ((ARDUPILOT, "GUIDED"), (PX4, "OFFBOARD")):
         autopilot = of(stack, COPTER)
         modes = {level: autopilot.guided_for(t) for level, t in LEVELS.items() if level != "torque"}
-        assert {level for level, each in modes.items() if each is None} == {"manual", "rc", "servo"}
+        sticks = modes.pop("manual")
+        assert sticks == ("POSCTL" if stack is PX4 else None)  # in HOLD PX4 moves nothing by them
+        assert {level for level, each in modes.items() if each is None} == {"rc", "servo"}
         assert {each for each in modes.values() if each is not None} == {mode}
     assert of(OTHER, COPTER).guided_for(LEVELS["manual"]) is None
     assert (of(PX4, COPTER).engage_after, of(ARDUPILOT, COPTER).engage_after) == (1.0, 0.0)
@@ -322,3 +324,9 @@ def test_what_px4_misses() -> None:
     assert missing(sick, hold) == missing(sick) == ["pre-arm checks fail"]
     assert "enter another mode" in missing(sick, offboard)[0]
     assert missing() == ["SYS_STATUS not heard"]
+    px4 = of(PX4, COPTER)
+    assert px4.missing(sick.get, ["no fix", "no home"]) == ["no fix", "no home"]
+    assert px4.missing({**sick, **offboard}.get, ["no fix"]) == [
+        "no fix (in OFFBOARD without a stream: enter another mode, such as HOLD)"
+    ]
+    assert px4.missing(healthy.get, ["what was said before"]) == []

@@ -18,10 +18,11 @@ from pathlib import Path
 from rich.console import Console
 
 import zmav
-from agents.demo.processes import Processes, connect, free_port, free_udp_ports
+from agents.demo.processes import Processes, connect
 from agents.demo.rover import Way, drive
 from zmav import keys, wire
 from zmav.errors import TimedOut
+from zmav.process import free_port, free_udp_ports
 from zmav.sim import Home, Remote
 from zmav.sim.lineup import ROVERS_SOUTH
 

@@ -22,8 +22,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from agents.demo.processes import free_port
 from tests.bench._load import Run, Sink, end, measure
+from zmav.process import free_port
 
 PEERS = [sys.executable, str(Path(__file__).resolve().parent / "_peers.py")]
 ZMAV = [sys.executable, "-m", "zmav"]

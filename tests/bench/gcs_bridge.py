@@ -26,9 +26,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fastcrc import crc16
 
-from agents.demo.processes import free_port, free_udp_ports
 from tests.bench._load import _STAMP, MIX, Run, Sink, _cpu_ns, end
 from zmav.mavlink import load_dialect
+from zmav.process import free_port, free_udp_ports
 
 HERE = str(Path(__file__).resolve())
 PEERS = str(Path(HERE).parent / "_peers.py")

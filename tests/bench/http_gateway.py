@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from agents.demo.processes import free_port
 from tests.bench._load import _cpu_ns, end
+from zmav.process import free_port
 
 SIDES = [sys.executable, str(Path(__file__).resolve().parent / "_http_sides.py")]
 COUNTS = (1, 10)

@@ -28,13 +28,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import msgspec
 
 import zmav
-from agents.demo.processes import free_port
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Stream
 from mesh.bench.search import Limits, search
 from mesh.lab.lab import Lab
 from mesh.lab.scenario import Scenario, check
 from tests.bench._load import _cpu_ns, end
+from zmav.process import free_port
 
 NODE = [sys.executable, str(Path(__file__).resolve().parent / "_bench_node.py")]
 LINK = "a-b"

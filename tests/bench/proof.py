@@ -27,11 +27,11 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import zmav
-from agents.demo.processes import free_port
 from mesh.credentials.ca import Authority
 from tests.bench.setpoint import GROUND, ZMAV, Autopilot, start
 from zmav import keys, wire
 from zmav.onboard import Onboard, OnboardSettings
+from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import VARIABLE, Credentials

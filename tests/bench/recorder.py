@@ -27,9 +27,9 @@ from typing import Any, NamedTuple
 import zenoh
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent))
-from agents.demo.processes import free_port
 from tests.bench._load import RECEIVE_BUFFER, _cpu_ns, end
 from zmav.mavlink import Packer, load_dialect
+from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 
 MIX = (

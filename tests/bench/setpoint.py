@@ -27,10 +27,10 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from agents.demo.processes import free_port
 from tests.bench._ground import STEP
 from tests.bench._load import end
 from zmav.mavlink import Packer, Splitter, decode, load_dialect
+from zmav.process import free_port
 
 GROUND = [sys.executable, str(Path(__file__).resolve().parent / "_ground.py")]
 ZMAV = [sys.executable, "-m", "zmav"]

@@ -27,10 +27,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import msgspec
 
 import zmav
-from agents.demo.processes import Processes, connect, free_port
+from agents.demo.processes import Processes, connect
 from agents.demo.stage import Stage
 from agents.demo.story import Demo, Step, find
 from zmav.errors import ZmavError
+from zmav.process import free_port
 from zmav.sim import Remote
 
 ANSWERED_WITHIN = 240.0

@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import zenoh
 
-from agents.demo.processes import free_port
 from tests.bench._relay import Relay
+from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 
 TICK, CHUNKS = 0.1, 5

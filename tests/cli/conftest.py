@@ -18,8 +18,8 @@ import zenoh
 from click.testing import CliRunner, Result
 
 import zmav
-from agents.demo.processes import free_port
 from zmav import cli
+from zmav.process import free_port
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.wire import VehicleState
 

@@ -18,13 +18,13 @@ import pytest
 import zenoh
 
 import zmav
-from agents.demo.processes import free_port, free_udp_ports
 from mesh.credentials.ca import Authority
 from tests.cli.conftest import PATIENCE_S, Process, zmav_here
 from tests.mesh.quality.relay import Relay, nothing
 from zmav import keys, wire
 from zmav.cli import doctor, lookround
 from zmav.client import Client
+from zmav.process import free_port, free_udp_ports
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
 
@@ -269,7 +269,7 @@ def strangers(fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(doctor, "look", look_and_kill)
     found = fleet.red(seconds=2.5)
-    assert found["alpha/quad3 presence"]["found"].startswith("last heard ")
+    assert found["alpha/quad3 presence"]["found"].startswith("no state for ")
     monkeypatch.undo()
 
 

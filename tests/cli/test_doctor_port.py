@@ -219,7 +219,7 @@ def fleet_file(tmp_path: Path, text: str) -> str:
         (TABLE.format(link="udpin::14550") + 'dialect = "klingon"\n', "vehicles.quad1.dialect"),
         (
             TABLE.format(link="udpin::14550") + '[vehicles.b]\nlink = "udpin::1"\nsysid = 1\n',
-            "vehicles.b.sysid is 1, as",
+            "vehicles.b.sysid is 1; expected a system id of its own",
         ),
         (
             TABLE.format(link="udpin::14550").replace("quad1", "quad2"),

@@ -23,7 +23,7 @@ def test_levels_from_the_shell(vehicle: Vehicle) -> None:
     zmav("do", "quad1", "arm")
     zmav("do", "quad1", "takeoff", "alt_rel=5")
     north = sim.status().ned_m[0]
-    (line,) = zmav("fly", "quad1", "--level", "velocity", "--vel", "1", "0", "0", "--for", "0.6", "--json").lines
+    (line,) = zmav("fly", "quad1", "--level", "velocity", "--vel", "1,0,0", "--for", "0.6", "--json").lines
     assert (line["vehicle"], line["sent"]) == ("quad1", 12)
     assert line["counts"]["flown"] >= 6
     assert sim.status().ned_m[0] > north + 1.0  # the simulator runs at eight times the clock
@@ -46,12 +46,14 @@ def test_levels_from_the_shell(vehicle: Vehicle) -> None:
     "arguments",
     [
         (),
-        ("--vel", "1", "0", "0", "--stdin"),
-        ("--vel", "1", "0"),
-        ("--level", "velocity", "--acc", "1", "0", "0"),
+        ("--vel", "1,0,0", "--stdin"),
+        ("--vel", "1,0"),
+        ("--pos", "1", "0", "-5"),
+        ("--level", "velocity", "--acc", "1,0,0"),
         ("--at", "1", "2"),
         ("--alt", "3"),
-        ("--vel", "1", "0", "0", "--for", "0"),
+        ("--vel", "nan,0,0"),
+        ("--vel", "1,0,0", "--for", "0"),
     ],
 )
 def test_misuse_is_refused_before_anything_is_done(here: type[Here], arguments: tuple[str, ...]) -> None:
@@ -61,9 +63,8 @@ def test_misuse_is_refused_before_anything_is_done(here: type[Here], arguments: 
 @pytest.mark.parametrize(
     ("arguments", "field"),
     [
-        (("--vel", "1", "0", "0", "--thrust", "0.5"), "thrust"),
+        (("--vel", "1,0,0", "--thrust", "0.5"), "thrust"),
         (("--thrust", "0.5"), "thrust"),
-        (("--vel", "nan", "0", "0"), "setpoint"),
         (("--rc", "1500,high"), "rc"),
         (("--yaw", "1", "--rates", "0", "0", "0", "--thrust", "0"), "rates"),
     ],

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import TYPE_CHECKING
 
 import pytest
 
 import zmav
+from zmav.cli import progress
 from zmav.errors import BadInput, BadMessage, NoSuchVehicle, Stale
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ def test_a_flight_from_the_shell(vehicle: Vehicle) -> None:
     told = do("do", "quad1", "takeoff", "alt_rel=5")
     assert told.out.startswith("quad1: takeoff done (alt_rel 4.")
     assert sim.status().height_m == pytest.approx(5.0, abs=0.6)
-    (line,) = do("goto", "quad*", "--ned", "5", "-3", "-6", "--json").lines
+    (line,) = do("goto", "quad*", "--to", "5,-3,6", "--json").lines
     assert line["vehicle"] == "quad1"
     assert line["result"]["away"] <= 1.0
     assert sim.status().ned_m == pytest.approx((5.0, -3.0, -6.0), abs=1.2)
@@ -38,6 +40,22 @@ def test_a_flight_from_the_shell(vehicle: Vehicle) -> None:
     assert not sim.status().armed
     do("do", "quad1", "set_mode", "mode=STABILIZE")
     vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
+
+
+def test_how_far_a_long_order_is_is_said_meanwhile(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "EVERY", 0.0)
+    do = vehicle.zmav
+    do("do", "quad1", "arm")
+    told = do("do", "quad1", "takeoff", "alt_rel=40")
+    assert re.match(r"quad1: takeoff: at \d+\.\d m\n", told.err)
+    assert told.out.startswith("quad1: takeoff done")
+    assert do("do", "quad1", "land", "--json").err == "", "a script is told the end alone"
+    said = list[str]()
+    monkeypatch.setattr(progress, "say", said.append)
+    far = progress.Progress("quad1", "goto")
+    far({})
+    far({"away": 123.4})
+    assert said == ["quad1: goto: 123 m to go"]
 
 
 def test_a_refusal_ends_with_1_and_the_reason(start: StartProcess, vehicle: Vehicle) -> None:

@@ -282,7 +282,7 @@ def test_replay_plays_a_recording_to_its_end(start: StartProcess, net: Net, shar
     _, endpoint = net.router()
     replay = start("replay", str(shared_data / "rover.tlog"), "--speed", "max", "--name", "old1", "-e", endpoint)
     assert replay.wait() == 0
-    assert "as demo/old1" in replay.err[0]
+    assert "as demo-replay/old1" in replay.err[0]
     assert re.match(r"\d{3,} frames \(0 unknown, 0 lost\) in \d+\.\d s", replay.err[-1])
 
 
@@ -290,11 +290,11 @@ def test_replay_is_a_vehicle_and_ends_cleanly(
     start: StartProcess, net: Net, here: type[Here], shared_data: Path
 ) -> None:
     session, endpoint = net.router()
-    verb = here("-e", endpoint)
+    verb = here("--fleet", "demo-replay", "-e", endpoint)
     replay = start("replay", str(shared_data / "px4.tlog"), "--speed", "5", "--loop", "--name", "old1", "-e", endpoint)
     replay.expect("replaying ")
     (line,) = verb("echo", "old1/ATTITUDE", "-n", "1", "--json").lines
-    assert line["key"] == "zmav/demo/old1/mav/rx/1/1/ATTITUDE"
+    assert line["key"] == "zmav/demo-replay/old1/mav/rx/1/1/ATTITUDE"
     (row,) = verb("ls", "--json").lines
     assert (row["name"], row["autopilot"], row["kind"]) == ("old1", "px4", "copter")
     assert replay.stop() == 0

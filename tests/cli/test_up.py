@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import socket
 import threading
 from collections.abc import Callable
@@ -67,6 +68,21 @@ def test_sigterm_ends_it_cleanly_and_takes_its_token_along(start: StartProcess, 
         assert (token["vehicle"], token["role"]) == ("quad1", "vehicle")
         assert (token["sys"], token["autopilot"]) == ("1", "ardupilot")
         assert came[-1][1] == zenoh.SampleKind.DELETE
+
+
+def test_each_line_of_its_log_has_a_time(start: StartProcess) -> None:
+    up = start("up", "--link", "tcp:127.0.0.1:1", "-l", f"tcp/127.0.0.1:{port()}")
+    up.expect("demo/quad1: ")
+    up.expect("warning: link down: ")
+    assert up.stop() == 0
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} \S", line) for line in up.err), up.err
+
+
+@pytest.mark.parametrize(("verb", "mode"), [("up", "client"), ("up", "peer"), ("router", "client")])
+def test_it_is_a_router_and_nothing_else(here: type[Here], verb: str, mode: str) -> None:
+    arguments = ("--link", "tcp:127.0.0.1:1") if verb == "up" else ()
+    error = here().fails(verb, *arguments, "-m", mode).error
+    assert f"-m {mode}: what is opened here is a router" in str(error)
 
 
 def test_an_autopilot_may_come_late_go_and_come_again(start: StartProcess) -> None:

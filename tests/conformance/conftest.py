@@ -26,13 +26,14 @@ import pytest_asyncio
 import zenoh
 
 import zmav
-from agents.demo.processes import free_port
 from tests.conformance.kinds import SIMULATED, Kind, kind_of, named
 from tests.conftest import endpoint_of
 from zmav import keys, wire
+from zmav.config import Geofence
 from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Packer
 from zmav.onboard import Onboard, OnboardSettings
+from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 from zmav.sim import Remote
 from zmav.vehicle import Lease, Vehicle
@@ -231,7 +232,9 @@ async def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
         router = stack.enter_context(open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"])))
         async with zmav.open(connect=[endpoint_of(router)]) as client:
             origin = await find_origin(router, client, url)
-            async with Onboard(router, OnboardSettings(link=url, name=NAME, origin=origin)) as onboard:
+            # A plane's circles and the ways to them are wider than a club's field.
+            settings = OnboardSettings(link=url, name=NAME, origin=origin, geofence=Geofence(radius=5000.0))
+            async with Onboard(router, settings) as onboard:
                 yield Flight(client, onboard, simulator)
 
 

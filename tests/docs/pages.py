@@ -65,7 +65,8 @@ PARTS: dict[str, tuple[Part, ...]] = {
 
 NOT_RUN: dict[str, str] = {
     # A regular expression that the whole command matches, or "PAGE: COMMAND": why it is not run here.
-    r"(cd zmav && )?make (test|demo( ARGS=\S+)?)": "the first is this; the others take minutes: tests/agents/demo",
+    r"(cd zmav && )?make (test|demo( ARGS=(\S+|'.*'))?)":
+        "the first is this; the others take minutes: tests/agents/demo",
     r"(sudo|systemctl|journalctl|git|ssh|scp) .*": "changes this machine, or wants another one: tests/deploy",
     r"docs/(install|vehicle-setup).md: .*":
         "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py",
@@ -78,7 +79,7 @@ NOT_RUN: dict[str, str] = {
     r"make conformance.*": "flies for minutes: tests/conformance, which 'make test' runs on the simulated autopilots",
     r"(sudo )?zmav lab .*": "needs root and a network of many hosts: tests/mesh/lab",
     r"sudo python tests/bench/.*|python tests/bench/.*": "a measurement of many minutes",
-    r"zmav sim (--(ardupilot|px4|stack) .*|--copters 10 .*|--speed max.*)":
+    r"zmav sim (--(ardupilot|px4|stack) .*|.* --px4 ~.*|--copters 10 .*|--speed max.*)":
         "real flight stacks, or as many vehicles as fill the machine: tests/sim",
     r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*":
         "needs a device: tests/sim/hil, tests/agents/camera",
@@ -87,11 +88,12 @@ NOT_RUN: dict[str, str] = {
     r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",
     r"zmav (up|router) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
     r"README.md: zmav swarm .*|zmav swarm (takeoff|formation|planner) .*|zmav swarm cancel g1|zmav router &":
-        "several vehicles that fly for minutes: tests/agents/planner/live",
-    r"zmav agent (run|do|param|inject) (?!.*(blinker|hopper)).*(hex1|follower|helipad|rover1|quad1).*":
-        "flights with pictures or 250 cycles a second: tests/agents/follower, tests/agents/controllers",
-    r"zmav (do hex1|up --file deploy/demos/hexarotor|sim --fleet deploy/demos/hexarotor).*":
-        "the hexarotor's flights: tests/agents/controllers",
+        "four vehicles and the solver, for minutes: tests/agents/planner/live",
+    r"zmav agent (run|do) (follower|helipad) .*|zmav agent do follower .*":
+        "wants a camera above a rover: 'zmav demo follow' has one; tests/agents/follower",
+    r"(README|docs/(?!agents).*).md: zmav agent .*(hex1|rover1|quad1).*|docs/controllers.md: zmav (do|up|sim) .*"
+    r"|zmav (do hex1|up --file deploy/demos/hexarotor|sim --fleet deploy/demos/hexarotor).*":
+        "cycles by the clock want a machine for themselves: tests/agents/controllers",
     r"zmav camera .*": "wants a camera, or a video: tests/agents/camera",
     r"zmav sim --copters 1 --rovers 1 --pad .*": "renders pictures, a core for itself: tests/sim/camera",
     r"zmav sim --fleet fleet.toml": "the fleet file is the reader's: tests/sim/test_fleetfile.py",

@@ -7,14 +7,15 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import click
 import pytest
 
+from agents.controllers.inject import Inject, Kind, check
 from agents.planner.warm import warm
 from tests.agents.planner.generate import as_json, swap_circle
-from tests.docs.commands import PAGES, ROOT, Command, all_commands, faults, verbs_in_prose
+from tests.docs.commands import PAGES, ROOT, Command, all_commands, faults, verbs_in_prose, words_of
 from tests.docs.pages import COMING, NOT_RUN, PARTS
 from tests.docs.stage import Stage, namespaced
 
@@ -84,6 +85,16 @@ def test_no_reason_is_given_for_what_no_page_says() -> None:
 def test_what_a_reason_names_is_there() -> None:
     named = [path for why in NOT_RUN.values() for path in re.findall(r"tests/[\w/]+(?:\.py)?", why)]
     assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+def test_what_is_injected_has_its_channel_in_what_is_followed() -> None:
+    """After 'engage' that is a place."""
+    found = [words for command in COMMANDS for words in words_of(command.text) if words[1:3] == ["agent", "inject"]]
+    assert {command.page for command in COMMANDS if "agent inject" in command.text} >= {"README.md"}
+    for words in found:
+        given = {name: words[words.index(f"--{name}") + 1] for name in ("channel", "amplitude")}
+        kind, amplitude = cast(Kind, words[4]), float(given["amplitude"])
+        check(Inject(kind=kind, channel=given["channel"], amplitude=amplitude, seconds=3.0), "position")
 
 
 @pytest.mark.parametrize("page", PARTS)

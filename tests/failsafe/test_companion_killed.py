@@ -15,9 +15,9 @@ from collections.abc import AsyncIterator
 from typing import NamedTuple
 
 import zmav
-from agents.demo.processes import free_port, free_udp_ports
 from tests.cli.conftest import PLACE, Process
 from zmav.mavlink import Packer, load_dialect
+from zmav.process import free_port, free_udp_ports
 from zmav.services import carrot
 from zmav.sim import SimVehicle, VehicleSpec, VehicleStatus, World
 

@@ -59,7 +59,7 @@ async def test_what_somebody_meant_ends_with_the_hold(bench: StartBench) -> None
     assert b.peer.mode == 4
 
 
-FAR = {"frame": "global", "lat_deg": -35.1, "lon_deg": 149.0, "alt_rel": 10.0}
+FAR = {"frame": "global", "lat_deg": -35.005, "lon_deg": 149.0, "alt_rel": 10.0}
 
 
 @pytest.mark.parametrize("how", ["preempted", "revoked", "released"])

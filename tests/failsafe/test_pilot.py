@@ -249,6 +249,7 @@ async def test_reposition_from_another_mode(bench: StartBench, after: str) -> No
     here = {"lat": -350000000, "lon": 1490000000, "alt": 600000, "relative_alt": 10000}
     place = {"frame": "global", "lat_deg": -35.001, "lon_deg": 149.0, "alt_rel": 10.0}
     b.peer.send("GLOBAL_POSITION_INT", **here)
+    await b.state(lambda s: s["position"] is not None, "its position")
     order = asyncio.create_task(b.ground.do("reposition", lease=alice.token, **place))
     await b.peer.until(lambda: bool(b.peer.heard("COMMAND_INT", command=192)), "DO_REPOSITION")
     b.peer.mode = GUIDED

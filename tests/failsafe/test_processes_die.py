@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from agents.demo.processes import free_port
 from tests.cli.conftest import Process
 from tests.failsafe.conftest import agent, held, moves, stops
 from tests.services.conftest import Bench, StartBench
+from zmav.process import free_port
 
 AGENT = """
 import asyncio, sys, zmav

@@ -64,9 +64,6 @@ async def test_it_goes_on_when_the_stream_does(bench: StartBench) -> None:
     [
         ("disarm", {}),  # refused in the air
         ("arm", {"ready_timeout": 0}),
-        ("goto", {}),
-        ("takeoff", {"alt_rel": 5000}),
-        ("set_mode", {"mode": "WARP"}),
         ("command", {"command": "DO_CHANGE_SPEED", "params": {"param2": 5.0}}),
     ],
 )
@@ -81,3 +78,20 @@ async def test_an_order_that_moves_nothing_leaves_nothing_flying(
     with contextlib.suppress(ZmavError):
         await b.ground.do(verb, lease=alice.token, **args)
     await held(b)
+
+
+@pytest.mark.parametrize(
+    ("verb", "args"), [("goto", {}), ("takeoff", {"alt_rel": 5000}), ("set_mode", {"mode": "WARP"})]
+)
+async def test_an_order_that_is_refused_leaves_the_stream_as_it_was(
+    bench: StartBench, verb: str, args: dict[str, object]
+) -> None:
+    b = await bench(settings={"failsafe": PATIENT})
+    alice = await agent(b)
+    await alice.fly()
+    with pytest.raises(ZmavError):
+        await b.ground.do(verb, lease=alice.token, **args)
+    flown = (await b.state(lambda s: s["setpoints"].get("flown"), "flown"))["setpoints"]["flown"]
+    await alice.fly()
+    await b.state(lambda s: s["setpoints"].get("flown", 0) > flown, "flown on")
+    assert "held" not in b.states.objects()[-1]["setpoints"]

@@ -96,8 +96,8 @@ def test_newer_fields_at_the_end_are_left_alone(dialect: Dialect) -> None:
 
 
 def test_decode_of_an_unknown_message(dialect: Dialect) -> None:
-    (frame,) = Splitter(dialect).feed(b"\xfd\x01\0\0\0\x01\x01\x9a\x01\0\x07\0\0")
-    with pytest.raises(BadMessage, match="no message 410"):
+    (frame,) = Splitter(dialect).feed(b"\xfd\x01\0\0\0\x01\x01\xea\xab\0\x07\0\0")
+    with pytest.raises(BadMessage, match="no message 44010"):
         decode(frame, dialect)
 
 
@@ -159,9 +159,9 @@ def test_nan_and_infinity_are_null_and_null_is_nan(dialect: Dialect) -> None:
 
 
 def test_describe_of_an_unknown_message(dialect: Dialect) -> None:
-    (frame,) = Splitter(dialect).feed(b"\xfd\x02\0\0\x09\x05\x06\x9a\x01\0\x07\xff\0\0")
+    (frame,) = Splitter(dialect).feed(b"\xfd\x02\0\0\x09\x05\x06\xea\xab\0\x07\xff\0\0")
     shown = describe(frame, dialect)
-    assert (shown.name, shown.id, shown.sysid, shown.compid, shown.seq) == ("UNKNOWN_410", 410, 5, 6, 9)
+    assert (shown.name, shown.id, shown.sysid, shown.compid, shown.seq) == ("UNKNOWN_44010", 44010, 5, 6, 9)
     assert shown.fields == {"payload": "07ff"}
     assert not shown.verified
 
@@ -328,7 +328,7 @@ def test_targets_among_the_zeros_left_out(dialect: Dialect) -> None:
 
 
 def test_targets_of_an_unknown_message(dialect: Dialect) -> None:
-    assert targets(Frame(b"\xfd\x01\0\0\0\x01\x01\x9a\x01\0\x07\0\0", 410, False), dialect) == (0, 0)
+    assert targets(Frame(b"\xfd\x01\0\0\0\x01\x01\xea\xab\0\x07\0\0", 44010, False), dialect) == (0, 0)
 
 
 def test_targets_agree_with_the_decoded_fields_for_every_message(dialect: Dialect) -> None:

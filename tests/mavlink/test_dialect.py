@@ -10,7 +10,18 @@ from pathlib import Path
 import pytest
 
 from zmav.errors import BadConfig, BadMessage
-from zmav.mavlink import Dialect, Field, MessageType, Packer, Splitter, decode, describe, encode, load_dialect
+from zmav.mavlink import (
+    Dialect,
+    Field,
+    MessageType,
+    Packer,
+    Splitter,
+    decode,
+    describe,
+    encode,
+    load_dialect,
+    parse_frame,
+)
 from zmav.mavlink.checksum import crc
 
 OWN = """<?xml version="1.0"?>
@@ -95,9 +106,42 @@ def test_the_generated_module_and_the_xml_say_the_same(name: str) -> None:
         )
 
 
+PX4S_OWN = {
+    8: "LINK_NODE_STATUS",
+    380: "TIME_ESTIMATE_TO_TARGET",
+    410: "EVENT",
+    411: "CURRENT_EVENT_SEQUENCE",
+    412: "REQUEST_EVENT",
+    413: "RESPONSE_EVENT_ERROR",
+    435: "AVAILABLE_MODES",
+    436: "CURRENT_MODE",
+}
+
+
+@pytest.mark.parametrize("name", ["ardupilotmega", "common", "development"])
+def test_messages_of_px4_that_pymavlink_lacks_have_their_names(name: str) -> None:
+    """Their layouts are proven by :func:`test_extension_fields_are_told_from_base_fields`."""
+    dialect = load_dialect(name)
+    assert {msgid: dialect.name_of(msgid) for msgid in PX4S_OWN} == PX4S_OWN
+    offboard = {"standard_mode": 0, "custom_mode": 50593792, "intended_custom_mode": 6 << 16}
+    sent = encode(dialect, "CURRENT_MODE", offboard, sysid=1, compid=1)
+    assert decode(parse_frame(sent, dialect), dialect) == offboard
+    event = dialect.message("EVENT")
+    assert [field.name for field in event.fields][:3] == ["destination_component", "destination_system", "id"]
+    assert [field.name for field in event.wire_fields][:3] == ["id", "event_time_boot_ms", "sequence"]
+
+
+@pytest.mark.parametrize(("number", "name"), [(410, "BREW"), (44001, "CURRENT_MODE")])
+def test_a_file_that_means_something_else_by_them_is_refused(tmp_path: Path, number: int, name: str) -> None:
+    message = f'<message id="{number}" name="{name}"><field type="uint8_t" name="cup">it</field></message>'
+    path = write(tmp_path, f"<mavlink><messages>{message}</messages></mavlink>")
+    with pytest.raises(BadConfig, match="is defined in common"):
+        load_dialect(path)
+
+
 def test_names_and_values(dialect: Dialect) -> None:
     assert dialect.name_of(0) == "HEARTBEAT"
-    assert dialect.name_of(410) == "UNKNOWN_410"
+    assert dialect.name_of(44000) == "UNKNOWN_44000"
     assert dialect.value("MAV_TYPE", "MAV_TYPE_QUADROTOR") == 2
     assert dialect.enum_name("MAV_TYPE", 2) == "MAV_TYPE_QUADROTOR"
     assert dialect.enum_name("MAV_TYPE", 250) is None
@@ -109,8 +153,8 @@ def test_unknown_names_are_refused_with_suggestions(dialect: Dialect) -> None:
     with pytest.raises(BadMessage, match="did you mean ATTITUDE") as caught:
         dialect.message("attitud")
     assert caught.value.detail["value"] == "attitud"
-    with pytest.raises(BadMessage, match=r"no message 410$"):
-        dialect.message(410)
+    with pytest.raises(BadMessage, match=r"no message 44000$"):
+        dialect.message(44000)
     with pytest.raises(BadMessage, match=r"no message \[\]"):
         dialect.message([])  # type: ignore[arg-type]
     with pytest.raises(BadMessage, match="did you mean MAV_TYPE_QUADROTOR"):
@@ -224,7 +268,7 @@ def test_includes_beside_the_file_come_first(tmp_path: Path) -> None:
     base = '<message id="1" name="ONE"><field type="uint8_t" name="a">x</field></message>'
     write(tmp_path, f"<mavlink><include>parts/middle.xml</include><messages>{base}</messages></mavlink>", "base.xml")
     path = write(tmp_path, "<mavlink><include>\n  parts/middle.xml </include><include>base.xml</include></mavlink>")
-    assert list(load_dialect(path).by_name) == ["ONE"]
+    assert load_dialect(path).by_name.keys() - PX4S_OWN.values() == {"ONE"}
 
 
 def test_an_included_enum_may_be_extended(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def heartbeat(dialect: Dialect, seq: int, *, sysid: int = 1, compid: int = 1, ve
     return build_frame(dialect.message("HEARTBEAT"), payload, sysid, compid, seq, version)
 
 
-def unknown(seq: int, *, msgid: int = 410, sysid: int = 1, compid: int = 1, payload: bytes = b"abc") -> bytes:
+def unknown(seq: int, *, msgid: int = 44010, sysid: int = 1, compid: int = 1, payload: bytes = b"abc") -> bytes:
     """A frame of a message that no dialect here has; its checksum may be anything."""
     return (
         bytes([MAGIC_V2, len(payload), 0, 0, seq, sysid, compid]) + msgid.to_bytes(3, "little") + payload + b"\x12\x34"
@@ -144,7 +144,7 @@ def test_unknown_messages_in_step_pass_with_their_true_ids(dialect: Dialect) -> 
     ]
     frames = splitter.feed(b"".join(sent))
     assert [frame.data for frame in frames] == sent
-    assert [frame.msgid for frame in frames] == [0, 410, 0xABCDEF, 0]
+    assert [frame.msgid for frame in frames] == [0, 44010, 0xABCDEF, 0]
     assert [frame.verified for frame in frames] == [True, False, False, True]
     assert splitter.counters.unknown == 2
     assert splitter.counters.lost == 0

@@ -50,6 +50,11 @@ def as_pymavlink(module: ModuleType, dialect: Dialect, name: str, fields: dict[s
     return module.mavlink_map[message.id](*arguments)
 
 
+def known(dialect: Dialect, module: ModuleType) -> list[str]:
+    """The messages that pymavlink has as well."""
+    return [name for name, message in dialect.by_name.items() if message.id in module.mavlink_map]
+
+
 def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Equal, NaN being equal to itself and 0.0 differing from -0.0."""
     return repr(one) == repr(other)
@@ -73,7 +78,7 @@ def test_our_bytes_are_pymavlinks_and_read_the_same(pair: tuple[Dialect, ModuleT
     rng = random.Random(seed)
     sender = module.MAVLink(None, srcSystem=5, srcComponent=77)
     sender.seq = 33
-    for name in dialect.by_name:
+    for name in known(dialect, module):
         fields = random_fields(dialect, name, rng)
         ours = encode(dialect, name, fields, sysid=5, compid=77, seq=33)
         assert same(judged(module, ours), fields), name
@@ -99,7 +104,7 @@ def test_what_describe_gives_encodes_to_the_same_frame(pair: tuple[Dialect, Modu
 def test_mavlink_1(pair: tuple[Dialect, ModuleType], seed: int) -> None:
     dialect, module = pair
     rng = random.Random(seed)
-    for message in dialect.by_id.values():
+    for message in map(dialect.message, known(dialect, module)):
         if message.id > 255:
             continue
         fields = random_fields(dialect, message.name, rng)

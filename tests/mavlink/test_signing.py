@@ -100,7 +100,7 @@ def test_what_cannot_be_signed() -> None:
     with pytest.raises(BadMessage, match="MAVLink 1"):
         signing().sign(encode(DIALECT, "HEARTBEAT", HEARTBEAT, sysid=1, compid=1, version=1))
     unknown = bytearray(Packer(DIALECT, 1, 1).pack("HEARTBEAT"))
-    unknown[7:10] = (410).to_bytes(3, "little")
+    unknown[7:10] = (44010).to_bytes(3, "little")
     with pytest.raises(BadMessage, match="lacks"):
         signing().sign(bytes(unknown))
 

@@ -208,7 +208,8 @@ async def test_a_radio_that_comes_late_has_the_router_start_anew(labs: Labs, tmp
     assert errors is not None
 
     async def line() -> str:
-        return str(await asyncio.wait_for(asyncio.to_thread(errors.readline), PATIENCE_S)).rstrip()
+        said = str(await asyncio.wait_for(asyncio.to_thread(errors.readline), PATIENCE_S))
+        return said.rstrip().split(" ", 2)[2]  # without its time
 
     said = [await line(), await line()]
     assert said[0].endswith(" on tcp/127.0.0.1:7447")

@@ -52,8 +52,9 @@ def start() -> Iterator[Callable[..., Process]]:
 
 
 def first_words(process: Process) -> str:
+    """A line without its time."""
     assert process.stderr is not None
-    return process.stderr.readline()
+    return process.stderr.readline().split(" ", 2)[2]
 
 
 def invoked(*arguments: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import re
 import signal
 from collections.abc import AsyncIterator
 
@@ -73,7 +74,9 @@ async def test_a_vehicle_that_flies_goes_on_and_so_does_one_that_could_not_start
     assert not ended.done()
     wrong = None
     assert await asyncio.wait_for(ended, PATIENCE_S) == "wlan0 has come"
-    assert capsys.readouterr().err.splitlines() == [
+    said = capsys.readouterr().err.splitlines()
+    assert all(re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} .*", line) for line in said), said
+    assert [line[24:] for line in said] == [
         "quad1 is up",
         "wlan0 has come: starting anew as soon as the vehicle is disarmed and nobody commands it",
         "wlan0 has come, but this could not start anew: the certificate has expired",

@@ -41,7 +41,7 @@ def test_where_every_radio_has_a_budget_all_that_streams_is_thinned_and_nothing_
 
 
 def test_the_more_vehicles_share_a_budget_the_rarer_each_speaks(tmp_path: Path) -> None:
-    many = fleet(tmp_path, "".join(f'[vehicles.q{n}]\nlink = "tcp:x:1"\n' for n in range(30)))
+    many = fleet(tmp_path, "".join(f'[vehicles.q{n}]\nlink = "tcp:x:{n + 1}"\n' for n in range(30)))
     one, all_of_them = thinned(FleetConfig(), [LTE]), thinned(many, [LTE])
     (few,), (much,) = ([each.hz for each in found if each.name == "ATTITUDE"] for found in (one, all_of_them))
     assert RAW_HZ[1] == few > much == RAW_HZ[0]

@@ -32,6 +32,7 @@ class MissionPeer(Peer):
     def __init__(self, sysid: int = 1, *, style: str = "ardupilot", **more: Any) -> None:
         super().__init__(sysid, autopilot={"ardupilot": 3, "px4": 12}.get(style, 0), **more)
         self.style = style
+        self.place = (-35.36, 149.16)
         self.plans: dict[int, list[Item]] = {MISSION: [], FENCE: [], RALLY: []}
         self.ids = {MISSION: 0, FENCE: 0, RALLY: 0}
         self.loss, self.delay = 0.0, 0.0
@@ -258,11 +259,13 @@ async def mission_benches(bench: StartBench) -> AsyncIterator[MissionBench]:
     """What the fixture ``mission_bench`` gives: ``await mission_bench(style, pace=...)``."""
     peers: list[MissionPeer] = []
 
-    async def start(style: str = "ardupilot", pace: Pace = QUICK, **more: Any) -> tuple[Bench, MissionPeer]:
+    async def start(
+        style: str = "ardupilot", pace: Pace = QUICK, settings: Any = None, **more: Any
+    ) -> tuple[Bench, MissionPeer]:
         peer = MissionPeer(style=style, **more)
         await peer.open()
         peers.append(peer)
-        b = await (await bench(peer)).connected()
+        b = await (await bench(peer, settings=settings)).connected()
         b.vehicle.missions.pace = pace
         return b, peer
 

@@ -15,7 +15,7 @@ from tests.services.rate_peer import StreamPeer
 from zmav import onboard as onboard_module
 from zmav import wire
 from zmav.mavlink import Packer
-from zmav.services import timesync
+from zmav.services import clock, timesync
 from zmav.services.clock import SETTLED, WRAP_MS, Clock
 
 if TYPE_CHECKING:
@@ -114,13 +114,17 @@ def test_a_restart_is_seen_and_what_was_known_is_forgotten() -> None:
     assert twin.clock.at(before) is None  # it is of before: there has been no such time since
 
 
-def test_a_restart_during_a_long_silence_is_seen() -> None:
+@pytest.mark.parametrize(("up", "verdict"), [(5.0, "restarted"), (190.0, "behind")])
+def test_only_a_time_that_went_back_during_a_silence_is_a_restart(up: float, verdict: str) -> None:
+    """One that went forward by less than ours may be of a simulation that was stopped for a while."""
     twin = Twin(boot=1090.0)
     for _ in range(10):
         twin.ask(0.01, 0.01)
-    twin.boot = twin.now + 10.0
+        twin.now += 1.0
+    assert twin.theirs(twin.now) == pytest.approx(20.2)
     twin.now += 200.0
-    assert twin.ask(0.01, 0.01) == "restarted"
+    twin.boot = twin.now - up
+    assert twin.ask(0.01, 0.01) == verdict
 
 
 def test_a_clock_that_jumps_ahead_is_no_restart_and_begins_anew() -> None:
@@ -280,6 +284,23 @@ async def test_a_restart_is_said_and_everything_is_asked_for_again(bench: StartB
     assert said["severity"] == "warning"
     await one.until(lambda: one.rates.get("ATTITUDE") == 10.0, "asking again")
     await b.state(lambda s: s["clock"] and s["clock"]["boot_t"] > time.time() - 60.0, "the new boot")
+
+
+async def test_a_time_that_went_forward_is_no_restart(
+    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clock, "SILENCE", 0.5, raising=False)
+    b = await streaming(bench, one)
+    await b.state(lambda s: s["clock"] and s["attitude"], "clock and attitude")
+    one.answers_timesync = False
+    await one.count("TIMESYNC", len(one.heard("TIMESYNC")) + 3)
+    one.booted += 0.5
+    one.rates = dict(one.unasked)
+    one.answers_timesync = True
+    said = await b.event("the autopilot was silent, and its time went on by")
+    assert said["severity"] == "notice"
+    await one.until(lambda: one.rates.get("ATTITUDE") == 10.0, "asking again, in case it has")
+    assert not [e for e in b.events.objects() if "restarted" in e["text"]]
 
 
 async def test_a_computer_without_the_time_is_told_by_gps(bench: StartBench, one: StreamPeer) -> None:

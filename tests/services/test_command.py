@@ -33,6 +33,12 @@ def at(b: Bench, alt_rel: float, north: float = 0.0) -> None:
     b.peer.send("GLOBAL_POSITION_INT", lat=round(lat * 1e7), lon=round(lon * 1e7), relative_alt=height, alt=height)
 
 
+async def knows_its_place(b: Bench) -> None:
+    """The autopilot says again and again that it is 12 m north of PLACE."""
+    b.peer.place = (PLACE["lat_deg"] + 12.0 / 111_320.0, PLACE["lon_deg"])
+    await b.state(lambda s: s["position"], "its position")
+
+
 async def test_what_is_sent(bench: StartBench) -> None:
     b = await (await bench(sysid=12)).connected()
     await b.ground.do("arm", ready_timeout=0)
@@ -191,6 +197,7 @@ async def test_a_takeoff_ends_with_what_ends_it(bench: StartBench, change: dict[
 
 async def test_goto_repeats_its_target_and_arrives(bench: StartBench) -> None:
     b = await (await (await bench()).connected()).flying()
+    await knows_its_place(b)
     asked = asyncio.create_task(b.ground.do("goto", frame="global", alt_rel=10.0, tolerance=2.0, **PLACE))
     await b.peer.count(TARGET, 1)
     while len(b.peer.heard(TARGET)) < 2:  # a target has no acknowledgement: it is said again
@@ -205,6 +212,7 @@ async def test_goto_repeats_its_target_and_arrives(bench: StartBench) -> None:
 
 async def test_goto_ends_when_the_pilot_takes_over(bench: StartBench) -> None:
     b = await (await (await bench()).connected()).flying()
+    await knows_its_place(b)
     asked = asyncio.create_task(b.ground.do("goto", frame="global", alt_rel=10.0, **PLACE))
     await b.peer.count(TARGET, 1)
     b.peer.mode = LOITER
@@ -219,6 +227,7 @@ async def test_goto_ends_when_the_pilot_takes_over(bench: StartBench) -> None:
 
 async def test_an_autopilot_that_falls_silent_ends_the_order(bench: StartBench) -> None:
     b = await (await (await bench()).connected()).flying()
+    await knows_its_place(b)
     asked = asyncio.create_task(b.ground.do("goto", frame="global", alt_rel=10.0, **PLACE))
     await b.peer.count(TARGET, 1)
     b.peer.beating = False
@@ -228,6 +237,7 @@ async def test_an_autopilot_that_falls_silent_ends_the_order(bench: StartBench) 
 
 async def test_a_later_order_ends_an_earlier_one(bench: StartBench) -> None:
     b = await (await (await bench()).connected()).flying()
+    await knows_its_place(b)
     asked = asyncio.create_task(b.ground.do("goto", frame="global", alt_rel=10.0, **PLACE))
     await b.peer.count(TARGET, 1)
     assert (await b.ground.do("hold")).result == {"mode": "GUIDED"}

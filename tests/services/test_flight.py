@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 from zmav import keys, wire
-from zmav.errors import NotHolder, Refused
+from zmav.errors import NotHolder, Refused, ZmavError
 from zmav.sim import SimVehicle, VehicleStatus, World
 
 if TYPE_CHECKING:
@@ -80,6 +80,25 @@ async def test_not_ready_is_refused_with_the_autopilot_s_reasons(flight: Flight)
     assert not flight.copter.status().armed
 
 
+async def test_a_plane_is_there_when_it_circles(net: Net, onboard: StartOnboard) -> None:
+    """It comes no nearer to a place than its circle about it, whatever tolerance is asked for."""
+    with World(planes=1, endpoint="tcp:127.0.0.1:0", speed=SPEED, ready_s=2.0) as world:
+        session, endpoint = net.router()
+        ground = net.ground(endpoint)
+        flight = Flight(world, ground, ground.samples(keys.STATE), ground.samples(keys.EVENT))
+        await net.linked(session, keys.STATE.key("demo", "quad1"))
+        vehicle = await onboard(session, world.urls[0], origin=HOME)
+        await flight.state(lambda s: s["connected"], "connection")
+        await flight.done("arm")
+        await flight.done("takeoff", alt_rel=50.0)
+        away = (await flight.done("goto", pos=[500.0, 0.0, -60.0], timeout=40.0))["away"]
+        assert away < 1.3 * 80.0
+        assert vehicle.params.value("WP_LOITER_RAD") == 80.0
+        again = (await flight.done("goto", pos=[500.0, 0.0, -60.0], timeout=41.0))["away"]
+        assert again < 1.3 * 80.0, "on its circle it is there as well"
+        await onboard.close(vehicle)
+
+
 async def test_arm_take_off_go_and_land(flight: Flight) -> None:
     await flight.up(5.0)
     here = flight.copter.status()
@@ -96,6 +115,35 @@ async def test_arm_take_off_go_and_land(flight: Flight) -> None:
     assert (down_there.armed, down_there.landed) == (False, True)
     modes = [e["text"] for e in flight.events.objects() if e["kind"] == "mode"]
     assert modes == ["mode STABILIZE", "mode GUIDED", "mode LAND"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "args", "why"),
+    [
+        ("takeoff", {"alt_rel": 8.0}, "in the air already"),
+        ("goto", {"pos": [0.0, 0.0, 5.0]}, "under the ground"),
+        ("reposition", {"pos": [9000.0, 0.0, -5.0]}, "beyond the geofence"),
+        ("set_mode", {"mode": "NO_SUCH_MODE"}, "no mode"),
+        ("mission_start", {}, "no mission"),
+    ],
+)
+async def test_what_is_refused_ends_no_landing(flight: Flight, verb: str, args: dict[str, Any], why: str) -> None:
+    """It is judged before the mode is touched: the landing goes on, and its own order with it."""
+    await flight.up(8.0)
+    landing = asyncio.create_task(flight.done("land"))
+    await flight.see(lambda s: s.mode == "LAND" and s.height_m < 7.5)
+    with pytest.raises(ZmavError, match=why):
+        await flight.ground.do(verb, **args)
+    assert await landing == {"armed": False}
+    assert "mode GUIDED" not in [e["text"] for e in flight.events.objects() if e["kind"] == "mode"][2:]
+
+
+async def test_a_disarmed_vehicle_is_not_put_into_rtl(flight: Flight) -> None:
+    state = await flight.state(lambda s: s["connected"] and s["mode"], "connection")
+    with pytest.raises(Refused, match="it is disarmed: there is nothing to bring back"):
+        await flight.ground.do("rtl")
+    assert await flight.done("land") == {"armed": False}
+    assert flight.copter.status().mode == state["mode"] == "STABILIZE"
 
 
 async def test_a_stream_flies_it_and_its_end_stops_it(flight: Flight) -> None:

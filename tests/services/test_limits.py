@@ -28,7 +28,7 @@ HORSESHOE = [(100.0, 100.0), (100.0, -100.0), (-100.0, -100.0), (-100.0, -20.0),
 
 def fence(corners: list[tuple[float, float]] | None = None, origin: wire.Origin = ORIGIN, **more: Any) -> Fence:
     polygon = [geo.to_global(origin, (n, e, 0.0))[:2] for n, e in corners or []]
-    return Fence(Geofence(polygon=polygon, **more), origin)
+    return Fence(Geofence(polygon=polygon, **more), origin, ground=False)
 
 
 def at(north: float, east: float, up: float = 10.0, origin: wire.Origin = ORIGIN, **more: Any) -> Target:
@@ -119,7 +119,7 @@ def test_radius_ceiling_and_floor() -> None:
 
 
 def test_no_fence_and_no_limits_let_everything_through() -> None:
-    for nothing in (None, Fence(Geofence(), ORIGIN), Fence(Geofence(), None)):
+    for nothing in (None, Fence(Geofence(), ORIGIN, ground=False), Fence(Geofence(), None, ground=False)):
         assert refused(at(9e4, 0.0), nothing, Limits()) is None
         assert refused(Target(vel=(999.0, 0.0, 0.0)), nothing, None, here=here(0.0, 0.0)) is None
 
@@ -206,15 +206,17 @@ def test_each_limit_counts_by_its_own_name(count: str, at_limit: Target, beyond:
 )
 def test_polygons_that_are_none(polygon: list[tuple[float, float]], words: str) -> None:
     with pytest.raises(BadConfig, match=words) as caught:
-        Fence(Geofence(polygon=polygon), None)
+        Fence(Geofence(polygon=polygon), None, ground=False)
     assert caught.value.detail["field"] == "geofence.polygon"
 
 
 def test_what_a_fence_needs() -> None:
     with pytest.raises(BadConfig, match="about the fleet's"):
-        Fence(Geofence(radius=10.0), None)
+        Fence(Geofence(radius=10.0), None, ground=False)
     with pytest.raises(BadConfig, match="cross"):
         fence(BAY)
-    without_origin = Fence(Geofence(polygon=[geo.to_global(ORIGIN, (n, e, 0.0))[:2] for n, e in SQUARE]), None)
+    without_origin = Fence(
+        Geofence(polygon=[geo.to_global(ORIGIN, (n, e, 0.0))[:2] for n, e in SQUARE]), None, ground=False
+    )
     assert refused(at(99.0, 0.0), without_origin) is None
     assert refused(at(101.0, 0.0), without_origin) == "fence"

@@ -23,7 +23,7 @@ async def last(b: Bench, name: str) -> wire.LastMessage:
     return wire.decode(reply.ok.payload.to_bytes(), wire.LastMessage, name)
 
 
-def unknown(sysid: int, payload: bytes = b"\x01\x02\xff", msgid: int = 410) -> bytes:
+def unknown(sysid: int, payload: bytes = b"\x01\x02\xff", msgid: int = 44010) -> bytes:
     """A frame of a message that the dialect lacks; its checksum nobody can check."""
     return bytes((0xFD, len(payload), 0, 0, 7, sysid, 1)) + msgid.to_bytes(3, "little") + payload + b"\x12\x34"
 
@@ -50,8 +50,8 @@ async def test_messages_the_dialect_lacks(bench: StartBench) -> None:
     b.peer.raw(unknown(1))
     b.peer.send("SYS_STATUS")
     await b.state(lambda s: s["battery"], "what came after it")
-    found = await last(b, "UNKNOWN_410")
-    assert (found.name, found.id, found.sysid, found.seq, found.verified) == ("UNKNOWN_410", 410, 1, 7, False)
+    found = await last(b, "UNKNOWN_44010")
+    assert (found.name, found.id, found.sysid, found.seq, found.verified) == ("UNKNOWN_44010", 44010, 1, 7, False)
     assert found.fields == {"payload": "0102ff"}
 
 
@@ -61,7 +61,7 @@ async def test_messages_the_dialect_lacks(bench: StartBench) -> None:
         ("NONSENSE", "NONSENSE"),
         ("attitude", "ATTITUDE"),
         ("ATTITUDE", "no ATTITUDE has come from quad1; heard so far: AUTOPILOT_VERSION, COMMAND_ACK, HEARTBEAT"),
-        ("UNKNOWN_411", "no UNKNOWN_411 has come"),
+        ("UNKNOWN_44011", "no UNKNOWN_44011 has come"),
         ("UNKNOWN_²", "UNKNOWN_²"),
         ("UNKNOWN_", "UNKNOWN_"),
         ("UNKNOWN_99999999999999999999999", "no UNKNOWN_9999"),
@@ -81,9 +81,9 @@ async def test_all_of_them_and_some(bench: StartBench) -> None:
     b.peer.send("SYS_STATUS")
     await b.state(lambda s: s["battery"], "the last one")
     for asked, wanted in (
-        ("*", {"AUTOPILOT_VERSION", "COMMAND_ACK", "HEARTBEAT", "SYS_STATUS", "UNKNOWN_410"}),
+        ("*", {"AUTOPILOT_VERSION", "COMMAND_ACK", "HEARTBEAT", "SYS_STATUS", "UNKNOWN_44010"}),
         ("S$*", {"SYS_STATUS"}),
-        ("UNKNOWN_$*", {"UNKNOWN_410"}),
+        ("UNKNOWN_$*", {"UNKNOWN_44010"}),
         ("X$*", set()),
     ):
         replies = await b.ground.ask(f"zmav/demo/quad1/msg/{asked}")

@@ -103,12 +103,15 @@ async def test_px4_flies_it_in_mission_mode(mission_bench: MissionBench) -> None
             peer.mode = int(fields["param2"]) << 16 | int(fields["param3"]) << 24
 
     peer.obey = px4  # type: ignore[method-assign]
+    peer.on_mission_set_current = lambda told: peer.say_current(told.fields["seq"])  # type: ignore[attr-defined]
+    peer.results[SET_MODE] = [FAILED, ACCEPTED]  # it has not looked at the mission yet
     peer.mode = PX4_HOLD
     await ready(b, peer)
     fly = Fly(b)
     await fly.begun()
     assert peer.mode == PX4_MISSION
-    assert peer.commands(SET_CURRENT)[0].fields["param1"] == 0.0
+    assert peer.heard("MISSION_SET_CURRENT")[0].fields["seq"] == 0
+    assert not peer.commands(SET_CURRENT)  # it does not know the command
     await _watched(b)
     peer.send("MISSION_ITEM_REACHED", seq=0)
     assert (await fly.until(reached=0))["status"] == "running"
@@ -244,18 +247,18 @@ async def test_a_later_order_supersedes_it(mission_bench: MissionBench) -> None:
 
 async def test_what_cannot_be_begun(mission_bench: MissionBench) -> None:
     b, peer = await mission_bench("ardupilot")
+    with pytest.raises(Refused, match="disarmed: arm it first"):
+        await b.ground.do("mission_start")
+    peer.armed = True
+    await b.state(lambda s: s["armed"], "armed")
     with pytest.raises(Refused, match="no mission on the autopilot: upload one"):
         await b.ground.do("mission_start")
     await b.ground.do("mission_upload", items=waypoints(3))
-    with pytest.raises(Refused, match="disarmed: arm it first"):
-        await b.ground.do("mission_start")
     with pytest.raises(BadInput, match="no item 3: the mission has 3, from 0 to 2") as caught:
         await b.ground.do("mission_start", first=3)
     assert caught.value.detail["field"] == "first"
     with pytest.raises(BadInput, match="no item -1"):
         await b.ground.do("mission_current", index=-1)
-    peer.armed = True
-    await b.state(lambda s: s["armed"], "armed")
     peer.results[START] = [FAILED]
     with pytest.raises(Refused, match="MAV_CMD_MISSION_START refused: FAILED"):
         await b.ground.do("mission_start")

@@ -63,7 +63,9 @@ async def agent(b: Bench, mode: int) -> Agent:
 
 async def test_a_plane_is_told_once_where_to_circle(bench: StartBench) -> None:
     b = await bench(mav_type=1)
+    b.peer.place = (-35.0, 149.0)
     alice = await agent(b, PLANE_GUIDED)
+    await b.state(lambda s: s["position"], "its position")
     there = {"frame": "global", "lat_deg": -35.0, "lon_deg": 149.0, "alt_rel": 50.0}
     for _ in range(10):
         alice.put(**there)

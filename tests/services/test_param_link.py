@@ -42,10 +42,10 @@ async def test_a_recorded_download_is_what_pymavlink_makes_of_it(
     expected = _by_pymavlink(shared_data / "copter_params.tlog")
     session, endpoint = net.router()
     ground = net.ground(endpoint)
-    states = ground.samples("zmav/demo/quad1/state")
-    vehicle = await onboard(session, f"replay:{shared_data / 'copter_params.tlog'}?speed=50")
+    states = ground.samples("zmav/demo-replay/quad1/state")
+    vehicle = await onboard(session, f"replay:{shared_data / 'copter_params.tlog'}?speed=50", fleet="demo-replay")
     await states.until(lambda: vehicle.params.known.complete, "complete set")
-    (reply,) = await ground.ask("zmav/demo/quad1/param")
+    (reply,) = await ground.ask("zmav/demo-replay/quad1/param")
     assert reply.ok is not None
     table = wire.decode(reply.ok.payload.to_bytes(), wire.ParamTable, "param")
     found = {p.name: (_float(p.value), wire.PARAM_TYPES.index(p.type) + 1) for p in table.params}

@@ -110,6 +110,8 @@ async def test_any_command_by_name(bench: StartBench) -> None:
     )
     assert outcome.result["command"] == "MAV_CMD_DO_CHANGE_SPEED"
     assert params(await one(b, SPEED)) == [1, 7.5, 0, 0, 0, 0, 0]
+    b.peer.place = (-35.5, 149.25)
+    await b.state(lambda s: s["position"], "its position")
     place = {"Latitude": -35.5, "Longitude": 149.25, "Altitude": 20.0}
     await b.ground.do("command", command="DO_REPOSITION", params=place, frame="GLOBAL_RELATIVE_ALT")
     (told,) = b.peer.heard("COMMAND_INT", command=REPOSITION)
@@ -121,11 +123,14 @@ async def test_any_command_by_name(bench: StartBench) -> None:
 async def test_the_form_the_autopilot_asks_for(bench: StartBench, verdict: int, form: str) -> None:
     b = await (await bench()).connected()
     b.peer.results[REPOSITION] = [verdict, ACCEPTED]
+    b.peer.place = (-35.5, 149.25)
+    await b.state(lambda s: s["position"], "its position")
     given = {"param5": -35.5, "param6": 149.25, "param7": 20.0}
-    frame = None if verdict == INT_ONLY else "GLOBAL"
+    frame = None if verdict == INT_ONLY else "GLOBAL_RELATIVE_ALT"  # what a COMMAND_LONG means here
     await b.ground.do("command", command="DO_REPOSITION", params=given, frame=frame)
     (told,) = b.peer.heard(form, command=REPOSITION)
     if form == "COMMAND_INT":
+        assert told.fields["frame"] == 3
         assert (told.fields["x"], told.fields["y"]) == (-355000000, 1492500000)
     else:
         assert [told.fields["param5"], told.fields["param6"]] == pytest.approx([-35.5, 149.25])

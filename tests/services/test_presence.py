@@ -1,12 +1,17 @@
-"""Clashes: two vehicles of one name or one system id are noticed and said by both, and nobody commands them."""
+"""Clashes: two vehicles of one name or one system id are noticed and said by both, and nobody moves them. What makes
+them safe passes.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import zmav
+from tests.services.conftest import GUIDED, LAND, SET_MODE
 from zmav import keys, wire
 from zmav.errors import Clash
 from zmav.mavlink import Packer, encode
@@ -18,6 +23,7 @@ if TYPE_CHECKING:
     from tests.services.conftest import Bench, Peer, StartBench, StartPeer
 
 ARM, REQUEST_MESSAGE = 400, 512
+RTL = 6
 
 
 def tokens(b: Bench) -> list[dict[str, str]]:
@@ -27,15 +33,15 @@ def tokens(b: Bench) -> list[dict[str, str]]:
 
 
 async def refuses_everything(b: Bench) -> None:
-    """Orders, frames and setpoints to a vehicle in a clash."""
+    """Orders, frames and setpoints to a vehicle in a clash; but not what makes it safe."""
     for verb, args in (
         ("arm", {}), ("takeoff", {"alt_rel": 5.0}), ("goto", {"pos": [0, 0, -5]}), ("set_mode", {"mode": "GUIDED"}),
-        ("hold", {}), ("land", {}), ("disarm", {}), ("lease", {"holder": "a"}),
+        ("lease", {"holder": "a"}),
     ):  # fmt: skip
         with pytest.raises(Clash):
             await b.ground.do(verb, **args)
     fields = {"target_system": 1, "target_component": 1, "command": ARM, "confirmation": 0}
-    fields.update({f"param{n}": 0 for n in range(1, 8)})
+    fields.update({f"param{n}": 0 for n in range(2, 8)}, param1=1)
     frame = encode(b.peer.dialect, "COMMAND_LONG", fields, sysid=255, compid=190)
     b.ground.put(keys.TX, frame, sys=1, comp=1, msg="COMMAND_LONG")
     await b.event("COMMAND_LONG refused", kind="refused")
@@ -43,6 +49,28 @@ async def refuses_everything(b: Bench) -> None:
     await b.state(lambda s: s["setpoints"].get("clash") == 1, "dropped setpoint")
     assert b.vehicle.adapter.tx.refused == 1
     assert b.peer.commands(ARM) == []
+    b.peer.mode, b.peer.armed = GUIDED, True
+    await b.state(lambda s: s["armed"] and s["mode"] == "GUIDED", "flight")
+    for verb, mode in (("hold", GUIDED), ("land", LAND), ("rtl", RTL)):
+        order = asyncio.create_task(b.ground.do(verb, id=f"{b.vehicle.settings.name} {verb}", wait=0.1))
+        await enters(b.peer, mode)
+        await order
+    b.peer.mode = GUIDED
+    b.ground.put(keys.TX, mode_frame(b, LAND), sys=1, comp=1, msg="COMMAND_LONG")
+    await b.peer.until(lambda: b.peer.mode == LAND, "a station's landing")
+    b.peer.armed = False
+    await b.state(lambda s: not s["armed"], "the ground")
+
+
+async def enters(peer: Peer, mode: int) -> None:
+    await peer.until(lambda: peer.mode == mode, f"mode {mode}, in spite of the clash")
+
+
+def mode_frame(b: Bench, mode: int) -> bytes:
+    """What a ground station sends to have a mode entered."""
+    fields = {"target_system": 1, "target_component": 1, "command": SET_MODE, "confirmation": 0}
+    fields.update({f"param{n}": 0 for n in range(3, 8)}, param1=1, param2=mode)
+    return encode(b.peer.dialect, "COMMAND_LONG", fields, sysid=255, compid=190)
 
 
 def setpoint() -> bytes:
@@ -102,6 +130,38 @@ async def b_clash(a: Bench, b: Onboard) -> None:
         lambda: sum(e["kind"] == "clash" and e["severity"] == "critical" for e in a.events.objects()) == 2,
         "two events of a clash",
     )
+
+
+async def test_of_two_of_one_name_the_one_is_halted_that_the_order_names(
+    bench: StartBench, peer: StartPeer, net: Net
+) -> None:
+    """Two vehicles with one name, as a copied SD card makes them, both in the air."""
+    a = await (await bench(name="quad1", sysid=1, uid=1)).connected()
+    other, _ = net.router(a.endpoint)
+    second = await peer(sysid=2, uid=2)
+    async with Onboard(other, OnboardSettings(link=second.url, name="quad1")) as b:
+        await a.state(lambda s: s["clash"] and s["uid"] == f"{2:016x}", "the second's clash")
+        for one in (a.peer, second):
+            one.mode, one.armed = GUIDED, True
+        await a.state(lambda s: s["armed"] and s["uid"] == f"{1:016x}", "the first in the air")
+        await a.state(lambda s: s["armed"] and s["uid"] == f"{2:016x}", "the second in the air")
+        async with zmav.open(connect=[a.endpoint]) as z:
+            (vehicle,) = await z.wait_for("quad1")
+            landing = asyncio.create_task(vehicle.order("land", wire.Order(uid=f"{2:016x}")))
+            await second.until(lambda: second.mode == LAND, "the landing of the one that is meant")
+            second.armed = False
+            assert await landing == {"armed": False}
+            assert (a.peer.mode, a.peer.armed) == (GUIDED, True)
+            with pytest.raises(Clash):
+                await vehicle.order("goto", wire.GoTo(pos=(0.0, 0.0, -5.0), uid=f"{2:016x}"))
+            second.armed = True
+            await asyncio.gather(vehicle.order("hold", wire.Order()), return_exceptions=True)
+            returning = asyncio.create_task(vehicle.order("rtl", wire.Order()))
+            for one in (a.peer, second):
+                await enters(one, RTL)  # nothing tells them apart
+                one.armed = False
+            await returning
+        assert b.presence.clash
 
 
 async def test_one_autopilot_heard_by_two_companions_is_no_clash(bench: StartBench, peer: StartPeer) -> None:

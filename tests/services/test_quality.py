@@ -30,7 +30,7 @@ async def test_what_was_injected_is_counted(bench: StartBench) -> None:
     v1 = encode(b.peer.dialect, "HEARTBEAT", beat, sysid=78, compid=1, version=1)
     short = bytes((0xFE, 3)) + v1[2:9] + b"\0\0"
     flags = good[0][:2] + b"\x02" + good[0][3:]
-    unknown = bytes((0xFD, 1, 0, 0, 20, 77, 1)) + (410).to_bytes(3, "little") + b"\x01\x12\x34"
+    unknown = bytes((0xFD, 1, 0, 0, 20, 77, 1)) + (54_321).to_bytes(3, "little") + b"\x01\x12\x34"
     wrong = [corrupt(good[5]), b"\x00" * 50, short, flags]
     for data in (*good[:5], *good[8:], unknown, *wrong, v1):  # three of system 77's are missing: that is not the link
         b.peer.raw(data)
@@ -116,12 +116,12 @@ async def test_what_is_sent_refused_and_dropped(bench: StartBench) -> None:
     await b.peer.until(lambda: len(b.peer.told) == b.vehicle.adapter.tx.frames, "no other frame")
 
 
-@pytest.mark.parametrize("url", ["tcp:127.0.0.1:1", "replay:{}"])
-async def test_a_link_that_takes_nothing(net: Net, onboard: StartOnboard, tmp_path: Path, url: str) -> None:
+@pytest.mark.parametrize(("url", "fleet"), [("tcp:127.0.0.1:1", "demo"), ("replay:{}", "demo-replay")])
+async def test_a_link_that_takes_nothing(net: Net, onboard: StartOnboard, tmp_path: Path, url: str, fleet: str) -> None:
     recording = tmp_path / "one.tlog"
     recording.write_bytes(bytes(8) + Packer(load_dialect(), 1, 1).pack("HEARTBEAT", type=2, autopilot=3))
     session, endpoint = net.router()
-    samples = net.ground(endpoint).samples(keys.LINK, link="autopilot")
-    await onboard(session, url.format(recording))
+    samples = net.ground(endpoint, fleet=fleet).samples(keys.LINK, link="autopilot")
+    await onboard(session, url.format(recording), fleet=fleet)
     report = await samples.object(lambda r: r["tx_dropped"] > 0 and r["state"] == "down", "drops")
     assert report["tx_frames"] == 0

@@ -80,10 +80,10 @@ async def test_what_the_autopilot_is_told(bench: StartBench) -> None:
     assert (f["alt"], f["type_mask"]) == (pytest.approx(620.0, abs=0.01), 0b1101_1100_0000)
     assert f["lon_int"] == 1490000000
     assert (f["lat_int"] + 350000000) / 1e7 * 111_000 == pytest.approx(100.0, rel=0.01)
-    alice.put(frame="global", lat_deg=-35.5, lon_deg=149.5, alt_rel=30.0, yaw_rate=0.1)
+    alice.put(frame="global", lat_deg=-35.005, lon_deg=149.005, alt_rel=30.0, yaw_rate=0.1)
     await b.peer.until(lambda: bool(b.peer.heard(GLOBAL, coordinate_frame=6)), "a global position")
     f = b.peer.heard(GLOBAL, coordinate_frame=6)[0].fields
-    assert (f["lat_int"], f["lon_int"], f["alt"]) == (-355000000, 1495000000, 30.0)
+    assert (f["lat_int"], f["lon_int"], f["alt"]) == (-350050000, 1490050000, 30.0)
     assert (f["yaw_rate"], f["type_mask"]) == (pytest.approx(0.1), 0b0101_1111_1000)
     await alice.counted(flown=3)
 
@@ -336,9 +336,26 @@ async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench
     assert norths[0] < 0.5
     assert norths[-1] > 2.5
     assert told[-1].at - told[0].at > 0.8
-    await b.event("the segment has ended: holding position", kind="setpoint")
+    said = await b.event("the segment has ended: holding position", kind="setpoint")
+    assert said["severity"] == "info", "it ended as it was to"
     alice.put()
     await b.state(lambda s: s["segment"] is None, "something else to fly")
+
+
+@pytest.mark.parametrize(
+    ("end", "severity"),
+    [("release", "info"), ("arm", "info"), ("revoke", "warning")],
+)
+async def test_what_somebody_means_to_end_is_no_warning(bench: StartBench, end: str, severity: str) -> None:
+    b = await bench()
+    alice = await pilot(b)
+    alice.put()
+    await b.state(lambda s: s["setpoints"].get("flown"), "a stream")
+    alice.put()
+    await b.ground.do(end, **({} if end == "revoke" else {"lease": alice.token}))
+    said = await b.event(": holding position", kind="setpoint")
+    assert said["severity"] == severity, said
+    assert "no setpoint" not in said["text"]
 
 
 @pytest.mark.parametrize(("ends", "flown_on"), [("gone", True), ("revoked", False)])

@@ -168,7 +168,8 @@ def test_it_needs_an_origin() -> None:
 
 
 def fence(corners: list[tuple[float, float]] | None = None, **more: Any) -> Fence:
-    return Fence(Geofence(polygon=[geo.to_global(ORIGIN, (n, e, 0.0))[:2] for n, e in corners or []], **more), ORIGIN)
+    polygon = [geo.to_global(ORIGIN, (n, e, 0.0))[:2] for n, e in corners or []]
+    return Fence(Geofence(polygon=polygon, **more), ORIGIN, ground=False)
 
 
 SQUARE = [(50.0, 50.0), (50.0, -50.0), (-50.0, -50.0), (-50.0, 50.0)]

@@ -148,7 +148,7 @@ QUAD = '[vehicles.q]\nlink = "tcp:127.0.0.1:5760"\n'
         (
             QUAD + "sysid = 3\nsim = {}\n[vehicles.p]\nlink = 'tcp:127.0.0.1:5770'\nsysid = 3\nsim = {}",
             "vehicles.p.sysid",
-            "q and p both have system id 3",
+            "a system id of its own: q has this one",
         ),
     ],
 )

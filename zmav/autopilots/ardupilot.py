@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from zmav.autopilots import base, convert
@@ -39,6 +39,7 @@ class ArduPilot(Autopilot):
         super().__init__(kind)
         self.rules = RULES.get(kind, COPTER)
         self.keepalive_hz = self.rules.keepalive_hz
+        self.circle_param = "WP_LOITER_RAD" if self.rules.circles else None
         self.levels, self.modes_by_level = self.rules.levels, MODES_BY_LEVEL
         self.needs_by_level = self.rules.needs
         self.lands_after_rtl = self.rules.takeoff_command
@@ -59,7 +60,7 @@ class ArduPilot(Autopilot):
     def guided(self) -> str:
         return "GUIDED"
 
-    def missing(self, latest: Latest) -> list[str]:
+    def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
         """The pre-arm bit rises too early for GUIDED: the EKF must also have an absolute horizontal position."""
         missing = []
         ekf, status = latest("EKF_STATUS_REPORT"), latest("SYS_STATUS")

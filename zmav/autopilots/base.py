@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -23,6 +23,8 @@ Level = Literal[
 ]
 
 NAN = math.nan
+HERE = 0x7FFFFFFF
+"""x and y of a COMMAND_INT that names no place"""
 Fields = Mapping[str, Any]
 Latest = Callable[[str], "Fields | None"]
 """The decoded fields of the vehicle's last message of that name; None: never heard, or too old to judge by"""
@@ -153,8 +155,24 @@ class Autopilot(ABC):
     """of a flight log's file"""
     log_directories: ClassVar[tuple[str, ...]] = ()
     """where its flight logs may lie, for MAVFTP"""
+    mode_message: ClassVar[str | None] = None
+    """what tells the mode, and the one intended, sooner than HEARTBEAT does: CURRENT_MODE, or what has its fields"""
+    unrated: ClassVar[frozenset[str]] = frozenset()
+    """messages whose rate it does not let itself be told"""
+    never_rated: ClassVar[tuple[int, ...]] = (2, 3)
+    """MAV_RESULTs of a rate that say that asking again changes nothing: denied and unsupported"""
     logs_while_armed: ClassVar[bool] = True
     """whether it gives out logs while armed"""
+    log_ids_are_places: ClassVar[bool] = False
+    """a log's id is its place in a directory, from 0: no order of time, and LOG_ENTRY's last_log_num is no id"""
+    events_file: ClassVar[str] = ""
+    """where MAVFTP has the words of its events (EVENT), compressed by xz; empty: it has none"""
+    report_checks: ClassVar[Command | None] = None
+    """what makes it report its arming checks as events, where it does not so by itself"""
+    command_frame: ClassVar[str] = "MAV_FRAME_GLOBAL_RELATIVE_ALT"
+    """what the place of a COMMAND_LONG is taken in, which names no frame"""
+    ignores_frames: ClassVar[bool] = False
+    """a command's altitude is above the sea, whatever frame is given, and 0, 0 is a place like any other"""
     params_bytewise: ClassVar[bool] = False
     """how integer parameters travel where AUTOPILOT_VERSION does not tell: as their bytes, or cast to float"""
     own_params: ClassVar[tuple[str, ...]] = ()
@@ -162,6 +180,8 @@ class Autopilot(ABC):
     (counters, ids of sensors it found, measurements)"""
 
     missions: MissionRules = MissionRules()
+    circle_param: str | None = None
+    """the parameter with the radius (m) of its circles, where it circles a place instead of stopping there"""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
@@ -198,8 +218,8 @@ class Autopilot(ABC):
         return found
 
     @abstractmethod
-    def missing(self, latest: Latest) -> list[str]:
-        """What is not ready for arming, in words; empty: ready."""
+    def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
+        """What is not ready for arming, in words; empty: ready. ``checks``: what its own report of its checks says."""
 
     def has_position(self, latest: Latest) -> bool:
         """GLOBAL_POSITION_INT can be believed: it also flows before there is a fix."""
@@ -212,8 +232,13 @@ class Autopilot(ABC):
         """The mode in which the vehicle follows setpoints."""
 
     def arming_mode(self, mode: str | None) -> str | None:
-        """The mode to enter before arming, where it cannot be armed in ``mode`` (a landing has just ended in LAND)."""
+        """The mode to enter before arming, where it cannot be armed in ``mode`` (a landing has just ended in LAND) or
+        would take off by itself.
+        """
         return None
+
+    arming_needs: tuple[Need, ...] = ()
+    """what its parameters must be for it to be armed by a companion alone"""
 
     def arm(self, on: bool) -> Command:
         """MAV_CMD_COMPONENT_ARM_DISARM, never forced: a disarm in the air is refused by the autopilot."""
@@ -229,6 +254,15 @@ class Autopilot(ABC):
 
     pause: ClassVar[Command | None] = None
     """what stops it on its way to a place in the mode of :meth:`hold`, where entering that again changes nothing"""
+
+    stream_lost: ClassVar[tuple[str, ...]] = ()
+    """modes that it enters by itself when the stream ends, its intention staying :attr:`guided`"""
+
+    def holds_again(self, level: Level, status: int) -> bool:
+        """The hold must be ordered once more for it to stay: a stream of ``level`` has ended, and it is in ``status``
+        (MAV_STATE).
+        """
+        return False
 
     @abstractmethod
     def land(self) -> str:
@@ -262,12 +296,16 @@ class Autopilot(ABC):
     keepalive_hz: float = 4.0
     """how often the autopilot must hear a setpoint that is still wanted"""
     engage_after: float = 0.0
-    """s of stream that must have flown before the mode that follows it may be asked for"""
+    """s of stream that must have flown on the ground before the mode that follows it may be asked for; 0: none need"""
     levels: Mapping[Level, Convert | str] = {}
     """what each level becomes, or why there is no such thing here"""
     modes_by_level: Mapping[Level, str | None] = {}
     """where the mode is not ``guided``; None: whatever mode the vehicle is in"""
     needs_by_level: Mapping[Level, tuple[Need, ...]] = {}
+
+    def engages_after(self, level: Level, flies: bool) -> float:
+        """:attr:`engage_after` for a stream of that level; ``flies``: it has left the ground."""
+        return self.engage_after
 
     def setpoint(self, target: Target) -> list[Action]:
         """One point of a stream at any level; raises :class:`Unsupported` with the reason."""

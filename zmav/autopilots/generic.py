@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from zmav.autopilots import base, convert
@@ -37,7 +37,7 @@ class Generic(Autopilot):
     def guided(self) -> str:
         raise self.unsupported("a guided mode")
 
-    def missing(self, latest: Latest) -> list[str]:
+    def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
         return [] if latest("GLOBAL_POSITION_INT") is not None else ["no GLOBAL_POSITION_INT heard"]
 
     def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:

@@ -17,5 +17,11 @@ class MissionRules:
     """item 0 on the autopilot is home, and no part of the mission"""
     window: int = 1
     """items of a download that may be asked for at once: more than one where each request stands for itself"""
+    set_by_command: bool = True
+    """it knows MAV_CMD_DO_SET_MISSION_CURRENT; False: the message MISSION_SET_CURRENT alone"""
+    mission_frame: bool = False
+    """items without a place are taken in MAV_FRAME_MISSION only"""
+    never_placed: frozenset[str] = frozenset()
+    """commands that it takes without a place only, though MAVLink gives them one"""
     exact: bool = True
     """every item is kept as it was sent; False: parameters are rounded, or left out where the vehicle ignores them"""

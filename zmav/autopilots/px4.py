@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import msgspec
@@ -29,6 +29,16 @@ _NO_JOYSTICK = Need(
     True,
     "PX4 does not listen to MANUAL_CONTROL",
 )
+_NO_GROUND_STATION = Need(
+    ("NAV_DLL_ACT",),
+    lambda value, sysid: 0,
+    False,
+    "PX4 arms only while it hears a ground station, and a companion is none: start one, or",
+)
+STICKS_HEARD = 0.5
+"""s of MANUAL_CONTROL after which it takes them for a pilot's"""
+CRITICAL = 5
+"""MAV_STATE_CRITICAL: a failsafe acts"""
 _EVERYWHERE: Mapping[Level, Convert | str] = {
     "torque": _NO_TORQUE,
     "manual": convert.sticks,
@@ -73,22 +83,35 @@ def _mode(name: str, main: int, sub: int) -> Mode:
 class Px4(Autopilot):
     name = "px4"
     log_suffix = ".ulg"
-    log_directories: ClassVar[tuple[str, ...]] = ("/fs/microsd/log",)
-    # PX4 sends all of these by itself on its onboard link.
-    floor: ClassVar[Mapping[str, float]] = {}
-    missions = MissionRules(mode="MISSION", start_command=False, exact=False)
+    command_frame: ClassVar[str] = "MAV_FRAME_GLOBAL"
+    ignores_frames: ClassVar[bool] = True
+    log_directories: ClassVar[tuple[str, ...]] = ("/fs/microsd/log", "/log")  # of a board, and of SITL
+    log_ids_are_places: ClassVar[bool] = True
+    events_file: ClassVar[str] = "/etc/extras/all_events.json.xz"
+    report_checks: ClassVar[Command | None] = Command("MAV_CMD_RUN_PREARM_CHECKS")
+    # PX4 sends all others by itself on its onboard link. It grants this one, and no rate of the two below: a HEARTBEAT
+    # comes once a second, and shows a mode up to a second late.
+    mode_message = "CURRENT_MODE"
+    floor: ClassVar[Mapping[str, float]] = {"CURRENT_MODE": 20.0}
+    unrated: ClassVar[frozenset[str]] = frozenset({"HEARTBEAT", "MISSION_CURRENT"})
+    never_rated: ClassVar[tuple[int, ...]] = (2, 3, 4)
+    missions = MissionRules(
+        mode="MISSION", start_command=False, set_by_command=False, mission_frame=True, exact=False,
+        never_placed=frozenset({"MAV_CMD_DO_LAND_START", "MAV_CMD_DO_SET_HOME"}),
+    )  # fmt: skip
     params_bytewise: ClassVar[bool] = True
     # The system id, flight time and number of flights, ids of the sensors it found.
     own_params: ClassVar[tuple[str, ...]] = ("MAV_SYS_ID", "LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")
-    # Below 2 Hz it leaves OFFBOARD, and it enters it only where the stream has flown for a second.
+    # Below 2 Hz it leaves OFFBOARD, and on the ground it enters it only where the stream has flown for a second.
     keepalive_hz = 20.0
     engage_after = 1.0
-    modes_by_level: Mapping[Level, str | None] = {"manual": None, "rc": None, "servo": None}
+    modes_by_level: Mapping[Level, str | None] = {"manual": "POSCTL", "rc": None, "servo": None}
     needs_by_level: Mapping[Level, tuple[Need, ...]] = {"manual": (_NO_JOYSTICK,)}
 
     def __init__(self, kind: str, *, torque: bool = False) -> None:
         super().__init__(kind)
         self.levels = _LEVELS.get(kind, _MULTICOPTER)
+        self.circle_param = "NAV_LOITER_RAD" if kind == "plane" else None
         if torque:
             self.levels = {**self.levels, "torque": convert.torques}
         self._modes = {}
@@ -114,8 +137,8 @@ class Px4(Autopilot):
     def guided(self) -> str:
         return "OFFBOARD"
 
-    def missing(self, latest: Latest) -> list[str]:
-        """The pre-arm bit sums up PX4's health and arming checks; the reasons themselves come as events.
+    def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
+        """The pre-arm bit sums up PX4's health and arming checks; the reasons themselves come as events (``checks``).
 
         Only its ``health`` is ever set. A disarmed vehicle left in OFFBOARD without a stream fails it, too.
         """
@@ -125,9 +148,9 @@ class Px4(Autopilot):
         if status["onboard_control_sensors_health"] & PREARM_CHECK:
             return []
         mode = self.mode_name(heartbeat["base_mode"], heartbeat["custom_mode"]) if heartbeat else ""
-        return [
-            "pre-arm checks fail" + (" (in OFFBOARD: enter another mode, such as HOLD)" if mode == "OFFBOARD" else "")
-        ]
+        blocks = {"OFFBOARD": "without a stream", "MISSION": "without a valid mission"}.get(mode)
+        *others, last = checks or ("pre-arm checks fail",)
+        return [*others, last + (f" (in {mode} {blocks}: enter another mode, such as HOLD)" if blocks else "")]
 
     def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
         """NAV_TAKEOFF with an altitude above mean sea level, which is what PX4 takes; it changes the mode by itself."""
@@ -161,8 +184,27 @@ class Px4(Autopilot):
         return "RTL"
 
     def arming_mode(self, mode: str | None) -> str | None:
-        """OFFBOARD is accepted while disarmed, and arming then refused until the mode changes."""
-        return "HOLD" if mode in ("OFFBOARD", "LAND", "RTL", "PRECLAND") else None
+        """OFFBOARD is accepted while disarmed, and arming then refused until the mode changes. In MISSION and TAKEOFF
+        it takes off as soon as it is armed: a mission flown to its end leaves the mode at MISSION.
+        """
+        return "HOLD" if mode in ("OFFBOARD", "LAND", "RTL", "PRECLAND", "MISSION", "TAKEOFF") else None
+
+    arming_needs = (_NO_GROUND_STATION,)
+
+    # COM_OBL_RC_ACT 5, and 0 to 2: the sticks, which nobody may hold.
+    stream_lost: ClassVar[tuple[str, ...]] = ("HOLD", "POSCTL", "ALTCTL", "STABILIZED")
+
+    def holds_again(self, level: Level, status: int) -> bool:
+        """Sticks that end are a lost manual control: it is critical, holds for COM_FAIL_ACT_T and then does
+        NAV_RCL_ACT, unless the mode is ordered again meanwhile.
+        """
+        return level == "manual" and status == CRITICAL
+
+    def engages_after(self, level: Level, flies: bool) -> float:
+        """In flight it enters OFFBOARD as soon as there is a setpoint, and POSCTL once it has heard the sticks."""
+        if level == "manual":
+            return STICKS_HEARD
+        return 0.0 if flies else self.engage_after
 
     def servo(self, output: int, pwm: int) -> Command:
         """MAV_CMD_DO_SET_ACTUATOR takes -1 to 1 for the outputs assigned to "Offboard Actuator Set" 1 to 6."""

@@ -11,10 +11,14 @@ https://docs.px4.io/v1.16/en/config/safety.html, https://docs.px4.io/v1.16/en/fl
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from zmav.autopilots.base import Autopilot
+from zmav.errors import BadInput, Unsupported
+from zmav.mavlink import Dialect, Frame, decode
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,8 @@ _PX4 = (
         ("NAV_DLL_ACT",),
         _is(0),
         "nothing happens when the data link to the ground is lost: a DO_REPOSITION or a mission is flown to its end",
-        "2 (return) or 1 (hold)",
+        "2 (return) or 1 (hold), where a ground station always listens: PX4 then arms only while it hears one, and a "
+        "companion is none",
         essential=False,
     ),
     Safety(
@@ -221,6 +226,43 @@ _CHANGING = {
 def changes_mode(command: str) -> bool:
     """A MAV_CMD that changes the mode by itself."""
     return command in _CHANGING
+
+
+_SAFE = {f"MAV_CMD_{name}" for name in ("NAV_LAND", "NAV_RETURN_TO_LAUNCH", "NAV_LOITER_UNLIM", "NAV_VTOL_LAND")}
+"""MAV_CMDs that bring a vehicle down, home or to a halt, whatever their parameters"""
+
+
+def makes_safe(frame: Frame, dialect: Dialect, autopilot: Autopilot) -> bool:
+    """Whether a station's frame can only land, return, halt or (unforced) disarm the vehicle."""
+    name = dialect.name_of(frame.msgid)
+    if name not in ("SET_MODE", "COMMAND_LONG", "COMMAND_INT"):
+        return False
+    fields: Mapping[str, Any] = decode(frame, dialect)
+    if name == "SET_MODE":
+        return _is_safe_mode(autopilot, int(fields["custom_mode"]))
+    command = dialect.enum_name("MAV_CMD", fields["command"])
+    if command == "MAV_CMD_DO_SET_MODE":
+        # A main and a sub mode (PX4) or a number (ArduPilot): as the autopilot's own table has them.
+        asked = tuple(float(fields[f"param{n}"]) for n in (2, 3))
+        safe = (autopilot.mode(mode).command.padded()[1:3] for mode in _safe_modes(autopilot))
+        return any(asked[: 2 if each[1] else 1] == each[: 2 if each[1] else 1] for each in safe)
+    if command == "MAV_CMD_COMPONENT_ARM_DISARM":
+        return bool(fields["param1"] == 0.0 and fields["param2"] == 0.0)
+    if command == "MAV_CMD_DO_PAUSE_CONTINUE":
+        return bool(fields["param1"] == 0.0)
+    return command in _SAFE
+
+
+def _is_safe_mode(autopilot: Autopilot, custom: int) -> bool:
+    return any(autopilot.mode(mode).custom == custom for mode in _safe_modes(autopilot))
+
+
+def _safe_modes(autopilot: Autopilot) -> set[str]:
+    found: set[str] = set()
+    for mode in (autopilot.land, autopilot.rtl, autopilot.loiter):
+        with contextlib.suppress(Unsupported, BadInput):
+            found.add(autopilot.mode(mode()).name)
+    return found
 
 
 def by_command(autopilot: Autopilot, what: str) -> tuple[str, ...]:

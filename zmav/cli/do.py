@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import fnmatch
 from typing import Any
 
@@ -12,9 +11,11 @@ import msgspec
 import zmav
 from zmav import wire
 from zmav.cli.common import assignments, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.progress import Progress
 from zmav.client import Client
-from zmav.errors import BadInput, NoSuchVehicle, ZmavError
+from zmav.errors import BadInput, NoSuchVehicle
 from zmav.session import SessionSettings
+from zmav.swarm import FleetOrder, Told
 from zmav.verbs import VERBS
 
 
@@ -35,30 +36,35 @@ def command(
 async def give(
     vehicles: str, verb: str, arguments: dict[str, Any], fleet: str, as_json: bool, settings: SessionSettings
 ) -> None:
-    """Give the order to all that match, at once; ends with an error if any of them refused."""
+    """Give the order to all that match, at once, and tell how each ended; ends with an error if any of them refused."""
     args = wire.decode(msgspec.json.encode(arguments), VERBS[verb].args, verb)
+
+    def tell(news: str | Told) -> None:
+        if isinstance(news, str):
+            click.echo(news, err=True)
+        elif news.status != "running":
+            click.echo(dump(_document(news), pretty=False) if as_json else _say(news, verb))
+
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        targets = await matching(z, vehicles)
-        results = await asyncio.gather(*(v.order(verb, args) for v in targets), return_exceptions=True)
-    failed: list[ZmavError] = []
-    for vehicle, result in zip(targets, results, strict=True):
-        if isinstance(result, ZmavError):
-            failed.append(result)
-            line: dict[str, Any] = {"vehicle": vehicle.name, "error": result.code, "message": result.message}
-        elif isinstance(result, BaseException):
-            raise result
-        else:
-            line = {"vehicle": vehicle.name, "result": result}
-        click.echo(dump(line, pretty=False) if as_json else _say(line, verb))
-    if failed:
+        progress = (lambda vehicle: None) if as_json else (lambda vehicle: Progress(vehicle.name, verb))
+        ended = await FleetOrder(z, await matching(z, vehicles), verb, args, tell, progress).run()
+    if any(told.status == "failed" for told in ended):
         raise SystemExit(1)
 
 
-def _say(line: dict[str, Any], verb: str) -> str:
-    if "error" in line:
-        return f"{line['vehicle']}: {verb} not done: {line['message']}"
-    details = ", ".join(f"{k} {v:.2f}" if isinstance(v, float) else f"{k} {v}" for k, v in line["result"].items())
-    return f"{line['vehicle']}: {verb} done" + (f" ({details})" if details else "")
+def _document(told: Told) -> dict[str, Any]:
+    if told.status == "failed":
+        return {"vehicle": told.vehicle, "error": told.error, "message": told.text}
+    if told.status == "left_out":
+        return {"vehicle": told.vehicle, "left_out": told.text}
+    return {"vehicle": told.vehicle, "result": told.result}
+
+
+def _say(told: Told, verb: str) -> str:
+    if told.status == "failed":
+        return f"{told.vehicle}: {verb} not done: {told.text}"
+    details = ", ".join(f"{k} {v:.2f}" if isinstance(v, float) else f"{k} {v}" for k, v in told.result.items())
+    return f"{told.vehicle}: {verb} {told.text}" + (f" ({details})" if details else "")
 
 
 async def matching(z: Client, pattern: str) -> list[zmav.Vehicle]:

@@ -6,59 +6,87 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 
+import msgspec
+
 import zmav
 from zmav import keys, wire
 from zmav.cli import topics
 from zmav.cli.finding import Finding
 from zmav.cli.hostcheck import check_host, check_versions
-from zmav.cli.linkcheck import MAX_BAD_CRC, MAX_LOSS
+from zmav.cli.linkcheck import MAX_BAD_CRC
 from zmav.cli.lookround import Seen, label
 from zmav.cli.netcheck import check_routers, check_ways
 from zmav.cli.safetycheck import judge
+from zmav.cli.topics import Topic
 from zmav.cli.trustcheck import judge_trust
+from zmav.doctor.facts import facts_of
+from zmav.doctor.rules import LINK_LOSS, reasons
 from zmav.errors import ZmavError
 
 MAX_CLOCK_OFFSET = 0.1
 """s; a setpoint is valid for half a second, by the sender's clock"""
-MAX_GPS_OFFSET = 1.0
-"""s that a vehicle's clock may be off its GPS, as the vehicle itself judges"""
-LOW_BATTERY = 0.3
 SYNCHRONISE = "setpoints will be dropped as too late or too early: synchronise the clocks (chrony, GPS, PTP)"
 OTHER_ID = "give one another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID) and restart its autopilot"
 UNIQUE = ("planner", "router")
 """roles of which a name stands for one program; of vehicles, they tell it themselves"""
 
 
+ALARMS: dict[str, Topic] = {
+    "state": topics.PRESENCE,
+    "autopilot": topics.PRESENCE,
+    "status": topics.PRESENCE,
+    "clash": topics.IDENTITY,
+    "disbelieved": topics.IDENTITY,
+    "link-poor": topics.HEARING,
+    "link-loss": topics.HEARING,
+    "not-ready": topics.READINESS,
+    "gps-fix": topics.READINESS,
+    "gps-weak": topics.READINESS,
+    "position-old": topics.READINESS,
+    "battery-empty": topics.BATTERY,
+    "battery-low": topics.BATTERY,
+    "clock": topics.CLOCK,
+    "recording": topics.PRESENCE,
+}
+"""where what :mod:`zmav.doctor.rules` finds wrong stands; what else it knows of is for who watches a flight"""
+GROUNDING = ("not-ready", "clock")
+"""less than bad in flight, and reason enough not to begin one"""
+
+
 def check_vehicles(seen: Seen) -> Iterator[Finding]:
+    """What is wrong with each by the rules that all share; then, of what is not, how it is."""
     for vehicle in seen.vehicles:
-        yield _presence(vehicle)
+        told = set[str]()
+        for reason in reasons(facts_of(vehicle, link=_heard(seen.links.get(label(vehicle))))):
+            topic = ALARMS.get(reason.rule)
+            if topic is None:
+                continue
+            wrong = reason.level == "bad" or reason.rule in GROUNDING
+            told.add(topic.name)
+            yield (topic.wrong if wrong else topic.advise)(reason.text, reason.advice, label(vehicle))
+        yield from (each for each in _well(vehicle) if each.topic not in told)
 
 
-def _presence(vehicle: zmav.Vehicle) -> Finding:
-    who, state, age = label(vehicle), vehicle.last_state, vehicle.age
-    if state is None or age is None:
-        advice = "is its zmav of the version used here?"
-        return topics.PRESENCE.wrong("present, but its state does not come", advice, who)
-    if age > (keys.STATE.stale_after or 0.0):
-        advice = "is its computer on, and its router linked to this one?"
-        return topics.PRESENCE.wrong(f"last heard {age:.0f} s ago", advice, who)
-    if not state.connected:
-        found = "its autopilot is silent" if state.sysid else "no autopilot has been heard"
-        advice = (
-            "on the vehicle, look at power, cable, port and baud rate; "
-            "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there"
-        )
-        return topics.PRESENCE.wrong(f"{found} (link {state.link})", advice, who)
+def _heard(qualities: list[wire.LinkQuality] | None) -> wire.LinkQuality | None:
+    """The link's quality by what came between two reports, so that an old trouble that is over is none."""
+    if not qualities:
+        return None
+    first, last = qualities[0], qualities[-1]
+    frames, lost = last.rx_frames - first.rx_frames, last.lost - first.lost
+    return msgspec.structs.replace(last, loss=lost / (frames + lost) if frames + lost else 0.0)
+
+
+def _well(vehicle: zmav.Vehicle) -> Iterator[Finding]:
+    state, who = vehicle.last_state, label(vehicle)
+    if state is None or not state.connected:
+        return
     what = " ".join(filter(None, (state.kind, "by", state.autopilot, state.firmware)))
     armed = "armed" if state.armed else "disarmed"
-    return topics.PRESENCE.well(f"{what}, system id {state.sysid}, {armed} in {state.mode}", who)
-
-
-def check_clashes(seen: Seen) -> Iterator[Finding]:
-    for vehicle in seen.vehicles:
-        if vehicle.last_state and vehicle.last_state.clash:
-            advice = "give one another --name, or another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"
-            yield topics.IDENTITY.wrong(vehicle.last_state.clash, advice, label(vehicle))
+    yield topics.PRESENCE.well(f"{what}, system id {state.sysid}, {armed} in {state.mode}", who)
+    gps = f"GPS {state.gps.fix}, {state.gps.satellites} satellites" if state.gps else "no GPS heard"
+    yield topics.READINESS.well(f"{'armed' if state.armed else 'ready to arm'}, {gps}", who)
+    if state.battery is not None and state.battery.remaining is not None:
+        yield topics.BATTERY.well(f"{state.battery.remaining:.0%} left", who)
 
 
 def check_links(seen: Seen) -> Iterator[Finding]:
@@ -69,14 +97,11 @@ def check_links(seen: Seen) -> Iterator[Finding]:
 
 
 def _judge_link(who: str, first: wire.LinkQuality, last: wire.LinkQuality) -> Iterator[Finding]:
-    """By what came between two reports, so that an old trouble that is over is none."""
-    frames, lost = last.rx_frames - first.rx_frames, last.lost - first.lost
+    """By what came between two reports, too; what is lost of them, the rules judge."""
+    frames = last.rx_frames - first.rx_frames
     bad, dropped = last.bad_crc - first.bad_crc, last.rx_dropped - first.rx_dropped
-    ok = True
-    if lost > MAX_LOSS * (frames + lost):
-        ok = False
-        advice = "ask for fewer messages, or a higher baud rate with flow control; on a radio, look at the antennas"
-        yield topics.HEARING.wrong(f"{lost} of {frames + lost} frames lost", advice, who)
+    quality = _heard([first, last])
+    ok = quality is not None and quality.loss < LINK_LOSS
     if bad > MAX_BAD_CRC * (frames + bad):
         ok = False
         advice = "look at baud rate, ground and cable; another --dialect may be spoken"
@@ -91,25 +116,6 @@ def _judge_link(who: str, first: wire.LinkQuality, last: wire.LinkQuality) -> It
         yield topics.HEARING.well(found, who)
 
 
-def check_readiness(seen: Seen) -> Iterator[Finding]:
-    for vehicle in seen.vehicles:
-        state, who = vehicle.last_state, label(vehicle)
-        if state is None or not state.connected:
-            continue
-        gps = f"GPS {state.gps.fix}, {state.gps.satellites} satellites" if state.gps else "no GPS heard"
-        if state.armed or state.ready:
-            yield topics.READINESS.well(f"{'armed' if state.armed else 'ready to arm'}, {gps}", who)
-        else:
-            advice = f"wait for GPS and EKF under open sky; its reasons: zmav echo {vehicle.name}/event"
-            yield topics.READINESS.wrong(f"{'; '.join(state.not_ready) or 'it does not say why'} ({gps})", advice, who)
-        if state.battery is not None and state.battery.remaining is not None:
-            left = f"{state.battery.remaining:.0%} left"
-            if state.battery.remaining < LOW_BATTERY:
-                yield topics.BATTERY.advise(left, "charge or change it before the next flight", who)
-            else:
-                yield topics.BATTERY.well(left, who)
-
-
 def check_clocks(seen: Seen) -> Iterator[Finding]:
     for who, clock in seen.clocks.items():
         if isinstance(clock, ZmavError):
@@ -120,11 +126,6 @@ def check_clocks(seen: Seen) -> Iterator[Finding]:
             yield topics.CLOCK.wrong(found, SYNCHRONISE, who)
         else:
             yield topics.CLOCK.well(found, who)
-    for vehicle in seen.vehicles:
-        state = vehicle.last_state
-        off = state.clock.gps_offset_s if state and state.clock else None
-        if off is not None and abs(off) > MAX_GPS_OFFSET:
-            yield topics.CLOCK.wrong(f"{off:+.1f} s to its GPS", "set its computer's clock: chrony", label(vehicle))
 
 
 def check_safety(seen: Seen) -> Iterator[Finding]:
@@ -247,9 +248,7 @@ CHECKS: tuple[Callable[[Seen], Iterator[Finding]], ...] = (
     check_routers,
     check_ways,
     check_vehicles,
-    check_clashes,
     check_links,
-    check_readiness,
     check_clocks,
     check_safety,
     check_trust,

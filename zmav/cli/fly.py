@@ -13,7 +13,9 @@ import click
 
 import zmav
 from zmav import keys, wire
+from zmav.cli import places
 from zmav.cli.common import F, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.places import renamed_option
 from zmav.client import Client
 from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
@@ -40,11 +42,12 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 @click.command("fly")
 @click.argument("vehicle")
 @click.option("--level", type=click.Choice(LEVELS), help="What it must be; the options given say it, too.")
-@_vector("pos", "N E D", "Metres about the fleet's origin, down positive.")
+@click.option("--to", type=places.place, metavar=places.PLACE, help="Metres about the fleet's origin, and above it.")
+@renamed_option("--pos", 3, "it counted down; give --to N,E,ALT, such as --to 10,0,5: heights count up")
 @_vector("at", "LAT LON", "Degrees, WGS84; with --alt.")
 @click.option("--alt", type=float, help="With --at: metres above home.")
-@_vector("vel", "N E D", "m/s.")
-@_vector("acc", "N E D", "m/s².")
+@click.option("--vel", type=places.motion, metavar=places.MOTION, help="m/s.")
+@click.option("--acc", type=places.motion, metavar=places.MOTION, help="m/s².")
 @click.option("--yaw", type=float, help="Radians clockwise from north, beside a position or a velocity.")
 @click.option("--yaw-rate", type=float, help="rad/s.")
 @_vector("rpy", "ROLL PITCH YAW", "Attitude in radians; with --thrust.")
@@ -65,9 +68,11 @@ def command(
     vehicle: str, level: str | None, from_stdin: bool, seconds: float, rate: float, priority: int, fleet: str,
     as_json: bool, settings: SessionSettings, **given: Any,
 ) -> None:  # fmt: skip
-    """Stream setpoints under a lease, then hold: 'zmav fly quad1 --vel 1 0 0 --for 5'.
+    """Stream setpoints under a lease, then hold: 'zmav fly quad1 --vel 1,0,0 --for 5'.
 
-    Other levels: --pos 10 0 -5, --rpy 0 -0.1 0 --thrust 0.5, --rates 0 0 0.3 --thrust 0.5, --sticks 0 0.2 0.5 0,
+    PX4 flies sticks in POSCTL, and is put into HOLD when they end.
+
+    Other levels: --to 10,0,5, --rpy 0 -0.1 0 --thrust 0.5, --rates 0 0 0.3 --thrust 0.5, --sticks 0 0.2 0.5 0,
     --rc 1500,1500,1600,1500, --servo ,,1200. From another program: 'my_planner | zmav fly quad1 --stdin', with lines
     as {"vel": [1, 0, 0]}.
     """
@@ -86,7 +91,7 @@ def command(
 def _fields(given: dict[str, Any]) -> dict[str, Any]:
     """A setpoint's fields from the options."""
     at, rpy, sticks = given.pop("at"), given.pop("rpy"), given.pop("sticks")
-    alt = given.pop("alt")
+    alt, given["pos"] = given.pop("alt"), given.pop("to")
     if (at is None) != (alt is None):
         raise click.UsageError("--at and --alt go together")
     if at:

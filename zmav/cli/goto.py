@@ -6,34 +6,39 @@ from typing import Any
 
 import click
 
+from zmav.cli import places
 from zmav.cli.common import fleet_option, json_option, run, zenoh_options
 from zmav.cli.do import give
+from zmav.cli.places import renamed_option
 from zmav.session import SessionSettings
+from zmav.wire import Vector
 
 
 @click.command("goto")
 @click.argument("vehicles")
-@click.option("--ned", type=float, nargs=3, metavar="N E D", help="Metres about the fleet's origin, down positive.")
+@click.option("--to", type=places.place, metavar=places.PLACE, help="Metres about the fleet's origin, and above it.")
+@renamed_option("--ned", 3, "it counted down; give --to N,E,ALT, such as --to 20,0,10: heights count up")
 @click.option("--at", type=float, nargs=2, metavar="LAT LON", help="Degrees, WGS84.")
 @click.option("--alt", type=float, help="With --at: metres above home.")
 @click.option("--amsl", type=float, help="With --at: metres above mean sea level.")
 @click.option("--tolerance", type=float, default=1.0, show_default=True, help="Metres: this close is there.")
 @click.option("--no-wait", is_flag=True, help="Do not wait for the arrival.")
+@click.option("--force", is_flag=True, help="Beyond the usual bounds of a field too, not beyond declared ones.")
 @fleet_option
 @json_option
 @zenoh_options
 def command(
-    vehicles: str, ned: tuple[float, float, float] | None, at: tuple[float, float] | None, alt: float | None,
-    amsl: float | None, tolerance: float, no_wait: bool, fleet: str, as_json: bool, settings: SessionSettings,
+    vehicles: str, to: Vector | None, at: tuple[float, float] | None, alt: float | None, amsl: float | None,
+    tolerance: float, no_wait: bool, force: bool, fleet: str, as_json: bool, settings: SessionSettings,
 ) -> None:  # fmt: skip
-    """Fly to a point: 'zmav goto quad1 --ned 20 0 -10' or 'zmav goto quad1 --at 52.7561 -1.2461 --alt 10'."""
-    if (ned is None) == (at is None):
-        raise click.UsageError("give one of --ned and --at")
+    """Fly to a point: 'zmav goto quad1 --to 20,0,10' or 'zmav goto quad1 --at 52.7561 -1.2461 --alt 10'."""
+    if (to is None) == (at is None):
+        raise click.UsageError("give one of --to and --at")
     if at is not None and (alt is None) == (amsl is None):
         raise click.UsageError("with --at, give one of --alt and --amsl")
-    args: dict[str, Any] = {"tolerance": tolerance, "arrive": not no_wait}
-    if ned is not None:
-        args |= {"frame": "ned", "pos": ned}
+    args: dict[str, Any] = {"tolerance": tolerance, "arrive": not no_wait, "force": force}
+    if to is not None:
+        args |= {"frame": "ned", "pos": to}
     elif at is not None:
         args |= {"frame": "global", "lat_deg": at[0], "lon_deg": at[1], "alt_rel": alt, "alt_amsl": amsl}
     run(give(vehicles, "goto", args, fleet, as_json, settings))

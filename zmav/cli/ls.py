@@ -108,6 +108,8 @@ def _place(s: zmav.VehicleState) -> str:
 
 def note(s: zmav.VehicleState) -> str:
     """What somebody should know first."""
+    if s.replayed:
+        return "a recording: it takes no orders"
     if s.clash:
         return f"CLASH: {s.clash}"
     if s.sysid is None:

@@ -207,7 +207,7 @@ ROSTERS = Topic(
 PRESENCE = Topic(
     "presence", VEHICLE,
     "whether the vehicle's state comes and its autopilot is heard; what it is, its firmware, system id and mode",
-    "its state does not come any more, or its autopilot is silent",
+    "its state does not come any more, its autopilot is silent, or says that it is in trouble",
     "no state: is its computer on, and its router linked? silent: power, cable, port and baud rate; "
     "`zmav doctor --file FILE --name NAME` on the vehicle tells more",
 )  # fmt: skip
@@ -216,25 +216,28 @@ IDENTITY = Topic(
     "whether another vehicle has its name or system id, as the vehicle itself sees it",
     "one has: orders are refused",
     "give one another `--name`, or another MAV_SYSID (SYSID_THISMAV before ArduPilot 4.7, MAV_SYS_ID of PX4)",
+    amber="somebody else speaks in its name",
 )  # fmt: skip
 HEARING = Topic(
     "autopilot link", VEHICLE,
     "the link to its autopilot, by what its agent counts",
-    "more than 2 % lost, more than 1 % damaged, or datagrams dropped by the kernel, while we listened",
+    "20 % lost or more, more than 1 % damaged, or datagrams dropped by the kernel, while we listened",
     "fewer messages (`zmav rate`), a higher baud rate with flow control; cable and ground; net.core.rmem_max",
+    amber="5 % lost or more",
 )  # fmt: skip
 READINESS = Topic(
     "readiness", VEHICLE,
     "whether it can be armed, and what is missing in the autopilot's own words; GPS",
-    "it is not ready to arm",
+    "it is not ready to arm, or GPS has no fix",
     "wait for GPS and EKF under open sky; `zmav echo NAME/event` shows its reasons as they come",
+    amber="few satellites, a poor HDOP, or a position that is seconds old",
 )  # fmt: skip
 BATTERY = Topic(
     "battery", VEHICLE,
     "what is left of the battery, where the autopilot tells",
-    "",
+    "less than 15 %",
     "charge or change it",
-    amber="less than 30 %",
+    amber="less than 25 %",
 )  # fmt: skip
 CLOCK = Topic(
     "clock", VEHICLE,

@@ -18,6 +18,8 @@ from zmav.config.fleet import (
     check_fence,
     load_fleet,
     origin_of,
+    usual_fence,
+    usual_limits,
 )
 from zmav.config.mesh import COST, Address, Host, Mesh, Profile, Radio, RadioKind
 from zmav.config.table import Table
@@ -48,4 +50,6 @@ __all__ = [
     "check_fence",
     "load_fleet",
     "origin_of",
+    "usual_fence",
+    "usual_limits",
 ]

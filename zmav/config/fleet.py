@@ -12,13 +12,13 @@ hold_after = 0.5
 land_after = 30.0               # or "never"
 action = "rtl"                  # or "loiter", "land"
 
-[geofence]                      # setpoints beyond it are not flown
-radius = 300.0                  # m about the origin
+[geofence]                      # nothing is flown beyond it; what is absent is as for a club's field
+radius = 300.0                  # m about the origin (1000); inf: none
 polygon = [[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]]
-floor = 2.0                     # m above home
-ceiling = 60.0
+floor = 2.0                     # m above home (the ground there)
+ceiling = 60.0                  # m above home (120)
 
-[limits]                        # nor those that are faster
+[limits]                        # nor faster; what is absent is 30 m/s, and 10 m/s up and down
 speed = 12.0
 climb = 3.0
 descend = 2.0
@@ -48,6 +48,7 @@ A vehicle's own ``failsafe``, ``geofence``, ``limits`` or ``body`` table takes t
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -57,7 +58,7 @@ import msgspec
 from zmav import keys, wire
 from zmav.config.body import BodyConfig, check_body
 from zmav.config.mesh import Host, Mesh, Profile, check_hosts
-from zmav.config.table import Positive, Table, reading
+from zmav.config.table import Positive, Table, convert, reading
 from zmav.errors import BadConfig
 
 Action = Literal["loiter", "rtl", "land"]
@@ -74,33 +75,56 @@ class Failsafe(Table, frozen=True):
 
 
 class Geofence(Table, frozen=True):
-    """Where setpoints may lead; a part that is absent limits nothing."""
+    """Where vehicles may be led. A part that is absent is as for a club's field; ``inf`` bounds nothing."""
 
     polygon: list[tuple[float, float]] = []
     """corners as latitude and longitude in degrees, three or more; the last one joins the first"""
     radius: Positive | None = None
-    """m over the ground from the fleet's origin"""
+    """m over the ground from the fleet's origin; absent: 1000 about the origin, or home, where there is no polygon"""
     floor: float | None = None
-    """m above home"""
+    """m above home; absent: the ground there, which vehicles that stay on the surface are free of"""
     ceiling: float | None = None
-    """m above home"""
+    """m above home; absent: 120"""
 
 
 class Limits(Table, frozen=True):
-    """How fast and how hard setpoints may be; a part that is absent limits nothing."""
+    """How fast and how hard vehicles may be led. Speeds that are absent are as for a club's field; ``inf`` bounds
+    nothing.
+    """
 
     speed: Positive | None = None
-    """m/s over the ground"""
+    """m/s over the ground; absent: 30"""
     climb: Positive | None = None
-    """m/s"""
+    """m/s; absent: 10"""
     descend: Positive | None = None
-    """m/s"""
+    """m/s; absent: 10"""
     accel: Positive | None = None
     """m/s²"""
     tilt: Positive | None = None
     """rad, of an attitude from upright"""
     yaw_rate: Positive | None = None
     """rad/s"""
+
+
+RADIUS, CEILING = 1000.0, 120.0
+"""m: a club's field, which bounds a vehicle for which nobody has declared anything"""
+SPEED, CLIMB, DESCEND = 30.0, 10.0, 10.0
+"""m/s"""
+_BOUNDLESS = {"radius": math.inf, "floor": -math.inf, "ceiling": math.inf}
+BOUNDLESS = (*(f"geofence.{name}" for name in _BOUNDLESS), "limits.speed", "limits.climb", "limits.descend")
+
+
+def usual_fence(declared: Geofence) -> Geofence:
+    """What is declared, radius and ceiling filled up. An absent floor stays absent: the ground is no number here."""
+    radius = declared.radius or (None if declared.polygon else RADIUS)
+    ceiling = max(declared.floor or 0.0, 0.0) + CEILING if declared.ceiling is None else declared.ceiling
+    return msgspec.structs.replace(declared, radius=radius, ceiling=ceiling)
+
+
+def usual_limits(declared: Limits) -> Limits:
+    """What is declared, the speeds filled up."""
+    speed, climb, descend = declared.speed or SPEED, declared.climb or CLIMB, declared.descend or DESCEND
+    return msgspec.structs.replace(declared, speed=speed, climb=climb, descend=descend)
 
 
 class Separation(Table, frozen=True):
@@ -223,7 +247,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 def load_fleet(path: str | Path) -> FleetConfig:
     """Read a fleet file; raises :class:`BadConfig` that names the file, the field and what was expected."""
     with reading(path, "the fleet file"):
-        fleet = msgspec.toml.decode(Path(path).read_bytes(), type=FleetConfig)
+        fleet = convert(msgspec.toml.decode(Path(path).read_bytes()), FleetConfig, BOUNDLESS)
         for name in (fleet.fleet, *fleet.vehicles, *fleet.stations):
             keys.check_name(name)
         for name in fleet.stations:
@@ -236,21 +260,33 @@ def load_fleet(path: str | Path) -> FleetConfig:
             _check_tables(f"vehicles.{name}.", table)
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
         check_hosts(fleet.mesh, fleet.hosts())
+        for (one, a), (other, b) in itertools.combinations(fleet.vehicles.items(), 2):
+            if a.sysid is not None and a.sysid == b.sysid:
+                raise _wrong(f"vehicles.{other}.sysid", b.sysid, f"a system id of its own: {one} has this one")
+            if a.link == b.link and not _links_apart(a, b):
+                raise _wrong(f"vehicles.{other}.link", b.link, f"a link of its own: {one} has this one")
     return fleet
 
 
+def _links_apart(a: VehicleConfig, b: VehicleConfig) -> bool:
+    """The same link of two vehicles is two: a serial port, or a port listened at, of each one's own computer."""
+    scheme, _, place = a.link.partition(":")
+    if scheme not in ("tcp", "udpout", "udpin", "tcpin"):
+        return True
+    if a.sim is not None and b.sim is not None:
+        return False  # one simulator serves both
+    if scheme in ("udpin", "tcpin"):
+        return True
+    here = place.startswith(("127.", "localhost", "[::1]"))
+    return here and all(table.mesh.radios or table.listen or table.connect for table in (a, b))
+
+
 def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
-    """What types cannot say: numbers that there are, and that go together."""
-    failsafe, limits = tables.failsafe, tables.limits
+    """What types cannot say: numbers that go together."""
     if tables.body:
         check_body(tables.body, f"{place}body")
-    if failsafe:
-        check_failsafe(failsafe, f"{place}failsafe")
-    if limits:
-        for name in limits.__struct_fields__:
-            value = getattr(limits, name)
-            if value is not None and not math.isfinite(value):
-                raise _wrong(f"{place}limits.{name}", value, "a number")
+    if tables.failsafe:
+        check_failsafe(tables.failsafe, f"{place}failsafe")
     if isinstance(tables, FleetConfig):
         check_fence(tables.geofence, tables.origin, "geofence")
     elif tables.pilot_switch and tables.pilot_switch.low >= tables.pilot_switch.high:
@@ -273,13 +309,13 @@ def check_fence(fence: Geofence | None, origin: wire.Origin | None, field: str) 
     for lat, lon in fence.polygon:
         if not (abs(lat) <= 89.0 and abs(lon) <= 180.0):
             raise _wrong(f"{field}.polygon", [lat, lon], "latitude and longitude in degrees")
-    for name in ("radius", "floor", "ceiling"):
+    for name in _BOUNDLESS:
         value = getattr(fence, name)
-        if value is not None and not abs(value) <= 100_000.0:
+        if value is not None and not (abs(value) <= 100_000.0 or value == _BOUNDLESS[name]):
             raise _wrong(f"{field}.{name}", value, "a number of metres")
     if fence.floor is not None and fence.ceiling is not None and fence.floor >= fence.ceiling:
         raise _wrong(f"{field}.floor", fence.floor, f"less than the ceiling ({fence.ceiling} m)")
-    if fence.radius is not None and origin is None:
+    if fence.radius not in (None, math.inf) and origin is None:
         text = f"{field}.radius is about the fleet's origin, and none is declared"
         raise BadConfig(text, field=f"{field}.radius", value=fence.radius, expected="an origin")
 

@@ -80,6 +80,8 @@ class Link(ABC):
     """
 
     url: str
+    recorded: bool = False
+    """what it brings is no vehicle's present word, and nothing can be sent"""
 
     @property
     @abstractmethod

@@ -83,7 +83,7 @@ class LossyLink(Link):
 
     def __init__(self, target: LossyUrl, inner: Link) -> None:
         self.url = str(target)
-        self.inner = inner
+        self.inner, self.recorded = inner, inner.recorded
         self._on_data: OnData = lambda data: None
         self._on_state: OnState = lambda state, detail: None
         self._thread: threading.Thread | None = None

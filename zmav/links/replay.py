@@ -26,6 +26,8 @@ class ReplayLink(Transport):
     in seconds, and a wait of so many seconds that returns True when the link is being closed.
     """
 
+    recorded = True
+
     def __init__(
         self,
         target: ReplayUrl,

@@ -150,7 +150,7 @@ class Dialect(msgspec.Struct, frozen=True):
         )
 
     def name_of(self, msgid: int) -> str:
-        """The message's name, "UNKNOWN_410" where the dialect lacks it."""
+        """The message's name, "UNKNOWN_44000" where the dialect lacks it."""
         found = self.by_id.get(msgid)
         return found.name if found is not None else f"UNKNOWN_{msgid}"
 
@@ -207,15 +207,15 @@ def load_dialect(name_or_path: str = "ardupilotmega") -> Dialect:
 
 @functools.lru_cache(maxsize=16)
 def _load_named(name: str) -> Dialect:
-    from zmav.mavlink import definitions  # pymavlink is slow to import: only who needs a dialect pays for it
+    from zmav.mavlink import additions, definitions  # pymavlink is slow to import: only who needs a dialect pays for it
 
     messages, enums = definitions.read_named(name)
-    return Dialect.build(name, str(definitions.shipped_xml(name)), messages, enums)
+    return Dialect.build(name, str(definitions.shipped_xml(name)), additions.with_additions(messages), enums)
 
 
 @functools.lru_cache(maxsize=16)
 def _load_xml(path: str, _changed: int) -> Dialect:
-    from zmav.mavlink import definitions
+    from zmav.mavlink import additions, definitions
 
     messages, enums = definitions.read_xml(Path(path))
-    return Dialect.build(Path(path).stem, path, messages, enums)
+    return Dialect.build(Path(path).stem, path, additions.with_additions(messages), enums)

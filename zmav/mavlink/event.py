@@ -1,8 +1,7 @@
 """EVENT (410): what PX4 says by number instead of in words, read without a dialect that knows it.
 
-https://mavlink.io/en/services/events.html. The words belonging to an id are in metadata of the very firmware, which is
-not here; id, severity, sequence and arguments are. pymavlink's dialects lack the message, so that its frames pass as
-UNKNOWN_410, unchecked: the checksum is therefore checked here.
+https://mavlink.io/en/services/events.html. The words belonging to an id are in a file of the very firmware
+(:mod:`zmav.mavlink.event_words`); id, severity, sequence and arguments are here.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -12,22 +13,26 @@ import zenoh
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Target
-from zmav.config import Failsafe, Geofence, Limits, PilotSwitch, check_failsafe
-from zmav.errors import Refused, Unsupported, ZmavError
+from zmav.config import Failsafe, PilotSwitch, check_failsafe
+from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
 from zmav.services.bounds import Bounds
 from zmav.services.carrot import Carrot
 from zmav.services.command import Commander
 from zmav.services.events import Events
+from zmav.services.flown import Flown
 from zmav.services.identity import Identity
-from zmav.services.ladder import LATE_MODE, Flown, Ladder
-from zmav.services.lease import Leases
+from zmav.services.ladder import LATE_MODE, Ladder
+from zmav.services.lease import Leases, severity_of
 from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop
 from zmav.services.setpoint import Setpoints
 from zmav.services.stations import Stations
+from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 
+OTHER = "other"
+"""the reason of a refusal by who is not meant"""
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
 """orders that end a stream and put nothing in its place: the vehicle holds"""
 HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
@@ -39,8 +44,6 @@ class Rules(msgspec.Struct, kw_only=True, frozen=True):
 
     origin: wire.Origin | None = None
     failsafe: Failsafe = Failsafe()
-    geofence: Geofence = Geofence()
-    limits: Limits = Limits()
     pilot_switch: PilotSwitch | None = None
 
 
@@ -57,6 +60,7 @@ class Authority:
         identity: Identity,
         commander: Commander,
         events: Events,
+        bounds: Bounds,
         guard: Callable[[], None],
         rules: Rules,
     ) -> None:
@@ -66,14 +70,16 @@ class Authority:
         self.pilot = Pilot(port, identity, commander, rules.pilot_switch)
         self.carrot = Carrot(port, identity)
         self.ladder = Ladder(port, events, rules.failsafe)
-        self.bounds = Bounds(port, identity, rules.origin, rules.geofence, rules.limits)
-        self.stations = Stations(port, identity, self.leases, self.taken)
+        self.bounds = bounds
+        self.stations = Stations(port, identity, self.leases, guard, self.taken)
         self.setpoints = Setpoints(
             session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
         )
 
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
+        self.made_safe = 0
+        """counts the orders that make safe: one that waits since before such a one is overtaken"""
         self.taken_from = ""
         """what ended the last order that the pilot ended"""
         self._handing: asyncio.Task[None] | None = None
@@ -92,7 +98,7 @@ class Authority:
         ladder.acted = on_loop(asyncio.get_running_loop(), self._on_acted)
         ladder.count = lambda what: setpoints.counts.update({what: 1})
         setpoints.guard, setpoints.busy = self._guard, lambda: self._commander.moving
-        pilot.on_taken, self.leases.may_take = self.taken, pilot.check
+        pilot.on_taken, self.leases.may_take = self._taken_by_mode, pilot.check
         pilot.on_switch = self._to_autopilot
         self.leases.on_end = self._on_lease_end
         self.leases.start()
@@ -109,24 +115,37 @@ class Authority:
         self.pilot.close()
         self.leases.close()
 
-    def admit(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> Flown | None:
-        """Let an order begin: raises where its verb needs what it has not, and ends what it takes the place of.
+    def allow(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> None:
+        """Raise where somebody may not give an order now. Nothing is changed by it.
 
-        Returns the stream that it ended, for :meth:`failed`.
+        A clash of names or ids stops all that changes something, but nothing that makes safe: that reaches both of the
+        two, or the one whose uid the order names.
         """
-        if verb.access is not Access.READ or verb.name == "lease":
+        if args.uid and args.uid != self._identity.uid:
+            text = f"the order is for the autopilot {args.uid}; this one is {self._identity.uid or 'not known yet'}"
+            raise Refused(text, field="uid", value=args.uid, reason=OTHER)
+        if verb.access not in (Access.OPEN, Access.READ) or verb.name == "lease":
             self._guard()
+        if isinstance(args, wire.Forced) and args.force and origin is not None and origin.role is not Role.OPERATOR:
+            raise Forbidden(f"{verb.name} with force is an operator's, and {origin.name} is none", reason="role")
         if origin is not None:
             self._keep_order(verb, origin)
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
+        if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
+            self.pilot.check()
+
+    def begin(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> Flown | None:
+        """Let an order begin that is allowed and can be done: what it takes the place of ends.
+
+        Returns the stream that it ended, for :meth:`failed`.
+        """
+        self.made_safe += verb.access is Access.OPEN
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
             return None
-        if verb.name != "disarm":
-            self.pilot.check()
         self.taken_from = ""
         if verb.name in HOLDING_FIRST:
-            self.ladder.hold_now(f"{verb.name} was ordered")
+            self.ladder.hold_now(f"{verb.name} was ordered", severity="info")
         flown = None if verb.name in MOVING_NOTHING else self.ladder.stop()
         self.carrot.stop()
         if verb.name not in (*MOVING_NOTHING, "command"):
@@ -151,10 +170,15 @@ class Authority:
         if flown is not None and idle and self._identity.mode == flown.mode:
             self.ladder.hold(flown, f"{verb.name} came to nothing")
 
-    def taken(self, text: str) -> None:
-        """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back."""
+    def taken(self, text: str) -> Flown | None:
+        """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back.
+
+        Returns the stream that it ended.
+        """
+        if self._handing is not None:
+            self._handing.cancel()
         ours = self.ladder.flying or self.carrot.leading or self._commander.moving or self.leases.holder is not None
-        self.ladder.stop()
+        flown = self.ladder.stop()
         self.carrot.stop()
         self._commander.ordered = None  # if the pilot goes back to that mode, it is his
         if self._commander.under_way:
@@ -163,23 +187,45 @@ class Authority:
         if ours:
             self._events.emit("pilot", "warning", f"{text}: released")
         self.leases.end("pilot", f"{text}: the lease has ended")
+        return flown
+
+    def _taken_by_mode(self, text: str) -> None:
+        flown = self.taken(text)
+        if flown is not None and self._identity.mode in flown.autopilot.stream_lost:
+            self._handing = asyncio.get_running_loop().create_task(self._hold_lost(flown))
+
+    async def _hold_lost(self, flown: Flown) -> None:
+        """Order the hold where the autopilot has lost the stream: it would go back to it with the next setpoint, of
+        any agent. Only it tells that from a pilot who has changed the mode, and only after the change.
+        """
+        who = self._identity
+        with contextlib.suppress(ZmavError):
+            if who.intended is None:
+                await self._commander.until_heartbeat(
+                    lambda: who.intended is not None, "it does not say what it intends"
+                )
+        lost = who.mode in flown.autopilot.stream_lost and who.intended == flown.mode and bool(who.armed)
+        if lost and not (self.pilot.has_it or self.ladder.flying or self._commander.moving):
+            await self._hand(flown.autopilot.hold()[0])
 
     def _to_autopilot(self) -> None:
         """The switch ends the stream, but the autopilot would wait for more of it for seconds: it is told to fly."""
         autopilot = self._identity.autopilot
         if autopilot is not None and self._identity.armed and _follows_setpoints(autopilot, self._identity.mode):
-            self._handing = asyncio.get_running_loop().create_task(self._hand(autopilot))
-
-    async def _hand(self, autopilot: Autopilot) -> None:
-        try:
             switch = self.pilot.switch
-            await self._commander.enter((switch.mode if switch else None) or autopilot.loiter())
+            mode = (switch.mode if switch else None) or autopilot.loiter()
+            self._handing = asyncio.get_running_loop().create_task(self._hand(mode))
+
+    async def _hand(self, mode: str) -> None:
+        try:
+            await self._commander.enter(mode)
         except ZmavError as e:
-            self._events.emit("pilot", "error", f"the pilot's switch: it cannot be handed to the autopilot: {e}")
+            self._events.emit("pilot", "error", f"it cannot be handed to the autopilot: {e}")
 
     def changed(self) -> None:
-        """The HEARTBEAT shows another mode, arming or autopilot."""
+        """It shows another mode or arming, or is another autopilot."""
         self.pilot.changed()
+        self.bounds.changed()
         if self.pilot.has_it and time.monotonic() - self._asked < LATE_MODE:
             self._to_autopilot()  # granted after he took it: nobody streams
         if not self._identity.armed:
@@ -195,7 +241,7 @@ class Authority:
         lost = end.reason in ("expired", "gone", "clock")
         if end.reason in ("pilot", "failsafe") or (lost and self.ladder.committed):
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
-        self.ladder.hold_now(end.text, goes_on=lost)
+        self.ladder.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
         if not lost and self._ordered_under == end.number:
             self._end_order(end)
 

@@ -38,10 +38,13 @@ SLOWEST = 0.02
 """of real time; a simulation that is slower stands still for us"""
 SETTLED = 5
 """answers after which the offset is believed"""
+SILENCE = 5.0
+"""s without an answer, after which a time that fell behind may be that of an autopilot that has restarted"""
 WRAP_MS = 1 << 32
 """``time_boot_ms`` begins anew after 49.7 days"""
 
-Verdict = Literal["good", "restarted", "stepped"]
+Verdict = Literal["good", "restarted", "behind", "stepped"]
+"""of an answer that contradicts those before: its time went back; it fell behind ours over a silence; any other step"""
 
 
 class Stamp(NamedTuple):
@@ -132,8 +135,8 @@ class Clock:
             self._count += 1
             self._offset = Offset(received, found.low, found.high, 1.0 - pace, UNSTEADY * max(pace, 1.0))
             return "good"
-        if found.low - high > JUMP and (gone_back or received - before.at > 5.0):
-            return self._begin(found, "restarted")
+        if found.low - high > JUMP and (gone_back or received - before.at > SILENCE):
+            return self._begin(found, "restarted" if gone_back else "behind")
         if found.low - high > JUMP or low - found.high > JUMP:
             return self._begin(found, "stepped")
         if meet[0] > meet[1]:  # an unsteady clock, or one that stamps early: both may be true

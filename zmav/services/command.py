@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from zmav.autopilots import Autopilot, Command, Message
+from zmav.autopilots.base import HERE
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
 from zmav.services.events import Events
 from zmav.services.identity import Identity
@@ -124,7 +126,7 @@ class Commander:
             with self.inbox("COMMAND_ACK", "STATUSTEXT") as inbox:
                 since = time.monotonic()
                 ack = await self._acknowledged(command, inbox, report)
-                other = _other_form(command, ack.result)
+                other = _other_form(command, ack.result, self.autopilot().command_frame)
                 if other is not None:
                     command, ack = other, await self._acknowledged(other, inbox, report)
                 if ack.result != ACCEPTED:
@@ -139,25 +141,36 @@ class Commander:
             self._port.send(action.name, **action.addressed(*self.source()))
 
     async def enter(self, name: str) -> None:
-        """Change the mode, judged by HEARTBEAT: PX4 acknowledges DO_SET_MODE before its commander has decided, so that
-        a later acknowledgement may still refuse it. Raises :class:`Refused`, :class:`TimedOut`, :class:`BadInput`.
+        """Change the mode, judged by what tells it: PX4 acknowledges DO_SET_MODE before its commander has decided, so
+        that a later acknowledgement may still refuse it. Raises :class:`Refused`, :class:`TimedOut`, :class:`BadInput`.
         """
         mode = self.autopilot().mode(name)
         before, self.ordered = self.ordered, mode.name
         try:
             # What HEARTBEAT shows is up to a second old: the mode may have been left for another that was ordered.
-            if self._identity.mode != mode.name or before not in (None, mode.name):
+            if not self._is_in(mode.name) or before not in (None, mode.name):
                 since = time.monotonic()
-                with self.inbox("COMMAND_ACK", "HEARTBEAT") as inbox:
+                with self.inbox("COMMAND_ACK", *self._identity.mode_messages) as inbox:
                     await self.command(mode.command)
                     await self._confirm_mode(mode.command, mode.name, since, inbox)
         except Exception:  # no cancellation: who superseded us, or the pilot, has had his say about it
             self.ordered = before
             raise
 
+    def _is_in(self, mode: str) -> bool:
+        """It is in that mode by intention: a failsafe's would be left again as soon as its cause has gone."""
+        return self._identity.mode == mode and self._identity.intended in (None, mode)
+
+    async def until_mode_told(self) -> None:
+        """Wait for the next message that tells the mode, where an older one may be wrong; a second at most."""
+        with self.inbox(*self._identity.mode_messages) as inbox:
+            await inbox.get(CONFIRM_TIMEOUT)
+
     async def until_heartbeat(self, true: Callable[[], bool], otherwise: str) -> None:
-        """Wait until a HEARTBEAT shows it; raises :class:`TimedOut` with the words given."""
-        with self.inbox("HEARTBEAT") as inbox:
+        """Wait until a HEARTBEAT, or what tells the mode sooner, shows it; raises :class:`TimedOut` with the words
+        given.
+        """
+        with self.inbox(*self._identity.mode_messages) as inbox:
             deadline = time.monotonic() + CONFIRM_TIMEOUT
             while not true():
                 if await inbox.get(deadline - time.monotonic()) is None:
@@ -228,7 +241,7 @@ class Commander:
     async def _confirm_mode(self, command: Command, mode: str, since: float, inbox: Inbox) -> None:
         number = self._port.dialect.value("MAV_CMD", command.name)
         deadline = time.monotonic() + CONFIRM_TIMEOUT
-        while self._identity.mode != mode:
+        while not self._is_in(mode):
             heard = await inbox.get(deadline - time.monotonic())
             if heard is None:
                 text = f"mode {mode} was acknowledged, but does not come"
@@ -240,11 +253,14 @@ class Commander:
                 raise await self._refusal(command, int(fields["result"]), since, inbox)
 
 
-def _other_form(command: Command, result: int) -> Command | None:
-    """The same command as the autopilot will have it: COMMAND_INT or COMMAND_LONG; None: it is as it should be."""
+def _other_form(command: Command, result: int, frame: str) -> Command | None:
+    """The same command as the autopilot will have it: COMMAND_INT or COMMAND_LONG; None: it is as it should be, or
+    another form would mean something else. ``frame``: what the autopilot takes a COMMAND_LONG's place in.
+    """
     p = command.padded()
     if result == INT_ONLY and command.frame is None:
-        return Command(command.name, (*p[:4], round(p[4] * 1e7), round(p[5] * 1e7), p[6]), "MAV_FRAME_GLOBAL")
-    if result == LONG_ONLY and command.frame is not None:
+        place = (HERE if math.isnan(degrees) else round(degrees * 1e7) for degrees in p[4:6])
+        return Command(command.name, (*p[:4], *place, p[6]), frame)
+    if result == LONG_ONLY and command.frame in (frame, f"{frame}_INT"):
         return Command(command.name, (*p[:4], p[4] / 1e7, p[5] / 1e7, p[6]))
     return None

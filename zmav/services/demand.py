@@ -41,7 +41,8 @@ MANY = 1024
 """tokens and expressions remembered; beyond it, they are left out"""
 NOT_STREAMED = {
     "HEARTBEAT", "STATUSTEXT", "PARAM_VALUE", "TIMESYNC", "AUTOPILOT_VERSION", "MESSAGE_INTERVAL",
-    "MISSION_ITEM_REACHED", "CAMERA_IMAGE_CAPTURED", "LOG_ENTRY", "LOG_DATA",
+    "MISSION_ITEM_REACHED", "CAMERA_IMAGE_CAPTURED", "LOG_ENTRY", "LOG_DATA", "EVENT",
+    "AVAILABLE_MODES",
 }  # fmt: skip
 """answers, events and the heartbeat: who subscribes to them wants them when they come (those with a target, too)"""
 

@@ -6,14 +6,15 @@ import collections
 import contextlib
 import threading
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import zenoh
 import zenoh.ext
 
 from zmav import keys, wire
 from zmav.mavlink import Frame
-from zmav.mavlink.event import read_event
+from zmav.mavlink.event import Event, read_event
 from zmav.mavlink.statustext import Text, TextJoiner
 from zmav.trust.proof import Signer
 
@@ -27,6 +28,15 @@ SEVERITIES: tuple[wire.Severity, ...] = (
     "info",
     "debug",
 )
+
+
+class Told(NamedTuple):
+    """What an EVENT comes to."""
+
+    text: str
+    name: str = ""
+    reason: bool = True
+    """it may be why an order is refused"""
 
 
 class Events:
@@ -48,6 +58,8 @@ class Events:
         self._texts: collections.deque[tuple[float, str]] = collections.deque(maxlen=50)
         self._joiner = TextJoiner()
         self._sequences: dict[tuple[int, int], int] = {}
+        self.told: Callable[[Event, int], Told | None] = lambda event, missed: Told(str(event))
+        """what to say of an EVENT, given how many before it were lost; None: nothing"""
 
     def close(self) -> None:
         self._publisher.undeclare()
@@ -91,7 +103,7 @@ class Events:
         self.emit("statustext", SEVERITIES[min(text.severity, 7)], text.text, component=text.compid, **more)
 
     def numbered(self, frame: Frame) -> None:
-        """Pass on an EVENT (410), each once. Its words are not known here: see :mod:`zmav.mavlink.event`."""
+        """Pass on an EVENT (410), each once, in the words that :attr:`told` has for it."""
         event = read_event(frame)
         if event is None:
             return
@@ -101,14 +113,18 @@ class Events:
             return  # sent again, for somebody else who missed it
         self._sequences[source] = event.sequence
         missed = (event.sequence - before - 1) & 0xFFFF if before is not None else 0
-        if not event.for_people:
+        missed = missed if missed < 0x8000 else 0
+        told = self.told(event, missed)
+        if told is None or not event.for_people:
             return
-        text = str(event)
-        self._texts.append((time.monotonic(), text))
+        if told.reason:
+            self._texts.append((time.monotonic(), told.text))
         detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
-        if 0 < missed < 0x8000:
+        if missed:
             detail["missed"] = missed
-        self.emit("numbered", SEVERITIES[event.level], text, **detail, arguments=event.arguments.hex())
+        if told.name:
+            detail["name"] = told.name
+        self.emit("numbered", SEVERITIES[event.level], told.text, **detail, arguments=event.arguments.hex())
 
     def texts_since(self, t: float) -> list[str]:
         """The autopilot's words since monotonic time ``t``, the beginnings of texts that are not whole yet included."""

@@ -13,7 +13,9 @@ from zmav.autopilots import Autopilot, Command, Message, Target
 from zmav.autopilots.base import reposition
 from zmav.autopilots.safety import by_command
 from zmav.errors import BadInput, Refused, TimedOut
+from zmav.services.bounds import Bounds
 from zmav.services.command import Commander
+from zmav.services.event_words import with_reasons
 from zmav.services.identity import Identity
 from zmav.services.orders import Report
 from zmav.services.port import Inbox, Port
@@ -24,21 +26,53 @@ RETRY_EVERY = 1.0
 """s between attempts to arm a vehicle that says no"""
 STOPS, STOP_EVERY = 3, 0.1
 """a stop has no acknowledgement, and may be lost"""
+DISARMED = "disarmed"
+"""the reason of a refusal by a vehicle that flies nowhere"""
+BEAT = 1.5
+"""s in which a HEARTBEAT comes"""
+ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED"""
+ON_GROUND = 1
+"""MAV_LANDED_STATE"""
 LAND_TIMEOUT = 180.0
 RETURN_TIMEOUT = 900.0
 REBOOT_TIMEOUT = 60.0
+CIRCLE, WIDER = 80.0, 1.3
+"""m, both autopilots' default radius of a circle; how much wider a real one is: ArduPlane was seen at 1.2 times"""
 
 
 class Flight:
     """Handlers of the orders in :mod:`zmav.verbs` that move a vehicle. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, state: StateService, commander: Commander) -> None:
-        self._port, self._identity, self._state, self._do = port, identity, state, commander
-        self.check: Callable[[Target], None] = lambda target: None
-        """raises where a place is beyond the fence"""
+    def __init__(
+        self, port: Port, identity: Identity, state: StateService, commander: Commander, bounds: Bounds
+    ) -> None:
+        self._port, self._identity, self._state, self._do, self._bounds = port, identity, state, commander, bounds
         self.lead: Callable[[Target], bool] = lambda target: False
         """keeps giving the way to a far target piece by piece; False where it may be given as it is"""
         self.leads: Callable[[], bool] = lambda: False
+        self.param: Callable[[str], float | None] = lambda name: None
+        """the autopilot's parameter of that name, where it is known"""
+
+    # Whether an order can be done: raises before anything is changed for it, a landing under way included.
+
+    async def judge_takeoff(self, args: wire.Takeoff, report: Report) -> None:
+        if not 0.5 <= args.alt_rel <= 1000.0:
+            raise BadInput("alt_rel must be from 0.5 to 1000 m", field="alt_rel", value=args.alt_rel)
+        self._bounds.check_height(args.alt_rel, force=args.force)
+        self._do.autopilot().takeoff(args.alt_rel, self._state.latest)
+        if not self._identity.armed:
+            raise Refused("it is disarmed: arm it first", vehicle=self._port.name)
+        height = self._height_in_the_air()
+        if height is not None:
+            text = f"it is in the air already, {height:.1f} m above home: goto leads it to another height"
+            raise Refused(text, vehicle=self._port.name)
+
+    async def judge_place(self, args: wire.GoTo, report: Report) -> None:
+        self._place(args)
+        self._check_flying()
+
+    # The orders.
 
     async def arm(self, args: wire.Arm, report: Report) -> dict[str, Any]:
         """Wait until the autopilot is ready, arm, and see it armed; a refusal is retried until ``ready_timeout``."""
@@ -46,6 +80,8 @@ class Flight:
         if self._identity.armed:
             return {"armed": True}
         async with self._do.move():  # so that whoever orders otherwise meanwhile is not surprised by it later
+            if autopilot.mode_message is not None:
+                await self._do.until_mode_told()  # a mode entered since the last HEARTBEAT might take off
             mode = autopilot.arming_mode(self._identity.mode)
             if mode is not None:
                 await self._do.enter(mode)  # first: in such a mode it may not even become ready
@@ -56,9 +92,10 @@ class Flight:
                     await self._do.command(autopilot.arm(True))
                     break
                 except Refused as e:
+                    e = with_reasons(e, self._state.checks())
                     report({"refused": e.message})
                     if time.monotonic() + RETRY_EVERY > deadline:
-                        raise
+                        raise e from None
                     await asyncio.sleep(RETRY_EVERY)
             await self._do.until_heartbeat(
                 lambda: self._identity.armed is True, "armed, but HEARTBEAT does not show it"
@@ -81,12 +118,9 @@ class Flight:
 
     async def takeoff(self, args: wire.Takeoff, report: Report) -> dict[str, Any]:
         """Climb to ``alt_rel`` metres above home; done when the vehicle is there."""
-        if not 0.5 <= args.alt_rel <= 1000.0:
-            raise BadInput("alt_rel must be from 0.5 to 1000 m", field="alt_rel", value=args.alt_rel)
+        await self.judge_takeoff(args, report)
         async with self._do.move():
             mode, command = self._do.autopilot().takeoff(args.alt_rel, self._state.latest)
-            if not self._identity.armed:
-                raise Refused("it is disarmed: arm it first", vehicle=self._port.name)
             if mode:
                 await self._do.enter(mode)
             if command:
@@ -95,7 +129,10 @@ class Flight:
         return {"alt_rel": altitude}
 
     async def goto(self, args: wire.GoTo, report: Report) -> dict[str, Any]:
-        """Fly to a point; done when within ``tolerance`` of it, or at once where ``arrive`` is false."""
+        """Fly to a point; done when within ``tolerance`` of it, or at once where ``arrive`` is false.
+
+        A plane has arrived when it circles, as in :meth:`reposition`.
+        """
         target = self._place(args)
         async with self._do.move():
             autopilot = self._do.autopilot()
@@ -115,11 +152,10 @@ class Flight:
     async def reposition(self, args: wire.Reposition, report: Report) -> dict[str, Any]:
         """Go there by MAV_CMD_DO_REPOSITION, which changes the mode by itself; done on arrival unless told otherwise.
 
-        A plane has arrived when it circles: within ``radius`` (or ``tolerance``, where that is more) over the ground.
+        A plane has arrived when it circles: about ``radius`` from there over the ground (where none is given, its own;
+        ``tolerance``, where that is more).
         """
         target = self._place(args)
-        if args.speed is not None and not 0.0 < args.speed < 200.0:
-            raise BadInput("speed must be from 0 to 200 m/s", field="speed", value=args.speed, expected="0 to 200")
         async with self._do.move():
             autopilot = self._do.autopilot()
             self._check_flying()
@@ -146,9 +182,11 @@ class Flight:
         return {"mode": self._identity.mode}
 
     async def land(self, args: wire.Order, report: Report) -> dict[str, Any]:
-        """Land where the vehicle is; done when it has disarmed itself."""
+        """Land where the vehicle is; done when it has disarmed itself, at once where it is disarmed."""
         async with self._do.move():
             mode = self._do.autopilot().land()
+            if await self._is_disarmed():
+                return {"armed": False}
             await self._do.enter(mode)
             await self._until_disarmed(mode, LAND_TIMEOUT, report)
         return {"armed": False}
@@ -160,6 +198,9 @@ class Flight:
         async with self._do.move():
             autopilot = self._do.autopilot()
             mode = autopilot.rtl()
+            if await self._is_disarmed():
+                text = "it is disarmed: there is nothing to bring back"
+                raise Refused(text, vehicle=self._port.name, reason=DISARMED)
             await self._do.enter(mode)
             if autopilot.lands_after_rtl:
                 await self._until_disarmed(mode, RETURN_TIMEOUT, report)
@@ -188,9 +229,29 @@ class Flight:
     def _place(self, args: wire.GoTo) -> Target:
         if args.pos is None and args.lat_deg is None:
             raise BadInput("a goto needs a position", field="pos", value=None, expected="pos, or lat_deg and lon_deg")
+        if isinstance(args, wire.Reposition) and args.speed is not None:
+            if not 0.0 < args.speed < 200.0:
+                raise BadInput("speed must be from 0 to 200 m/s", field="speed", value=args.speed, expected="0 to 200")
+            self._bounds.check_speed("speed", args.speed, force=args.force)
         target = resolve(args, self._state.origin)
-        self.check(target)
+        self._bounds.check(target, force=args.force)
         return target
+
+    async def _is_disarmed(self) -> bool:
+        """By a HEARTBEAT of now: the last one may be of before it was armed."""
+        if self._identity.armed or not self._identity.connected:
+            return False
+        with self._do.inbox("HEARTBEAT") as inbox:
+            heard = await inbox.get(BEAT)
+        return heard is not None and not heard[1]["base_mode"] & ARMED
+
+    def _height_in_the_air(self) -> float | None:
+        """Metres above home; None: it is on the ground, or nothing says otherwise."""
+        position, extended = self._state.latest("GLOBAL_POSITION_INT"), self._state.latest("EXTENDED_SYS_STATE")
+        height = position["relative_alt"] / 1e3 if position else 0.0
+        if extended is not None and extended["landed_state"]:
+            return None if extended["landed_state"] == ON_GROUND else height
+        return height if height > 1.0 else None
 
     async def _reposition(self, action: Command, verb: str) -> None:
         """Give it, and see the mode that it changes to by itself: from then on another one is the pilot's."""
@@ -214,7 +275,7 @@ class Flight:
         return int(fields["tc1"] or fields["ts1"]) / 1e9  # an answer has its time in tc1, a question of its own in ts1
 
     async def _until_ready(self, autopilot: Autopilot, deadline: float, report: Report) -> None:
-        while missing := autopilot.missing(self._state.latest):
+        while missing := self._state.missing():
             report({"waiting_for": missing})
             if time.monotonic() > deadline:
                 raise Refused(f"not ready to arm: {', '.join(missing)}", vehicle=self._port.name, reasons=missing)
@@ -248,10 +309,7 @@ class Flight:
 
     async def _arrive(self, action: Command | Message, target: Target, args: wire.GoTo, report: Report) -> float:
         deadline, given = time.monotonic() + args.timeout, time.monotonic()
-        mode, flat = self._identity.mode, self._do.autopilot().on_surface
-        near = args.tolerance
-        if isinstance(args, wire.Reposition) and args.radius:
-            near, flat = max(near, 1.2 * abs(args.radius)), True
+        mode, (near, flat) = self._identity.mode, self._near(args)
         with self._do.inbox("GLOBAL_POSITION_INT") as inbox:
             while True:
                 _, position = await self._do.next(inbox, deadline, f"not there after {args.timeout:.0f} s")
@@ -264,6 +322,14 @@ class Flight:
                     given = time.monotonic()
                     if not self.lead(target):  # another order ended the carrot: a far target is not given as it is
                         await self._do.give(action)  # it has no acknowledgement: say it again in case it was lost
+
+    def _near(self, args: wire.GoTo) -> tuple[float, bool]:
+        """Within how many metres it is there, and whether over the ground alone: what circles comes no nearer."""
+        autopilot = self._do.autopilot()
+        radius = abs(args.radius or 0.0) if isinstance(args, wire.Reposition) else 0.0
+        if not radius and autopilot.circle_param is not None:
+            radius = abs(self.param(autopilot.circle_param) or CIRCLE)
+        return max(args.tolerance, WIDER * radius), radius > 0.0 or autopilot.on_surface
 
 
 def _distance(target: Target, position: Any, flat: bool) -> float:

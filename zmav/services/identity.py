@@ -11,6 +11,7 @@ from zmav.autopilots import Autopilot, autopilot_for, kind_of
 from zmav.mavlink import Frame, decode
 from zmav.services.events import Events
 from zmav.services.port import Port, on_loop
+from zmav.services.shown import INTENTION_LASTS, in_the_air
 
 HEARTBEAT_TIMEOUT = 3.0
 UID_MEMORY = 15.0
@@ -31,6 +32,10 @@ class Identity:
         self.uid: str | None = None
         self.firmware: str | None = None
         self.heartbeat: Mapping[str, Any] | None = None
+        self._custom = 0
+        """the custom mode by HEARTBEAT or what tells it sooner, whichever came last"""
+        self._intended: int | None = None
+        self._intended_at = 0.0
         self.connected = False
         self.clash: str | None = None
         """two autopilots of one system id on this very link"""
@@ -46,6 +51,7 @@ class Identity:
         loop = asyncio.get_running_loop()
         self._stops = [
             self._port.listen("HEARTBEAT", on_loop(loop, self._on_heartbeat)),
+            self._port.listen("CURRENT_MODE", on_loop(loop, self._on_mode)),
             self._port.listen("AUTOPILOT_VERSION", on_loop(loop, self._on_version)),
         ]
 
@@ -61,7 +67,24 @@ class Identity:
     def mode(self) -> str | None:
         if self.heartbeat is None or self.autopilot is None:
             return None
-        return self.autopilot.mode_name(self.heartbeat["base_mode"], self.heartbeat["custom_mode"])
+        return self.autopilot.mode_name(self.heartbeat["base_mode"], self._custom)
+
+    @property
+    def intended(self) -> str | None:
+        """The mode last asked for, by anybody: another that is flown is a failsafe's. None: it does not say, or has
+        not said so since the mode changed.
+        """
+        if self.heartbeat is None or self.autopilot is None or self._intended is None:
+            return None
+        if time.monotonic() - self._intended_at > INTENTION_LASTS:
+            return None
+        return self.autopilot.mode_name(self.heartbeat["base_mode"], self._intended)
+
+    @property
+    def mode_messages(self) -> tuple[str, ...]:
+        """The messages that tell the mode."""
+        sooner = self.autopilot.mode_message if self.autopilot is not None else None
+        return ("HEARTBEAT",) if sooner is None else ("HEARTBEAT", sooner)
 
     @property
     def armed(self) -> bool | None:
@@ -78,7 +101,9 @@ class Identity:
             return
         same = source == self.source and self.autopilot is not None and self._is(fields)
         before = (self.mode, self.armed)
-        self.heartbeat, self._heard = fields, time.monotonic()
+        if fields["custom_mode"] != self._custom or not self.connected:
+            self._intended = None  # what was intended before: the next message that tells the mode tells this, too
+        self.heartbeat, self._heard, self._custom = fields, time.monotonic(), fields["custom_mode"]
         if not same:
             self._adopt(source, fields)
         elif not self.connected:
@@ -87,13 +112,25 @@ class Identity:
         self.connected = True
         self._say_changes(before)
 
+    def _on_mode(self, frame: Frame) -> None:
+        if (frame.sysid, frame.compid) != self.source or self.autopilot is None or not self.connected:
+            return
+        if self.autopilot.mode_message is None:
+            return
+        fields, before = decode(frame, self._port.dialect), (self.mode, self.armed)
+        self._intended, self._intended_at = fields["intended_custom_mode"], time.monotonic()
+        if self.armed and in_the_air(self._port, self.source) is False:
+            return  # with a disarming the mode changes, too, and only a HEARTBEAT tells of that
+        self._custom = fields["custom_mode"]
+        self._say_changes(before)
+
     def _is(self, fields: Mapping[str, Any]) -> bool:
         wanted = autopilot_for(fields["autopilot"], fields["type"])
         return bool(self.mav_type == fields["type"] and self.autopilot and self.autopilot.name == wanted.name)
 
     def _adopt(self, source: tuple[int, int], fields: Mapping[str, Any]) -> None:
         self.autopilot = autopilot_for(fields["autopilot"], fields["type"])
-        self.source, self.mav_type = source, fields["type"]
+        self.source, self.mav_type, self._intended = source, fields["type"], None
         self.uid = self.firmware = None
         self._uids.clear()
         self._asked = 0.0
@@ -142,7 +179,7 @@ class Identity:
         """A few times a second: presence, the question who it is, and whether two answer."""
         now = time.monotonic()
         if self.connected and now - self._heard > HEARTBEAT_TIMEOUT:
-            self.connected = False
+            self.connected, self._intended = False, None
             self._uids.clear()
             self._events.emit("autopilot", "critical", f"autopilot silent for {HEARTBEAT_TIMEOUT:.0f} s")
             self.on_change()

@@ -1,7 +1,7 @@
 """What happens when the stream stops: the ladder from a fresh setpoint down to landing, in a thread of its own.
 
 A watchdog on the event loop would sleep with the loop it guards. This one needs nothing of it: it knows when the stream
-goes stale, reads the autopilot's HEARTBEAT from the adapter's memory, and sends through the port, which any thread may.
+goes stale, reads the autopilot's mode from the adapter's memory, and sends through the port, which any thread may.
 
 fresh -> kept alive at the autopilot's rate; a committed segment is interpolated until its end
 -> stale for hold_after: hold, repeated until the vehicle shows it
@@ -15,21 +15,24 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
-from zmav.autopilots import Autopilot, Command, Message, Target
+from zmav import wire
+from zmav.autopilots import Autopilot, Command, Level, Message, Target
 from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.mavlink import decode
 from zmav.services.events import Events
+from zmav.services.flown import Flown, future
 from zmav.services.pace import Pace
 from zmav.services.port import Port
+from zmav.services.shown import Shown, in_the_air, shown
 from zmav.services.trajectory import Segment
 
 ASK_EVERY = 1.0
 """s between requests for a mode"""
 LATE_MODE = 2.0
-"""s after such a request in which HEARTBEAT may yet show that it was granted, the stream having ended"""
+"""s after such a request in which it may yet show that it was granted, the stream having ended"""
 GIVE_UP = 3.0
 """s after which a mode that does not come is taken for refused"""
 HOLD_EVERY, HOLD_REPEATS = 0.2, 3
@@ -39,8 +42,6 @@ HOLD_WATCH = 30.0
 STILL = 0.5
 """m/s below which a vehicle holds"""
 SEGMENT_HZ = 10.0
-SEGMENT_AHEAD = 0.07
-"""s by which a point of a segment is given early: half the time between two, and what link and autopilot take"""
 RETRY_ACTION = 10.0
 ROUND = 1.0
 """s at most between two rounds of the thread: whoever counts them sees that it lives"""
@@ -53,20 +54,6 @@ class Step(enum.Enum):
     FRESH = "fresh"
     HOLDING = "holding"
     ACTING = "acting"
-
-
-class Flown(NamedTuple):
-    """What the vehicle flies, and for whom."""
-
-    autopilot: Autopilot
-    source: tuple[int, int]
-    lease: int
-    """its lease's number"""
-    what: Target | Segment
-    mode: str
-    """the mode that follows it"""
-    until: float
-    """monotonic seconds at which it is stale unless renewed"""
 
 
 class Ladder:
@@ -97,9 +84,12 @@ class Ladder:
         self._due = math.inf
         self._begun = 0.0
         """of the present step"""
+        self._engages = 0.0
+        """when the mode may be asked for"""
         self._asked = -math.inf
         self._tries: list[str] = []
         self._repeats = 0
+        self._held_again = False
         self._goes_on = True
         """an action follows the hold"""
         self._over = 0
@@ -151,7 +141,7 @@ class Ladder:
                     raise LinkDown("the link to the autopilot is down or full", count="link")
             else:
                 if self._step is not Step.ENGAGING:
-                    self._enter(Step.ENGAGING)
+                    self._begin_engaging(flown)
                 if flown.autopilot.engage_after > 0.0:
                     self._send()
             due = self._next(now)
@@ -177,7 +167,7 @@ class Ladder:
     def future(self) -> Callable[[float], Target] | None:
         """What it flies so many seconds from now; None where nothing is flown."""
         flown = self._flown
-        return None if flown is None or self._step is not Step.FRESH else _future(flown)
+        return None if flown is None or self._step is not Step.FRESH else future(flown)
 
     @property
     def on_segment(self) -> bool:
@@ -186,19 +176,21 @@ class Ladder:
         followed = flown is not None and isinstance(flown.what, Segment) and self._dodging is not flown
         return self._step is not Step.IDLE and followed
 
-    def hold_now(self, why: str, *, goes_on: bool = True) -> None:
-        """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows."""
+    def hold_now(self, why: str, *, goes_on: bool = True, severity: wire.Severity = "warning") -> None:
+        """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows. ``severity``: of saying
+        so.
+        """
         with self._changed:
             flown = self._flown
             if flown is None or not self._ours():
                 self._end()  # nothing flies by it
                 return
-            if self._step is Step.ENGAGING and self._mode()[0] != flown.mode:
+            if self._step is Step.ENGAGING and self._shown().mode != flown.mode:
                 self._flown = flown._replace(until=min(flown.until, time.monotonic()))
                 self._wake(time.monotonic())  # nothing flies by it yet
                 return
             if self._step in (Step.FRESH, Step.ENGAGING):
-                self._hold(why)
+                self._hold(why, severity)
             self._goes_on = goes_on
             self._wake(self._next(time.monotonic()))
 
@@ -257,7 +249,7 @@ class Ladder:
         if self._step is Step.ENGAGING:
             if now >= flown.until:
                 return now + 0.05
-            waited = max(self._asked + ASK_EVERY, self._begun + flown.autopilot.engage_after)
+            waited = max(self._asked + ASK_EVERY, self._engages)
             return min(flown.until, max(now, waited), now + (self._period(flown) if self._streams(flown) else 0.05))
         return now + HOLD_EVERY
 
@@ -269,8 +261,10 @@ class Ladder:
             self._end()
         elif self._step is Step.FRESH:
             if now >= flown.until:
-                silent = f"no setpoint for {self.failsafe.hold_after:g} s"
-                self._hold("the segment has ended" if isinstance(flown.what, Segment) else silent)
+                if isinstance(flown.what, Segment):
+                    self._hold("the segment has ended", "info")  # as it was to
+                else:
+                    self._hold(f"no setpoint for {self.failsafe.hold_after:g} s")
             else:
                 self._send()
         elif self._step is Step.ENGAGING:
@@ -282,8 +276,14 @@ class Ladder:
 
     # The steps.
 
+    def _begin_engaging(self, flown: Flown) -> None:
+        self._enter(Step.ENGAGING)
+        flies = in_the_air(self._port, flown.source) is True
+        self._engages = self._begun + flown.autopilot.engages_after(_level(flown), flies)
+        self.ordered(flown.mode)  # PX4 goes back to the mode it was last asked for as soon as setpoints come
+
     def _engage(self, flown: Flown, now: float) -> None:
-        mode = self._mode()[0]
+        mode = self._shown().mode
         if now >= flown.until:
             if mode == flown.mode:
                 self._hold(f"the stream ended before {flown.mode} came")
@@ -295,23 +295,23 @@ class Ladder:
         else:
             if self._streams(flown):
                 self._send()
-            if now >= max(self._asked + ASK_EVERY, self._begun + flown.autopilot.engage_after):
+            if now >= max(self._asked + ASK_EVERY, self._engages):
                 self._ask(flown.mode, now)
-                if now - self._begun > GIVE_UP + flown.autopilot.engage_after:
+                if now - self._engages > GIVE_UP:
                     text = f"{flown.mode} does not come; setpoints wait for it"
                     self._events.emit("setpoint", "warning", text, limit="engage")
 
-    def _hold(self, why: str) -> None:
+    def _hold(self, why: str, severity: wire.Severity = "warning") -> None:
         flown, now = self._flown, time.monotonic()
         assert flown is not None
         lasts = 0.0 if isinstance(flown.what, Segment) else self.failsafe.hold_after
         self._since = min(now, flown.until - lasts)
         self._enter(Step.HOLDING)
-        self._goes_on = True
+        self._goes_on, self._held_again = True, False
         self._let_go(self._flown, None)
         self._say_hold()
         self.count("held")
-        self._events.emit("setpoint", "warning", f"{why}: holding position")
+        self._events.emit("setpoint", severity, f"{why}: holding position")
 
     def _say_hold(self) -> None:
         """Ask for the hold once; it is asked for again, for the message has no acknowledgement."""
@@ -324,8 +324,10 @@ class Ladder:
             if self._repeats == 1:
                 self._events.emit("setpoint", "error", f"it cannot be told to hold: {e}")
             return
-        now = time.monotonic()
-        if self._mode()[0] != mode and now - self._asked >= HOLD_EVERY:
+        now, said = time.monotonic(), self._shown()
+        # What is shown may be from before the stream, and a failsafe's mode is not yet what it intends.
+        there = said.mode == mode and said.intended in (None, mode) and (self._repeats > 1 or mode == flown.mode)
+        if not there and now - self._asked >= HOLD_EVERY:
             self._ask(mode, now)
         if message is not None:
             self._give(message)
@@ -341,10 +343,15 @@ class Ladder:
             self._act(flown, now)
         elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
             self._say_hold()
+        elif flown.autopilot.holds_again(_level(flown), self._shown().status) and not self._held_again:
+            self._held_again, mode = True, flown.autopilot.hold()[0]
+            text = f"{mode} is ordered again: the autopilot takes the end of the setpoints for a lost pilot"
+            self._events.emit("setpoint", "notice", text)
+            self._ask(mode, now)
 
     def _holds(self, flown: Flown) -> bool:
         try:
-            in_mode = self._mode()[0] == flown.autopilot.hold()[0]
+            in_mode = self._shown().mode == flown.autopilot.hold()[0]
         except ZmavError:
             return True
         heard = self._port.latest("GLOBAL_POSITION_INT", flown.source)
@@ -362,7 +369,7 @@ class Ladder:
             except ZmavError as e:
                 self._refused(action, str(e))
                 continue
-            if self._mode()[0] == mode:
+            if self._shown().mode == mode:
                 text = f"no setpoint for {now - self._since:.0f} s: {mode}"
                 self._events.emit("failsafe", "critical", text, action=action, mode=mode)
                 self._end()
@@ -398,21 +405,13 @@ class Ladder:
         self._dodging = None
         self._changed.notify_all()
 
-    def _mode(self) -> tuple[str | None, bool]:
-        """The autopilot's mode and arming by its last HEARTBEAT."""
+    def _shown(self) -> Shown:
         assert self._flown is not None
-        heard = self._port.latest("HEARTBEAT", self._flown.source)
-        if heard is None:
-            return None, False
-        fields = decode(heard.frame, self._port.dialect)
-        mode = self._flown.autopilot.mode_name(fields["base_mode"], fields["custom_mode"])
-        return mode, bool(fields["base_mode"] & 128)
+        return shown(self._port, self._flown.autopilot, self._flown.source)
 
     def _ours(self) -> bool:
         """It is armed, and in a mode that was ordered here: the pilot has it otherwise."""
-        assert self._flown is not None
-        mode, armed = self._mode()
-        return armed and self.allowed(mode)
+        return self._shown().armed and self.allowed(self._shown().mode)
 
     def _ask(self, mode: str, now: float) -> None:
         assert self._flown is not None
@@ -432,7 +431,7 @@ class Ladder:
         """The setpoint as it is now; False where the link does not take it."""
         flown = self._flown
         assert flown is not None
-        instead = self.aside(_future(flown))
+        instead = self.aside(future(flown))
         if instead is not None:
             return self._dodge(flown, *instead)
         if self._dodging is flown and isinstance(flown.what, Segment):
@@ -440,7 +439,7 @@ class Ladder:
             self._hold("moved aside from the segment")
             return True
         self._dodging = None
-        target = _future(flown)(0.0)
+        target = future(flown)(0.0)
         sent = True
         for action in flown.autopilot.setpoint(self.near(flown.autopilot, target, flown.source)):
             if self._pace.due(action, time.monotonic()):
@@ -479,9 +478,5 @@ class Ladder:
         return self._port.send("COMMAND_INT", **fields, x=int(p[4]), y=int(p[5]), z=p[6], frame=frame)
 
 
-def _future(flown: Flown) -> Callable[[float], Target]:
-    """What is to be flown so many seconds from now. Of a segment, by the clock it was accepted by: UTC may be set."""
-    what, now = flown.what, time.monotonic()
-    if isinstance(what, Segment):
-        return lambda ahead: what.at(what.end - (flown.until - now) + SEGMENT_AHEAD + ahead)
-    return lambda ahead: what
+def _level(flown: Flown) -> Level:
+    return "trajectory" if isinstance(flown.what, Segment) else flown.what.level

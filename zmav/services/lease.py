@@ -28,6 +28,11 @@ CLOCK_SET = 0.05
 INSTANCE = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
+def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
+    """How loud it is said that a lease ended so: its holder's own end of it is nothing to be warned of."""
+    return "info" if reason == "released" else "warning"
+
+
 class Leases:
     """A vehicle's lease. Lives on the event loop.
 
@@ -180,14 +185,15 @@ class Leases:
         if not self._token:
             return
         end = wire.LeaseEnd(t=time.time(), number=self.number, holder=self._holder, reason=reason, text=text, by=by)
-        severity: wire.Severity = "info" if reason == "released" else "warning"
         self._ended[self._token] = end
         while len(self._ended) > REMEMBERED:
             self._ended.popitem(last=False)
         self._token = self._holder = self._instance = ""
         self.origin, self.secret, self.last_secret = None, b"", self.secret
         self.last_end = end
-        self._events.emit("lease", severity, text, holder=end.holder, reason=reason, **({"by": by} if by else {}))
+        self._events.emit(
+            "lease", severity_of(reason), text, holder=end.holder, reason=reason, **({"by": by} if by else {})
+        )
         self.on_end(end)
 
     def info(self) -> wire.LeaseInfo | None:

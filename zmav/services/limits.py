@@ -2,7 +2,8 @@
 
 A position must lie within the fence, and in a fence with a bay so must the straight way to it. For every other level
 the vehicle's own place a little later must: so that it is stopped before the fence and not behind it. Out there
-already, it may come back.
+already, it may come back. Where the fleet file names no floor, the ground at home is one: no place is under it, and a
+vehicle near it sinks no faster than for a landing.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ LOOKAHEAD = 2.0
 """s: so long a vehicle goes on as it is told; it stops from 10 m/s within that at 5 m/s²"""
 EDGE = 0.02
 """m: a point this near to the fence is on it, and within; latitudes on the wire are rounded to 1 cm"""
+LANDING = 1.5
+"""m/s: so fast a vehicle may sink at any height above home, higher up faster"""
 MAX_FENCE = 1_000_000.0
 """m from the origin: farther the map is too crooked"""
 
@@ -38,15 +41,18 @@ class Here(NamedTuple):
 class Fence:
     """A :class:`~zmav.config.Geofence`, made ready for quick answers in metres about ``origin``.
 
-    Without an origin it is about the polygon's first corner. A polygon may lie across the antimeridian. Raises
-    :class:`~zmav.errors.BadConfig` for one that crosses itself, encloses nothing or is too far away.
+    Without an origin it is about the polygon's first corner. A polygon may lie across the antimeridian. ``ground``:
+    home's height is the floor where the fence names none. Raises :class:`~zmav.errors.BadConfig` for one that crosses
+    itself, encloses nothing or is too far away.
     """
 
-    def __init__(self, fence: Geofence, origin: wire.Origin | None) -> None:
+    def __init__(self, fence: Geofence, origin: wire.Origin | None, *, ground: bool) -> None:
         lat, lon = fence.polygon[0] if fence.polygon else (0.0, 0.0)
         self.origin = origin or wire.Origin(lat_deg=lat, lon_deg=lon, alt_amsl=0.0)
-        self.radius, self.floor, self.ceiling = fence.radius, fence.floor, fence.ceiling
-        if fence.radius is not None and origin is None:
+        self.radius = None if fence.radius == math.inf else fence.radius
+        self.ground = ground and fence.floor is None
+        self.floor, self.ceiling = 0.0 if self.ground else fence.floor, fence.ceiling
+        if self.radius is not None and origin is None:
             raise _bad("radius", fence.radius, "an origin: the radius is about the fleet's")
         self._lat, self._lon = self.origin.lat_deg, self.origin.lon_deg
         self._north, self._east = geo.to_ned(self.origin, self._lat + 1.0, self._lon + 1.0, 0.0)[:2]
@@ -54,8 +60,8 @@ class Fence:
         _check_corners(corners)
         self.edges = _edges(corners)
         self.convex = _is_convex(corners)
-        self.limits_ground = bool(corners) or fence.radius is not None
-        self.limits_height = fence.floor is not None or fence.ceiling is not None
+        self.limits_ground = bool(corners) or self.radius is not None
+        self.limits_height = self.floor is not None or self.ceiling is not None
 
     def local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """North and east in metres: :func:`zmav.geo.to_ned` without its trigonometry."""
@@ -75,12 +81,22 @@ class Fence:
             beyond = self.to_edge(north, east)
             if beyond > EDGE:
                 return beyond, f"{beyond:.1f} m outside the geofence's polygon"
-        if alt_rel is not None:
-            if self.ceiling is not None and alt_rel > self.ceiling + EDGE:
-                return alt_rel - self.ceiling, f"at {alt_rel:.1f} m above home, over the ceiling of {self.ceiling:g} m"
-            if self.floor is not None and alt_rel < self.floor - EDGE:
-                return self.floor - alt_rel, f"at {alt_rel:.1f} m above home, under the floor of {self.floor:g} m"
-        return 0.0, ""
+        return (0.0, "") if alt_rel is None else self._beside(alt_rel)
+
+    def check_height(self, field: str, alt_rel: float) -> None:
+        """Raise :class:`~zmav.errors.BadInput` for a height above home that is beyond the fence, wherever it is."""
+        beyond, where = self._beside(alt_rel)
+        if beyond:
+            raise _outside(field, where)
+
+    def _beside(self, alt_rel: float) -> tuple[float, str]:
+        if self.ceiling is not None and alt_rel > self.ceiling + EDGE:
+            return alt_rel - self.ceiling, f"at {alt_rel:.1f} m above home, over the ceiling of {self.ceiling:g} m"
+        if self.floor is None or alt_rel >= self.floor - EDGE:
+            return 0.0, ""
+        if self.ground:
+            return -alt_rel, f"{-alt_rel:.1f} m under the ground at home"
+        return self.floor - alt_rel, f"at {alt_rel:.1f} m above home, under the floor of {self.floor:g} m"
 
     def _inside(self, north: float, east: float) -> bool:
         """Whether a ray to the north crosses the polygon an odd number of times."""
@@ -145,6 +161,13 @@ def check_motion(
         raise _fast(f"{field}acc", "accel", math.hypot(*acc), limits.accel, "m/s²")
 
 
+def check_speed(name: str, value: float, limits: Limits) -> None:
+    """Raise :class:`BadInput` for a speed (m/s) beyond the limit of that name."""
+    most = getattr(limits, name)
+    if most is not None and value > most:
+        raise _fast(name, name, value, most, "m/s")
+
+
 def _check_limits(target: Target, limits: Limits) -> None:
     if target.vel is not None or target.acc is not None:
         check_motion("", target.vel, target.acc, limits)
@@ -187,11 +210,17 @@ def _check_motion(target: Target, fence: Fence, here: Here, flat: bool) -> None:
         an, ae, ad = target.acc
         vn, ve, vd = vn + an * LOOKAHEAD / 2.0, ve + ae * LOOKAHEAD / 2.0, vd + ad * LOOKAHEAD / 2.0
     later = None if height is None else height - vd * LOOKAHEAD
+    if fence.ground and height is not None and later is not None:
+        if vd > max(LANDING, height / LOOKAHEAD):
+            raise _outside(_moved_by(target), f"sinking at {vd:.1f} m/s {height:.1f} m above the ground at home")
+        later = max(later, 0.0)
     beyond, where = fence.excess(north + vn * LOOKAHEAD, east + ve * LOOKAHEAD, later)
     if beyond and beyond > fence.excess(north, east, height)[0]:
-        raise _outside(
-            {"velocity": "vel", "acceleration": "acc"}.get(target.level, target.level), f"in {LOOKAHEAD:g} s {where}"
-        )
+        raise _outside(_moved_by(target), f"in {LOOKAHEAD:g} s {where}")
+
+
+def _moved_by(target: Target) -> str:
+    return {"velocity": "vel", "acceleration": "acc"}.get(target.level, target.level)
 
 
 def height_of(target: Target, home_alt_amsl: float | None) -> float:

@@ -34,6 +34,8 @@ GIVE_UP = 15.0
 ERASE = 90.0
 """s that an erasure may take: a full flash chip is slow"""
 ALL = 0xFFFF
+EMPTY = 5
+"""times that a list may be asked for in vain before it is taken for empty, where that is not said"""
 
 
 class Listed(NamedTuple):
@@ -56,11 +58,13 @@ class Logs:
         return {"log_list": self.listing, "log_get": self.get, "log_erase": self.erase}
 
     async def listing(self, args: wire.LogList, report: Report) -> dict[str, Any]:
-        """All logs: ``{"logs": [LogEntry, ...]}`` by id. Raises :class:`Refused` while the vehicle is armed, where its
-        autopilot then keeps its logs to itself.
+        """All logs: ``{"logs": [LogEntry, ...]}``, oldest first. Raises :class:`Refused` while the vehicle is armed,
+        where its autopilot then keeps its logs to itself.
         """
         async with self._turn("listing the logs", report) as source:
             found = await self._entries(source, report)
+        if self._by_place:
+            found.sort(key=lambda each: (each.time_utc, each.id))
         return {"logs": [msgspec.to_builtins(self._described(each)) for each in found]}
 
     async def get(self, args: wire.LogGet, report: Report) -> dict[str, Any]:
@@ -116,27 +120,35 @@ class Logs:
         async with self._ftp.turn(what, report) as source:
             yield source
 
-    async def _entries(self, source: tuple[int, int], report: Report, start: int = 0, end: int = ALL) -> list[Listed]:
-        """The LOG_ENTRYs from ``start`` to ``end``; what was lost of them is asked for again."""
+    @property
+    def _by_place(self) -> bool:
+        autopilot = self._identity.autopilot
+        return autopilot is not None and autopilot.log_ids_are_places
+
+    async def _entries(self, source: tuple[int, int], report: Report) -> list[Listed]:
+        """All LOG_ENTRYs by id; what was lost of them is asked for again."""
         found: dict[int, Listed] = {}
         total, last = -1, 0
         deadline = time.monotonic() + GIVE_UP
-        ask = (start, end)
+        ask, silence = (0, ALL), 0
         with Mailbox(self._port, source, "LOG_ENTRY") as mail:
             while True:
                 send(self._port, source, "LOG_REQUEST_LIST", start=ask[0], end=ask[1])
                 while (frame := await mail.get(PATIENCE)) is not None:
-                    entry, count, newest = _entry(frame)
-                    total, last = count, max(last, newest)
+                    entry, total, newest = _entry(frame)
+                    last = total - 1 if self._by_place else max(last, newest)
                     deadline = time.monotonic() + GIVE_UP
-                    if count:
+                    if total:
                         found[entry.id] = entry
                         report({"logs": len(found), "of": total})
-                    wanted = {i for i in range(last - total + 1, last + 1) if start <= i <= end} or set(found)
+                    wanted = set(range(last - total + 1, last + 1)) or set(found)
                     missing = sorted(wanted - set(found))
                     if not missing:
-                        return [found[i] for i in sorted(found) if start <= i <= end]
+                        return [found[i] for i in sorted(found)]
                     ask = (missing[0], missing[-1])
+                silence += not found
+                if self._by_place and silence > EMPTY:
+                    return []  # it says nothing where there is none
                 if time.monotonic() > deadline:
                     words = "no list of logs came: this autopilot may have no log, or nowhere to write one"
                     raise TimedOut(words, vehicle=self._port.name)

@@ -130,7 +130,7 @@ class Missions:
     def items(self) -> Items:
         """How items are written for this autopilot; raises :class:`Stale` where none was ever heard."""
         autopilot = self._identity.autopilot or self._do.autopilot()
-        return Items(self._port.dialect, autopilot.missions.home_first)
+        return Items(self._port.dialect, autopilot.missions)
 
     async def plan(self, kind: MissionKind, report: Report) -> list[Raw]:
         """The plan that is on the autopilot (home included), from the cache where nothing speaks against it."""

@@ -5,6 +5,7 @@ https://mavlink.io/en/services/mission.html#flight-plan-missions
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
 import time
@@ -14,6 +15,7 @@ from typing import Any
 from zmav import wire
 from zmav.autopilots import Command, Message
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
+from zmav.services.bounds import Bounds
 from zmav.services.command import Commander
 from zmav.services.identity import Identity
 from zmav.services.mission import Missions
@@ -23,6 +25,8 @@ from zmav.services.port import Port
 
 SET_TIMEOUT = 4.0
 """s for MISSION_CURRENT to show an item that only a message without acknowledgement could set"""
+START_AGAIN = 1.0
+"""s until the mission's mode is asked for again where it was refused"""
 LAST_WORD = 1.5
 """s that a mission's end may be told after the autopilot has left its mode: MISSION_CURRENT comes once a second"""
 ACTIVE, PAUSED, COMPLETE = 3, 4, 5
@@ -33,8 +37,11 @@ RETURN, LAND, VTOL_LAND = 20, 21, 85
 class MissionFlight:
     """Handlers of ``mission_start`` and ``mission_current``. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, commander: Commander, missions: Missions) -> None:
-        self._port, self._identity, self._do, self._missions = port, identity, commander, missions
+    def __init__(
+        self, port: Port, identity: Identity, commander: Commander, missions: Missions, bounds: Bounds
+    ) -> None:
+        self._port, self._identity, self._do = port, identity, commander
+        self._missions, self._bounds = missions, bounds
 
     async def start(self, args: wire.MissionStart, report: Report) -> dict[str, Any]:
         """Fly the mission from item ``first`` on, the vehicle being armed; ``wait_end``: done at its end.
@@ -42,20 +49,45 @@ class MissionFlight:
         Raises :class:`Refused` when the pilot takes over or the vehicle disarms on the way.
         """
         rules = self._do.autopilot().missions
-        plan = await self._missions.plan("mission", report)
-        start = self._check(args.first, "first", plan)
-        async with self._do.move():
-            if not self._identity.armed:
-                raise Refused("it is disarmed: arm it first", vehicle=self._port.name)
+        async with self._do.move():  # first: what comes while the plan is read ends this
+            plan, start = await self._judged(args, report)
             await self._set_current(args.first + start)
             if rules.mode:
-                await self._do.enter(rules.mode)
+                await self._enter(rules.mode)
             if rules.start_command:
                 await self._do.command(Command("MAV_CMD_MISSION_START"))
             told = {"mode": self._identity.mode, "total": len(plan) - start}
             if args.wait_end:
                 told |= await self._watch(plan, start, report)
         return told
+
+    async def judge_start(self, args: wire.MissionStart, report: Report) -> None:
+        """Raise where the mission cannot be begun, before anything is changed for it."""
+        await self._judged(args, report)
+
+    async def judge_mode(self, args: wire.SetMode, report: Report) -> None:
+        """The mode that flies a mission leads where the mission does."""
+        autopilot = self._do.autopilot()
+        if autopilot.mode(args.mode).name == autopilot.missions.mode:
+            await self._judge_flown(args.force, report)
+
+    async def judge_command(self, args: wire.RunCommand, report: Report) -> None:
+        """The command that flies a mission leads where the mission does."""
+        if args.command.upper().removeprefix("MAV_CMD_") == "MISSION_START":
+            await self._judge_flown(args.force, report)
+
+    async def _judge_flown(self, force: bool, report: Report) -> None:
+        if self._identity.armed:
+            plan = await self._missions.plan("mission", report)
+            self._bounds.check_mission(plan[self._missions.items().offset("mission") :], force=force)
+
+    async def _judged(self, args: wire.MissionStart, report: Report) -> tuple[list[Raw], int]:
+        if not self._identity.armed:
+            raise Refused("it is disarmed: arm it first", vehicle=self._port.name)
+        plan = await self._missions.plan("mission", report)
+        start = self._check(args.first, "first", plan)
+        self._bounds.check_mission(plan[start:], force=args.force)
+        return plan, start
 
     async def set_current(self, args: wire.MissionJump, report: Report) -> dict[str, Any]:
         """Go on with another item; where no mission is being flown, the next start begins there."""
@@ -79,11 +111,10 @@ class MissionFlight:
 
     async def _set_current(self, seq: int) -> None:
         """MAV_CMD_DO_SET_MISSION_CURRENT, or the message before it, which is judged by MISSION_CURRENT."""
-        try:
-            await self._do.command(Command("MAV_CMD_DO_SET_MISSION_CURRENT", (float(seq),)))
-            return
-        except (Unsupported, TimedOut):
-            pass
+        if self._do.autopilot().missions.set_by_command:
+            with contextlib.suppress(Unsupported, TimedOut):
+                await self._do.command(Command("MAV_CMD_DO_SET_MISSION_CURRENT", (float(seq),)))
+                return
         with self._do.inbox("MISSION_CURRENT") as inbox:
             deadline = time.monotonic() + SET_TIMEOUT
             while time.monotonic() < deadline:
@@ -93,6 +124,14 @@ class MissionFlight:
                     if heard[1]["seq"] == seq:
                         return
         raise TimedOut(f"the autopilot does not go to item {seq} (as it counts)", vehicle=self._port.name)
+
+    async def _enter(self, mode: str) -> None:
+        """PX4 looks at a mission that was just uploaded a moment later, and until then refuses to fly it."""
+        try:
+            await self._do.enter(mode)
+        except Refused:
+            await asyncio.sleep(START_AGAIN)
+            await self._do.enter(mode)
 
     async def _watch(self, plan: list[Raw], start: int, report: Report) -> dict[str, Any]:
         """Until the last item is reached, the autopilot says that the mission is complete, or it has landed by it."""

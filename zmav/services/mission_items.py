@@ -11,6 +11,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from zmav.autopilots.missions import MissionRules
 from zmav.errors import BadInput
 from zmav.formats import fence
 from zmav.formats.items import UNKNOWN, command_name, command_number, frame_number, numbers
@@ -59,14 +60,14 @@ def raw_from(fields: Mapping[str, Any]) -> Raw:
 
 
 class Items:
-    """Items to and from the wire by one dialect; ``home_first``: missions carry home as item 0."""
+    """Items to and from the wire by one dialect, as an autopilot of these ``rules`` takes them."""
 
-    def __init__(self, dialect: Dialect, home_first: bool = False) -> None:
-        self._dialect, self._home_first = dialect, home_first
+    def __init__(self, dialect: Dialect, rules: MissionRules) -> None:
+        self._dialect, self._rules = dialect, rules
 
     def offset(self, kind: MissionKind) -> int:
         """How many items stand before our first on the autopilot."""
-        return int(self._home_first and kind == "mission")
+        return int(self._rules.home_first and kind == "mission")
 
     def encode(self, kind: MissionKind, items: Sequence[MissionItem]) -> list[Raw]:
         """What goes over the wire, without home; raises :class:`BadInput` that names every fault by index."""
@@ -145,6 +146,11 @@ class Items:
                 raise BadInput(f"{name} is {value}: not a number it can be")
         if item.command == DO_JUMP:
             params[0] += self.offset(kind)
+        never = item.command in self._rules.never_placed
+        if never and (item.x or item.y):
+            raise BadInput(f"this autopilot takes {item.command} without a place only: give 0 for x and y")
+        if self._rules.mission_frame and (never or not self.located(item.command)):
+            frame = frame_number("MAV_FRAME_MISSION", enums)  # files of Mission Planner give every item frame 3
         scale = self.scale(item.command, frame)
         x, y = (_grid(axis, value, scale) for axis, value in (("x", item.x), ("y", item.y)))
         return Raw(frame, command, int(item.autocontinue), _singles(params), x, y, _singles([item.z])[0])

@@ -7,12 +7,14 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from typing import Any
 
 from zmav.autopilots import Autopilot, Level, Need, Target
-from zmav.errors import Unsupported
+from zmav.errors import Refused, Unsupported
 from zmav.mavlink import Frame, decode
 from zmav.services.events import Events
 from zmav.services.identity import Identity
+from zmav.services.orders import Handler, Report
 from zmav.services.param import Params
 from zmav.services.port import Port, on_loop
 
@@ -51,7 +53,7 @@ class Needs:
         self._level, self._at = target.level, time.monotonic()
         for need in autopilot.needs(target):
             source = self._identity.source
-            why = need.unmet(self._value, source[0]) if source else None
+            why = need.unmet(self._params.value, source[0]) if source else None
             if why is None:
                 self._said.discard(need)
             elif need.fatal:
@@ -60,9 +62,23 @@ class Needs:
                 self._said.add(need)
                 self._events.emit("setpoint", "warning", f"{target.level} setpoints: {why}", why="parameter")
 
-    def _value(self, name: str) -> float | None:
-        found = self._params.get(name)
-        return None if found is None else found.value
+    def explained(self, arm: Handler) -> Handler:
+        """``arm``, whose refusal says which parameter of the autopilot stands against it, too."""
+
+        async def explained(args: Any, report: Report) -> dict[str, Any]:
+            try:
+                return await arm(args, report)
+            except Refused as e:
+                source, autopilot = self._identity.source, self._identity.autopilot
+                if source is None or autopilot is None or self._identity.armed or e.detail.get("reasons"):
+                    raise  # the autopilot's own reasons are the better ones
+                needs = [need.unmet(self._params.value, source[0]) for need in autopilot.arming_needs]
+                unmet = [why for why in needs if why is not None]
+                if not unmet:
+                    raise
+                raise Refused("; ".join((e.message, *unmet)), **{**e.detail, "reasons": unmet}) from e
+
+        return explained
 
     def _on_ack(self, frame: Frame) -> None:
         if (frame.sysid, frame.compid) != self._identity.source or time.monotonic() - self._at > ANSWER_WITHIN:

@@ -96,7 +96,8 @@ class Orders:
     async def close(self) -> None:
         """End what is under way, and say so to whoever asked."""
         self._closed = True
-        self._queryable.undeclare()
+        if self._queryable is not None:
+            self._queryable.undeclare()
         tasks = [op.task for op in self._operations.values() if not op.task.done()]
         for task in tasks:
             task.cancel()

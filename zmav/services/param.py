@@ -95,6 +95,11 @@ class Params:
         name = self.known.spelt(name)
         return self.known.param(name, self.talk.encoding) if name in self.known.entries else None
 
+    def value(self, name: str) -> float | None:
+        """Its value where it is known."""
+        found = self.get(name)
+        return None if found is None else found.value
+
     async def find(self, name: str) -> wire.Param:
         """One parameter, from the cache or else from the autopilot.
 

@@ -7,8 +7,10 @@ from typing import Any
 
 from zmav import wire
 from zmav.autopilots import Command
+from zmav.autopilots.base import HERE
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.mavlink import command_type
+from zmav.services.bounds import Bounds
 from zmav.services.command import Commander
 from zmav.services.orders import Report
 from zmav.services.port import Port
@@ -24,8 +26,8 @@ SHOTS = 1000
 class Payload:
     """Handlers of the orders in :mod:`zmav.verbs` that move nothing but the payload. Lives on the event loop."""
 
-    def __init__(self, port: Port, commander: Commander) -> None:
-        self._port, self._do = port, commander
+    def __init__(self, port: Port, commander: Commander, bounds: Bounds) -> None:
+        self._port, self._do, self._bounds = port, commander, bounds
 
     async def servo(self, args: wire.SetServo, report: Report) -> dict[str, Any]:
         """One output to a PWM; raises :class:`Refused` where the autopilot keeps that output for itself."""
@@ -86,25 +88,30 @@ class Payload:
 
     async def command(self, args: wire.RunCommand, report: Report) -> dict[str, Any]:
         """Any MAV_CMD, its parameters checked against the dialect; the result holds what the acknowledgement said."""
+        command = self._built(args)
+        self._bounds.check_command(command, force=args.force)
+        with self._do.beside():
+            ack = await self._do.command(command, report)
+        return {"command": command.name, "result_param2": ack.result_param2}
+
+    async def judge_command(self, args: wire.RunCommand, report: Report) -> None:
+        self._bounds.check_command(self._built(args), force=args.force)
+
+    def _built(self, args: wire.RunCommand) -> Command:
         kind = command_type(self._port.dialect, args.command)
         params = kind.fill(args.params, self._port.dialect)
         if args.frame is None:
-            command = Command(kind.name, params)
-        else:
-            frame = args.frame.upper()
-            frame = frame if frame.startswith("MAV_FRAME_") else f"MAV_FRAME_{frame}"
-            self._port.dialect.value("MAV_FRAME", frame)
-            local = "LOCAL" in frame or "BODY" in frame
-            scale = 1e4 if local else 1e7
-            place = [0 if math.isnan(p) else round(p * scale) for p in params[4:6]]
-            if any(abs(p) > 0x7FFFFFFF for p in place):
-                raise BadInput(
-                    "param5 or param6 is out of range", field="params", value=args.params, expected="a place"
-                )
-            command = Command(kind.name, (*params[:4], *place, params[6]), frame)
-        with self._do.beside():
-            ack = await self._do.command(command, report)
-        return {"command": kind.name, "result_param2": ack.result_param2}
+            return Command(kind.name, params)
+        frame = args.frame.upper()
+        frame = frame if frame.startswith("MAV_FRAME_") else f"MAV_FRAME_{frame}"
+        self._port.dialect.value("MAV_FRAME", frame)
+        local = "LOCAL" in frame or "BODY" in frame
+        scale = 1e4 if local else 1e7
+        nowhere = HERE if self._do.autopilot().ignores_frames else 0
+        place = [nowhere if math.isnan(p) else round(p * scale) for p in params[4:6]]
+        if any(abs(p) > 0x7FFFFFFF for p in place):
+            raise BadInput("param5 or param6 is out of range", field="params", value=args.params, expected="a place")
+        return Command(kind.name, (*params[:4], *place, params[6]), frame)
 
 
 def _within(field: str, value: float, low: float, high: float) -> None:

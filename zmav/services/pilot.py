@@ -29,7 +29,7 @@ CRITICAL = 5
 
 
 class Pilot:
-    """Watches HEARTBEAT and RC_CHANNELS. On the event loop; :meth:`allowed` from any thread.
+    """Watches the mode, the arming and RC_CHANNELS. On the event loop; :meth:`allowed` from any thread.
 
     ``on_taken(text)`` is called when somebody else than us changed the mode, disarmed, or moved the switch.
     """
@@ -71,7 +71,7 @@ class Pilot:
         self._what, self._grace = what, time.monotonic() + GRACE
 
     def changed(self) -> None:
-        """The HEARTBEAT shows another mode or arming, or another autopilot."""
+        """It shows another mode or arming, or is another autopilot."""
         mode, armed = self._identity.mode, bool(self._identity.armed)
         if self._armed and self._mode is not None:  # else nobody flies it
             self._judge(mode, armed, self._mode)
@@ -98,7 +98,9 @@ class Pilot:
             return True
         if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot, self._what)):
             return True
-        return mode in ends_in(autopilot, before) and int(heartbeat["system_status"]) < CRITICAL
+        intended = self._identity.intended
+        failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode
+        return mode in ends_in(autopilot, before) and not failsafe
 
     def _under_order(self) -> bool:
         return self._commander.moving or time.monotonic() < self._grace

@@ -39,6 +39,7 @@ class Presence:
         verifier: Verifier | None = None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
+        self._role = keys.REPLAY if keys.is_replay(fleet) else keys.VEHICLE
         self._identity, self._events, self._verifier = identity, events, verifier
         self.clash: str | None = None
         self.on_change: Callable[[], None] = lambda: None
@@ -53,7 +54,7 @@ class Presence:
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
-        everyone = keys.ALIVE.key(self._fleet, "*", role=keys.VEHICLE, sys="*", autopilot="*", uid="*", instance="*")
+        everyone = keys.ALIVE.key(self._fleet, "*", role=self._role, sys="*", autopilot="*", uid="*", instance="*")
         self._subscriber = self._session.liveliness().declare_subscriber(
             everyone, on_loop(loop, self._on_token), history=True
         )
@@ -79,7 +80,7 @@ class Presence:
         key = keys.ALIVE.key(
             self._fleet,
             self._name,
-            role=keys.VEHICLE,
+            role=self._role,
             sys=known.source[0] if known and known.source else 0,
             autopilot=known.autopilot.name if known and known.autopilot else NOBODY,
             uid=(known.uid if known else None) or NOBODY,

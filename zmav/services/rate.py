@@ -27,8 +27,6 @@ from zmav.services.rate_standing import Standing, rows
 
 OWN = {"SYSTEM_TIME": 0.2}
 """what the companion itself reads beside the floor: GPS time, for its clock"""
-NEVER = (2, 3)
-"""MAV_RESULT denied and unsupported: asking again changes nothing"""
 LONGEST_PAUSE = 60.0
 """s between two tries of what does not come"""
 UNANSWERED_PAUSE = 3.0
@@ -159,6 +157,8 @@ class Rates:
 
     def _due(self, target: Target) -> bool:
         """It must be asked for, now."""
+        if self._identity.autopilot is None or target.name in self._identity.autopilot.unrated:
+            return False
         standing, flow = self._standing.get(target.name), self._flows().get(target.name)
         heard = self._port.latest(target.name, self._of) if self._of else None
         rate = target.granted if standing is None else standing.rate(target)
@@ -214,7 +214,8 @@ class Rates:
         return True
 
     def _refuse(self, standing: Standing, target: Target, result: int, rate: float) -> None:
-        if result in NEVER and rate > SLOWER_FROM:
+        never = self._identity.autopilot is not None and result in self._identity.autopilot.never_rated
+        if never and rate > SLOWER_FROM:
             standing.ceiling, standing.not_before = rate / 2, 0.0
             self._wake.set()
             return
@@ -225,7 +226,7 @@ class Rates:
             self._events.emit("rate", "warning", text, message=target.name, result=word)
         standing.refused = word
         if standing.asked is None:
-            standing.final = result in NEVER
+            standing.final = never
         else:
             standing.ceiling = standing.asked  # what it sends already is the most there is
 

@@ -20,8 +20,9 @@ from zmav.autopilots import Autopilot, Target
 from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.bounds import Bounds
 from zmav.services.events import Events
+from zmav.services.flown import Flown
 from zmav.services.identity import Identity
-from zmav.services.ladder import Flown, Ladder
+from zmav.services.ladder import Ladder
 from zmav.services.lease import Leases
 from zmav.services.pilot import Pilot
 from zmav.services.port import Port, on_loop

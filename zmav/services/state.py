@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zenoh
@@ -30,6 +30,8 @@ class StateService:
         self._port, self._identity, self.origin = port, identity, origin
         self.extras: list[Callable[[wire.VehicleState], None]] = []
         """other services' additions: link, lease, clash"""
+        self.checks: Callable[[], Sequence[str]] = lambda: ()
+        """what the autopilot's own report of its checks has against arming now"""
         self._key = keys.STATE.key(port.fleet, port.name)
         self._publisher = session.declare_publisher(self._key, **keys.STATE.publishing())
         self._queryables: list[Any] = []
@@ -79,10 +81,16 @@ class StateService:
         found = self._port.latest(name, source) if source else None
         return (decode(found.frame, self._port.dialect), found.age) if found else None
 
+    def missing(self) -> list[str]:
+        """What is not ready for arming; empty: ready."""
+        autopilot = self._identity.autopilot
+        return autopilot.missing(self.latest, self.checks()) if autopilot else ["no autopilot heard"]
+
     def build(self) -> wire.VehicleState:
         """The state now."""
         who = self._identity
         state = wire.VehicleState(t=time.time(), fleet=self._port.fleet, name=self._port.name, instance=self._instance)
+        state.replayed = keys.is_replay(state.fleet)
         if who.source and who.autopilot and who.heartbeat:
             state.connected = who.connected
             state.sysid, state.compid = who.source
@@ -90,7 +98,7 @@ class StateService:
             state.autopilot, state.mode, state.armed = who.autopilot.name, who.mode, who.armed
             status = self._port.dialect.enum_name("MAV_STATE", who.heartbeat["system_status"])
             state.status = status.removeprefix("MAV_STATE_") if status else None
-            state.not_ready = who.autopilot.missing(self.latest) if not who.armed else []
+            state.not_ready = self.missing() if not who.armed else []
             state.ready = not state.not_ready
             self._add_motion(state)
             self._add_health(state)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from zmav.autopilots.safety import changes_mode
+from zmav.autopilots.safety import changes_mode, makes_safe
 from zmav.mavlink import Frame, decode
 from zmav.services.identity import Identity
 from zmav.services.lease import Leases
@@ -25,10 +25,14 @@ SET_MODE = "SET_MODE"
 
 
 class Stations:
-    """``taken(text)`` is called on the event loop when a station has changed the mode."""
+    """``guard`` raises while two claim to be the vehicle; ``taken(text)`` is called on the event loop when a station
+    has changed the mode.
+    """
 
-    def __init__(self, port: Port, identity: Identity, leases: Leases, taken: Callable[[str], None]) -> None:
-        self._port, self._identity, self._leases, self._taken = port, identity, leases, taken
+    def __init__(
+        self, port: Port, identity: Identity, leases: Leases, guard: Callable[[], None], taken: Callable[[str], object]
+    ) -> None:
+        self._port, self._identity, self._leases, self._guard, self._taken = port, identity, leases, guard, taken
         by_name = port.dialect.by_name
         self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
         self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
@@ -40,7 +44,12 @@ class Stations:
         self.sent = lambda frame: judge(frame) if frame.msgid in self._ordering else None
 
     def admit(self, frame: Frame) -> None:
-        """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease."""
+        """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease, and
+        :class:`~zmav.errors.Clash` where two claim to be the vehicle; what makes it safe passes, to both.
+        """
+        autopilot = self._identity.autopilot
+        if autopilot is None or not makes_safe(frame, self._port.dialect, autopilot):
+            self._guard()
         if frame.msgid in self._streamed and self._leases.holder is not None:
             raise self._leases.refusal()
 

@@ -34,7 +34,7 @@ class TimeSync:
         self._port, self._identity, self._events = port, identity, events
         self.clock = Clock()
         self.on_restart: Callable[[], None] = lambda: None
-        """the autopilot has begun anew: what it was told is forgotten"""
+        """the autopilot has begun anew, or may have: what it was told is forgotten"""
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
         self._wrong = False
@@ -86,13 +86,17 @@ class TimeSync:
         if sent not in self._asked:
             return  # an answer to somebody else
         self._rtts.append((received - sent) / 1e9)
-        before = self.clock.boot
-        verdict = self.clock.sample(sent / 1e9, received / 1e9, fields["tc1"] / 1e9)
-        if verdict == "restarted":
+        before, now = self.clock.boot, fields["tc1"] / 1e9
+        verdict = self.clock.sample(sent / 1e9, received / 1e9, now)
+        if verdict in ("restarted", "behind"):
             self.gps_offset = None
-            text = f"the autopilot has restarted: its time went from {before:.1f} s to {fields['tc1'] / 1e9:.1f} s"
-            self._events.emit("autopilot", "warning", text, limit="restart")
-            self.on_restart()
+            if verdict == "restarted":
+                text = f"the autopilot has restarted: its time went from {before:.1f} s to {now:.1f} s"
+                self._events.emit("autopilot", "warning", text, limit="restart")
+            else:
+                text = f"the autopilot was silent, and its time went on by {now - before:.1f} s only, to {now:.1f} s"
+                self._events.emit("autopilot", "notice", text, limit="restart")
+            self.on_restart()  # it may have: then it sends nothing that it is not asked for again
 
     def _on_system_time(self, frame: Frame) -> None:
         fields = decode(frame, self._port.dialect)

@@ -1,4 +1,4 @@
-"""Whether the autopilot has restarted, by the boot time that its messages carry."""
+"""Whether the autopilot may have restarted, by the boot time that its messages carry."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Uptime:
         self._last = None
 
     def restarted(self, source: tuple[int, int]) -> bool:
-        """It has restarted since the last call; False where that cannot be told."""
+        """It has restarted since the last call, or may have over a silence: for caution, and not to be said."""
         uptime, now = self._read(source), time.monotonic()
         if uptime is None:
             return False

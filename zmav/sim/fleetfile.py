@@ -95,7 +95,6 @@ def load_simulated(path: str | Path) -> FleetFile:
             expected = "a table [vehicles.NAME.sim] for each vehicle to simulate"
             raise BadConfig(f"nothing is to be simulated; expected {expected}", field="vehicles", expected=expected)
         vehicles = [_spec(name, table) for name, table in simulated.items()]
-        _check_sysids(vehicles)
         home = check_home(world.home) if world.home else _home(fleet)
     except BadInput as e:
         raise BadConfig(f"{path}: {e}", **e.detail) from None
@@ -130,18 +129,6 @@ def _spec(name: str, table: VehicleConfig) -> VehicleSpec:
     endpoints = given.endpoints or (_endpoint(table.link, given.autopilot, f"vehicles.{name}.link"),)
     fields = {field: getattr(given, field) for field in VehicleSpec.__struct_fields__}
     return VehicleSpec(**{**fields, "name": name, "sysid": table.sysid, "endpoints": endpoints})
-
-
-def _check_sysids(vehicles: list[VehicleSpec]) -> None:
-    owners: dict[int, str] = {}
-    for spec in vehicles:
-        if spec.sysid is None:
-            continue
-        other = owners.setdefault(spec.sysid, spec.name or "")
-        if other != spec.name:
-            expected = "a system id of its own for each"
-            text = f"{other} and {spec.name} both have system id {spec.sysid}; expected {expected}"
-            raise BadConfig(text, field=f"vehicles.{spec.name}.sysid", value=spec.sysid, expected=expected)
 
 
 def _endpoint(link: str, autopilot: str, field: str) -> str:

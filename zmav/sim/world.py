@@ -133,7 +133,7 @@ class World:
         self._build(specs, reached, seed=seed, ready_s=ready_s, noise=noise, gps_noise_m=gps_noise_m)
         self.externals = Externals(
             specs, reached, home=self.home, environment=self.environment, seed=seed, epoch_us=int(self.epoch_s * 1e6),
-            speed=speed,
+            speed=speed, noise=noise,
         )  # fmt: skip
         """the vehicles that flight stacks outside the simulator fly"""
         self.say: Callable[[str], None] = lambda text: None

@@ -109,6 +109,11 @@ class Vehicle:
     def present(self) -> bool:
         return self._client.present(self.name, self._within)
 
+    @property
+    def disbelieved(self) -> list[str]:
+        """Why something said in its name was not believed; with credentials only."""
+        return self._client.disbelieved(self.name, self._within)
+
     async def wait_until(self, true: Callable[[wire.VehicleState], bool], timeout: float) -> wire.VehicleState:
         """Wait for a state of which ``true`` holds; raises :class:`TimedOut`."""
         deadline = time.monotonic() + timeout
@@ -128,7 +133,7 @@ class Vehicle:
         """Every message of that name: ``async with vehicle.stream("ATTITUDE") as s: async for message in s: ...``.
 
         With ``hz``, the autopilot is asked for that many a second as long as it is read; the fastest reader decides.
-        Raises :class:`~zmav.errors.BadMessage` where the dialect lacks it; ``UNKNOWN_410`` names it by its number.
+        Raises :class:`~zmav.errors.BadMessage` where the dialect lacks it; ``UNKNOWN_44000`` names it by its number.
         """
         dialect = self._client.dialect
         if not keys.check_message(name).startswith("UNKNOWN_"):
@@ -251,6 +256,8 @@ class Vehicle:
             raise TimedOut(text, vehicle=self.name, agent=agent) from e
 
     async def _see_through(self, key: str, payload: bytes, progress: Progress | None) -> dict[str, Any]:
+        if keys.is_replay(self.fleet):
+            raise Refused(f"{self.name} is a recording: it takes no orders", vehicle=self.name, fleet=self.fleet)
         while True:
             outcome = wire.decode(await self._ask(key, payload), wire.Outcome, f"reply to {key}")
             if outcome.status == "done":
@@ -292,7 +299,8 @@ class Vehicle:
             while True:
                 asked.add(asyncio.ensure_future(self._client.ask(key, payload, GIVE_UP)))
                 done, asked = await asyncio.wait(asked, timeout=ASK_AGAIN, return_when=asyncio.FIRST_COMPLETED)
-                for answer in (answer for task in done for answer in task.result()):
+                answers = [answer for task in done for answer in task.result()]
+                for answer in sorted(answers, key=_not_meant):  # where two have one name, one may not be meant
                     if isinstance(answer, ZmavError):
                         raise answer
                     return answer.payload
@@ -311,3 +319,7 @@ class Vehicle:
         if not self.present:
             raise Stale(f"{self.name} was last heard {self.age or 0.0:.1f} s ago", vehicle=self.name, age=self.age)
         raise TimedOut(f"{self.name} does not answer on {key}", vehicle=self.name)
+
+
+def _not_meant(answer: Answer | ZmavError) -> bool:
+    return isinstance(answer, ZmavError) and answer.detail.get("reason") == "other"

@@ -43,6 +43,7 @@ from zmav.wire.mission import (
 from zmav.wire.orders import (
     Arm,
     DropLease,
+    Forced,
     Gimbal,
     GoTo,
     Order,
@@ -113,6 +114,7 @@ __all__ = [
     "FilePut",
     "FileQuery",
     "FileRename",
+    "Forced",
     "FrameReport",
     "Gimbal",
     "GlobalPosition",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from zmav.wire.base import Vector, Wire
-from zmav.wire.orders import Order
+from zmav.wire.orders import Forced, Order
 
 MissionKind = Literal["mission", "fence", "rally"]
 
@@ -61,7 +61,7 @@ class MissionRefresh(Order, kw_only=True):
     kind: MissionKind = "mission"
 
 
-class MissionStart(Order, kw_only=True):
+class MissionStart(Forced, kw_only=True):
     """``do/mission_start``: fly the mission from item ``first`` on; ``wait_end``: done at its last item."""
 
     first: int = 0

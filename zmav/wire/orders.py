@@ -17,6 +17,15 @@ class Order(Wire, kw_only=True):
     id: str = ""
     wait: float = 0.5
     lease: str = ""
+    uid: str = ""
+    """of the autopilot that is meant, where two vehicles have one name: the other leaves the order alone"""
+
+
+class Forced(Order, kw_only=True):
+    """Base of the orders that lead a vehicle somewhere."""
+
+    force: bool = False
+    """an operator's: beyond the bounds that are only usual, not beyond those that the fleet file declares"""
 
 
 class Arm(Order, kw_only=True):
@@ -24,12 +33,12 @@ class Arm(Order, kw_only=True):
     """seconds to wait for the autopilot to be ready; 0: try at once"""
 
 
-class Takeoff(Order, kw_only=True):
+class Takeoff(Forced, kw_only=True):
     alt_rel: float
     """m above home"""
 
 
-class GoTo(Order, kw_only=True):
+class GoTo(Forced, kw_only=True):
     """Fly to a point; ``frame`` and fields as in :class:`Setpoint`. Done when within ``tolerance`` metres of it."""
 
     frame: Literal["ned", "global"] = "ned"
@@ -45,7 +54,7 @@ class GoTo(Order, kw_only=True):
     """False: done as soon as the autopilot has the target"""
 
 
-class SetMode(Order, kw_only=True):
+class SetMode(Forced, kw_only=True):
     mode: str
 
 
@@ -87,7 +96,7 @@ class Reposition(GoTo, kw_only=True):
     """m, planes only; negative: counter-clockwise"""
 
 
-class RunCommand(Order, kw_only=True):
+class RunCommand(Forced, kw_only=True):
     """Any MAV_CMD by its name, with its parameters by name or by number.
 
     ``params`` holds the dialect's own labels (``{"Pitch": 0.2}``) or ``param1`` to ``param7``; enumerated parameters

@@ -92,6 +92,8 @@ class VehicleState(Wire, kw_only=True):
     name: str
     instance: str
     """which process speaks: two instances under one name are a clash"""
+    replayed: bool = False
+    """it is a recording, which takes no orders: see :func:`zmav.keys.replay_of`"""
     connected: bool = False
     """the autopilot's heartbeat is fresh"""
     sysid: int | None = None
@@ -146,7 +148,7 @@ Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice
 class Event(Wire, kw_only=True):
     t: float
     kind: str
-    """statustext, numbered (an EVENT without words), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
+    """statustext, numbered (an EVENT), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
     rate, clock, mission, clash, certificate, refused, fault"""
     severity: Severity
     text: str

@@ -115,7 +115,7 @@ class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):
     velocity: Vector = (0.0, 0.0, 0.0)
     """m/s NED of ``point``, from when the goal was given"""
     offsets: list[Vector] = []
-    """one a vehicle; empty: behind, staggered, at the present height"""
+    """one a vehicle; empty: behind, staggered, at the leader's height"""
     frame: Literal["ned", "body"] = "ned"
     """body: forward, right, down of the leader's course"""
     chain: bool = False

@@ -13,9 +13,10 @@ import msgspec
 import numpy as np
 
 from agents.controllers.bench import simulator
-from agents.controllers.bench.processes import START, VEHICLE, Processes, Rig, fleet_file, free_port, rig
+from agents.controllers.bench.processes import START, VEHICLE, Processes, Rig, fleet_file, rig
 from agents.controllers.types import Array, plain
 from zmav import wire
+from zmav.process import free_port
 
 SIMULATOR = "simulator"
 HEIGHT = 10.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 import zmav
 from zmav import keys, wire
 from zmav.errors import Refused, SessionError, TimedOut, ZmavError
-from zmav.process import say
+from zmav.process import free_port, say
 from zmav.session import SessionSettings
 from zmav.trust.credentials import VARIABLE
 from zmav.waiting import within
@@ -30,14 +29,6 @@ END = 5.0
 SWITCH = 7
 """the radio's channel with the pilot's switch"""
 TICKS = os.sysconf("SC_CLK_TCK")
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port nobody uses now on loopback."""
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        port: int = s.getsockname()[1]
-        return port
 
 
 class Processes:

@@ -16,10 +16,11 @@ import msgspec
 
 from agents.controllers.bench import echo
 from agents.controllers.bench.fake import CYCLE, MID, FakeAutopilot, Stick, stick_of
-from agents.controllers.bench.processes import FLEET, VEHICLE, Processes, Rig, fleet_file, free_port, rig
+from agents.controllers.bench.processes import FLEET, VEHICLE, Processes, Rig, fleet_file, rig
 from agents.controllers.bench.spread import Spread, effects, spread
 from zmav import keys, wire
 from zmav.mavlink import decode, parse_frame
+from zmav.process import free_port
 
 AGENT = "echo"
 FULL_DPS = 220.0

@@ -25,6 +25,8 @@ from zmav.trust.credentials import Credentials
 @file_option
 @click.option("--margin", type=click.FloatRange(0.0, 20.0), default=0.5, show_default=True,
               help="Metres between two vehicles beyond their radii.")  # fmt: skip
+@click.option("--tracking", type=click.FloatRange(0.05, 5.0), default=0.4, show_default=True,
+              help="Metres, of the margin, by which vehicles may be off their trajectories: more in wind.")  # fmt: skip
 @click.option("--downwash", type=click.FloatRange(1.0, 10.0), default=1.5, show_default=True,
               help="How much farther above each other than beside each other.")  # fmt: skip
 @click.option("--patience", type=click.FloatRange(1.0, 600.0), default=3.0, show_default=True,
@@ -42,6 +44,7 @@ def planner(
     'zmav swarm goto', 'formation', 'takeoff' and so on. SIGTERM ends it: what is in the air comes to rest.
     """
     try:
+        from agents.planner.live.field import field_of
         from agents.planner.live.settings import Settings, fence_of
     except ImportError as e:
         raise missing(e) from e
@@ -49,8 +52,8 @@ def planner(
     file = load_fleet(fleet_file) if fleet_file else None
     own = Credentials.load(settings.credentials) if settings.credentials else None
     which = fleet or (own.fleet if own else None) or (file.fleet if file else os.environ.get("ZMAV_FLEET", "demo"))
-    fence = fence_of(file) if file else None
-    run(_planner(Settings(name=host, fleet=which, standby=standby, geofence=fence, **rest), settings))
+    fences: dict[str, Any] = {"field": field_of(file), "geofence": fence_of(file)} if file else {}
+    run(_planner(Settings(name=host, fleet=which, standby=standby, **fences, **rest), settings))
 
 
 async def _planner(own: Any, session: SessionSettings) -> None:

@@ -14,6 +14,7 @@ from agents.planner.cli.counter import find, planners
 from agents.planner.cli.watching import ENDED, few, show
 from agents.planner.cli.watching import table as goals_table
 from zmav import keys, wire
+from zmav.cli import places
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput
 from zmav.session import SessionSettings
@@ -89,7 +90,7 @@ def obstacle() -> None:
 
 @obstacle.command("add")
 @click.argument("name")
-@click.option("--box", type=points.place, metavar=points.PLACE, nargs=2, help="Two opposite corners.")
+@click.option("--box", type=places.place, metavar=places.PLACE, nargs=2, help="Two opposite corners.")
 @click.option(
     "--cylinder", type=points.ground, metavar=points.GROUND, help="The centre; with --radius, --floor, --ceiling."
 )
@@ -102,15 +103,15 @@ def obstacle() -> None:
 )
 @click.option(
     "--ball",
-    type=points.place,
-    metavar=points.PLACE,
+    type=places.place,
+    metavar=places.PLACE,
     help="Something round; with --radius, and --velocity where it moves.",
 )
 @click.option("--terrain", type=float, help="The ground's height above the origin; with --rise.")
 @click.option("--radius", type=float, default=2.0, show_default=True)
 @click.option("--floor", type=float, default=-100.0, show_default=True, help="Metres above the origin.")
 @click.option("--ceiling", type=float, default=1000.0, show_default=True)
-@click.option("--velocity", type=points.place, metavar=points.PLACE, help="N,E,UP in m/s.")
+@click.option("--velocity", type=places.motion, metavar=places.MOTION, help="m/s.")
 @click.option(
     "--rise",
     type=points.ground,

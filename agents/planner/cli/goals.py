@@ -14,11 +14,14 @@ from agents.planner.cli import points
 from agents.planner.cli.counter import Planner, find
 from agents.planner.cli.previewing import show_preview
 from agents.planner.cli.watching import until_ended
+from zmav.cli import places
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.places import renamed_option
 from zmav.errors import BadInput
 from zmav.session import SessionSettings
 from zmav.wire import Vector, swarm
 
+UP = "heights are --alt, in metres and up"
 F = TypeVar("F", bound=Callable[..., Any])
 Make = Callable[[Planner], swarm.Goal]
 
@@ -84,7 +87,7 @@ async def _watch(z: zmav.Client, names: list[str], as_json: bool) -> None:
 @click.command("goto")
 @vehicles_argument
 @click.option(
-    "--to", "to", type=points.place, metavar=points.PLACE, multiple=True, help="A place; as many as there are vehicles."
+    "--to", "to", type=places.place, metavar=places.PLACE, multiple=True, help="A place; as many as there are vehicles."
 )
 @click.option("--any", "unlabelled", is_flag=True, help="Whoever is best placed goes to each.")
 @goal_options
@@ -95,7 +98,7 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
     """
     names, places = points.targets(vehicles)
     if bool(places) == bool(to):
-        raise click.UsageError("where to? 'quad1=NORTH,EAST,HEIGHT ...', or --to for each place")
+        raise click.UsageError("where to? 'quad1=NORTH,EAST,ALT ...', or --to for each place")
 
     def make(planner: Planner) -> swarm.Goal:
         found = planner.names(names)
@@ -112,17 +115,17 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
 @vehicles_argument
 @click.option("--shape", type=click.Choice(get_args(swarm.Shape)), default="line", show_default=True)
 @click.option(
-    "--at", type=points.place, metavar=points.PLACE, required=True, help="The shape's centre, or its leader's place."
+    "--at", type=places.place, metavar=places.PLACE, required=True, help="The shape's centre, or its leader's place."
 )
 @click.option("--heading", type=float, default=0.0, show_default=True, help="Degrees clockwise from north it looks to.")
 @click.option("--spacing", type=float, default=5.0, show_default=True, help="Metres between neighbours.")
 @click.option(
-    "--via", type=points.place, metavar=points.PLACE, multiple=True, help="A place the centre passes, in shape."
+    "--via", type=places.place, metavar=places.PLACE, multiple=True, help="A place the centre passes, in shape."
 )
 @click.option(
     "--point",
-    type=points.offset,
-    metavar=points.OFFSET,
+    type=places.offset,
+    metavar=places.OFFSET,
     multiple=True,
     help="custom: forward, right and up of the centre.",
 )
@@ -146,10 +149,10 @@ def formation(
 @click.option("--leader", required=True, help="A vehicle, or an obstacle that moves.")
 @click.option(
     "--offset",
-    type=points.offset,
-    metavar=points.OFFSET,
+    type=places.offset,
+    metavar=places.OFFSET,
     multiple=True,
-    help="One a vehicle.  [default: staggered behind]",
+    help="One a vehicle.  [default: staggered behind, at its height]",
 )
 @click.option("--frame", type=click.Choice(["ned", "body"]), default="ned", show_default=True,
               help="body: the offsets turn with the leader's course.")  # fmt: skip
@@ -161,7 +164,7 @@ def follow(
     vehicles: tuple[str, ...], leader: str, offset: tuple[Vector, ...], frame: Any, chain: bool, on_lost: Any,
     lost_after: float, fly: Callable[[Make], None],
 ) -> None:  # fmt: skip
-    """Stay beside something that moves until cancelled: 'quad1 quad2 --leader rover1 --offset -5,0,10'."""
+    """Stay beside something that moves until cancelled: 'quad1 --leader rover1 --offset -5,0,10'."""
     fly(
         lambda planner: swarm.Follow(
             vehicles=planner.names(vehicles), leader=leader, offsets=list(offset), frame=frame, chain=chain,
@@ -179,19 +182,20 @@ def follow(
     required=True,
     help="What is to be seen: '0,0 100,0 100,80'.",
 )
-@click.option("--height", type=float, required=True, help="Metres above the origin.")
+@click.option("--alt", type=float, required=True, help="Metres above the origin.")
+@renamed_option("--height", 1, UP)
 @click.option("--angle", type=float, help="Degrees clockwise from north of the lanes.  [default: the fewest turns]")
 @click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True)
 @click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before.")
 @goal_options
 def search(
-    vehicles: tuple[str, ...], polygon: list[swarm.Corner], height: float, angle: float | None, overlap: float,
+    vehicles: tuple[str, ...], polygon: list[swarm.Corner], alt: float, angle: float | None, overlap: float,
     layer: float, fly: Callable[[Make], None],
 ) -> None:  # fmt: skip
     """Sweep a polygon, split between the vehicles by what each can do."""
     fly(
         lambda planner: swarm.Search(
-            vehicles=planner.names(vehicles), polygon=polygon, height=height, overlap=overlap, layer=layer,
+            vehicles=planner.names(vehicles), polygon=polygon, height=alt, overlap=overlap, layer=layer,
             angle=None if angle is None else math.radians(angle),
         )
     )  # fmt: skip
@@ -202,8 +206,8 @@ def search(
 @click.option(
     "--to",
     "route",
-    type=points.place,
-    metavar=points.PLACE,
+    type=places.place,
+    metavar=places.PLACE,
     multiple=True,
     required=True,
     help="A corner of the route; three or more.",
@@ -217,11 +221,12 @@ def patrol(vehicles: tuple[str, ...], route: tuple[Vector, ...], laps: int, fly:
 
 @click.command("takeoff")
 @vehicles_argument
-@click.option("--height", type=float, default=10.0, show_default=True, help="Metres above each one's home.")
+@click.option("--alt", type=float, default=10.0, show_default=True, help="Metres above each one's home.")
+@renamed_option("--height", 1, UP)
 @goal_options
-def takeoff(vehicles: tuple[str, ...], height: float, fly: Callable[[Make], None]) -> None:
-    """Take off, in an order in which nobody meets: 'quad* --height 12'."""
-    fly(lambda planner: swarm.TakeOff(vehicles=planner.names(vehicles), height=height))
+def takeoff(vehicles: tuple[str, ...], alt: float, fly: Callable[[Make], None]) -> None:
+    """Take off, in an order in which nobody meets: 'quad* --alt 12'."""
+    fly(lambda planner: swarm.TakeOff(vehicles=planner.names(vehicles), height=alt))
 
 
 @click.command("land")

@@ -102,21 +102,33 @@ def _in_the_way(a: VehicleView, place_a: Vector, b: VehicleView, place_b: Vector
 def land(
     views: Sequence[VehicleView], at: Sequence[Corner] = (), downwash: float = 1.0, free: Free = _anywhere
 ) -> list[Step]:
-    """Onto the places ``at``, whichever gets which, or below each, or where there is room near by.
+    """Onto the places ``at``, whichever gets which, or below each, or where there is room near by. Who stands on the
+    ground has landed: it is told to where its motors still run.
 
-    Raises :class:`Unsupported` for planes and for what does not fly, and :class:`BadInput` for places that are too few,
-    or none that are free.
+    Raises :class:`Unsupported` for planes and for what does not fly, :class:`Refused` for places where somebody stands
+    on the ground, and :class:`BadInput` for places that are too few, or none that are free.
     """
     _check_flies(views, "land")
     winged = [view.name for view in views if not view.hovers]
     if winged:
         text = f"{', '.join(winged)} cannot land on a spot: give a landing as a mission, or have them return"
         raise Unsupported(text, vehicles=winged)
+    down = [view for view in views if not view.airborne]
+    if at and down:
+        names = [view.name for view in down]
+        raise Refused(
+            f"{', '.join(names)}: on the ground, and a place to land on is flown to: take off", vehicles=names
+        )
+    stopping = tuple(VehicleOrder(view.name, "land") for view in down if view.armed)
+    steps: list[Step] = [Orders(stopping, "disarming on the ground")] if stopping else []
+    views = [view for view in views if view.airborne]
+    if not views:
+        return steps
     ground = [view.floor for view in views]
     if not at:
-        below = [(view.pos_ned[0], view.pos_ned[1], down) for view, down in zip(views, ground, strict=True)]
+        below = [(view.pos_ned[0], view.pos_ned[1], floor) for view, floor in zip(views, ground, strict=True)]
         apart = spread(views, below, math.inf, free, field="at")
-        return down_to(views, apart, downwash)
+        return steps + down_to(views, apart, downwash)
     if len(at) != len(views):
         text = f"{len(at)} places to land for {len(views)} vehicles"
         raise BadInput(text, field="at", value=len(at), expected=f"{len(views)}, or none")

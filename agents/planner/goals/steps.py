@@ -35,6 +35,7 @@ class VehicleView:
     """where it took off; None: not known"""
     ground: float | None = None
     """m down, of the ground at its home, which it says all the time"""
+    armed: bool = False
 
     @property
     def flies(self) -> bool:
@@ -46,6 +47,11 @@ class VehicleView:
         if self.home_ned is not None:
             return self.home_ned[2]
         return self.pos_ned[2] if self.ground is None else self.ground
+
+    @property
+    def floor_known(self) -> bool:
+        """False: :attr:`floor` is only the height at which it flies now."""
+        return self.home_ned is not None or self.ground is not None or not self.airborne
 
     @property
     def hovers(self) -> bool:

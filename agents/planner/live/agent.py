@@ -24,6 +24,7 @@ from agents.planner.live.charge import Charge
 from agents.planner.live.checks import FARTHEST, read_obstacle
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.desk import Desk
+from agents.planner.live.field import check_field
 from agents.planner.live.fleet import Fleet
 from agents.planner.live.ledger import ENDED, Ledger
 from agents.planner.live.press import Press
@@ -173,7 +174,7 @@ class Agent:
         )  # fmt: skip
 
     def check_known(self, goal: swarm.Goal) -> FleetView:
-        """Raises :class:`BadInput` for vehicles that are not heard."""
+        """Raises :class:`BadInput` for vehicles that are not heard, and for places that are not in the field."""
         self.fleet.watch()
         view = self.fleet.view(self.settings.margin)
         silent = [name for name in goal.vehicles if name not in view.vehicles and name in self.fleet.silent()]
@@ -185,7 +186,12 @@ class Agent:
                 away = math.hypot(*seen.pos_ned) / 1e3
                 text = f"{seen.name} is {away:.0f} km from the fleet's origin: is the --origin of its 'zmav up' right?"
                 raise BadInput(text, field="vehicles", value=seen.name, expected=f"within {FARTHEST / 1e3:.0f} km")
+        check_field(goal, view, self.settings.field, self.settings.downwash, self._ball)
         return view
+
+    def _ball(self, name: str) -> wire.Vector | None:
+        found = self.world.ball(name, time.time())
+        return found[0] if found else None
 
     async def preview_solver(self) -> Solver:
         """The solver itself while nobody flies, else one beside it."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 import zmav
-from agents.planner.execute.executor import SLACK, TRACKING, Executor, Flight, Trouble
+from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
 from agents.planner.execute.helm import Helm
 from agents.planner.geometry import segment_clear, world_of
 from agents.planner.live.plan import Planned, motion_of
@@ -190,7 +190,7 @@ class Crew:
     @property
     def tracking(self) -> float:
         """How far a vehicle may be off its way for the margin that we plan with."""
-        return min(TRACKING, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+        return min(self._run.agent.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
@@ -206,6 +206,7 @@ class Crew:
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
             downwash=planned.scene.downwash, margin=planned.margin,
             tracking=max(self.tracking / TIGHT, tracking), movers=self.movers(executor.clock.now()),
+            tolerance=max(Flight.tolerance, run.agent.settings.tracking),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )  # fmt: skip
 

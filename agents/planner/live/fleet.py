@@ -79,6 +79,7 @@ class Fleet:
             name=name, kind=kind, body=self.bodies.of(name, state.kind), pos_ned=state.local,
             vel_ned=state.velocity or (0.0, 0.0, 0.0), airborne=_flies(state, kind), home_ned=self._homes.get(name),
             ground=None if state.position is None else state.local[2] + state.position.alt_rel,
+            armed=bool(state.armed),
         )  # fmt: skip
         return Seen(view, time.monotonic() - at, state)
 

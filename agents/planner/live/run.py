@@ -14,6 +14,7 @@ from agents.planner.execute.executor import Trouble
 from agents.planner.execute.helm import RESTING
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
 from agents.planner.live.crew import Again, Crew, Landed
+from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
@@ -40,6 +41,8 @@ SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
 """deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
+COMING = "its next state"
+"""what is waited for of a vehicle that is heard, and has not said anything since a goal began: nothing worth a word"""
 CLOSE = ("starts_overlap", "start_in_obstacle")
 """kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
 MANY_LAPS, MANY_SAMPLES = 20, 50_000
@@ -406,10 +409,11 @@ class Run:
                 text = f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: not heard for {waited:.0f} s"
                 self.say("lost", "warning", text, goal=self.entry.id)
                 return silent
-            reasons = list(waits.values())
+            reasons = [why for why in waits.values() if why != COMING]
             if time.monotonic() > deadline:
                 raise TimedOut(f"not at rest after {SETTLE:.0f} s: {'; '.join(reasons[:5])}")
-            self.text(f"waits: {'; '.join(reasons[:3])}" + (" ..." if len(reasons) > 3 else ""))
+            if reasons:
+                self.text(f"waits: {'; '.join(reasons[:3])}" + (" ..." if len(reasons) > 3 else ""))
             with contextlib.suppress(asyncio.TimeoutError):
                 await self.agent.z.news(0.5)
         return set()
@@ -422,7 +426,7 @@ class Run:
         """Why a vehicle cannot begin yet by what it said ``since`` (monotonic s); empty: it can."""
         seen, settings = self.agent.fleet.seen(name), self.agent.settings
         if seen is None or not self._heard(name, since):
-            return f"{name} is not heard"
+            return COMING if seen is not None and seen.age < FRESH else f"{name} is not heard"
         lease = seen.state.lease
         if lease is not None and lease.holder != settings.name and lease.priority >= settings.priority:
             return f"{name} is commanded by {lease.holder}"

@@ -6,7 +6,9 @@ import math
 
 import msgspec
 
+from agents.planner.execute.executor import TRACKING
 from agents.planner.live.charge import PATIENCE
+from agents.planner.live.field import Field
 from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
 from zmav.errors import BadConfig
@@ -29,6 +31,8 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """let others take charge first"""
     margin: float = 0.5
     """m that every two vehicles keep in plans beyond the sum of their radii"""
+    tracking: float = TRACKING
+    """m, of the margin, by which a vehicle may be off its trajectory before everybody waits for it, and at its goal"""
     downwash: float = 1.5
     """how much farther above each other than beside each other vehicles stay"""
     patience: float = PATIENCE
@@ -39,15 +43,18 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """of the leases"""
     clock_error: float = math.inf
     """s by which all hosts' clocks agree, because something else keeps them so (chrony, GPS); inf: they are measured"""
+    field: Field = Field(Geofence(), {}, None)
+    """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None
+    """the same as plans are held to it; None: none that they must be"""
 
 
 def check(settings: Settings) -> None:
     """Raises :class:`BadConfig` naming what cannot be."""
     keys.check_name(settings.name, "name")
     keys.check_name(settings.fleet, "fleet")
-    for field, least, most in (("margin", 0.0, 20.0), ("downwash", 1.0, 10.0), ("patience", 1.0, 600.0),
-                               ("clock_error", 0.001, math.inf)):  # fmt: skip
+    for field, least, most in (("margin", 0.0, 20.0), ("tracking", 0.05, 5.0), ("downwash", 1.0, 10.0),
+                               ("patience", 1.0, 600.0), ("clock_error", 0.001, math.inf)):  # fmt: skip
         value = getattr(settings, field)
         if not least <= value <= most:
             text = f"{field} is {value}; expected {least} to {most}"
@@ -62,8 +69,8 @@ def fence_of(file: FleetConfig) -> swarm.Geofence | None:
     corners = _corners(fence, file.origin)
     if corners is None:
         return None
-    floor = fence.floor if fence.floor is not None else -NO_CEILING
-    ceiling = fence.ceiling if fence.ceiling is not None else NO_CEILING
+    floor = max(-NO_CEILING, -NO_CEILING if fence.floor is None else fence.floor)
+    ceiling = min(NO_CEILING, NO_CEILING if fence.ceiling is None else fence.ceiling)
     return swarm.Geofence(polygon=corners, floor=floor, ceiling=ceiling)
 
 
@@ -72,7 +79,8 @@ def _corners(fence: Geofence, origin: Origin) -> list[swarm.Corner] | None:
     if fence.polygon:
         places = [geo.to_ned(origin, lat, lon, origin.alt_amsl) for lat, lon in fence.polygon]
         return [(north, east) for north, east, _ in places]
-    if fence.radius is None:
+    if fence.radius in (None, math.inf):
         return None
+    assert fence.radius is not None
     angles = [math.tau * i / ROUND for i in range(ROUND)]
     return [(fence.radius * math.cos(a), fence.radius * math.sin(a)) for a in angles]

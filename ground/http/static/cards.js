@@ -15,22 +15,13 @@ function span(seconds) {
   return seconds < 5400 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds / 3600)} h`;
 }
 
-// Why a vehicle needs a look, worst first; empty where nothing does.
-function reasons(state) {
-  const found = [];
-  if (state.clash) found.push(`Clash: ${state.clash}`);
-  if (state.sysid === null) found.push(`No autopilot heard (link ${state.link})`);
-  else if (!state.connected) found.push(`Autopilot silent (link ${state.link})`);
-  if (state.pilot) found.push(state.pilot);
-  if (!state.armed && state.not_ready.length) found.push(`Not ready: ${state.not_ready.slice(0, 3).join("; ")}`);
-  return found;
-}
-
 class Card {
   constructor(fleet, name) {
     this.fleet = fleet;
     this.name = name;
+    this.id = `${fleet}/${name}`;
     this.state = null;
+    this.alarms = []; // by the gateway, the worst first
     this.at = 0;
     this.trail = [];
     this.parts = {};
@@ -57,19 +48,21 @@ class Card {
       if (act) made.addEventListener("click", act);
       return made;
     };
-    const hold = button("Hold", "safe", () => order(this.fleet, this.name, "hold"));
+    const hold = button("Hold", "safe", () => order([this.id], "hold"));
     const land = button("Land", "safe");
     const rtl = button("RTL", "safe");
-    armTwice(land, () => order(this.fleet, this.name, "land"));
-    armTwice(rtl, () => order(this.fleet, this.name, "rtl"));
-    const arm = button("Arm…", "", () => askArm(this.fleet, this.name, this.state && this.state.armed));
-    const takeoff = button("Take off…", "", () => askTakeoff(this.fleet, this.name));
-    Object.assign(this.parts, { land, arm, takeoff });
-    return make("div", "orders", "", hold, land, rtl, arm, takeoff);
+    armTwice(land, () => order([this.id], "land"));
+    armTwice(rtl, () => order([this.id], "rtl"));
+    const arm = button("Arm…", "", () => askArm(this.id, this.name, this.state && this.state.armed));
+    const takeoff = button("Take off…", "", () => askTakeoff(this.id, this.name));
+    const orders = make("div", "orders", "", hold, land, rtl, arm, takeoff);
+    Object.assign(this.parts, { land, arm, takeoff, orders });
+    return orders;
   }
 
-  take(state) {
+  take(state, alarms) {
     this.state = state;
+    this.alarms = alarms || [];
     this.at = Date.now();
     const here = state.position;
     this.placed = Boolean(here) && [here.lat_deg, here.lon_deg, here.alt_rel].every(Number.isFinite);
@@ -104,9 +97,9 @@ class Card {
 
   draw() {
     const s = this.state;
-    const trouble = reasons(s);
+    const worst = this.alarms.length ? this.alarms[0].level : "";
     this.element.classList.toggle("stale", this.stale);
-    this.element.classList.toggle("trouble", Boolean(s.clash) || !s.connected);
+    this.element.classList.toggle("trouble", worst === "bad");
     this.element.classList.toggle("armed", Boolean(s.armed));
     this.say("what", [s.kind, s.autopilot, s.sysid === null ? null : `id ${s.sysid}`].filter(Boolean).join(" · "));
     this.say("age", this.stale ? `no word for ${span(this.age)}` : `${span(this.age)} ago`);
@@ -115,10 +108,12 @@ class Card {
     this.parts.armed.className = `pill ${s.armed ? "hot" : ""}`;
     this.parts.holder.hidden = !s.lease;
     this.say("holder", s.lease ? `held by ${s.lease.holder}` : "");
-    this.parts.note.hidden = !trouble.length;
-    this.say("note", trouble.join(". "));
+    this.parts.note.hidden = !this.alarms.length;
+    this.parts.note.title = this.alarms.map((alarm) => alarm.advice).join("\n");
+    this.say("note", this.alarms.map((alarm) => alarm.text).join(". "));
     this.drawFacts(s);
     if (READ_ONLY) return;
+    this.parts.orders.hidden = s.replayed === true;
     this.parts.land.hidden = this.parts.takeoff.hidden = SURFACE.has(s.kind);
     this.say("arm", s.armed ? "Disarm…" : "Arm…");
   }
@@ -135,6 +130,6 @@ class Card {
     const volts = s.battery && s.battery.voltage;
     this.say("battery", [left === null ? null : `${Math.round(left * 100)} %`, volts === null ? null : `${volts.toFixed(1)} V`].filter(Boolean).join(" · ") || "–");
     this.parts.fill.style.width = `${Math.max(0, Math.min(1, left ?? 0)) * 100}%`;
-    this.parts.fill.className = left === null ? "" : left < 0.2 ? "bad" : left < 0.4 ? "warn" : "good";
+    this.parts.fill.className = left === null ? "" : (this.alarms.find((alarm) => alarm.rule.startsWith("battery")) || { level: "good" }).level;
   }
 }

@@ -16,12 +16,12 @@ let connection = "connecting";
 function onMessage(message) {
   if (message.key === undefined) return explorer.told(message);
   const chunks = message.key.split("/");
-  if (chunks.length === 4 && chunks[3] === "state") onState(chunks[1], chunks[2], message.value);
+  if (chunks.length === 4 && chunks[3] === "state") onState(chunks[1], chunks[2], message.value, message.alarms);
   else if (chunks.length === 4 && chunks[3] === "event") onEvent(chunks[2], message.value);
   explorer.take(message);
 }
 
-function onState(fleet, name, state) {
+function onState(fleet, name, state, alarms) {
   if (!state || typeof state !== "object") return;
   const id = `${fleet}/${name}`;
   let card = cards.get(id);
@@ -34,7 +34,7 @@ function onState(fleet, name, state) {
     document.getElementById("nobody").hidden = true;
     document.getElementById("everybody").hidden = READ_ONLY;
   }
-  card.take(state);
+  card.take(state, alarms);
 }
 
 function onEvent(name, event) {
@@ -84,18 +84,10 @@ function draw() {
   explorer.draw();
 }
 
-// The whole fleet, or what of it can land.
-function orderAll(verb) {
-  for (const card of cards.values()) {
-    if (verb === "land" && card.state && SURFACE.has(card.state.kind)) continue;
-    order(card.fleet, card.name, verb);
-  }
-}
-
 const link = new Link(onMessage, onLink);
 const explorer = new Explorer(link);
 const map = new FleetMap(document.getElementById("map"), document.getElementById("map-note"));
-for (const button of document.querySelectorAll("#everybody button")) armTwice(button, () => orderAll(button.dataset.verb));
+for (const button of document.querySelectorAll("#everybody button")) armTwice(button, () => order(["*"], button.dataset.verb));
 for (const anchor of document.querySelectorAll("footer a")) anchor.href = address(anchor.getAttribute("href"));
 link.subscribe("*", { hz: 5 });
 link.subscribe("*/event", { history: 10 });

@@ -19,26 +19,41 @@ function toast(text, kind, lasting = 6000) {
   return box;
 }
 
-// Give an order and say how it ended. The vehicle sees it through by itself, whatever becomes of this page.
-async function order(fleet, name, verb, args = {}) {
-  const box = toast(`${name}: ${verb} …`, "", 0);
-  let text;
-  let kind = "bad";
+async function post(path, args) {
+  const answer = await fetch(address(path), { method: "POST", body: JSON.stringify(args) });
+  const body = await answer.json();
+  if (!answer.ok) throw new Error(body.error.text);
+  return body;
+}
+
+// Give vehicles ("demo/quad1", patterns) an order, and say of each how it ended and not before. What is asked of whom, and
+// when it is done, the gateway knows; the vehicles see it through by themselves, whatever becomes of this page.
+async function order(vehicles, verb, args = {}) {
+  const whom = vehicles.map((each) => each.split("/").pop()).join(", ").replace(/^\*$/, "all");
+  const box = toast(`${whom}: ${verb} …`, "", 0);
+  const id = `${Date.now()}-${Math.random()}`;
+  const said = new Set();
+  const once = (key, text, kind) => {
+    if (said.has(key)) return;
+    said.add(key);
+    toast(text, kind, kind === "good" ? 5000 : 15000);
+  };
   try {
-    const path = `keys/${encodeURIComponent(fleet)}/${encodeURIComponent(name)}/do/${verb}`;
-    const answer = await fetch(address(path), { method: "POST", body: JSON.stringify(args) });
-    const body = await answer.json();
-    if (answer.ok) {
-      text = `${name}: ${verb} done in ${body.took.toFixed(1)} s`;
-      kind = "good";
-    } else {
-      text = `${name}: ${verb} not done: ${body.error.text}`;
+    for (let running = true; running; ) {
+      const body = await post(`fleet/${verb}`, { ...args, vehicles, id, wait: 1 });
+      for (const note of body.notes) once(note, note, "");
+      for (const each of body.vehicles) {
+        if (each.status === "running") continue;
+        const text = each.status === "failed" ? `not done: ${each.text}` : each.text;
+        once(`${each.fleet}/${each.vehicle}`, `${each.vehicle}: ${verb} ${text}`, { done: "good", failed: "bad" }[each.status] || "");
+      }
+      running = body.status === "running";
+      if (running) box.textContent = `${body.vehicles.filter((each) => each.status === "running").map((each) => each.vehicle).join(", ")}: ${verb} …`;
     }
   } catch (error) {
-    text = `${name}: no word on ${verb}: ${error.message}`;
+    toast(`${whom}: no word on ${verb}: ${error.message}`, "bad", 15000);
   }
   box.remove();
-  toast(text, kind, kind === "good" ? 5000 : 15000);
 }
 
 // A button that does nothing until it is pressed a second time within four seconds.
@@ -90,14 +105,14 @@ function confirmed(title, text, yes, field = null) {
   });
 }
 
-async function askArm(fleet, name, armed) {
+async function askArm(vehicle, name, armed) {
   const verb = armed ? "disarm" : "arm";
   const text = armed ? "Its motors stop. It is refused in the air." : "Its motors start to turn. Is everybody clear of it?";
-  if (await confirmed(`${armed ? "Disarm" : "Arm"} ${name}?`, text, armed ? "Disarm" : "Arm")) await order(fleet, name, verb);
+  if (await confirmed(`${armed ? "Disarm" : "Arm"} ${name}?`, text, armed ? "Disarm" : "Arm")) await order([vehicle], verb);
 }
 
-async function askTakeoff(fleet, name) {
+async function askTakeoff(vehicle, name) {
   const field = { label: "Height above home", value: 10 };
   const alt = await confirmed(`Take off with ${name}?`, "It climbs at once. Is the air above it free?", "Take off", field);
-  if (alt !== null && alt > 0) await order(fleet, name, "takeoff", { alt_rel: alt });
+  if (alt !== null && alt > 0) await order([vehicle], "takeoff", { alt_rel: alt });
 }

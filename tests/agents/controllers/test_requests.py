@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -136,3 +137,22 @@ async def test_a_process_that_was_replaced_for_a_request_is_not_replaced_in_flig
     await supervisor._replacing
     assert supervisor.workshop.worker is flies
     assert supervisor.cycles.phase == 1
+
+
+async def test_a_take_over_that_came_to_nothing_says_how_long_the_way_back_took(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From when it was given up, and not from some engagement before."""
+    supervisor = await field.supervise("ev1-attitude")
+
+    async def refused(lease: object) -> bool:
+        supervisor._why = "OFFBOARD did not come"
+        return False
+
+    monkeypatch.setattr(supervisor, "_take_over", refused)
+    begun = time.monotonic()
+    with pytest.raises(Refused, match="OFFBOARD did not come"):
+        await field.vehicle.tell("ev1-attitude", "engage")
+    await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
+    assert supervisor.handed_back_ms is not None
+    assert 0.0 <= supervisor.handed_back_ms / 1e3 <= time.monotonic() - begun

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.demo.processes import Processes, free_port, free_udp_ports
+from agents.demo.processes import Processes
 from zmav.errors import ZmavError
+from zmav.process import free_port, free_udp_ports
 
 PATIENCE_S = 60.0
 Demo = subprocess.Popen[str]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
 
-from agents.demo.picture import animate, draw
+from agents.demo.picture import animate, draw, drawn, shown
 from agents.demo.play import Mark
 from agents.demo.truth import Row, Truth
 from zmav.errors import BadInput
@@ -23,6 +24,54 @@ def test_tracks_are_drawn_or_it_is_said_why_not(tmp_path: Path) -> None:
         draw(["a", "b"], ROWS, marks, "a test", tmp_path / "tracks.xyz")
     with pytest.raises(BadInput, match=r"cannot write .*nowhere"):
         draw(["a", "b"], ROWS, marks, "a test", tmp_path / "nowhere" / "tracks.png")
+
+
+def stood(t: float, east: float = 0.0, up: float = 0.0) -> Row:
+    return Row(t, ((0.0, east, up), (0.0, 30.0 - east, up)))
+
+
+LINE = [*(stood(float(t)) for t in range(330)),
+        *(stood(330.0 + t, 0.3 * t, min(5.0, 0.5 * t, 0.5 * (100 - t))) for t in range(101)),
+        *(stood(431.0 + t, 30.0) for t in range(40))]  # fmt: skip
+"""two that stand for 330 s, fly along a line for 100 s, and stand"""
+
+
+def test_what_is_shown_begins_with_the_first_that_moves_and_ends_with_the_last() -> None:
+    figure = drawn(["a", "b"], LINE, [Mark(2.0, "early"), Mark(340.0, "amid"), Mark(460.0, "late")], "a test")
+    heights = figure.axes[1]
+    assert heights.get_xlim() == (328.0, 432.0)
+    words = " ".join(text.get_text() for text in figure.texts)
+    assert "340 s  amid" in words
+    assert "early" not in words and "late" not in words
+    assert list(shown(LINE[:9])) == LINE[:9], "nobody moves"
+
+
+def test_a_way_along_a_line_is_seen_from_above() -> None:
+    figure = drawn(["a", "b"], LINE, [], "a test")
+    figure.draw_without_rendering()
+    above = figure.axes[0]
+    (west, east), (south, north) = above.get_xlim(), above.get_ylim()
+    assert west < 0.0 < 30.0 < east
+    assert north - south > 12.0 - 1e-9
+    box = above.get_window_extent()
+    assert box.height > 0.5 * figure.bbox.height
+    assert (east - west) / box.width == pytest.approx((north - south) / box.height, rel=0.02), "one scale"
+
+
+def test_no_word_lies_on_another() -> None:
+    marks = [Mark(331.0 + 0.4 * k, f"swarm goto quad{k}=12,34,56 quad2=1") for k in range(14)]
+    marks += [Mark(350.0 + 5.0 * k, "x" * 80) for k in range(9)]
+    figure = drawn([f"quad{k}" for k in range(2)], LINE, marks, "a test")
+    figure.draw_without_rendering()
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    texts = [*figure.texts, *legend.get_texts()]
+    texts += [text for axes in figure.axes for text in (*axes.texts, axes.title, axes.xaxis.label, axes.yaxis.label)]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
+    assert len(boxes) > len(marks)
+    for (one, a), (other, b) in itertools.combinations(boxes, 2):
+        assert not a.overlaps(b), (one, other)
+    assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 for _, box in boxes)
 
 
 def test_an_animation_is_a_gif_or_it_is_said_why_not(tmp_path: Path) -> None:

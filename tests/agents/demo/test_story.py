@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 import pytest
 
-from agents.demo.story import Demo, Step, demos, find, load
+from agents.demo.cli import stack_options
+from agents.demo.story import Demo, Step, demos, find, load, on_stacks
 from zmav.cli import zmav
 from zmav.errors import BadConfig
 from zmav.sim.fleetfile import load_simulated
@@ -120,3 +121,37 @@ def test_only_links_that_a_step_cuts_are_laid_through_a_relay() -> None:
 def test_a_step_is_one_act() -> None:
     assert Step(say="words").act() is None
     assert Step(run="zmav ls", say="words").act() == "run"
+
+
+def test_what_the_simulator_is_told_of_real_stacks() -> None:
+    """Exact receivers: what a single one is off by would have them meet."""
+    assert stack_options(find("line"), None, None) == ()
+    assert stack_options(find("swap"), None, "/px4") == ("--px4", "/px4", "--noise", "rtk")
+    both = ("--ardupilot", "/a", "--px4", "/px4", "--noise", "rtk")
+    assert stack_options(find("mixed"), "/a", "/px4") == both
+    assert stack_options(find("fifty"), "/a", None)[:2] == ("--ardupilot", "/a")
+    with pytest.raises(BadConfig, match="fifty has 50 copters, and PX4s that are started have links for 10"):
+        stack_options(find("fifty"), None, "/px4")
+
+
+def test_what_no_stack_can_fly_is_refused_before_anything_starts() -> None:
+    for ardupilot in (None, "/a"):
+        with pytest.raises(BadConfig, match=r"hex1 of prototype is a hexarotor.*takes torques.*without --px4"):
+            stack_options(find("prototype"), ardupilot, "/px4")
+    with pytest.raises(BadConfig, match="prototype has no vehicle left for --ardupilot"):
+        stack_options(find("prototype"), "/a", None)
+    for name in ("line", "swap", "formation", "lost-link"):
+        with pytest.raises(BadConfig, match=f"{name} has no vehicle left for --ardupilot: --px4 flies its copters"):
+            stack_options(find(name), "/a", "/px4")
+    assert stack_options(find("follow"), "/a", "/px4")[:4] == ("--ardupilot", "/a", "--px4", "/px4")
+
+
+def test_real_stacks_are_given_room_and_time() -> None:
+    demo = find("mixed")
+    loose = on_stacks(demo)
+    assert loose.story.ready == 2.0 * demo.story.ready
+    assert [step.within for step in loose.story.steps] == [2.0 * step.within for step in demo.story.steps]
+    changed = [b.start for a, b in zip(demo.story.steps, loose.story.steps, strict=True) if a.start != b.start]
+    assert changed == ["zmav swarm planner --margin 1 --tracking 1 --margin 1.4"]
+    for command in verbs(loose):
+        parse(shlex.split(command)[1:])

@@ -21,7 +21,7 @@ from zmav.mavlink.signing import SETUP_SIGNING
 if TYPE_CHECKING:
     from tests.conftest import Net
 
-ARM, SET_INTERVAL = 400, 511
+ARM, SET_INTERVAL, LAND = 400, 511, 21
 ATTITUDE = 30
 
 
@@ -93,7 +93,7 @@ async def test_two_autopilots_with_one_id_are_commanded_by_nobody(scene: Scene) 
     one, two = scene.craft("quad1", 1, uid="aa"), scene.craft("quad2", 1, uid="bb")
     bridge = await scene.bridge()
     station = await scene.tcp(bridge)
-    station.send("COMMAND_LONG", **command(one, ARM))
+    station.send("COMMAND_LONG", **command(one, ARM, param1=1.0))
     await station.until(lambda: "quad1 and quad2 both have system id 1" in station.texts(), "who they are")
     await scene.heard("quad1 and quad2 both have system id 1")
     two.leave()  # from now on it is one vehicle's
@@ -101,6 +101,19 @@ async def test_two_autopilots_with_one_id_are_commanded_by_nobody(scene: Scene) 
     sent = station.send("COMMAND_LONG", **command(one, ARM, param1=1.0))
     assert await one.hears(lambda key, data: "COMMAND_LONG" in key, "the command") == sent
     assert bridge.uplink.refused["clash"] == 1
+
+
+async def test_of_two_that_claim_one_system_id_both_are_landed(scene: Scene) -> None:
+    """Nobody can tell which of the two a station means: what makes safe reaches both, all else nobody."""
+    one, two = scene.craft("one", 1, uid="aa"), scene.craft("two", 1, uid="bb")
+    bridge = await scene.bridge()
+    station = await scene.tcp(bridge)
+    await eventually(lambda: len(bridge.routes.systems.get(1, ())) == 2, "both of them")
+    station.send("COMMAND_LONG", **command(one, ARM, param1=1.0))
+    sent = station.send("COMMAND_LONG", **command(one, LAND))
+    for craft in (one, two):
+        assert await craft.hears(lambda key, data: "COMMAND_LONG" in key, "the landing") == sent
+        assert len([key for key, _ in craft.told if "COMMAND_LONG" in key]) == 1
 
 
 async def test_two_ways_to_one_autopilot_are_one_vehicle(scene: Scene) -> None:

@@ -12,7 +12,6 @@ import pytest
 from click.testing import CliRunner
 
 import zmav
-from agents.demo.processes import free_port
 from ground.gcs.bridge import Settings
 from ground.gcs.cli import allowed, command
 from ground.gcs.options import Options, parse_endpoint
@@ -20,6 +19,7 @@ from tests.ground.gcs.conftest import Scene, Station
 from tests.trust.conftest import Authority, authority  # noqa: F401  (a fixture)
 from zmav.errors import BadConfig, PortInUse, ZmavError
 from zmav.mavlink import load_dialect
+from zmav.process import free_port
 from zmav.waiting import within
 
 if TYPE_CHECKING:

@@ -186,3 +186,49 @@ def test_every_verb_is_offered(scene: Scene) -> None:
     for verb in VERBS:
         reply = scene.served.post(f"/do/quad1/{verb}", {"no_such_field": 1})
         assert (reply.status, reply.json["error"]["kind"]) == (400, "bad_input"), f"{verb}: {reply.text}"
+
+
+def test_an_order_to_all_says_of_each_how_it_stands(airborne: Scene) -> None:
+    """The page's way: asked again with its id. Nothing is done while anybody flies; who is disarmed is left out."""
+    served = airborne.served
+    airborne.drain(**{"as": "mapper"})
+    served.vehicle("quad7", 7)
+    landed = threading.Event()
+
+    def speak() -> None:
+        while not landed.wait(0.1):  # what it said last must not grow old, however busy the machine is
+            state = wire.VehicleState(t=time.time(), fleet="demo", name="quad7", instance="quad71", connected=True,
+                                      sysid=7, armed=False)  # fmt: skip
+            served.session.put("zmav/demo/quad7/state", wire.encode(state))
+
+    speaker = threading.Thread(target=speak)
+    speaker.start()
+    order = {"vehicles": ["*"], "id": "all-1", "wait": 0.3}
+    while (said := served.post("/fleet/rtl", order).json)["status"] == "running":
+        (flying,) = [each for each in said["vehicles"] if each["vehicle"] == "quad1"]
+        assert flying["status"] == "running" or not airborne.sim.status().armed
+    landed.set()
+    speaker.join()
+    told = {each["vehicle"]: each for each in said["vehicles"]}
+    assert not airborne.sim.status().armed
+    assert (told["quad1"]["status"], told["quad1"]["text"]) == ("done", "done: landed and disarmed")
+    assert (told["quad7"]["status"], told["quad7"]["text"]) == ("left_out", "left out: it is disarmed")
+    for path, body, words in (
+        ("/fleet/rtll", {}, "no order"), ("/fleet/hold", {"vehicles": ["x*"]}, "no vehicle matches x*"),
+        ("/fleet/hold", {"vehicles": 7}, "a list of names"), ("/fleet/takeoff", {}, "alt_rel"),
+    ):  # fmt: skip
+        refused = served.post(path, body)
+        assert refused.status in (400, 404) and words in refused.text
+
+
+def test_a_state_comes_with_what_is_alarming(served: Served) -> None:
+    """The rules of top and doctor, by the gateway: the page has none of its own."""
+    served.vehicle("low1", 9, battery=wire.Battery(remaining=0.0))
+    key = "zmav/demo/low1/state"
+    state = wire.VehicleState(t=1.0, fleet="demo", name="low1", instance="x", connected=True, sysid=9, armed=True,
+                              battery=wire.Battery(remaining=0.0))  # fmt: skip
+    queryable = served.session.declare_queryable(key, lambda query: query.reply(key, wire.encode(state)))
+    (document,) = served.get("/keys/low1").json
+    queryable.undeclare()
+    assert [(alarm["level"], alarm["text"]) for alarm in document["alarms"]] == [("bad", "battery 0%")]
+    assert "charge or change it" in document["alarms"][0]["advice"]

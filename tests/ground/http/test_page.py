@@ -220,7 +220,7 @@ class Fleet:
     def __init__(self, served: Served) -> None:
         self._served = served
         self.orders: list[str] = []
-        self.height = 0.0
+        self.height, self.charge = 0.0, 0.9
         self.silent: set[str] = set()
         self._stop = threading.Event()
         self._queryable = served.session.declare_queryable(keys.DO.key("demo", "*", verb="*"), self._on_order)
@@ -243,6 +243,7 @@ class Fleet:
         return wire.VehicleState(
             t=time.time(), fleet="demo", name=name, instance=name, connected=True, sysid=number, compid=1,
             position=place, kind="copter", autopilot="ardupilot", mode="<b>GUIDED</b>", armed=number == 1,
+            battery=wire.Battery(remaining=self.charge),
         )  # fmt: skip
 
     def _on_order(self, query: zenoh.Query) -> None:
@@ -284,6 +285,12 @@ async def test_the_page_shows_the_fleet_move(tab: Tab, served: Served, fleet: Fl
     shown = await tab.text("[data-vehicle=quad1]")
     assert "<b>GUIDED</b>" in shown, "what a vehicle says is text and not markup"
     assert "ARMED" in shown
+    assert "battery 0%" not in shown
+    fleet.charge = 0.0
+    await tab.until(f"{card('quad1')}.innerText.includes('battery 0%')")
+    assert await tab.run(f"{card('quad1')}.classList.contains('trouble')")
+    fleet.charge = 0.9
+    await tab.until(f"!{card('quad1')}.innerText.includes('battery 0%')")
     assert "-35.299900, 149.100000" in shown
     assert await tab.text("#summary") == "2 vehicles · 1 armed"
     fleet.silent.add("quad2")

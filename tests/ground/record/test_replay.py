@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -130,7 +131,7 @@ def test_names_of_what_is_played(tmp_path: Path) -> None:
     assert names("My Flight.tlog") == ["replay"]
     assert names("quad1.002.tlog") == ["quad1"]
     (tmp_path / "none").mkdir()
-    with pytest.raises(BadConfig, match=r"holds no \.mcap and no \.tlog"):
+    with pytest.raises(BadConfig, match=r"no \.mcap and no \.tlog there"):
         names("none")
     (tmp_path / "x.mcap").write_bytes(b"no recording at all")
     with pytest.raises(BadInput, match=r"no \.mcap"):
@@ -183,12 +184,14 @@ def test_an_mcap_gives_back_every_key_and_byte(recorded: Recorded, tmp_path: Pat
     assert mcapfile.about(cut)["dialect"] == "ardupilotmega"
 
 
-def expected(recorded: Recorded, *, orders: bool, name: str = "*") -> list[tuple[str, bytes]]:
+def expected(recorded: Recorded, *, name: str = "*") -> list[tuple[str, bytes]]:
+    """All but what was for vehicles, in the fleet of recordings."""
     found = []
     for key, data in recorded.came:
-        if "/mav/tx/" in key or "roster" in key or (not orders and ("setpoint" in key or "@fleet" in key)):
+        if "/mav/tx/" in key or "roster" in key:
             continue
         chunks = key.split("/")
+        chunks[1] = "demo-replay"
         chunks[2] = chunks[2] if chunks[2].startswith("@") else name.replace("*", chunks[2])
         found.append(("/".join(chunks), data))
     return sorted(found)
@@ -236,69 +239,80 @@ def no_signals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ground.record.replay.until_stopped", asyncio.Event().wait)
 
 
-async def test_into_an_empty_fleet_all_comes_again_but_what_was_sent_to_vehicles(
+async def test_all_comes_again_but_what_was_sent_to_vehicles_in_a_fleet_of_its_own(
     stage: Stage, recorded: Recorded
 ) -> None:
-    told = await stage.replay(recorded)
-    wanted = expected(recorded, orders=True)
-    assert await stage.until(len(wanted)) == wanted
-    assert "demo/quad1, demo/quad2" in told.err
-    assert "45 samples, 2 held back" in told.err
-
-
-async def test_a_vehicle_that_is_there_is_not_played_over(stage: Stage, recorded: Recorded) -> None:
+    """Beside the vehicle itself, too, which is in another fleet."""
     token = stage.vehicle("quad1")
+    told = await stage.replay(recorded)
+    wanted = expected(recorded)
+    assert await stage.until(len(wanted)) == wanted
+    assert "demo-replay/quad1, demo-replay/quad2" in told.err
+    assert "look at it: zmav ls --fleet demo-replay" in told.err
+    assert "45 samples, 2 held back" in told.err
+    token.undeclare()
+
+
+async def test_under_another_name_and_in_a_named_fleet(stage: Stage, recorded: Recorded) -> None:
+    await stage.replay(recorded, "--as", "old-*", "--fleet", "demo-replay")
+    wanted = expected(recorded, name="old-*")
+    assert await stage.until(len(wanted)) == wanted
+
+
+async def test_what_is_played_already_is_not_played_over(stage: Stage, recorded: Recorded) -> None:
+    key = keys.ALIVE.key("demo-replay", "quad1", role="replay", sys=1, autopilot="px4", uid="-", instance="other")
+    token = stage.router.liveliness().declare_token(key)
     told = await stage.replay(recorded, fails=True)
     assert isinstance(told.error, Clash)
-    assert "quad1 is there: --as 'old-*'" in str(told.error)
+    assert "quad1: played already in demo-replay: --as 'old-*'" in str(told.error)
     assert stage.heard == []
     token.undeclare()
 
 
-async def test_under_another_name_beside_a_vehicle_no_goal_is_played(stage: Stage, recorded: Recorded) -> None:
-    token = stage.vehicle("quad1")
-    await stage.replay(recorded, "--as", "old-*")
-    wanted = [each for each in expected(recorded, orders=True, name="old-*") if "@fleet" not in each[0]]
-    assert await stage.until(len(wanted)) == wanted
-    token.undeclare()
+def test_a_folder_means_its_newest_session_and_so_does_a_pattern(recorded: Recorded, tmp_path: Path) -> None:
+    """As the recorder leaves them, and as the README has it: flights/*.mcap, which the shell finds nothing for."""
+    for name in ("2026-11-21_10-00-00", "2026-11-22_10-00-00"):
+        shutil.copytree(recorded.session, tmp_path / name)
+    (tmp_path / "2026-11-23_10-00-00").mkdir()
+    newest = tmp_path / "2026-11-22_10-00-00"
+    for given in (tmp_path, tmp_path / "*.mcap"):
+        (source,) = sources.open_all([given])
+        assert source.label == str(newest / "record.001.mcap")
+    assert sorted(s.label for s in sources.open_all([tmp_path / "quad*.tlog"])) == [
+        str(newest / f"quad{n}.001.tlog") for n in (1, 2)
+    ]
+    with pytest.raises(BadConfig, match=r"no \.mcap and no \.tlog there"):
+        sources.open_all([tmp_path / "*.bin"])
 
 
-async def test_forced_beside_the_vehicle_itself_no_setpoint_is_played(stage: Stage, recorded: Recorded) -> None:
-    token = stage.vehicle("quad1")
-    await stage.replay(recorded, "--force")
-    wanted = expected(recorded, orders=False)
-    assert await stage.until(len(wanted)) == wanted
-    token.undeclare()
-
-
-@pytest.mark.parametrize("ending", ["mcap", "tlog"])
-async def test_a_vehicle_that_comes_ends_its_part(stage: Stage, recorded: Recorded, ending: str) -> None:
-    """Played for ever, until one of the vehicles turns up; the other one goes on."""
-    files = sorted(recorded.session.glob(f"*.{ending}"))
-    running = asyncio.Event()
-
-    async def stopped() -> None:
-        await running.wait()
-
+async def test_a_state_says_that_it_is_a_recording(stage: Stage, tmp_path: Path) -> None:
+    """... in its fleet's name, its field and its token; and what looks at the fleet says so."""
+    said = wire.VehicleState(t=1.0, fleet="demo", name="quad1", instance="a", connected=True, sysid=1, armed=True)
+    with Folder(tmp_path) as out:
+        storage = Storage(out, Settings(keep_free=0), load_dialect(), lambda line: None)
+        storage.start()
+        for number in range(200):
+            storage.put("zmav/demo/quad1/state", wire.encode(said), at=START_US * 1000 + number * 100_000_000)
+        storage.close()
+    ended = asyncio.Event()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ground.record.replay.until_stopped", stopped)
-        replay = asyncio.create_task(stage.replay(recorded, "--loop", "--speed", "1", files=files))
-        await stage.until(100)
-        token = stage.vehicle("quad1")
-        for _ in range(1500):
-            before = len(stage.heard)
-            await stage.until(before + 200)
-            if not any("quad1" in key or "@fleet" in key for key, _ in stage.heard[before:]):
-                break
-        else:
-            pytest.fail("quad1 is played on")
-        own = "zmav/demo/*/alive/vehicle/**"
-        names = {str(reply.ok.key_expr).split("/")[2] for reply in stage.router.liveliness().get(own) if reply.ok}
-        assert names == ({"quad1"} if ending == "mcap" else {"quad1", "quad2"}), "the real one, and the other's double"
-        running.set()
-        told = await replay
-    assert "quad1 has come: what was recorded of it is no longer played" in told.err
-    token.undeclare()
+        patch.setattr("ground.record.replay.until_stopped", ended.wait)
+        verb = Here("-e", stage.endpoint)
+        replay = asyncio.create_task(asyncio.to_thread(verb, "replay", str(tmp_path), "--loop"))
+        await stage.until(3)
+        state = wire.decode(stage.heard[0][1], wire.VehicleState, "state")
+        assert (state.fleet, state.name, state.replayed) == ("demo-replay", "quad1", True)
+        tokens = [str(reply.ok.key_expr) for reply in stage.router.liveliness().get("zmav/**") if reply.ok]
+        assert [token.split("/")[1:6] for token in tokens] == [["demo-replay", "quad1", "alive", "replay", "1"]]
+        told = await asyncio.to_thread(verb, "ls", "--fleet", "demo-replay")
+        assert "quad1: a recording: it takes no orders" in told.out
+        for fleet in ("demo", "*"):
+            told = await asyncio.to_thread(verb, "ls", "--fleet", fleet, "--wait", "0.5")
+            assert "quad1" not in told.out, "who looks at vehicles sees no recording"
+        told = await asyncio.to_thread(verb, "do", "quad1", "hold", "--fleet", "demo-replay")
+        assert told.out == "quad1: hold left out: it is a recording\n"
+        ended.set()
+        await replay
 
 
 @pytest.mark.parametrize(

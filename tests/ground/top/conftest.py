@@ -8,17 +8,15 @@ from typing import Any
 import pytest
 
 from ground.top.report import (
-    LEVELS,
-    AgentReport,
     GpsReport,
-    Happening,
     LeaseReport,
     NetworkReport,
     Position,
-    Reason,
     Report,
     VehicleReport,
 )
+from zmav.doctor.facts import AgentReport, Happening
+from zmav.doctor.rules import LEVELS, Reason
 
 Make = Callable[..., VehicleReport]
 MakeReport = Callable[..., Report]

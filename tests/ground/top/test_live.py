@@ -142,10 +142,11 @@ def test_once_as_json_tells_what_there_is(voice: Voice) -> None:
     found = document(voice)
     one, two = found["vehicles"]
     assert (found["fleet"], one["name"], one["presence"], one["level"]) == ("demo", "quad1", "ok", "bad")
-    assert one["reasons"] == [
-        {"rule": "battery-empty", "level": "bad", "text": "battery 12%"},
-        {"rule": "link-loss", "level": "warn", "text": "MAVLink loss 10%"},
+    assert [(reason["rule"], reason["level"], reason["text"]) for reason in one["reasons"]] == [
+        ("battery-empty", "bad", "battery 12%"),
+        ("link-loss", "warn", "MAVLink loss 10%"),
     ]
+    assert "charge or change it" in one["reasons"][0]["advice"]
     assert (one["speed"], one["climb"], one["link"]["rate"]) == (5.0, 1.0, 42.0)
     assert 0.0 < one["network"]["rtt"] < PATIENCE_S
     assert 3500.0 < one["lease"]["ends_in"] < 3600.1

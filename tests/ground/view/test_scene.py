@@ -217,6 +217,22 @@ def test_fence_mission_and_home_are_drawn_in_ned(paint: Make, state: Make) -> No
     assert rows[f"{BODY}/home"][0].values["Points3D:positions"] == [pytest.approx([0.0, 0.0, 0.0], abs=0.01)]
 
 
+def test_the_area_of_a_search_is_an_outline_on_its_floor_and_hides_nobody(paint: Make) -> None:
+    """In the planner's own book: no walls, nothing above the ground, whatever height the search flies at."""
+    painted = paint()
+    corners = [(0.0, 0.0), (100.0, 0.0), (100.0, 80.0)]
+    goal = wire.swarm.Search(vehicles=["quad1"], polygon=corners, height=20.0)
+    entry = wire.swarm.GoalEntry(id="g1", goal=goal, state="flying", t=1.0)
+    book = wire.swarm.Book(t=1.0, planner="p", instance="i", term=1, goals=[entry])
+    painted.step(("fleet", ("demo", "goal"), wire.encode(book)))
+    rows = painted.rows()
+    top = "/world/ned/topics/goal"
+    (line,) = rows[f"{top}/lines"]
+    (strip,) = line.values["LineStrips3D:strips"]
+    assert [tuple(point) for point in strip] == [(n, e, 0.0) for n, e in [*corners, corners[0]]]
+    assert not any(row.values for name in ("prisms", "prisms/walls", "boxes") for row in rows.get(f"{top}/{name}", []))
+
+
 def test_the_fleets_topics_are_drawn_where_they_have_a_form_and_told_where_they_have_none(paint: Make) -> None:
     painted = paint()
     obstacles = {"frame": "local ENU", "obstacles": [

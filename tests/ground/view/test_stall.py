@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from ground.view import viewer
 from ground.view.cli import sinks_of
 from ground.view.screen import Screen
 from ground.view.settings import LOST, PainterSettings, Sink
 from ground.view.table import Table
 from zmav import keys, wire
 from zmav.errors import BadConfig
+from zmav.process import free_port
 from zmav.waiting import within
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ async def test_the_program_records_the_fleet_until_it_is_ended(
 
 async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) -> None:
     _, endpoint = net.router()
-    port = viewer.free_port()
+    port = free_port()
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "zmav", "view", "--web", "--port", str(port), "-e", endpoint,
         stderr=asyncio.subprocess.PIPE,

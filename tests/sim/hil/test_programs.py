@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.sim.hil.conftest import MakeWorld, peer_params, until
-from zmav.cli.sim.stacks import stack_vehicles
+from zmav.cli.sim.stacks import flown_by, stack_vehicles
 from zmav.errors import BadConfig
 from zmav.sim import Home, VehicleSpec, World
 from zmav.sim.geo import Position
@@ -298,6 +298,31 @@ class TestOptions:
         ]
         assert not any(counts.values())
         assert [s.autopilot for s in self.vehicles({"ardupilot": "/a/ardurover"})[0]] == ["ardurover"]
+
+    def test_a_px4_flies_a_fleet_s_px4s_and_where_it_has_none_its_copters(self) -> None:
+        copter = VehicleSpec(name="a", sysid=4, start_ned_m=(1.0, 2.0, 0.0), params={"WPNAV_SPEED": 300.0})
+        rover, px4 = VehicleSpec(name="r", autopilot="ardurover"), VehicleSpec(name="p", autopilot="px4")
+        found, left = flown_by([copter, rover], {**NOTHING, "px4": ("/px4",)})
+        assert [(s.name, s.autopilot, s.stack and s.stack.program) for s in found] == [
+            ("a", "px4", "/px4"),
+            ("r", "ardurover", None),
+        ]
+        assert (found[0].sysid, found[0].start_ned_m, found[0].params) == (4, (1.0, 2.0, 0.0), {})
+        assert left["px4"] == ()
+        found, _ = flown_by([copter, rover], {**NOTHING, "px4": ("/px4",), "ardupilot": "/a"})
+        assert [s.stack and s.stack.program for s in found] == ["/px4", "/a"]
+        found, _ = flown_by([copter, px4], {**NOTHING, "px4": ("/px4",)})
+        assert [(s.autopilot, s.stack is not None) for s in found] == [("arducopter", False), ("px4", True)]
+        with pytest.raises(BadConfig, match="--px4 /px4"):
+            flown_by([rover], {**NOTHING, "px4": ("/px4",)})
+
+    def test_the_world_s_noise_is_theirs_but_never_none(self) -> None:
+        for asked, theirs in (("none", "typical"), ("rtk", "rtk")):
+            world = World([VehicleSpec(stack=Stack())], noise=asked)
+            try:
+                assert world.externals.vehicles[0].plant.sensors.noise.name == theirs
+            finally:
+                world.close()
 
     def test_instances_of_px4_go_with_their_system_ids(self) -> None:
         specs, _ = self.vehicles({"ardupilot": "/a", "px4": ("/px4",), "instance": 5}, copter=1)

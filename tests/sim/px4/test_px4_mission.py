@@ -20,7 +20,8 @@ def item(
 ) -> Item:
     place = companion.vehicle.px4.place((north, east, 0.0))
     x, y = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
-    return {"command": command, "frame": 6, "x": x, "y": y, "z": up, "autocontinue": 1, **more}
+    frame = 2 if command in (RETURN, JUMP, SPEED) else 6  # MAV_FRAME_MISSION where there is no place
+    return {"command": command, "frame": frame, "x": x, "y": y, "z": up, "autocontinue": 1, **more}
 
 
 def upload(companion: Companion, items: list[Item], kind: int = 0) -> list[int]:
@@ -89,6 +90,17 @@ class TestKeeping:
         assert upload(companion, [item(companion, WAYPOINT), {**item(companion, WAYPOINT), **bad}]) == [0, 1, verdict]
         assert download(companion) == [(WAYPOINT, 7.0)]
 
+    @pytest.mark.parametrize("frame", [0, 3, 5, 6])
+    @pytest.mark.parametrize("command", [RETURN, JUMP, SPEED])
+    def test_an_item_without_a_place_is_taken_in_its_own_frame_only(
+        self, companion: Companion, command: int, frame: int
+    ) -> None:
+        """Measured on 1.16.1."""
+        bad = {**item(companion, command), "frame": frame}
+        assert upload(companion, [item(companion, WAYPOINT), bad]) == [0, 1, UNSUPPORTED]
+        assert upload(companion, [item(companion, WAYPOINT), {**bad, "frame": 2}]) == [0, 1, ACCEPTED]
+        assert upload(companion, [{**item(companion, WAYPOINT), "frame": 2}]) == [0, UNSUPPORTED]
+
     def test_one_that_is_too_long_or_for_nothing_known_is_refused(self, companion: Companion) -> None:
         for fields, verdict in (({"count": 501}, NO_SPACE), ({"count": 1, "mission_type": 9}, UNSUPPORTED)):
             companion.clear()
@@ -129,6 +141,14 @@ class TestFlying:
         current = [m for m in companion.all("MISSION_CURRENT") if m["total"] == 5]
         assert {m["mission_state"] for m in current} >= {3, 5}
         assert [m["seq"] for m in current] == sorted(m["seq"] for m in current)
+
+    def test_only_the_message_sets_the_current_item(self, companion: Companion) -> None:
+        """DO_SET_MISSION_CURRENT (224) is unknown to PX4."""
+        upload(companion, [item(companion, WAYPOINT, north, 0.0) for north in (3.0, 6.0)])
+        assert companion.command(224, 1) == [UNSUPPORTED]
+        assert companion.vehicle.px4.mission.current == 0
+        companion.send("MISSION_SET_CURRENT", seq=1)
+        assert companion.vehicle.px4.mission.current == 1
 
     def test_after_the_last_point_it_holds_and_a_jump_repeats(self, companion: Companion) -> None:
         plan = [

@@ -49,14 +49,34 @@ def test_a_flight_is_a_ulog(companion: Companion) -> None:
     assert [arming for _, arming, _ in status] == [2, 2, 2, 1]
 
 
-def test_the_log_protocol_counts_from_nought_and_gives_out_in_the_air(companion: Companion) -> None:
+def listed(companion: Companion, start: int = 0, end: int = 0xFFFF) -> list[tuple[int, int, int, int]]:
+    companion.clear()
+    companion.send("LOG_REQUEST_LIST", start=start, end=end)
+    companion.world.step(0.1)
+    return [(e["id"], e["num_logs"], e["last_log_num"], e["size"]) for e in companion.all("LOG_ENTRY")]
+
+
+def test_ids_are_places_in_a_directory(companion: Companion) -> None:
+    """As PX4 1.16.1 lists them: from 0, in no order of time, and the last log's number is how many there are."""
+    node = fly(companion)
+    assert node.storage.logs.logs
+    node.storage.logs.erase()
+    assert listed(companion) == []
+    for size in (100, 200, 300):
+        node.storage.logs.begin(bytearray(size), size)
+    assert listed(companion) == [(0, 3, 3, 300), (1, 3, 3, 200), (2, 3, 3, 100)]
+    assert listed(companion, 1, 1) == [(1, 3, 1, 200), (2, 3, 1, 100)]
+    assert listed(companion, 3, 3) == []
+
+
+def test_a_log_is_given_out_in_the_air_once_it_was_listed(companion: Companion) -> None:
     fly(companion)
     companion.take_off()
     companion.clear()
-    companion.send("LOG_REQUEST_LIST", start=0, end=0xFFFF)
+    companion.send("LOG_REQUEST_DATA", id=0, ofs=0, count=90)
     companion.world.step(0.1)
-    entries = companion.all("LOG_ENTRY")
-    assert [entry["id"] for entry in entries] == [0, 1]
+    assert companion.all("LOG_DATA") == []
+    assert len(listed(companion)) == 2
     companion.send("LOG_REQUEST_DATA", id=0, ofs=0, count=90)
     companion.world.step(0.1)
     assert bytes(companion.all("LOG_DATA")[0]["data"][:7]) == MAGIC[:7]

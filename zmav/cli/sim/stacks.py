@@ -51,12 +51,14 @@ STACK_OPTIONS = (
 
 def flown_by(vehicles: Sequence[VehicleSpec], options: dict[str, Any]) -> tuple[list[VehicleSpec], dict[str, Any]]:
     """A fleet file's vehicles as the programs of ``--ardupilot`` and ``--px4 PATH`` fly them, and what is left of the
-    options. :class:`BadConfig` for a program that has none of them to fly.
+    options. A PX4 flies the copters of a fleet that has no PX4. :class:`BadConfig` for a program that has none to fly.
     """
     path, count = _px4(options["px4"])
     programs = {"px4": path, "ardupilot": options["ardupilot"]}
     if not vehicles or not any(programs.values()):
         return list(vehicles), options
+    if path is not None and not any(spec.autopilot == PX4 for spec in vehicles):
+        vehicles = [_as_px4(spec) if spec.autopilot == ARDUCOPTER else spec for spec in vehicles]
     ours = {"own_physics": options["own_physics"], "directory": options["keep"]}
     found = []
     for spec in vehicles:
@@ -91,6 +93,11 @@ def stack_vehicles(counts: dict[str, int], options: dict[str, Any]) -> list[Vehi
     found += [_waiting(text) for text in options["stacks"]]
     found += [_with(KINDS["px4"], device=device) for device in options["devices"]]
     return found
+
+
+def _as_px4(spec: VehicleSpec) -> VehicleSpec:
+    """The copter at its place, with what it carries; PX4's programs fly one airframe, and choose their own ports."""
+    return msgspec.structs.replace(spec, autopilot=PX4, airframe=None, endpoints=(), params={})
 
 
 def _with(spec: VehicleSpec, **stack: Any) -> VehicleSpec:

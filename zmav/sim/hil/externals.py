@@ -52,8 +52,10 @@ class Externals:
         seed: int,
         epoch_us: int,
         speed: float,
+        noise: str = "none",
     ) -> None:
         self._home = home
+        self._noise = NOISE if noise == "none" else noise
         self._environment = environment
         self._seed = seed
         self._dialect = load_dialect("ardupilotmega")
@@ -130,7 +132,7 @@ class Externals:
 
     def _plant(self, spec: VehicleSpec, frame: Craft) -> Plant:
         seed = (self._seed, *(spec.name or "").encode("ascii"))
-        around = Surroundings(environment=self._environment, place=self._home.position, seed=seed, noise=NOISE)
+        around = Surroundings(environment=self._environment, place=self._home.position, seed=seed, noise=self._noise)
         return Plant(frame, spec.start_ned_m or (0.0, 0.0, 0.0), math.radians(spec.yaw_deg or 0.0), STEP_S, around)
 
     def _plan(self, i: int, spec: VehicleSpec, frame: Craft, vehicle: External) -> None:

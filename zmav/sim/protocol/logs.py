@@ -19,6 +19,7 @@ MOST_ONE = 2 << 20
 PER_TICK = 160
 """LOG_DATA in one tick: 40 in each of ArduPilot's loops, of which there are four"""
 DATA = 90
+ALL = 0xFFFF
 ERROR, INFO = 3, 6
 
 
@@ -81,13 +82,11 @@ class Sending:
 
 
 class LogProtocol(Part):
-    """Lists, sends and erases ``store``'s logs. ``first_id``: PX4's is 0; ``while_armed``: PX4 gives them out then."""
+    """Lists, sends and erases ``store``'s logs; refuses while ``armed()``."""
 
-    def __init__(
-        self, store: LogStore, armed: Callable[[], bool], *, first_id: int = 1, while_armed: bool = False
-    ) -> None:
+    def __init__(self, store: LogStore, armed: Callable[[], bool]) -> None:
         self.store = store
-        self._armed, self._first, self._while_armed = armed, first_id, while_armed
+        self._armed = armed
         self._warned = False
         self._task: Listing | Sending | None = None
 
@@ -115,9 +114,17 @@ class LogProtocol(Part):
         if self._task is not None and self._task.channel is channel:
             self._task = None
 
+    def by_id(self, number: int) -> Log | None:
+        """The log of that id."""
+        return self.store.logs[number - 1] if 1 <= number <= len(self.store.logs) else None
+
+    def last_number(self, listing: Listing) -> int:
+        """What a listing calls the last log's number."""
+        return len(self.store.logs)
+
     def _refused(self, channel: Channel | None) -> bool:
         """Armed, and said so once."""
-        if not self._armed() or self._while_armed:
+        if not self._armed():
             self._warned = False
             return False
         if channel is not None and not self._warned:
@@ -139,20 +146,17 @@ class LogProtocol(Part):
         if count == 0:
             channel.send("LOG_ENTRY", id=0, num_logs=0, last_log_num=0, time_utc=0, size=0)
             return
-        highest = self._first + count - 1
-        first, last = max(msg["start"], self._first), min(msg["end"], highest)
+        first, last = max(msg["start"], 1), min(msg["end"], count)
         if first <= last:
             self._task = Listing(channel, first, last)
 
     def _send_entry(self, task: Listing) -> None:
-        index = task.next - self._first
-        if index >= len(self.store.logs):
+        log, count = self.by_id(task.next), len(self.store.logs)
+        if log is None:
             self._task = None
             return
-        log = self.store.logs[index]
-        count = len(self.store.logs)
         task.channel.send(
-            "LOG_ENTRY", id=task.next, num_logs=count, last_log_num=self._first + count - 1, time_utc=int(log.end_s),
+            "LOG_ENTRY", id=task.next, num_logs=count, last_log_num=self.last_number(task), time_utc=int(log.end_s),
             size=len(log.data),
         )  # fmt: skip
         task.next += 1
@@ -162,9 +166,8 @@ class LogProtocol(Part):
     def _data(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if self._refused(channel) or self._busy(channel):
             return
-        index = msg["id"] - self._first
-        if 0 <= index < len(self.store.logs):
-            log = self.store.logs[index]
+        log = self.by_id(msg["id"])
+        if log is not None:
             left = min(msg["count"], max(len(log.data) - msg["ofs"], 0))
             self._task = Sending(channel, log, msg["id"], msg["ofs"], left)
 

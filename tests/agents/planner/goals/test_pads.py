@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
@@ -127,6 +128,19 @@ def test_landing_below_finds_room_for_those_above_each_other_and_keeps_off_what_
     assert [order.after for order in orders.orders] == [(), ()]
     with pytest.raises(BadInput, match="no free place"):
         pads.land(views, free=lambda place, radius: False)
+
+
+def test_who_stands_on_the_ground_has_landed() -> None:
+    parked, armed = view("parked", (0.0, 0.0, 0.0)), dataclasses.replace(view("armed", (9.0, 0.0, 0.0)), armed=True)
+    assert pads.land([parked]) == []
+    (stopping,) = pads.land([parked, armed])
+    assert isinstance(stopping, Orders)
+    assert [(order.vehicle, order.verb) for order in stopping.orders] == [("armed", "land")]
+    plan, orders = landing(pads.land([parked, view("flies", (20.0, 0.0, -9.0), up=True)]))
+    assert plan.vehicles == ("flies",)
+    assert [order.vehicle for order in orders.orders] == ["flies"]
+    with pytest.raises(Refused, match="parked: on the ground"):
+        pads.land([parked], [(3.0, 3.0)])
 
 
 def test_given_spots_go_to_whoever_is_near() -> None:

@@ -121,6 +121,22 @@ async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
     await field.me.vehicle("quad1").wait_until(lambda state: state.lease is None, PATIENCE_S)
 
 
+async def test_nobody_who_is_heard_is_said_not_to_be(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A goal waits for what its vehicles say after it began, which is no reason to call them unheard."""
+    told, text = list[str](), Run.text
+
+    def keep(self: Run, words: str) -> None:
+        told.append(words)
+        text(self, words)
+
+    monkeypatch.setattr(Run, "text", keep)
+    for vehicle in PLACES:
+        name = await field.submit(swarm.Hold(vehicles=[vehicle]))
+        await field.until(name, lambda entry: entry.state == "done")
+    assert told
+    assert not [words for words in told if "not heard" in words], told
+
+
 async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     planner = await field.planner()
     there = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(45.0, 22.0, -10.0), (45.0, 14.0, -10.0)])

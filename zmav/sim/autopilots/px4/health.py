@@ -67,9 +67,14 @@ class Health:
             self._reported = found  # before anybody listens
         elif found != self._reported and copter.now - self._reported_at >= REPORT_S:
             self._tell_new(found, self._reported)
-            self._reported, self._reported_at = found, copter.now
-            for event, arguments in self.report(found):
-                copter.event(event, arguments)
+            self._reported = found
+            self.tell()
+
+    def tell(self) -> None:
+        """Send a report now: RUN_PREARM_CHECKS asks for one."""
+        self._reported_at = self._copter.now
+        for event, arguments in self.report(tuple(self.failing())):
+            self._copter.event(event, arguments)
 
     def _tell_new(self, found: tuple[Check, ...], before: tuple[Check, ...]) -> None:
         for check in found:

@@ -18,8 +18,12 @@ from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, Item, ItemStore, Re
 
 ABSOLUTE, RELATIVE, MISSION_FRAME = (0, 5), (3, 6), 2  # MAV_FRAME
 _NAVIGATION = {16, 17, 19, 20, 21, 22, 93}  # MAV_CMD: waypoint, loiters, return, land, takeoff, delay
-# Jump, speed, home, servo, actuator, ROI, camera and gimbal: kept, though some of them do nothing here.
-_ACTIONS = {177, 178, 179, 183, 187, 195, 196, 197, 201, 205, 206, 530, 1000, 2000, 2001, 2500, 2501}
+# Delays, jump, speed, home, actuator, ROI, camera, gimbal and others: kept, though some of them do nothing here.
+_ACTIONS = {
+    112, 114, 177, 178, 179, 187, 189, 195, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214, 260, 530, 532, 534, 1000,
+    1001, 2000, 2001, 2003, 2500, 2501, 3000,
+}  # fmt: skip
+_PLACED = {16, 17, 19, 21, 22, 195, 201}  # what a global frame is for; every other command has MAV_FRAME_MISSION
 _FENCES = {5001, 5002, 5003, 5004}
 _NO_PLACE = 2**31 - 1
 
@@ -28,6 +32,7 @@ class Px4Items(ItemStore):
     """One list; ``opaque_id`` is nought for an empty one, and another for every other list."""
 
     known: ClassVar[set[int]]
+    placed: ClassVar[set[int]]
 
     def __init__(self) -> None:
         self.items: tuple[Item, ...] = ()
@@ -77,7 +82,10 @@ class Px4Items(ItemStore):
         if item.frame not in (*ABSOLUTE, *RELATIVE, MISSION_FRAME):
             return Result.UNSUPPORTED_FRAME
         if item.frame == MISSION_FRAME:
-            return Result.ACCEPTED  # an action: x, y and z are parameters like the others, NaN where not used
+            # An action: x, y and z are parameters like the others, NaN where not used. "No region of interest" is one.
+            return Result.UNSUPPORTED if item.command in self.placed - {201} else Result.ACCEPTED
+        if item.command not in self.placed:
+            return Result.UNSUPPORTED
         if not math.isfinite(item.z):
             return Result.INVALID_PARAM7
         return check_place(item) if item.x != _NO_PLACE else Result.ACCEPTED
@@ -86,6 +94,7 @@ class Px4Items(ItemStore):
 class MissionItems(Px4Items):
     kind, title, most = MISSION, "Mission", 500
     known: ClassVar[set[int]] = _NAVIGATION | _ACTIONS
+    placed: ClassVar[set[int]] = _PLACED
 
 
 class FenceItems(Px4Items):
@@ -93,6 +102,7 @@ class FenceItems(Px4Items):
 
     kind, title, most = FENCE, "Fence", 64
     known: ClassVar[set[int]] = _FENCES
+    placed: ClassVar[set[int]] = _FENCES
 
 
 class RallyItems(Px4Items):
@@ -100,3 +110,4 @@ class RallyItems(Px4Items):
 
     kind, title, most = RALLY, "Rally", 50
     known: ClassVar[set[int]] = {5100}
+    placed: ClassVar[set[int]] = {5100}

@@ -16,7 +16,8 @@ from zmav.sim.control.setpoints import Axis, Spool, Vector
 if TYPE_CHECKING:
     from zmav.sim.autopilots.px4.copter import Px4Copter
 
-# PX4 looks at the stream every half second: a shorter one is not always seen (one entry in four failed after 0.3 s).
+# Disarmed, PX4 looks at the stream every half second: a shorter one is not always seen (one entry in four failed after
+# 0.3 s). Armed, the first setpoint is enough.
 SETTLE_S = 0.5
 CLIMB_MPS = 0.3  # a setpoint that asks for more than this lifts a landed vehicle
 RISE_M = 0.2
@@ -97,7 +98,8 @@ class Offboard:
     def alive(self) -> bool:
         """The stream runs, long enough to have been seen, and what it asks for can be flown."""
         copter = self._copter
-        fresh = copter.now - self._last <= self._patience and copter.now - self._since >= SETTLE_S
+        settled = copter.armed or copter.now - self._since >= SETTLE_S
+        fresh = copter.now - self._last <= self._patience and settled
         return fresh and (copter.position_ok or not self.needs_position)
 
     def take(self, wish: Wish) -> None:

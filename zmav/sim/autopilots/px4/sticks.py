@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 RADIO_ONLY, DISABLED = 0, 4  # COM_RC_IN_MODE
 TAKEOVER = 0.12  # of a stick's way: a pilot who moves it more takes an automatic mode over (COM_RC_STICK_OV)
+MOVING_S = 0.15  # how long a joystick that moved counts as moving
 TAKEOFF_STICK = 0.15
 DEADZONE = 0.05
 _BY_HEIGHT = (ALTCTL, POSCTL, POSITION_SLOW)
@@ -34,6 +35,7 @@ class Sticks:
         """the pilot's radio is on and heard"""
         self._joystick: tuple[float, float, float, float] | None = None
         self._joystick_at = self._radio_at = -math.inf
+        self._joystick_moved = -math.inf
         self.killed = False
         """the kill switch is on"""
         self.killed_at = 0.0
@@ -65,7 +67,12 @@ class Sticks:
         """A MANUAL_CONTROL came."""
         if int(self._copter.params["COM_RC_IN_MODE"]) in (RADIO_ONLY, DISABLED):
             return
-        self._joystick, self._joystick_at = (roll, pitch, yaw, throttle), self._copter.now
+        stick, before, now = (roll, pitch, yaw, throttle), self._joystick, self._copter.now
+        heard = now - self._joystick_at <= float(self._copter.params["COM_RC_LOSS_T"])
+        moved = max(abs(a - b) for a, b in zip(stick[:3], before or stick, strict=False))
+        if heard and moved > TAKEOVER:
+            self._joystick_moved = now
+        self._joystick, self._joystick_at = stick, now
 
     @property
     def alive(self) -> bool:
@@ -85,7 +92,9 @@ class Sticks:
 
     @property
     def moved(self) -> bool:
-        """A stick is held away from its middle."""
+        """A radio's stick is held away from its middle, or a joystick's was moved from where it was."""
+        if not self.radio:
+            return self.alive and self._copter.now - self._joystick_moved <= MOVING_S
         roll, pitch, yaw, _ = self.values
         return self.alive and max(abs(roll), abs(pitch), abs(yaw)) > TAKEOVER
 

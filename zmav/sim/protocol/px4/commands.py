@@ -44,6 +44,7 @@ _CHANGE_MODE = 1
 _NO_PLACE = 2**31 - 1  # x and y of a COMMAND_INT that names none
 _REBOOT = 1
 _AVAILABLE_MODES = 435
+_UNRATED = ("HEARTBEAT", "MISSION_CURRENT")  # sent at a rate of their own
 
 
 class Command(msgspec.Struct, frozen=True):
@@ -231,11 +232,8 @@ def _mission_start(node: Px4Node, c: Command) -> int:
     return _verdict(copter.set_mode(MISSION))
 
 
-def _set_current(node: Px4Node, c: Command) -> int:
-    return _verdict(math.isfinite(c.p1) and node.copter.mission.jump(int(c.p1)))
-
-
-def _accept(node: Px4Node, c: Command) -> int:
+def _run_checks(node: Px4Node, c: Command) -> int:
+    node.copter.health.tell()
     return ACCEPTED
 
 
@@ -244,7 +242,7 @@ def _accept(node: Px4Node, c: Command) -> int:
 
 def _set_interval(node: Px4Node, c: Command) -> int:
     name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
-    if name not in REPORTS or not math.isfinite(c.p2):
+    if name not in REPORTS or name in _UNRATED or not math.isfinite(c.p2):
         return FAILED
     period = node.usual_period(c.channel, name) if c.p2 == 0 else max(c.p2 / 1e6, 0.0)
     c.channel.streams.set_period(name, period, node.copter.now)
@@ -308,10 +306,9 @@ HANDLERS: dict[int, Handler] = {
     186: _change_altitude,
     192: _reposition,
     246: _reboot,
-    224: _set_current,  # DO_SET_MISSION_CURRENT
     300: _mission_start,
     400: _arm_disarm,
-    401: _accept,  # RUN_PREARM_CHECKS
+    401: _run_checks,
     410: _ask_for("HOME_POSITION"),
     510: _get_interval,
     511: _set_interval,

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from zmav.sim.autopilots.px4 import event_words
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.protocol.filesystem import FileSystem
 from zmav.sim.protocol.ftp import FtpServer
-from zmav.sim.protocol.logs import MOST_ONE, Log, LogProtocol, LogStore
+from zmav.sim.protocol.logs import MOST_ONE, Log, LogStore
 from zmav.sim.protocol.part import Part
+from zmav.sim.protocol.px4.logs import Px4LogProtocol
 from zmav.sim.ulog import Topic, UlogWriter
 
 LOGS = "/log/sess001"
+EXTRAS, WORDS = "/etc/extras", "all_events.json.xz"
 ATTITUDE_S = 0.1
 POSITION_S = 0.2
 _REAL32 = 9  # MAV_PARAM_TYPE
@@ -85,10 +88,11 @@ class Px4Storage:
     def __init__(self, copter: Px4Copter, unix_us: Callable[[], int]) -> None:
         self.logs = LogStore()
         self.flight_log = FlightLog(copter, self.logs, unix_us)
-        self.files = FileSystem(LOGS, "/etc")
+        self.files = FileSystem(LOGS, EXTRAS)
         self.files.attach(LOGS, self._files, self._remove)
+        self.files.attach(EXTRAS, lambda: {WORDS: event_words.packed()}, lambda name: False)
         self.ftp = FtpServer(self.files, session=0)
-        self.protocol = LogProtocol(self.logs, lambda: copter.armed, first_id=0, while_armed=True)
+        self.protocol = Px4LogProtocol(self.logs)
 
     @property
     def parts(self) -> tuple[Part, ...]:

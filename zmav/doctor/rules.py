@@ -1,18 +1,21 @@
-"""What is not well with a vehicle, in words: one table of rules, each with its level and its threshold in sight.
+"""What is not well with a vehicle, in words, and what to do about it: one table of rules, each with its level and its
+threshold in sight.
 
-A rule sees the :class:`~ground.top.facts.Facts` of one vehicle and says what is wrong, or nothing. Of a vehicle that is
-not heard any more only the rules on its presence speak: the rest of what is known of it is old.
+A rule sees the :class:`~zmav.doctor.facts.Facts` of one vehicle and says what is wrong, or nothing. Of a vehicle that
+is not heard any more only the rules on its presence speak: the rest of what is known of it is old.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
-from ground.top.facts import Facts
-from ground.top.report import LEVELS, Level, Reason
-from ground.top.words import clean, duration
+import msgspec
+
 from zmav import wire
+from zmav.doctor.facts import Facts
+from zmav.doctor.words import clean, duration
 
 BATTERY_LOW, BATTERY_EMPTY = 0.25, 0.15
 SATELLITES, HDOP = 6, 2.5
@@ -34,6 +37,19 @@ HURT = ("CRITICAL", "EMERGENCY", "FLIGHT_TERMINATION")
 FAILED = ("failed", "error", "lost", "abort", "aborted")
 """states in which an agent says that it came to nothing"""
 
+Level = Literal["ok", "note", "warn", "bad"]
+LEVELS: tuple[Level, ...] = ("ok", "note", "warn", "bad")
+
+
+class Reason(msgspec.Struct, kw_only=True, frozen=True):
+    """Something that is not well: the rule that says so, how bad it is, the words, and what to do about it."""
+
+    rule: str
+    level: Level
+    text: str
+    advice: str = ""
+
+
 Judge = Callable[[Facts], str | None]
 
 
@@ -44,13 +60,14 @@ class Rule:
     name: str
     level: Level
     says: Judge
+    advice: str
     always: bool = False
 
 
 def reasons(facts: Facts) -> list[Reason]:
     """Whatever is not well, the worst first, in the table's order among equals."""
     found = [
-        Reason(rule=rule.name, level=rule.level, text=clean(words))
+        Reason(rule=rule.name, level=rule.level, text=clean(words), advice=rule.advice)
         for rule in RULES
         if (rule.always or facts.presence == "ok") and (words := rule.says(facts))
     ]
@@ -101,9 +118,9 @@ def _status(f: Facts) -> str | None:
 
 def _not_ready(f: Facts) -> str | None:
     state = f.state
-    if state is None or not state.connected or state.armed or not state.not_ready:
+    if state is None or not state.connected or state.armed or (state.ready is not False and not state.not_ready):
         return None
-    return f"not ready: {'; '.join(state.not_ready)}"
+    return f"not ready: {'; '.join(state.not_ready) or 'it does not say why'}"
 
 
 def _pilot(f: Facts) -> str | None:
@@ -231,29 +248,43 @@ def _error(f: Facts) -> str | None:
     return f"{found.text} ({duration(found.age)} ago)" if found else None
 
 
+def _recording(f: Facts) -> str | None:
+    return "a recording: it takes no orders" if f.state and f.state.replayed else None
+
+
+CHARGE = "charge or change it before the next flight"
+SKY = "wait for GPS and EKF under open sky"
+LINE = "ask for fewer messages, or a higher baud rate with flow control; on a radio, look at the antennas"
 RULES: tuple[Rule, ...] = (
-    Rule("state", "bad", _no_state, always=True),
-    Rule("clash", "bad", _clash),
-    Rule("autopilot", "bad", _autopilot),
-    Rule("status", "bad", _status),
-    Rule("battery-empty", "bad", _battery_empty),
-    Rule("gps-fix", "bad", _gps_fix),
-    Rule("link-poor", "bad", _link_poor),
-    Rule("agent-failed", "bad", _agent_failed),
-    Rule("disbelieved", "warn", _disbelieved),
-    Rule("battery-low", "warn", _battery_low),
-    Rule("gps-weak", "warn", _gps_weak),
-    Rule("position-old", "warn", _position_old),
-    Rule("link-loss", "warn", _link_loss),
-    Rule("way", "warn", _way),
-    Rule("weak-hop", "warn", _weak_hop),
-    Rule("slow", "warn", _slow),
-    Rule("lease-end", "warn", _lease_end),
-    Rule("dropped", "warn", _dropped),
-    Rule("refused", "warn", _refused),
-    Rule("agent-silent", "warn", _agent_silent),
-    Rule("clock", "warn", _clock),
-    Rule("error", "warn", _error),
-    Rule("pilot", "note", _pilot),
-    Rule("not-ready", "note", _not_ready),
-)
+    Rule("state", "bad", _no_state, "is its computer on, and its router linked to this one?", always=True),
+    Rule("clash", "bad", _clash, "give one another --name, or another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"),
+    Rule("autopilot", "bad", _autopilot, "on the vehicle, look at power, cable, port and baud rate; "
+         "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there"),
+    Rule("status", "bad", _status, "its own words say why: zmav echo NAME/event"),
+    Rule("battery-empty", "bad", _battery_empty, f"land it; {CHARGE}"),
+    Rule("gps-fix", "bad", _gps_fix, SKY),
+    Rule("link-poor", "bad", _link_poor, LINE),
+    Rule("agent-failed", "bad", _agent_failed, "its terminal or 'zmav agent logs' says why"),
+    Rule("disbelieved", "warn", _disbelieved, "do not believe what a stranger says: zmav mesh ca"),
+    Rule("battery-low", "warn", _battery_low, CHARGE),
+    Rule("gps-weak", "warn", _gps_weak, SKY),
+    Rule("position-old", "warn", _position_old, "look at its link and at the rate of GLOBAL_POSITION_INT: zmav rate"),
+    Rule("link-loss", "warn", _link_loss, LINE),
+    Rule("way", "warn", _way, "zmav mesh graph shows which router says nothing"),
+    Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; zmav mesh graph --watch"),
+    Rule("slow", "warn", _slow, "zmav mesh graph shows the slow link"),
+    Rule("lease-end", "warn", _lease_end, "whoever flew it says why it ended"),
+    Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),
+    Rule("refused", "warn", _refused, "who orders needs credentials of this fleet: zmav mesh ca"),
+    Rule("agent-silent", "warn", _agent_silent, "its terminal or 'zmav agent logs' says why; start it again"),
+    Rule("clock", "warn", _clock, "set its computer's clock: chrony"),
+    Rule("error", "warn", _error, "zmav echo NAME/event shows what came before"),
+    Rule("pilot", "note", _pilot, "the pilot's switch gives it back"),
+    Rule("not-ready", "note", _not_ready, f"{SKY}; its reasons as they come: zmav echo NAME/event"),
+    Rule("recording", "note", _recording, "nothing: look at it as long as you like"),
+)  # fmt: skip
+
+
+def of_state(state: wire.VehicleState) -> list[Reason]:
+    """What a vehicle's state alone tells, as it comes."""
+    return reasons(Facts(name=state.name, state=state))

@@ -7,11 +7,10 @@ from typing import Any
 
 import pytest
 
-from ground.top.facts import Facts
-from ground.top.reasons import PROOF, RULES, reasons
-from ground.top.report import AgentReport, Happening
 from mesh.topology import Link, Way
 from zmav import wire
+from zmav.doctor.facts import AgentReport, Facts, Happening
+from zmav.doctor.rules import PROOF, RULES, reasons
 
 NOW = 1_800_000_000.0
 
@@ -103,6 +102,8 @@ CASES: list[tuple[str, Facts, str]] = [
     ("error", facts(events=(event("info", 1.0), event("critical", 2.0))), "warn: Crash: disarming (2.0s ago)"),
     ("pilot", facts(state=state(pilot="the switch says so")), "note: pilot: the switch says so"),
     ("not-ready", facts(state=state(armed=False, not_ready=["no GPS", "EKF"])), "note: not ready: no GPS; EKF"),
+    ("not-ready", facts(state=state(armed=False, ready=False)), "note: not ready: it does not say why"),
+    ("recording", facts(state=state(replayed=True)), "note: a recording: it takes no orders"),
 ]  # fmt: skip
 
 WELL: dict[str, Facts] = {
