@@ -16,10 +16,11 @@ zmav.run(main())
 from __future__ import annotations
 
 from zmav.agent import Agent
-from zmav.client import Client, Subscription
+from zmav.client import Client
 from zmav.client import connect as open
 from zmav.errors import ZmavError
 from zmav.process import run
+from zmav.subscription import Subscription
 from zmav.vehicle import Lease, Vehicle
 from zmav.wire import Setpoint, VehicleState
 

@@ -34,7 +34,8 @@ from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
 from zmav.services.orders import Guarded, Orders
 from zmav.services.port import on_loop
-from zmav.trust.gate import Gate, Origin
+from zmav.services.proven import Answers
+from zmav.trust.gate import Gate, Origin, anybody
 from zmav.verbs import Access, Verb
 from zmav.waiting import within
 
@@ -101,11 +102,12 @@ class Agent:
         self.on_alive: Callable[[], object] = lambda: None
         """called on the event loop with each word of its status: not called, the loop hangs"""
         table = {**TUNING, **self.verbs}
-        self._orders = Orders(
-            z.session, self.vehicle.fleet, vehicle, keys.AGENT_DO, table, parts={"agent": self.name}
-        )  # fmt: skip
         self._params: zenoh.Queryable[Any] | None = None
         self._gate = Gate(z.member.credentials) if z.member else None
+        self._orders = Orders(
+            z.session, self.vehicle.fleet, vehicle, self._gate.check if self._gate else anybody,
+            Answers(z.member.signer if z.member else None), keys.AGENT_DO, table, parts={"agent": self.name},
+        )  # fmt: skip
         for verb in table:
             handler: Guarded = getattr(self, f"on_{verb}")
             self._orders.add(verb, handler)
@@ -217,7 +219,6 @@ class Agent:
             text = f"an agent {self.name} runs for {self.vehicle.name} already: end that one first"
             raise Clash(text, vehicle=self.vehicle.name, agent=self.name)
         if self._gate is not None:
-            self._orders.prove = self._gate.check
             refused = on_loop(asyncio.get_running_loop(), self._on_refused)
             self._gate.on_refused = refused
         self._orders.start()

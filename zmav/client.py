@@ -8,14 +8,13 @@ async with zmav.open() as z:
 from __future__ import annotations
 
 import asyncio
-import collections
 import contextlib
 import logging
 import os
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any, Generic, NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar, overload
 
 import msgspec
 import zenoh
@@ -25,8 +24,9 @@ from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.services.port import on_loop
-from zmav.services.proven import attached
+from zmav.services.proven import attached, proof_of_error
 from zmav.session import SessionSettings, open_session, reason
+from zmav.subscription import Subscription
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
@@ -64,75 +64,6 @@ class Heard(NamedTuple):
 
     state: wire.VehicleState
     at: float
-
-
-class Subscription(Generic[T]):
-    """Samples of a key expression, newest wins: a reader that is slow loses the oldest, and nobody else waits for it.
-
-    Of events none is lost on the way, nor is their order: what went out while a link was down comes when it is back.
-    Use it with ``async with`` and iterate; it lasts until it is left, and goes on when a lost router is found again.
-    """
-
-    def __init__(
-        self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int, token: str = "",
-        history: int = 0,
-    ) -> None:  # fmt: skip
-        self._session, self._key, self._convert, self._token_key = session, key, convert, token
-        self._history = history
-        self._token: zenoh.LivelinessToken | None = None
-        self._samples: collections.deque[zenoh.Sample] = collections.deque(maxlen=depth)
-        self._arrived = asyncio.Event()
-        self._subscriber: Any = None
-        self.dropped = 0
-        """samples lost because the reader was slow"""
-        self.bad = 0
-        """samples left out because they were not what they should be"""
-
-    async def __aenter__(self) -> Subscription[T]:
-        arrived = on_loop(asyncio.get_running_loop(), self._on_sample)
-        if zenoh.KeyExpr(keys.EVENT.key("*", "*")).includes(zenoh.KeyExpr(self._key)):
-            # What was published while a link was down is fetched from the vehicle's cache when it is up again.
-            recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
-            past = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=self._history)
-            self._subscriber = zenoh.ext.declare_advanced_subscriber(
-                self._session, self._key, arrived, recovery=recovery, history=past if self._history else None
-            )
-        else:
-            self._subscriber = self._session.declare_subscriber(self._key, arrived)
-        if self._token_key:
-            self._token = self._session.liveliness().declare_token(self._token_key)
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
-        if self._token is not None:
-            self._token.undeclare()
-            self._token = None
-        if self._subscriber is not None:
-            self._subscriber.undeclare()
-            self._subscriber = None
-
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        if len(self._samples) == self._samples.maxlen:
-            self.dropped += 1
-        self._samples.append(sample)
-        self._arrived.set()
-
-    async def __aiter__(self) -> AsyncIterator[T]:
-        while True:
-            yield await self.get()
-
-    async def get(self) -> T:
-        """The next sample; what cannot be converted is counted and left out."""
-        while True:
-            while not self._samples:
-                self._arrived.clear()
-                await self._arrived.wait()
-            try:
-                return self._convert(self._samples.popleft())
-            except (BadInput, Forbidden):
-                self.bad += 1
 
 
 class Client:
@@ -276,12 +207,7 @@ class Client:
         try:
             self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample), newest)
         except Forbidden as e:
-            place, reason = _place(sample), str(e.detail["reason"])
-            if reason == "unknown":
-                self._meet(place)
-            elif (place, reason) not in self._said and len(self._said) < SAID:
-                self._said.add((place, reason))
-                logger.warning("not believed, said once: %s: %s", sample.key_expr, e)
+            self._disbelieve(_place(sample), str(sample.key_expr), e)
             raise
 
     def _meet(self, place: Place) -> None:
@@ -370,8 +296,11 @@ class Client:
         """Query a key expression; every answer that comes, error replies as exceptions in the list.
 
         ``channel``: whose class of service it has. Of bulk nothing is held back for the end, which may be lost like
-        any part of it; an answer that is ``enough`` ends the waiting. With credentials, what needs a proof of origin is
-        signed, and signed anew once where the vehicle asks for that.
+        any part of it; an answer that is ``enough`` ends the waiting. What somebody is to answer for
+        (:attr:`~zmav.keys.Channel.answerers`) is asked of all who claim to, and the first answer of who is meant ends
+        the waiting, too: a program that swallows the question changes nothing. With credentials, what needs a proof of
+        origin is signed, and signed a second time where the vehicle asks for that; answers that are not signed by who
+        may answer are left out.
         """
         answers = await self._ask(key, payload, timeout, channel, enough)
         refused = answers[0] if answers and isinstance(answers[0], Forbidden) else None
@@ -384,29 +313,56 @@ class Client:
     ) -> list[Answer | ZmavError]:
         loop, done = asyncio.get_running_loop(), asyncio.Event()
         answers: list[Answer | ZmavError] = []
+        answered = bool(keys.answerers(key))
+        question = None if self.member is None else self.member.question(key, payload)
 
         def on_reply(reply: zenoh.Reply) -> None:
+            answer: Answer | ZmavError
             if reply.ok is not None:
-                answer = Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
-                answers.append(answer)
-                if enough(answer):
-                    done.set()
+                answer, proof = Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes()), attached(reply.ok)
+                said = answer.payload
             elif reply.err is not None and (said := reply.err.payload.to_bytes()) != OVER:
-                answers.append(wire.error_from(said))
+                answer = wire.error_from(said)
+                proof = proof_of_error(reply.err, answer)
+            else:
+                return
+            if self._believes(key, said, proof, question):
+                answers.append(answer)
+                if _is_meant(answer) if answered else isinstance(answer, Answer) and enough(answer):
+                    done.set()
 
         # Straight on Zenoh's thread: all it does is hand over, and a thread for each query would cost more.
         handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)
         try:
             self.session.get(
                 key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
-                attachment=self._proof(key, payload),
-                consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
+                attachment=question, target=zenoh.QueryTarget.ALL if answered else None,
+                consolidation=zenoh.ConsolidationMode.NONE if answered or channel.qos is keys.Qos.BULK else None,
             )  # fmt: skip
         except zenoh.ZError as e:
             raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):
             await within(timeout + 1.0, done.wait())
         return answers
+
+    def _believes(self, key: str, said: bytes, proof: bytes | None, question: bytes | None) -> bool:
+        """An answer comes from who may answer, as far as we can tell; what does not is said once."""
+        if self.member is None:
+            return True
+        try:
+            self.member.believe(key, said, proof, question)
+        except Forbidden as e:
+            self._disbelieve((key.split("/")[1], key.split("/")[2]), f"the answer on {key}", e)
+            return False
+        return True
+
+    def _disbelieve(self, place: Place, what: str, error: Forbidden) -> None:
+        reason = str(error.detail["reason"])
+        if reason == "unknown" and keys.NAME.match(place[1]):
+            self._meet(place)
+        elif (place, reason) not in self._said and len(self._said) < SAID:
+            self._said.add((place, reason))
+            logger.warning("not believed, said once: %s: %s", what, error)
 
     def put(
         self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None,
@@ -433,6 +389,11 @@ class Client:
 def _place(sample: zenoh.Sample) -> Place:
     _, fleet, name, *_ = str(sample.key_expr).split("/")
     return fleet, name
+
+
+def _is_meant(answer: Answer | ZmavError) -> bool:
+    """Where two vehicles have one name, the one that was not meant says so."""
+    return isinstance(answer, Answer) or answer.detail.get("reason") != "other"
 
 
 def _is(place: Place, name: str, fleet: str) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import enum
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,8 +68,9 @@ class Channel:
     ``writers`` are the roles that may put or ask (of ``do``, :data:`zmav.verbs.VERBS` says it verb by verb, of
     ``fleet``, :data:`TOPICS` topic by topic: see :mod:`zmav.trust.rights`); ``rate_hz`` is nominal; older than
     ``stale_after`` seconds is stale. ``proven``: the vehicle takes it with a proof of origin only, where it has
-    credentials: see :mod:`zmav.trust.proof`. ``repeated``: what a link loses is sent again; else nothing waits for it,
-    which is better for what comes again soon (docs/qos.md).
+    credentials: see :mod:`zmav.trust.proof`. ``answerers`` are the roles whose answers a member believes, signed by who
+    answers; of other channels any answer is taken. ``repeated``: what a link loses is sent again; else nothing waits
+    for it, which is better for what comes again soon (docs/qos.md).
     """
 
     name: str
@@ -83,6 +85,7 @@ class Channel:
     stale_after: float | None = None
     recorded: bool = False
     proven: bool = False
+    answerers: tuple[str, ...] = ()
     repeated: bool = True
 
     def publishing(self) -> dict[str, Any]:
@@ -123,7 +126,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "do", "{fleet}/{vehicle}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
             "a command: JSON arguments in, JSON outcome or error out", (OPERATOR, PLANNER, AGENT, VIEWER),
-            recorded=True, proven=True,
+            recorded=True, proven=True, answerers=(VEHICLE,),
         ),
         Channel(
             "setpoint", "{fleet}/{vehicle}/setpoint/{agent}", "put", wire.Setpoint, Qos.REALTIME,
@@ -146,14 +149,15 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,
             "the whole parameter set, from the vehicle's cache; unchanged sets cost a line", (ANYONE,),
+            answerers=(VEHICLE,),
         ),
         Channel(
             "param", "{fleet}/{vehicle}/param/{param}", "query", wire.Param, Qos.MUST_ARRIVE,
-            "one parameter, from the vehicle's cache", (ANYONE,),
+            "one parameter, from the vehicle's cache", (ANYONE,), answerers=(VEHICLE,),
         ),
         Channel(
             "mission", "{fleet}/{vehicle}/mission/{kind}", "query", wire.Mission, Qos.MUST_ARRIVE,
-            "mission, fence or rally points, from the vehicle's cache", (ANYONE,),
+            "mission, fence or rally points, from the vehicle's cache", (ANYONE,), answerers=(VEHICLE,),
         ),
         Channel(
             "file", "{fleet}/{vehicle}/file/{file}", "query", wire.StoredFile, Qos.MUST_ARRIVE,
@@ -167,6 +171,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "upload", "{fleet}/{vehicle}/upload/{file}/{offset}", "query", wire.Uploaded, Qos.BULK,
             "a chunk of what do/file_put will write to the autopilot; each is acknowledged", (OPERATOR,), proven=True,
+            answerers=(VEHICLE,),
         ),
         Channel(
             "rates", "{fleet}/{vehicle}/rates", "query", wire.RateTable, Qos.MUST_ARRIVE,
@@ -197,7 +202,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "agent_do", "{fleet}/{vehicle}/agent/{agent}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
             "an order to an agent that runs for the vehicle, wherever it runs", (OPERATOR, PLANNER, AGENT),
-            recorded=True, proven=True,
+            recorded=True, proven=True, answerers=(AGENT, PLANNER, OPERATOR),
         ),
         Channel(
             "agent_param", "{fleet}/{vehicle}/agent/{agent}/param/{param}", "pub", wire.TunableInfo, Qos.LATEST_WINS,
@@ -264,7 +269,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "swarm", "{fleet}/{vehicle}/swarm/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
             "an order for several vehicles at once, to the planner in charge (the vehicle here is its host)",
-            (OPERATOR, PLANNER), recorded=True, proven=True,
+            (OPERATOR, PLANNER), recorded=True, proven=True, answerers=(AGENT, PLANNER, OPERATOR),
         ),
         Channel(
             "obstacle", "{fleet}/@obstacle/{name}", "pub", wire.swarm.Obstacle, Qos.LATEST_WINS,
@@ -316,6 +321,16 @@ TOPICS: dict[str, tuple[str, ...]] = {
 """who may put which of the fleet's topics; others are as the channel says"""
 
 
+def proven(channel: Channel, parts: Mapping[str, str]) -> bool:
+    """What is put or asked there needs a proof of origin, where the fleet has credentials. Rosters bring their own."""
+    return channel.proven or told_to_all(channel, parts)
+
+
+def told_to_all(channel: Channel, parts: Mapping[str, str]) -> bool:
+    """It says to every planner where vehicles fly and what is in their way: each listener judges who said it."""
+    return channel is OBSTACLE or (channel is FLEET and parts["topic"] != ROSTER)
+
+
 def check_name(name: str, field: str = "name") -> str:
     """``name`` itself where it may stand in a key; raises :class:`BadKey` otherwise."""
     if not NAME.match(name):
@@ -353,6 +368,14 @@ def match(key: str) -> tuple[Channel, dict[str, str]]:
         if found:
             return channel, found.groupdict()
     raise BadKey(f"{key!r} is not a zmav key", field="key", value=key, expected=f"{ROOT}/<fleet>/<vehicle>/...")
+
+
+def answerers(key: str) -> tuple[str, ...]:
+    """Whose answers are believed on a key; empty where anybody's are, and for key expressions with a wildcard."""
+    try:
+        return () if "*" in key else match(key)[0].answerers
+    except BadKey:
+        return ()
 
 
 def _pattern(template: str) -> re.Pattern[str]:

@@ -42,6 +42,7 @@ from zmav.services.param import Params
 from zmav.services.payload import Payload
 from zmav.services.port import on_loop
 from zmav.services.presence import Presence
+from zmav.services.proven import Answers
 from zmav.services.quality import Quality
 from zmav.services.rate import Rates
 from zmav.services.separation import Separation
@@ -51,7 +52,7 @@ from zmav.services.timesync import TimeSync
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
-from zmav.trust.gate import Gate, Origin
+from zmav.trust.gate import Gate, Origin, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
 from zmav.verbs import VERBS, Verb
@@ -110,6 +111,7 @@ class Onboard:
         if settings.sysid is not None:
             port.speak_as(settings.sysid)  # until it is heard, too
         signer = Signer(own) if own else None
+        prove, answers = self.gate.check if self.gate else anybody, Answers(signer)
         self.events = Events(session, fleet, name, signer)
         self.identity = Identity(port, self.events, settings.sysid)
         self.presence = Presence(session, fleet, name, instance, self.identity, self.events, self.gate)
@@ -123,7 +125,7 @@ class Onboard:
         bounds = Bounds(port, self.identity, settings.origin, settings.geofence, settings.limits)
         self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
         self.payload = Payload(port, self.commander, bounds)
-        self.missions = Missions(session, port, self.identity, self.commander, self.events)
+        self.missions = Missions(session, port, self.identity, self.commander, self.events, answers)
         self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
         rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
@@ -138,19 +140,19 @@ class Onboard:
             lambda: self.body.body, settings.separation,
         )  # fmt: skip
         self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
-        self.params = Params(session, port, self.identity, self.events)
+        self.params = Params(session, port, self.identity, self.events, answers)
         self.flight.param = self.params.value
         count = self.setpoints.counts
         self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
         self.setpoints.accept = self.needs.check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
-        self.files = Files(session, port, ftp, Store(cache / fleet / name))
+        self.files = Files(session, port, ftp, Store(cache / fleet / name), prove, answers)
         self.event_texts = EventTexts(self.identity, self.commander, self.events, self.files)
         self.state.checks = self.event_texts.against_arming
         self.host = HostService(session, fleet, name, (cache,))
         self.logs = Logs(port, self.identity, ftp, self.files)
-        self.orders = Orders(session, fleet, name)
+        self.orders = Orders(session, fleet, name, prove, answers)
         if self.gate is not None:
             self._stand_at(self.gate)
         self.on_alive: Callable[[], object] = lambda: None
@@ -161,7 +163,7 @@ class Onboard:
 
     def _stand_at(self, gate: Gate) -> None:
         """From now on nothing is taken but with a proof of origin; each kind of refusal is said once a second."""
-        self.adapter.prove = self.files.prove = self.orders.prove = gate.check
+        self.adapter.prove = gate.check
         self.setpoints.proven = True
 
         def say(error: Forbidden) -> None:

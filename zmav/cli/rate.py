@@ -12,10 +12,10 @@ from rich.table import Table
 import zmav
 from zmav import wire
 from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
-from zmav.client import Subscription
 from zmav.errors import BadInput
 from zmav.mavlink import MavMessage
 from zmav.session import SessionSettings
+from zmav.subscription import Subscription
 
 WAIT_S = 3.0
 

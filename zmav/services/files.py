@@ -17,16 +17,16 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Forbidden, Refused, ZmavError
+from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink.ftp import Nak, crc32
 from zmav.services.ftp import Ftp, generated
 from zmav.services.ftp_read import Memory, Sink
 from zmav.services.gaps import UNKNOWN
 from zmav.services.orders import Handler, Report
 from zmav.services.port import Port, on_loop
-from zmav.services.proven import attached, refuse
+from zmav.services.proven import Answers, attached
 from zmav.services.store import Meta, Part, Store
-from zmav.trust.gate import Prove, anybody
+from zmav.trust.gate import Prove
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 T = TypeVar("T")
@@ -45,14 +45,18 @@ class Upload(Memory):
 
 
 class Files:
-    """Orders ``file_*`` and the keys ``file/**`` and ``upload/**``. Lives on the event loop."""
+    """Orders ``file_*`` and the keys ``file/**`` and ``upload/**``. Lives on the event loop.
 
-    def __init__(self, session: zenoh.Session, port: Port, ftp: Ftp, store: Store) -> None:
+    ``prove`` raises :class:`~zmav.errors.Forbidden` for a chunk that does not come from who may upload.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, port: Port, ftp: Ftp, store: Store, prove: Prove, answers: Answers
+    ) -> None:
         self._session, self._port = session, port
         self.ftp, self.store = ftp, store
         self.uploads: dict[str, Upload] = {}
-        self.prove: Prove = anybody
-        """raises Forbidden for a chunk that does not come from who may upload"""
+        self._prove, self._answering = prove, answers
         self._under_way: asyncio.Task[Any] | None = None
         self._queryables: list[Any] = []
 
@@ -254,15 +258,13 @@ class Files:
             *_, name, offset = key.split("/")
             data = query.payload.to_bytes() if query.payload else b""
             try:
-                self.prove(key, data, attached(query))
+                self._prove(key, data, attached(query))
                 upload = self._take(name, _offset(offset), data)
-            except Forbidden as e:
-                refuse(query, e)
             except ZmavError as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                self._answering.refuse(query, e)
             else:
                 there = UNKNOWN - upload.gaps.total
-                query.reply(key, wire.encode(wire.Uploaded(file=name, bytes=there)), encoding=keys.JSON)
+                self._answering.give(query, key, wire.encode(wire.Uploaded(file=name, bytes=there)), introduce=False)
 
     def _take(self, name: str, offset: int, data: bytes) -> Upload:
         if not UPLOAD_NAME.match(name):

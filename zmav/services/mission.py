@@ -27,6 +27,7 @@ from zmav.services.mission_replace import Failed, Phase, Replacer
 from zmav.services.mission_transfer import Download, Pace, Step, Transfer, opaque_ids
 from zmav.services.orders import Report
 from zmav.services.port import Port, on_loop
+from zmav.services.proven import Answers
 from zmav.waiting import within
 from zmav.wire import MissionKind
 
@@ -70,9 +71,9 @@ class Missions:
 
     def __init__(
         self, session: zenoh.Session, port: Port, identity: Identity, commander: Commander, events: Events,
-        pace: Pace | None = None,
+        answers: Answers, pace: Pace | None = None,
     ) -> None:  # fmt: skip
-        self._session, self._port, self._identity = session, port, identity
+        self._session, self._port, self._identity, self._answering = session, port, identity, answers
         self._do, self._events, self.pace = commander, events, pace or Pace()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
@@ -356,7 +357,7 @@ class Missions:
                 given = asked.rpartition("/")[2]
                 why = f"no kind of mission {given!r}; there are {', '.join(known)}"
                 error = BadInput(why, field="kind", value=given, expected=", ".join(known))
-                query.reply_err(wire.error_body(error), encoding=keys.JSON)
+                self._answering.refuse(query, error)
 
     async def _answer(self, query: zenoh.Query, kind: MissionKind) -> None:
         progress: dict[str, Any] = {}
@@ -365,13 +366,13 @@ class Missions:
                 held = self._cached(kind)
                 if held is None or not held.sure:
                     held = await within(QUERY_WAIT, self._read(kind, progress.update))
-                query.reply(self._key(kind), wire.encode(self._mission(kind, held)), encoding=keys.JSON)
+                self._answering.give(query, self._key(kind), wire.encode(self._mission(kind, held)))
             except asyncio.TimeoutError:
                 far = f"{progress.get('done', 0)} of {progress.get('of', '?')} items"
                 error = Stale(f"the {WORDS[kind]} are being read: {far}; ask again", reading=True, **progress)
-                query.reply_err(wire.error_body(error), encoding=keys.JSON)
+                self._answering.refuse(query, error)
             except ZmavError as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                self._answering.refuse(query, e)
 
     def _key(self, kind: MissionKind) -> str:
         return keys.MISSION.key(self._port.fleet, self._port.name, kind=kind)

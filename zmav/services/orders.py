@@ -20,8 +20,8 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.port import on_loop
-from zmav.services.proven import attached, refuse
-from zmav.trust.gate import Origin, Prove, anybody
+from zmav.services.proven import Answers, attached
+from zmav.trust.gate import Origin, Prove
 from zmav.verbs import VERBS, Verb
 
 MEMORY = 60.0
@@ -57,20 +57,20 @@ class Operation:
 class Orders:
     """The table of verbs and the orders under way. Lives on the event loop.
 
+    ``prove`` says who an order is from, and raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at.
     ``channel`` and ``verbs``: which orders these are; those of a vehicle unless said otherwise. An order of more than
     ``most`` bytes is not read. ``parts``: what else stands in the channel's keys.
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, channel: keys.Channel = keys.DO,
-        verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
+        self, session: zenoh.Session, fleet: str, name: str, prove: Prove, answers: Answers,
+        channel: keys.Channel = keys.DO, verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
         parts: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
         self._channel, self._known, self._most = channel, verbs, most
         self._parts = dict(parts)
-        self.prove: Prove = anybody
-        """who an order is from; raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at"""
+        self._prove, self._answering = prove, answers
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
         self._operations: dict[str, Operation] = {}
         self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
@@ -110,9 +110,10 @@ class Orders:
             return
         payload = query.payload.to_bytes() if query.payload else b""
         try:
-            origin = self.prove(asked, payload, attached(query))
+            origin = self._prove(asked, payload, attached(query))
         except Forbidden as e:
-            refuse(query, e)
+            with query:
+                self._answering.refuse(query, e)
             return
         answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2], payload, origin))
         self._answers.add(answer)
@@ -124,9 +125,9 @@ class Orders:
             try:
                 outcome = await self._outcome(verb, payload, origin)
             except ZmavError as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                self._answering.refuse(query, e)
             else:
-                query.reply(key, wire.encode(outcome), encoding=keys.JSON)
+                self._answering.give(query, key, wire.encode(outcome))
 
     async def _outcome(self, verb: str, payload: bytes, origin: Origin | None) -> wire.Outcome:
         if verb not in self._verbs:

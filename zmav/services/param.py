@@ -30,6 +30,7 @@ from zmav.services.paramquery import ParamQueries, unknown
 from zmav.services.paramset import Entry, ParamSet, is_name
 from zmav.services.paramtalk import ParamTalk
 from zmav.services.port import Port, on_loop
+from zmav.services.proven import Answers
 from zmav.services.uptime import Uptime
 
 BEGIN_AFTER = 1.0
@@ -45,11 +46,13 @@ PROGRESS_EVERY = 0.2
 class Params:
     """The parameters of the vehicle's autopilot. Lives on the event loop; ``tick`` is called a few times a second."""
 
-    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, events: Events) -> None:
+    def __init__(
+        self, session: zenoh.Session, port: Port, identity: Identity, events: Events, answers: Answers
+    ) -> None:
         self._port, self._identity, self._events = port, identity, events
         self.known = ParamSet()
         self.talk = ParamTalk(port, identity, events, self.known)
-        self._queries = ParamQueries(session, self)
+        self._queries = ParamQueries(session, self, answers)
         self._loader = ParamLoader(self.talk)
         self._uptime = Uptime(port)
         self._who: tuple[Any, ...] | None = None

@@ -12,6 +12,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, ZmavError
 from zmav.services.port import on_loop
+from zmav.services.proven import Answers
 
 if TYPE_CHECKING:
     from zmav.services.param import Params
@@ -28,8 +29,8 @@ def unknown(name: str, names: Iterable[str]) -> BadInput:
 class ParamQueries:
     """Lives on the event loop."""
 
-    def __init__(self, session: zenoh.Session, params: Params) -> None:
-        self._session, self._params = session, params
+    def __init__(self, session: zenoh.Session, params: Params, answers: Answers) -> None:
+        self._session, self._params, self._answering = session, params, answers
         self._queryables: list[Any] = []
         self._answers: set[asyncio.Task[None]] = set()
         self._encoded: tuple[tuple[object, ...], wire.ParamTable, bytes] | None = None
@@ -60,9 +61,9 @@ class ParamQueries:
             try:
                 asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.ParamQuery, "param")
             except BadInput as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                self._answering.refuse(query, e)
                 return
-            query.reply(self._table_key(), self._table(asked.hash), encoding=keys.JSON)
+            self._answering.give(query, self._table_key(), self._table(asked.hash))
 
     def _table(self, has: str) -> bytes:
         """The set, or a line where the asker has it already."""
@@ -108,6 +109,6 @@ class ParamQueries:
                     raise unknown(name, self._params.known.entries)
                 param = param or await self._params.find(name)
             except ZmavError as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+                self._answering.refuse(query, e)
             else:
-                query.reply(self._key(name), wire.encode(param), encoding=keys.JSON)
+                self._answering.give(query, self._key(name), wire.encode(param))

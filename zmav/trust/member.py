@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -12,19 +13,24 @@ from zmav.errors import BadInput, BadKey, Forbidden
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import EPOCH
-from zmav.trust.proof import ANSWERS, NOTHING, WINDOW, Signer
-from zmav.trust.rights import may
+from zmav.trust.proof import ANSWERS, NONCE, NOTHING, WINDOW, Signer, challenge
+from zmav.trust.rights import acts_as, may
 from zmav.trust.roster import read_signed
 from zmav.trust.verify import Allowance, Verifier
 
 INTRODUCE_EVERY = 5.0
 """s between two puts to a vehicle that carry our certificate; orders always do"""
+INTRODUCE_TO_ALL = 1.0
+"""s between two puts to the whole fleet that carry it: who begins to listen must believe a planner well before its
+silence would count
+"""
 GRACE = 86_400.0
 """s that what a vehicle says is believed after its certificate's end: who flies it is not to lose sight of it"""
 ROSTERS = 20.0
 """rosters that are looked at in a second: anybody may bring one, and the true one comes again"""
 SIGNED = (keys.STATE, keys.EVENT)
 """what vehicles sign of what they publish"""
+_FLEET = "@fleet"
 _ENDS = tuple("/" + channel.template.rpartition("/")[2] for channel in SIGNED)
 """most of what comes is neither, and is not to be matched with every channel there is"""
 
@@ -37,7 +43,7 @@ class Member:
 
     def __init__(self, credentials: Credentials, monotonic: Callable[[], float] = time.monotonic) -> None:
         self.credentials, self._monotonic = credentials, monotonic
-        self.verifier, self._signer = Verifier.of(credentials, GRACE), Signer(credentials)
+        self.verifier, self.signer = Verifier.of(credentials, GRACE), Signer(credentials)
         self._gates: dict[Place, bytes] = {}
         self._others: dict[tuple[Place, str], bytes] = {}
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
@@ -55,17 +61,24 @@ class Member:
             channel, parts = keys.match(key)
         except BadKey:
             return None
-        if not channel.proven:
+        if not keys.proven(channel, parts):
             return None
-        place = (parts["fleet"], parts["vehicle"])
+        place = (parts["fleet"], parts.get("vehicle", _FLEET))
         introduce = self._introduces(place) or channel is keys.DO
         gate = self._others.get((place, channel.name)) or self._gates.get(place, NOTHING)
-        return self._signer.sign(key, payload, introduce=introduce, answers=gate)
+        return self.signer.sign(key, payload, introduce=introduce, answers=gate)
+
+    def question(self, key: str, payload: bytes) -> bytes | None:
+        """The attachment for a question or an order: a proof where the channel needs one, else a challenge where its
+        answers are signed.
+        """
+        proof = self.proof(key, payload)
+        return os.urandom(NONCE) if proof is None and keys.answerers(key) else proof
 
     def _introduces(self, place: Place) -> bool:
-        now = self._monotonic()
+        now, every = self._monotonic(), INTRODUCE_TO_ALL if place[1] == _FLEET else INTRODUCE_EVERY
         with self._lock:
-            if now - self._introduced.get(place, -INTRODUCE_EVERY) < INTRODUCE_EVERY:
+            if now - self._introduced.get(place, -every) < every:
                 return False
             self._introduced[place] = now
             return True
@@ -101,23 +114,32 @@ class Member:
     # In.
 
     def judge(self, key: str, payload: bytes, attachment: bytes | None, newest: dict[Place, float]) -> None:
-        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign; other keys are not judged.
+        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign, and for a fleet's topic or an
+        obstacle that nobody signed who may put it; other keys are not judged.
 
-        ``newest``: one reader's own, of when the newest states that it believed were signed (UTC seconds). A state that
-        is no newer was heard before, or overtaken.
+        ``newest``: one reader's own, of when the newest that it believed were signed (UTC seconds). What is no newer
+        was heard before, or overtaken.
         """
-        if not key.endswith(_ENDS):
+        if not key.endswith(_ENDS) and "/@" not in key:
             return
         try:
             channel, parts = keys.match(key)
         except BadKey:
             return
-        if channel not in SIGNED:
+        topic = keys.told_to_all(channel, parts)
+        if channel not in SIGNED and not topic:
             return
-        place = (parts["fleet"], parts["vehicle"])
         try:
-            t = self._signed_at(channel, place, key, payload, attachment)
-            if channel is keys.STATE:
+            # Events are cached and recovered, so an old one is no forgery.
+            fresh = channel is not keys.EVENT
+            found, certificate = self.verifier.verify(key, payload, attachment, fresh=fresh)
+            if topic:
+                may(certificate.role, certificate.name, channel, parts)
+            elif (certificate.name, certificate.role) != (parts["vehicle"], Role.VEHICLE):
+                text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {parts['vehicle']}"
+                raise Forbidden(text, reason="name", origin=certificate.name)
+            if fresh:
+                place, t = (key, certificate.name) if topic else (parts["fleet"], parts["vehicle"]), found.t
                 # Both were fresh when they came: one that is farther ahead than that shows that the clocks were set.
                 if t <= newest.get(place, 0.0) <= t + 2 * WINDOW:
                     raise Forbidden("it was signed before the last one that came", reason="replayed")
@@ -126,15 +148,25 @@ class Member:
             self.counts[str(e.detail["reason"])] += 1
             raise
 
-    def _signed_at(
-        self, channel: keys.Channel, place: Place, key: str, payload: bytes, attachment: bytes | None
-    ) -> float:
-        # Events are cached and recovered, so an old one is no forgery.
-        found, certificate = self.verifier.verify(key, payload, attachment, fresh=channel is keys.STATE)
-        if (certificate.name, certificate.role) != (place[1], Role.VEHICLE):
-            text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {place[1]}"
-            raise Forbidden(text, reason="name", origin=certificate.name)
-        return found.t
+    def believe(self, key: str, payload: bytes, proof: bytes | None, question: bytes | None) -> None:
+        """Raise :class:`Forbidden` for an answer that does not come from who may answer there; where answers are not
+        signed, any is believed. ``question``: the attachment of what was asked.
+
+        The clocks do not matter: the asker's challenge says that it is new.
+        """
+        allowed = keys.answerers(key)
+        if not allowed:
+            return
+        vehicle = keys.match(key)[1]["vehicle"]
+        try:
+            named = challenge(question) or NOTHING
+            _, certificate = self.verifier.verify(key, payload, proof, answers=named, fresh=False)
+            if not acts_as(certificate.role, certificate.name, vehicle) & set(allowed):
+                text = f"{certificate.name} ({certificate.role.value}) answered in the place of {vehicle}"
+                raise Forbidden(text, reason="name", origin=certificate.name)
+        except Forbidden as e:
+            self.counts[f"answer {e.detail['reason']}"] += 1
+            raise
 
     def take_roster(self, data: bytes) -> None:
         """A roster that came over the network: what is none, or older than ours, changes nothing. On one thread."""

@@ -10,8 +10,8 @@ an order comes from. The attachment, numbers big-endian:
         10      8  nonce, random: makes each proof good for one use
         18      8  fingerprint of the signer's certificate: the first bytes of SHA-256 over its DER form
         26      8  what it answers: of an order the vehicle's ``gate``, which is new with each start of its agent and
-                   when its clock is set back, so that nothing recorded before can be told it again; of a state that
-                   was asked for the asker's challenge; nought otherwise
+                   when its clock is set back, so that nothing recorded before can be told it again; of an answer the
+                   asker's challenge: the nonce of the order's proof, or the 8 bytes that came with a question; else 0
         34     64  Ed25519 signature
         98      -  the certificate in DER form, where the flag says so
 
@@ -42,6 +42,8 @@ MOST = 2048
 WINDOW = 30.0
 """s by which a proof's time may differ from the clock of who checks it"""
 _HEAD = struct.Struct(f">BBQ{NONCE}s{FINGERPRINT}s{ANSWERS}s")
+UNINTRODUCED = _HEAD.size + SIGNATURE
+"""bytes of an attachment before the certificate"""
 
 
 class Proof(NamedTuple):
@@ -81,6 +83,15 @@ def read(attachment: bytes) -> Proof:
     signature = attachment[_HEAD.size : _HEAD.size + SIGNATURE]
     certificate, head = attachment[_HEAD.size + SIGNATURE :], attachment[: _HEAD.size]
     return Proof(micros / 1e6, nonce, fingerprint, answers, signature, certificate, head)
+
+
+def challenge(attachment: bytes | None) -> bytes | None:
+    """What an answer to a question with this attachment is to name; None: the asker looks for no signature."""
+    if attachment is None:
+        return None
+    if len(attachment) == NONCE:
+        return attachment
+    return _HEAD.unpack_from(attachment)[3] if len(attachment) >= _HEAD.size else None
 
 
 def malformed(text: str) -> Forbidden:

@@ -22,7 +22,8 @@ from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
 
 if TYPE_CHECKING:
-    from zmav.client import Answer, Client, Subscription
+    from zmav.client import Answer, Client
+    from zmav.subscription import Subscription
 
 ASK_AGAIN = 2.0
 """s without an answer after which a vehicle is asked once more; the order itself may last much longer"""
@@ -300,7 +301,7 @@ class Vehicle:
                 asked.add(asyncio.ensure_future(self._client.ask(key, payload, GIVE_UP)))
                 done, asked = await asyncio.wait(asked, timeout=ASK_AGAIN, return_when=asyncio.FIRST_COMPLETED)
                 answers = [answer for task in done for answer in task.result()]
-                for answer in sorted(answers, key=_not_meant):  # where two have one name, one may not be meant
+                for answer in reversed(answers):  # where two have one name, one may not be meant: the last is
                     if isinstance(answer, ZmavError):
                         raise answer
                     return answer.payload
@@ -318,8 +319,5 @@ class Vehicle:
             await asyncio.gather(*asked, return_exceptions=True)
         if not self.present:
             raise Stale(f"{self.name} was last heard {self.age or 0.0:.1f} s ago", vehicle=self.name, age=self.age)
-        raise TimedOut(f"{self.name} does not answer on {key}", vehicle=self.name)
-
-
-def _not_meant(answer: Answer | ZmavError) -> bool:
-    return isinstance(answer, ZmavError) and answer.detail.get("reason") == "other"
+        doubts = f"; not believed: {', '.join(self.disbelieved)}" if self.disbelieved else ""
+        raise TimedOut(f"{self.name} does not answer on {key}{doubts}", vehicle=self.name)

@@ -51,8 +51,9 @@ def _clip(data: bytes) -> str:
     return data[:80].decode("utf-8", "replace")
 
 
-def error_body(error: ZmavError) -> bytes:
-    return encode(ErrorBody(code=error.code, message=error.message, detail=error.detail))
+def error_body(error: ZmavError, **more: Any) -> bytes:
+    """An error as it is replied; ``more`` stands beside its own detail."""
+    return encode(ErrorBody(code=error.code, message=error.message, detail=error.detail | more))
 
 
 def error_from(data: bytes) -> ZmavError:

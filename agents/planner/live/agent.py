@@ -236,12 +236,12 @@ class Agent:
             moved = isinstance(obstacle.what, swarm.Ball) and self.world.find(obstacle.name) is not None
             text = self.take_obstacle(obstacle)
         except BadInput as e:
-            self._say_seldom("refused", "warning", f"refused: {e}")
+            self.say_seldom("refused", "warning", f"refused: {e}")
         else:
             if text and not moved:
-                self._say_seldom("world", "info", text)
+                self.say_seldom("world", "info", text)
 
-    def _say_seldom(self, kind: str, severity: wire.Severity, text: str) -> None:
+    def say_seldom(self, kind: str, severity: wire.Severity, text: str) -> None:
         (last, unsaid), now = self._told.get(kind, (-SELDOM, 0)), time.monotonic()
         if now - last < SELDOM:
             self._told[kind] = (last, unsaid + 1)
@@ -291,9 +291,9 @@ class Agent:
             try:
                 self._round()
             except ZmavError as e:
-                self._say_seldom("fault", "error", str(e))
+                self.say_seldom("fault", "error", str(e))
             except Exception as e:  # or it would hold its token for ever, and do nothing
-                self._say_seldom("fault", "error", f"the planner's own fault: {e!r}")
+                self.say_seldom("fault", "error", f"the planner's own fault: {e!r}")
             with contextlib.suppress(asyncio.TimeoutError):
                 await within(TICK, self._news.wait())
             self._news.clear()

@@ -13,8 +13,10 @@ from agents.planner.live.preview import preview
 from zmav import keys, wire
 from zmav.errors import Refused, ZmavError
 from zmav.services.orders import Guarded, Orders, Report
+from zmav.services.proven import Answers
 from zmav.trust.credentials import Credentials
-from zmav.trust.gate import Gate, Origin
+from zmav.trust.gate import Gate, Origin, anybody
+from zmav.trust.proof import Signer
 from zmav.verbs import SWARM_VERBS, Access
 from zmav.wire import swarm
 
@@ -33,12 +35,12 @@ class Desk:
         self._agent = agent
         self._previews = 0
         settings = agent.settings
-        self.orders = Orders(
-            agent.z.session, settings.fleet, settings.name, keys.SWARM, SWARM_VERBS, most=MOST_BYTES
-        )  # fmt: skip
         self.gate = Gate(credentials) if credentials else None
+        self.orders = Orders(
+            agent.z.session, settings.fleet, settings.name, self.gate.check if self.gate else anybody,
+            Answers(Signer(credentials) if credentials else None), keys.SWARM, SWARM_VERBS, most=MOST_BYTES,
+        )  # fmt: skip
         if self.gate is not None:
-            self.orders.prove = self.gate.check
             self.gate.on_refused = lambda error: agent.say_from_thread("refused", "warning", f"refused: {error}")
         handlers: dict[str, Guarded] = {
             "submit": self._submit,

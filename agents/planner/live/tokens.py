@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from zmav import keys
-from zmav.errors import BadKey
+from zmav.errors import BadKey, Forbidden
 from zmav.services.port import on_loop
+from zmav.services.proven import attached
+from zmav.trust.member import Place
+from zmav.trust.verify import BUSY
 
 if TYPE_CHECKING:
     from agents.planner.live.agent import Agent
@@ -34,12 +37,22 @@ class Tokens:
 
     def start(self) -> None:
         agent, loop = self._agent, asyncio.get_running_loop()
-        fleet, session = agent.settings.fleet, agent.z.session
+        fleet, session, member = agent.settings.fleet, agent.z.session, agent.z.member
+        newest: dict[Place, float] = {}
 
         def put(take: Callable[[bytes], None]) -> Callable[..., None]:
             def on_sample(sample: zenoh.Sample) -> None:
-                if sample.kind == zenoh.SampleKind.PUT and not self._closed:
-                    take(sample.payload.to_bytes())
+                if sample.kind != zenoh.SampleKind.PUT or self._closed:
+                    return
+                data = sample.payload.to_bytes()
+                if member is not None:
+                    try:
+                        member.judge(str(sample.key_expr), data, attached(sample), newest)
+                    except Forbidden as e:
+                        if e.detail["reason"] not in ("unknown", BUSY):  # it introduces itself within a second
+                            agent.say_seldom("disbelieved", "warning", f"{sample.key_expr}: {e}")
+                        return
+                take(data)
 
             return on_loop(loop, on_sample)
 

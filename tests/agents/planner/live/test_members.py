@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from agents.planner.live.agent import Agent
 from agents.planner.live.settings import Settings
 from mesh.credentials.ca import Authority
 from tests.conftest import Net
+from zmav import keys, wire
 from zmav.errors import BadInput, Forbidden
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
@@ -53,3 +56,62 @@ async def test_operators_give_goals_and_viewers_look(net: Net, tmp_path: Path) -
         assert any("by ops" in event.text for event in agent.events)
     async with zmav.open(fleet="alpha", connect=[endpoint]) as stranger:
         assert stranger.member is None  # and nobody is in charge of anything any more
+
+
+async def test_nobody_takes_charge_without_a_proof(net: Net, tmp_path: Path) -> None:
+    """A forged book of a high term, a word that its planner is in charge, a map and an obstacle: by a program on the
+    host's loopback, by a viewer, by who replays a planner's own. The planner stays in charge of its own goals.
+    """
+    authority = Authority.create(tmp_path / "ca", "alpha")
+    roles = (("ground", Role.PLANNER), ("second", Role.PLANNER), ("eye", Role.VIEWER))
+    folders = {name: authority.issue(name, role, out=tmp_path / name) for name, role in roles}
+    _, endpoint = net.router()
+
+    def member(name: str) -> zmav.Client:
+        settings = SessionSettings(connect=[endpoint], credentials=str(folders[name]))
+        return zmav.open(fleet="alpha", settings=settings)
+
+    goal = swarm.GoalEntry(id="g99-1", goal=swarm.Hold(vehicles=["quad1"]), state="queued", t=1.0)
+    box = swarm.Box(low=(0.0, 0.0, 0.0), high=(1.0, 1.0, -1.0))
+    book = swarm.Book(t=1.0, planner="evil", instance="ff", term=99, goals=[goal])
+    forged = {
+        "goal": book,
+        "charge": swarm.Charge(t=1.0, planner="evil", instance="ff", term=99),
+        "obstacle": swarm.ObstacleMap(
+            t=1.0, planner="evil", instance="ff", obstacles=[swarm.Obstacle(name="wall", t=1.0, what=box)]
+        ),
+    }
+    own = Settings(name="ground", fleet="alpha", patience=1.0)
+    async with member("ground") as z, member("eye") as eye, Agent(z, own) as agent:
+        assert (z.member, eye.member) != (None, None)
+        await within(PATIENCE_S, find(z))
+        term, counts = agent.charge.term, z.member.counts  # type: ignore[union-attr]
+        loopback = net.ground(endpoint).session
+        key = {topic: keys.FLEET.key("alpha", topic=topic) for topic in forged}
+        for topic, what in forged.items():
+            loopback.put(key[topic], wire.encode(what))
+        wall = keys.OBSTACLE.key("alpha", name="wall")
+        loopback.put(wall, wire.encode(swarm.Obstacle(name="wall", t=1.0, what=box)))
+        await counted(counts, "unsigned", 4)
+        for topic, what in forged.items():
+            eye.put(keys.FLEET, key[topic], what)
+        await counted(counts, "role", 3)
+        async with z.subscribe(key["goal"]) as books:
+            recorded = await within(PATIENCE_S, books.get())
+        loopback.put(key["goal"], recorded.payload, attachment=recorded.attachment)
+        await counted(counts, "replayed", 1)
+        assert (agent.charge.term, agent.charge.highest, agent.ledger.goals) == (term, term, [])
+        assert agent.world.obstacles == []
+        async with member("second") as other:  # who may plan is heard, and stands above by its term
+            other.put(keys.FLEET, key["goal"], book)
+            while agent.charge.in_charge:
+                await within(PATIENCE_S, asyncio.sleep(0.01))
+            assert agent.charge.of == "evil"
+
+
+async def counted(counts: Mapping[str, int], reason: str, least: int) -> None:
+    async def wait() -> None:
+        while counts.get(reason, 0) < least:
+            await asyncio.sleep(0.01)
+
+    await within(PATIENCE_S, wait())

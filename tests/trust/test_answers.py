@@ -1,0 +1,140 @@
+"""Somebody else answers in a vehicle's place: the order arrives all the same, and only the vehicle's word counts."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+import zenoh
+
+from tests.trust.conftest import StartGuarded
+from zmav import keys, wire
+from zmav.errors import Forbidden, TimedOut, ZmavError
+from zmav.services.proven import proof_of_error
+from zmav.trust.proof import Signer, challenge
+from zmav.vehicle import vehicle as handle
+
+if TYPE_CHECKING:
+    from tests.trust.conftest import Guarded
+
+DONE = wire.encode(wire.Outcome(verb="land", status="done", took=0.1, result={"mode": "LIE"}))
+Answer = Callable[[zenoh.Query], None]
+
+
+@contextmanager
+def diverting(g: Guarded, key: str, answer: Answer) -> Iterator[threading.Event]:
+    """A program on the same host that declares itself complete for what the vehicle answers; set when it was asked."""
+    asked = threading.Event()
+
+    def on_query(query: zenoh.Query) -> None:
+        with query:
+            answer(query)
+        asked.set()
+
+    queryable = g.b.ground.session.declare_queryable(key, zenoh.handlers.Callback(on_query), complete=True)
+    try:
+        yield asked
+    finally:
+        queryable.undeclare()
+
+
+def lies(payload: bytes, sign: Callable[[zenoh.Query], bytes | None] = lambda query: None) -> Answer:
+    return lambda query: query.reply(str(query.key_expr), payload, encoding=keys.JSON, attachment=sign(query))
+
+
+async def test_an_order_arrives_and_the_vehicle_alone_says_how_it_ended(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    quad2, op = g.authority.member("quad2", "vehicle"), g.authority.member("op", "operator")
+    recorded: list[tuple[bytes, bytes]] = []
+    refusal = wire.error_body(Forbidden("sign it for me", reason="epoch", gate=bytes(8).hex()))
+
+    def by(signer: Signer, answers: Callable[[zenoh.Query], bytes]) -> Callable[[zenoh.Query], bytes | None]:
+        return lambda query: signer.sign(str(query.key_expr), DONE, introduce=True, answers=answers(query))
+
+    def asked(query: zenoh.Query) -> bytes:
+        found = challenge(query.attachment.to_bytes() if query.attachment else None)
+        assert found is not None
+        return found
+
+    def again(query: zenoh.Query) -> None:
+        """What the vehicle once signed, for another order."""
+        payload, proof = recorded[0]
+        query.reply(str(query.key_expr), payload, encoding=keys.JSON, attachment=proof)
+
+    async with g.client("alice", "operator") as z:
+        assert z.member is not None
+        vehicle, mode, expected = z.vehicle("quad1"), g.key(verb="set_mode"), 0
+        own = z.member.question(mode, b'{"mode": "GUIDED"}')
+        for reply in await asyncio.to_thread(
+            lambda: list(z.session.get(mode, payload=b'{"mode": "GUIDED"}', attachment=own, timeout=20.0))
+        ):
+            assert reply.ok is not None
+            assert reply.ok.attachment is not None
+            recorded.append((reply.ok.payload.to_bytes(), reply.ok.attachment.to_bytes()))
+        for reason, answer in (
+            ("unsigned", lies(DONE)),
+            ("malformed", lies(DONE, lambda query: b"rubbish")),
+            ("name", lies(DONE, by(Signer(quad2), asked))),
+            ("name", lies(DONE, by(Signer(op), asked))),
+            ("replayed", lies(DONE, by(Signer(quad2), lambda query: bytes(8)))),
+            ("replayed", again),
+            ("unsigned", lambda query: query.reply_err(refusal)),
+        ):
+            before = z.member.counts[f"answer {reason}"]
+            expected = 5 - expected  # LOITER and STABILIZE in turn
+            with diverting(g, keys.DO.key("demo", "quad1", verb="*"), answer) as seen:
+                await vehicle.set_mode("LOITER" if expected else "STABILIZE")
+                assert g.b.peer.mode == expected
+                await asyncio.to_thread(seen.wait)
+                while z.member.counts[f"answer {reason}"] == before:
+                    await asyncio.sleep(0.01)
+
+
+async def test_who_answers_alone_is_not_believed(guarded: StartGuarded, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The vehicle is cut off: the operator is told that nothing is known, and not 'done'."""
+    monkeypatch.setattr(handle, "GIVE_UP", 1.0)
+    monkeypatch.setattr(handle, "ASK_AGAIN", 0.5)
+    g: Guarded = await guarded()
+    async with g.client("alice", "operator") as z:
+        g.vehicle.orders._queryable.undeclare()
+        g.vehicle.orders._queryable = None
+        with diverting(g, keys.DO.key("demo", "quad1", verb="*"), lies(DONE)), pytest.raises(TimedOut) as e:
+            await z.vehicle("quad1").land()
+        assert "not believed: unsigned" in str(e.value)
+
+
+async def test_a_refusal_is_the_vehicles_own(guarded: StartGuarded) -> None:
+    """Also where the vehicle's proof goes another way, as Zenoh gives errors no attachment."""
+    g: Guarded = await guarded()
+    async with g.client("eye", "viewer") as z:
+        with pytest.raises(Forbidden) as e:
+            await z.vehicle("quad1").land()
+        assert e.value.detail["reason"] == "role"
+        (reply,) = await asyncio.to_thread(
+            lambda: list(z.session.get(g.key(verb="land"), payload=b"{}", attachment=bytes(8), timeout=20.0))
+        )
+        assert reply.err is not None
+        body = reply.err.payload.to_bytes()
+        proof = proof_of_error(reply.err, wire.error_from(body))
+        assert z.member is not None
+        z.member.believe(g.key(verb="land"), body, proof, bytes(8))
+        with pytest.raises(Forbidden):
+            z.member.believe(g.key(verb="land"), body + b" ", proof, bytes(8))
+
+
+async def test_parameters_and_missions_are_the_vehicles(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    lie = b'{"lie": true}'
+    async with g.client("alice", "operator") as z:
+        for channel, key in (
+            (keys.PARAMS, g.key(keys.PARAMS)),
+            (keys.MISSION, g.key(keys.MISSION, kind="fence")),
+        ):
+            with diverting(g, key, lies(lie)) as asked:
+                (answer,) = await z.ask(key, timeout=20.0, channel=channel)
+                await asyncio.to_thread(asked.wait)
+            assert isinstance(answer, ZmavError) or answer.payload != lie
