@@ -12,7 +12,7 @@ import zenoh
 
 from mesh.credentials.acl import access_control
 from mesh.credentials.exposure import check_opened
-from mesh.endpoint import between, bound, bracketed, place
+from mesh.endpoint import between, bound, bracketed, host_port, place
 from mesh.neighbours import Neighbour, Way, neighbours
 from mesh.profiles import PROFILES, Rules
 from mesh.radios import Interfaces, Standing, interfaces, stand
@@ -20,6 +20,7 @@ from mesh.shaping import downsampling, thinned
 from zmav import keys
 from zmav.config import FleetConfig, Host, Profile, StationConfig, VehicleConfig
 from zmav.errors import BadConfig
+from zmav.rundir import socket_to_listen
 from zmav.session import DEFAULT_ROUTER, SessionSettings, config, defaults, sources
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
@@ -164,6 +165,9 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
         (list(table.listen), [f"fleet file: {where}.listen"]) if table.listen else ([DEFAULT_ROUTER], ["zmav"])
     )
     called, guarded = _is_called(plan, rules), plan.credentials is not None
+    if guarded and (socket := _socket(listen)) is not None:
+        listen.append(socket)
+        why.append("for programs of this computer")
     for radio in called:
         listen.append(between(str(radio.radio.address), radio.radio.port or plan.file.mesh.port, guarded))
         why.append(f"{radio.name}{'' if radio.present else ' (waited for)'}")
@@ -188,6 +192,15 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
     if connect:
         found[CONNECT] = Setting(list(dict.fromkeys(connect)), ", ".join(why))
     return found
+
+
+def _socket(listen: list[str]) -> str | None:
+    """The unix socket beside the port of loopback that this host's programs know."""
+    for endpoint in listen:
+        address, port = host_port(endpoint)
+        if endpoint.startswith("tcp/") and address in ("127.0.0.1", "::1", "localhost") and int(port or 0):
+            return socket_to_listen(int(port))
+    return None
 
 
 def _is_called(plan: RouterPlan, rules: Rules) -> list[Standing]:

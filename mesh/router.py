@@ -28,6 +28,7 @@ from mesh.presence import say_name
 from mesh.quality import link_qualities
 from mesh.radiowatch import watch_radios
 from zmav.errors import SessionError
+from zmav.rundir import path_of
 from zmav.session import SessionSettings, open_session
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
@@ -84,8 +85,13 @@ class Router:
             _check_free(self.plan)
         async with contextlib.AsyncExitStack() as stack:
             await stack.enter_async_context(self.bearers)
+            sockets = [path for each in self.plan.listens if (path := path_of(each)) is not None]
+            for path in sockets:
+                path.parent.mkdir(mode=0o750, exist_ok=True)
             session = self._session = await asyncio.to_thread(open_session, self.bearers.session(self._settings))
             stack.push_async_callback(asyncio.to_thread, _close, session)
+            for path in sockets:
+                path.chmod(0o660)  # who may enter the folder may use it
             for part in self._parts:
                 entered = await stack.enter_async_context(part(session, self.plan))
                 self.running.append(entered)
@@ -121,6 +127,8 @@ def _check_free(plan: RouterPlan) -> None:
     Raises :class:`SessionError` for a port in use; an address that is not there is no fault here.
     """
     for endpoint in plan.value("listen/endpoints") or ():
+        if path_of(str(endpoint)) is not None:
+            continue
         address, port = host_port(str(endpoint))
         kind = socket.SOCK_STREAM if str(endpoint).startswith(("tcp/", "tls/")) else socket.SOCK_DGRAM
         with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, kind) as probe:

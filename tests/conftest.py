@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import signal
+import tempfile
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from hypothesis import HealthCheck, settings
 
 from mesh.lab.network import LabError, Network, check_able
 from mesh.lab.scenario import Scenario
-from zmav import keys, wire
+from zmav import keys, rundir, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 
@@ -35,6 +36,14 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """What is fetched from autopilots goes neither to the user's own cache nor to another worker's."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_sockets() -> Iterator[None]:
+    """Routers' unix sockets are seen by no other worker, nor by what else runs on this machine."""
+    with tempfile.TemporaryDirectory(prefix="zmav-run-") as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv(rundir.VARIABLE, folder)  # not under tmp_path: the path of a socket is short
         yield
 
 

@@ -19,9 +19,11 @@ import msgspec
 import zenoh
 
 from zmav.errors import BadConfig, SessionError
+from zmav.rundir import sockets_to_call
 from zmav.trust.credentials import Credentials
 
-DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+DEFAULT_PORT = 7447
+DEFAULT_ROUTER = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 CONNECT = "ZMAV_CONNECT"
 """environment variable: the routers that clients look for where nothing else is said, between blanks"""
 PATIENCE = 1.0
@@ -59,7 +61,7 @@ def defaults(mode: str) -> dict[str, Any]:
     """What zmav sets, by Zenoh configuration path, where neither the settings nor a file say otherwise."""
     values: dict[str, Any] = {
         "mode": mode,
-        "connect/endpoints": os.environ.get(CONNECT, DEFAULT_ROUTER).split() if mode == "client" else [],
+        "connect/endpoints": _routers() if mode == "client" else [],
         "listen/endpoints": [],
         "scouting/multicast/enabled": False,
         "transport/shared_memory/enabled": False,
@@ -79,6 +81,12 @@ def defaults(mode: str) -> dict[str, Any]:
         values["adminspace/enabled"] = True
         values["adminspace/permissions"] = {"read": True, "write": False}
     return values
+
+
+def _routers() -> list[str]:
+    """The host's own router, by its unix socket where there is one that we may use."""
+    named = os.environ.get(CONNECT, "").split()
+    return named or [*sockets_to_call(DEFAULT_PORT), DEFAULT_ROUTER]
 
 
 def config(settings: SessionSettings) -> zenoh.Config:
