@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mesh import presence
 from mesh.linkstate import ROUTER_ID
 from mesh.topology import Link, Node
 from zmav import keys, wire
@@ -33,7 +32,7 @@ class Findings:
             except BadInput:
                 self.bad += 1
                 continue
-            if channel is keys.ALIVE and parts["role"] in (keys.VEHICLE, presence.ROLE):
+            if channel is keys.ALIVE and parts["role"] in (keys.VEHICLE, keys.ROUTER):
                 place = parts["fleet"], parts["vehicle"]
                 self._tokens[place] = parts["role"]
                 if ROUTER_ID.match(parts["instance"]):

@@ -13,7 +13,6 @@ import zenoh
 from mesh.plan import RouterPlan
 from zmav import keys
 
-ROLE = "router"
 NOTHING = "-"
 
 
@@ -24,7 +23,7 @@ async def say_name(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[No
         yield
         return
     key = keys.ALIVE.key(
-        plan.fleet, plan.name, role=ROLE, sys=0, autopilot=NOTHING, uid=NOTHING, instance=session.info.zid()
+        plan.fleet, plan.name, role=keys.ROUTER, sys=0, autopilot=NOTHING, uid=NOTHING, instance=session.info.zid()
     )
     token = session.liveliness().declare_token(key)
     try:

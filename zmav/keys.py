@@ -54,6 +54,8 @@ REPLAY = "replay"
 """the role in the tokens of recorded vehicles, and the last word in the name of the fleets they are played in"""
 AGENT = "agent"
 """a vehicle's own programs, which speak with its certificate, and about that vehicle only"""
+ROUTER = "router"
+"""the role in the token of a router without a vehicle"""
 ANYONE = "anyone"
 """every member of the fleet"""
 JSON = zenoh.Encoding.APPLICATION_JSON

@@ -24,7 +24,8 @@ from zmav.verbs import SWARM_VERBS, VERBS
 
 Rule = dict[str, Any]
 READING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
-SAYING = ("put", "liveliness_token", "declare_queryable", "reply")
+ANSWERING = ("declare_queryable", "reply")
+SAYING = ("put", "liveliness_token", *ANSWERING)
 BRING = ("put", "declare_subscriber", "query")
 GET = ("put", "declare_subscriber", "reply", "declare_queryable")
 """of rosters: who is not on ours brings one, hears of ours and asks for it, but answers nobody who asks"""
@@ -119,8 +120,8 @@ def _cases(channel: Channel) -> Iterator[dict[str, str]]:
         for topic in (*keys.TOPICS, "*"):
             yield {**parts, "topic": topic}
     elif channel is keys.ALIVE:
-        for role in Role:
-            yield {**parts, "role": role.value}
+        for role in (*(role.value for role in Role), keys.ROUTER):
+            yield {**parts, "role": role}
     else:
         yield parts
 
@@ -139,11 +140,13 @@ def _may(role: Role, name: str, channel: Channel, parts: dict[str, str]) -> bool
 
 
 def _leaf(fleet: str, role: Role, name: str) -> Iterator[Rule]:
-    """For a neighbour that brings only what is its own."""
-    yield _rule(f"say-{name}", ("ingress",), SAYING, (*_under(fleet, name), *_answers(fleet)))
-    for message, keys_ in _by_message(_both(granted(role, name, fleet), granted(role, name, fleet, name))):
-        more = (f"{ROOT}/{fleet}/**/@adv/**", *ADMIN_ASKED) if message == "query" else ()
-        yield _rule(f"{message}-{name}", ("ingress",), (message,), (*keys_, *more))
+    """For a neighbour that brings only what is its own: what its role may, under its own name, too."""
+    yield _rule(f"answer-{name}", ("ingress",), ANSWERING, (*_under(fleet, name), *_answers(fleet)))
+    own = granted(role, name, fleet, name)
+    detected = [f"{key}/@adv/**" for key in own["put"]]  # by which readers know that they missed something
+    more = {"query": [f"{ROOT}/{fleet}/**/@adv/**", *ADMIN_ASKED], "put": detected, "liveliness_token": detected}
+    for message, keys_ in _by_message(_both(granted(role, name, fleet), own)):
+        yield _rule(f"{message}-{name}", ("ingress",), (message,), (*keys_, *more[message]))
 
 
 def _relay(fleet: str, name: str, others: Iterable[str]) -> Iterator[Rule]:

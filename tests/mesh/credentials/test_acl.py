@@ -11,7 +11,7 @@ import zenoh
 
 import zmav
 from zmav import keys
-from zmav.config import FleetConfig, Host, VehicleConfig
+from zmav.config import FleetConfig, Host, StationConfig, VehicleConfig
 from zmav.errors import Forbidden
 from zmav.keys import CHANNELS
 from zmav.session import SessionSettings
@@ -25,6 +25,8 @@ MEMBERS = {"quad2": Role.VEHICLE, "ops": Role.OPERATOR, "plan": Role.PLANNER, "v
 """quad1 is the one whose door it is"""
 RELAYS = ("quad2", "ops")
 PATIENCE_S = 30.0
+ANYBODYS = "camera/x1/report"
+"""under whose own name ever, everybody may put here"""
 
 
 def every_key(vehicle: str) -> Iterator[tuple[str, str, tuple[str, ...]]]:
@@ -73,14 +75,15 @@ def reached(session: zenoh.Session, key: str) -> None:
 
 def meet(name: str, session: zenoh.Session, home: Home) -> None:
     """Wait until what the neighbour says under its own name is heard at home: both know each other's wishes."""
-    reached(session, f"zmav/alpha/{name}/link/hello")
-    session.put(f"zmav/alpha/{name}/link/hello", b"", congestion_control=zenoh.CongestionControl.BLOCK)
-    home.put.until(f"zmav/alpha/{name}/link/hello")
+    hello = f"zmav/alpha/{name}/{ANYBODYS}/hello"
+    reached(session, hello)
+    session.put(hello, b"", congestion_control=zenoh.CongestionControl.BLOCK)
+    home.put.until(hello)
 
 
 def put_all(name: str, session: zenoh.Session, home: Home, wanted: list[str]) -> set[str]:
     """Which of the keys get through; the last word is one that does."""
-    last = f"zmav/alpha/{name}/link/end"
+    last = f"zmav/alpha/{name}/{ANYBODYS}/end"
     for key in (*wanted, last):
         session.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
     return home.put.until(last)
@@ -129,6 +132,60 @@ def test_the_table_of_rights(fleet: Fleet, door: Door, home: Home, name: str, pr
         if "alive" not in key and "holder" not in key and "want" not in key and "slot" not in key
     ]
     assert ask_all(session, home, [key for key, _ in asked]) == {key for key, may in asked if may}
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_the_table_of_rights_under_ones_own_name(fleet: Fleet, name: str) -> None:
+    """A neighbour that brings only its own brings of that what its role may, and no frames of a vehicle that it is not."""
+    fleet.issue(quad1=Role.VEHICLE, **MEMBERS)
+    alone = Host(relay=False)
+    file = FleetConfig(
+        fleet="alpha", vehicles={"quad2": VehicleConfig(link="replay:x", mesh=alone)},
+        stations={"ops": StationConfig(mesh=alone)},
+    )  # fmt: skip
+    door = fleet.router("quad1", file=file)
+    home = fleet.home(door)
+    session = fleet.open(name, door.quic)
+    meet(name, session, home)
+    role = MEMBERS[name]
+    own = {keys.VEHICLE, keys.AGENT} if role is Role.VEHICLE else {role.value}
+    table = list(every_key(name))
+    for kinds, tried in ((("put", "pub"), put_all), (("token",), declare_all)):
+        rows = [(key, writers) for kind, key, writers in table if kind in kinds]
+        through = tried(name, session, home, [key for key, _ in rows])
+        assert through == {key for key, writers in rows if {*own, keys.ANYONE} & set(writers)}
+    says = {key.rpartition(f"/{name}/")[2] for kind, key, writers in table if kind == "pub" and "@" not in key
+            and put_all(name, session, home, [key])}  # fmt: skip
+    assert ("state" in says, "beacon" in says, "mav/rx/x1/x1/x1" in says) == (role is Role.VEHICLE,) * 3
+    assert says or role is Role.VIEWER, "a viewer says nothing but what it wants and what it gets of pictures"
+
+
+def test_a_vehicle_that_does_not_relay_has_its_events_recovered(fleet: Fleet) -> None:
+    """Its publisher is detected, and what was missed is asked of it, although its door is narrow."""
+    fleet.issue(quad1=Role.VEHICLE, quad2=Role.VEHICLE)
+    table = VehicleConfig(link="replay:x", mesh=Host(relay=False))
+    door = fleet.router("quad1", file=FleetConfig(fleet="alpha", vehicles={"quad2": table}))
+    home, came, heard = fleet.open(None, door.local), threading.Event(), []
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        heard.append(sample.payload.to_bytes())
+        if len(heard) == 3:
+            came.set()
+
+    subscriber = zenoh.ext.declare_advanced_subscriber(
+        home, "zmav/alpha/*/event", on_sample, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
+    )
+    publisher = zenoh.ext.declare_advanced_publisher(
+        fleet.open("quad2", door.quic), "zmav/alpha/quad2/event", cache=zenoh.ext.CacheConfig(max_samples=10),
+        publisher_detection=True,
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
+    )  # fmt: skip
+    for number in range(3):
+        publisher.put(str(number).encode())
+    assert came.wait(PATIENCE_S)
+    assert heard == [b"0", b"1", b"2"]
+    subscriber.undeclare()
+    publisher.undeclare()
 
 
 def test_a_few_by_hand(fleet: Fleet, door: Door, home: Home) -> None:
