@@ -18,7 +18,7 @@ from zmav.config import FleetConfig
 from zmav.errors import Forbidden
 from zmav.keys import CHANNELS, ROOT, Channel
 from zmav.trust.certificate import Role
-from zmav.trust.rights import may
+from zmav.trust.rights import may, writers
 from zmav.trust.roster import Roster
 from zmav.verbs import SWARM_VERBS, VERBS
 
@@ -33,11 +33,10 @@ EVERYTHING = ("put", "delete", "query", "reply", *READING, "declare_queryable", 
 STRANGER = "*"
 """stands for every vehicle but the member's own: no name has it, and in a key expression it holds them all"""
 NOT_RELAYING = (Role.PLANNER, Role.VIEWER)
-LOCAL: tuple[Rule, ...] = (
-    {"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]},
-    {"id": "local-socket", "link_protocols": ["unixsock-stream"]},
-)
-"""this host's own programs: nobody else reaches a plain TCP port of loopback"""
+SOCKET: Rule = {"id": "socket", "link_protocols": ["unixsock-stream"]}
+"""programs of this computer whom the owner and the group of the router's unix socket let in"""
+LOOPBACK: Rule = {"id": "loopback", "interfaces": ["lo"], "link_protocols": ["tcp"]}
+"""any program of this computer: nobody else reaches a plain TCP port of loopback"""
 CERTIFIED: Rule = {"id": "certified", "link_protocols": list(GUARDED)}
 """who shows any certificate of our authority: one that was issued since our roster, or that was revoked"""
 ADMIN = "@/**"
@@ -57,15 +56,18 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
     """
     others = sorted({member for role in Role for member in roster.names(role.value)} - {name})
     rules: list[Rule] = [
-        _rule("local", ("ingress", "egress"), EVERYTHING, (*_wide(), *_spaces(fleet), *ADMIN_ASKED)),
+        _rule("socket", ("ingress", "egress"), EVERYTHING, (*_wide(), *_spaces(fleet), *ADMIN_ASKED)),
         _rule("roster-in", ("ingress",), BRING, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("roster-out", ("egress",), GET, (keys.FLEET.key(fleet, topic=keys.ROSTER),)),
         _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),
         _rule("read", ("ingress", "egress"), READING, (*_wide(), ADMIN)),
     ]
-    subjects: list[Rule] = [*LOCAL, CERTIFIED]
+    loopback = list(_loopback(fleet, name, role_of(roster, name)))
+    rules += loopback
+    subjects: list[Rule] = [SOCKET, LOOPBACK, CERTIFIED]
     policies: list[Rule] = [
-        {"rules": ["local"], "subjects": [subject["id"] for subject in LOCAL]},
+        {"rules": ["socket"], "subjects": [SOCKET["id"]]},
+        {"rules": ["hear", "read", *_ids(loopback)], "subjects": [LOOPBACK["id"]]},
         {"rules": ["roster-in", "roster-out"], "subjects": [CERTIFIED["id"]]},
     ]
     relays = []
@@ -137,6 +139,44 @@ def _may(role: Role, name: str, channel: Channel, parts: dict[str, str]) -> bool
     except Forbidden:
         return False
     return True
+
+
+def role_of(roster: Roster, name: str) -> Role:
+    """A member's role; a viewer's where the roster, older than its certificate, has not heard of it yet."""
+    return next((role for role in Role if name in roster.names(role.value)), Role.VIEWER)
+
+
+def local(role: Role, name: str, fleet: str) -> dict[str, list[str]]:
+    """What any program of the host ``name`` may put (``put``) and declare (``token``), by plain TCP on loopback.
+
+    What is proven or sealed is judged where it arrives, so it may be for any vehicle. Of the rest a vehicle's computer
+    speaks of its own vehicle only, as an agent does and never as the vehicle itself; a ground host speaks of any
+    vehicle, as its role may.
+    """
+    acts = {keys.ANYONE, keys.AGENT if role is Role.VEHICLE else role.value}
+    found: dict[str, list[str]] = {"put": [], "token": []}
+    for channel in CHANNELS.values():
+        for parts in _cases(channel) if channel.kind != "query" else ():
+            anywhere = role is not Role.VEHICLE or channel in (keys.SETPOINT, keys.HOLDER, keys.WANT)
+            if channel is keys.ALIVE:
+                allowed = anywhere = parts["role"] != keys.VEHICLE
+            else:
+                allowed = keys.proven(channel, parts) or bool(acts & set(writers(channel, parts)))
+            parts["vehicle"] = STRANGER if anywhere or keys.proven(channel, parts) else name
+            if allowed:
+                found["token" if channel.kind == "token" else "put"].append(channel.key(fleet, **parts))
+    return found
+
+
+def _loopback(fleet: str, name: str, role: Role) -> Iterator[Rule]:
+    found, replay = local(role, name, fleet), f"{ROOT}/{keys.replay_of(fleet)}/**"
+    detected = [f"{key}/@adv/**" for key in found["put"]]
+    agents = () if role is Role.VEHICLE else (f"{ROOT}/{fleet}/*/agent/**", keys.CAMERA.key(fleet, "*", camera="*"))
+    answered = (*_under(fleet, name), *_answers(fleet), *agents, replay)
+    yield _rule("loopback-answer", ("ingress",), ANSWERING, answered)
+    yield _rule("loopback-ask", ("ingress", "egress"), ("query",), (*_wide(), *_spaces(fleet), *ADMIN_ASKED))
+    yield _rule("loopback-put", ("ingress",), ("put", "delete"), (*found["put"], *detected, replay))
+    yield _rule("loopback-token", ("ingress",), ("liveliness_token",), (*found["token"], *detected, replay))
 
 
 def _leaf(fleet: str, role: Role, name: str) -> Iterator[Rule]:

@@ -18,6 +18,7 @@ from mesh.credentials.acl import access_control
 from mesh.credentials.ca import Authority
 from zmav.config import FleetConfig
 from zmav.keys import CHANNELS
+from zmav.rundir import socket_to_listen
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
 
@@ -82,8 +83,8 @@ class Home:
 class Door:
     """A router with credentials and its rules, and where it listens."""
 
-    def __init__(self, session: zenoh.Session, local: str, tls: str, quic: str) -> None:
-        self.session, self.local, self.tls, self.quic = session, local, tls, quic
+    def __init__(self, session: zenoh.Session, unix: str, local: str, tls: str, quic: str) -> None:
+        self.session, self.unix, self.local, self.tls, self.quic = session, unix, local, tls, quic
 
 
 class Fleet:
@@ -106,13 +107,20 @@ class Fleet:
 
     def router(self, name: str, *connect: str, file: FleetConfig | None = None, **values: Any) -> Door:
         """Open one: its rules are those of the roster at present."""
-        local = f"tcp/127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+        port = free_port(socket.SOCK_STREAM)
+        local, unix = f"tcp/127.0.0.1:{port}", socket_to_listen(port)
+        assert unix is not None
         tls = f"tls/127.0.0.1:{free_port(socket.SOCK_STREAM)}"
         quic = f"quic/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?mixed_rel=1"
         session = self.open(
-            name, *connect, mode="router", listen=[local, tls, quic], access_control=self.rules(name, file), **values
+            name,
+            *connect,
+            mode="router",
+            listen=[local, unix, tls, quic],
+            access_control=self.rules(name, file),
+            **values,
         )
-        return Door(session, local, tls, quic)
+        return Door(session, unix, local, tls, quic)
 
     def open(self, name: str | None, *connect: str, mode: Any = None, listen: Any = (), **values: Any) -> zenoh.Session:
         """A session with that member's credentials, closed at the end of the test."""
@@ -124,7 +132,7 @@ class Fleet:
         return session
 
     def home(self, door: Door) -> Home:
-        return Home(self.open(None, door.local))
+        return Home(self.open(None, door.unix))
 
     def close(self) -> None:
         self._stack.close()

@@ -258,7 +258,7 @@ def test_who_relays_brings_others_words_and_who_does_not_brings_only_its_own(fle
     door = fleet.router("quad1", file=file)
     middle = fleet.router("quad2", door.quic, file=file)
     behind = fleet.router("quad3", middle.quic, file=file)
-    home, half, far = fleet.home(door), fleet.home(middle), fleet.open(None, behind.local)
+    home, half, far = fleet.home(door), fleet.home(middle), fleet.open(None, behind.unix)
     passed = relayed(far, half)
     assert passed == {"quad3/state", "quad4/state", "quad1/state", "quad1/setpoint/x"}, "but never quad2/state"
     through = put_all("quad2", half.session, home, []) - {"zmav/alpha/quad3/link/end"}

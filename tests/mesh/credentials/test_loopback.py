@@ -1,0 +1,105 @@
+"""What any program of a host may say by plain TCP on loopback, and what only those whom the unix socket lets in."""
+
+from __future__ import annotations
+
+import socket
+import stat
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+
+from mesh.credentials.acl import local
+from mesh.plan import plan_router
+from mesh.router import Router
+from tests.mesh.credentials.test_acl import MEMBERS, every_key, put_all, reached
+from zmav import keys
+from zmav.config import FleetConfig, StationConfig
+from zmav.process import free_port
+from zmav.rundir import path_of, socket_to_listen, sockets_to_call
+from zmav.session import SessionSettings, open_session
+from zmav.trust.certificate import Role
+
+if TYPE_CHECKING:
+    from tests.mesh.credentials.conftest import Fleet
+
+BLOCK = zenoh.CongestionControl.BLOCK
+
+
+@pytest.mark.parametrize("host", ["quad1", "ops"])
+def test_a_program_speaks_of_the_hosts_own_and_never_as_a_vehicle(fleet: Fleet, host: str) -> None:
+    fleet.issue(quad1=Role.VEHICLE, **MEMBERS)
+    door = fleet.router(host)
+    home, program = fleet.home(door), fleet.open(None, door.local)
+    vehicles = ("quad1", "quad2", "ops")
+    tried = {key for vehicle in vehicles for kind, key, _ in every_key(vehicle) if kind in ("pub", "put")}
+    end = f"zmav/alpha/{host}/agent/x1/status"
+    reached(program, end)
+    for key in sorted(tried - {end}):
+        program.put(key, b"", congestion_control=BLOCK)
+    program.put(end, b"", congestion_control=BLOCK)
+    came = home.put.until(end)
+    for vehicle in vehicles:
+        for word in ("state", "event", "beacon", "mav/rx/x1/x1/x1"):
+            assert f"zmav/alpha/{vehicle}/{word}" not in came
+    assert {f"zmav/alpha/{vehicle}/setpoint/x1" for vehicle in ("quad1", "quad2")} <= came  # sealed under a lease
+    assert {f"zmav/alpha/{vehicle}/mav/tx/x1/x1/x1" for vehicle in ("quad1", "quad2")} <= came  # proven
+    assert {"zmav/alpha/@fleet/goal", "zmav/alpha/@obstacle/x1"} <= came  # and so are these
+    assert ("zmav/alpha/quad2/camera/x1/detection" in came) == (host == "ops")
+    allowed = [zenoh.KeyExpr(key) for key in local(MEMBERS.get(host, Role.VEHICLE), host, "alpha")["put"]]
+    assert came | {end} == {key for key in tried if any(each.includes(zenoh.KeyExpr(key)) for each in allowed)}
+    by_socket = fleet.open(None, door.unix)
+    reached(by_socket, end)
+    assert put_all(host, by_socket, home, ["zmav/alpha/quad2/state"]) == {"zmav/alpha/quad2/state"}
+
+
+def test_a_program_reads_everything_and_answers_for_nobody_else(fleet: Fleet) -> None:
+    fleet.issue(quad1=Role.VEHICLE, **MEMBERS)
+    door = fleet.router("quad1")
+    home, program = fleet.home(door), fleet.open(None, door.local)
+    program.declare_queryable("zmav/alpha/quad2/**", lambda query: query.reply(query.key_expr, b"hijacked"))
+    program.declare_queryable("zmav/alpha/quad1/agent/x/do/*", lambda query: query.reply(query.key_expr, b"own"))
+    heard: list[str] = []
+    program.declare_subscriber("zmav/**", lambda sample: heard.append(str(sample.key_expr)))
+    token = keys.ALIVE.key("alpha", "quad2", role="vehicle", sys=1, autopilot="px4", uid=1, instance="x")
+    program.liveliness().declare_token(token)
+    reached(home.session, "zmav/alpha/quad2/state")
+    home.session.put("zmav/alpha/quad2/state", b"", congestion_control=BLOCK)
+    (reply,) = program.get("zmav/alpha/quad2/do/ping", timeout=20.0)
+    assert reply.ok is not None
+    assert reply.ok.payload.to_bytes() == b"home"
+    every: dict[str, Any] = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+    answers = {
+        reply.ok.payload.to_bytes()
+        for key in ("zmav/alpha/quad2/msg/X", "zmav/alpha/quad1/agent/x/do/y")
+        for reply in home.session.get(key, timeout=20.0, **every)
+        if reply.ok
+    }
+    assert answers == {b"home", b"own"}
+    assert heard == ["zmav/alpha/quad2/state"]
+    assert token not in home.tokens.keys
+
+
+async def test_the_sockets_owner_and_group_alone_use_it(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A router as 'zmav router' opens it: clients that name no endpoint find it there, before TCP."""
+    fleet.issue(ops=Role.OPERATOR)
+    port = free_port(socket.SOCK_STREAM)
+    file = FleetConfig(fleet="alpha", stations={"ops": StationConfig(listen=[f"tcp/127.0.0.1:{port}"])})
+    base = SessionSettings(credentials=str(fleet.members["ops"]))
+    plan = plan_router(file, "ops", base)
+    endpoint = socket_to_listen(port)
+    assert endpoint is not None
+    assert plan.listens == [f"tcp/127.0.0.1:{port}", endpoint]
+    path = path_of(endpoint)
+    assert path is not None
+    async with Router(plan, base, parts=()):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o660
+        assert sockets_to_call(port) == [endpoint]
+        monkeypatch.setattr("zmav.session.DEFAULT_PORT", port)
+        with open_session(SessionSettings()) as session:  # nothing is at the usual port of TCP
+            assert [str(zid) for zid in session.info.routers_zid()]
+    assert sockets_to_call(port) == []
+
+
+def test_without_credentials_there_is_none() -> None:
+    assert plan_router(None, "ops", SessionSettings()).listens == ["tcp/127.0.0.1:7447"]
