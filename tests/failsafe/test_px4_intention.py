@@ -228,7 +228,7 @@ async def test_rates_that_it_does_not_grant_are_not_asked_for(bench: StartBench,
 
 
 async def test_sticks_fly_in_posctl_and_their_end_is_held(bench: StartBench, intending: Intending) -> None:
-    """Once: HOLD that is ordered while a failsafe waits in it (a lost pilot's, an empty battery's) ends the failsafe."""
+    """Once: HOLD that is ordered while a failsafe waits in it (a lost pilot's, a battery's) ends the failsafe."""
     b = await bench(intending, settings={"failsafe": Failsafe(hold_after=0.5, land_after="never")})
     alice = await agent(b, mode=HOLD)
     while POSCTL not in intending.modes():
