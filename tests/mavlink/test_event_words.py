@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import math
 import struct
 from typing import Any
 
@@ -70,6 +71,16 @@ def test_messages(message: str, text: str) -> None:
 def test_what_is_unknown_in_an_enum_is_said() -> None:
     types = ["px4::gait_t", "feet_t"]
     assert told("{1}; {2}", types, struct.pack("<BH", 9, 9)) == "(unknown: 9); left and (unknown: 8)"
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("of", ["px4::gait_t", "feet_t"])
+def test_an_enum_of_floats_is_read_whatever_they_are(of: str, value: float) -> None:
+    enums = {name: {**enum, "type": "float"} for name, enum in ENUMS.items()}
+    words = EventWords.unpack(packed("{1}!", [of], enums=enums))
+    worded = words.of(Event(1 << 24 | 5, 0, 0, 3, 3, struct.pack("<f", value)))
+    assert worded is not None
+    assert worded.text in ("(unknown: 0)!", "!")
 
 
 def test_arguments_that_are_cut_off_or_of_no_known_type_are_left_out() -> None:
