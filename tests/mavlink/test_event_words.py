@@ -16,7 +16,7 @@ from zmav.mavlink.event_words import LONGEST, MOST, MOST_PACKED, EventWords
 
 TYPES = ["uint8_t", "int16_t", "float", "px4::gait_t", "feet_t", "int64_t", "float"]
 ARGUMENTS = struct.pack("<BhfBHqf", 7, -42, 3.14159, 2, 5, -(1 << 40), 21.5)
-ENUMS = {
+ENUMS: dict[str, dict[str, Any]] = {
     "gait_t": {"type": "uint8_t", "entries": {"2": {"name": "trot", "description": "Trot"}}},
     "feet_t": {
         "type": "uint16_t", "is_bitfield": True, "separator": " and ",
