@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import math
 import struct
 from typing import Any
 
@@ -15,7 +16,7 @@ from zmav.mavlink.event_words import LONGEST, MOST, MOST_PACKED, EventWords
 
 TYPES = ["uint8_t", "int16_t", "float", "px4::gait_t", "feet_t", "int64_t", "float"]
 ARGUMENTS = struct.pack("<BhfBHqf", 7, -42, 3.14159, 2, 5, -(1 << 40), 21.5)
-ENUMS = {
+ENUMS: dict[str, dict[str, Any]] = {
     "gait_t": {"type": "uint8_t", "entries": {"2": {"name": "trot", "description": "Trot"}}},
     "feet_t": {
         "type": "uint16_t", "is_bitfield": True, "separator": " and ",
@@ -70,6 +71,16 @@ def test_messages(message: str, text: str) -> None:
 def test_what_is_unknown_in_an_enum_is_said() -> None:
     types = ["px4::gait_t", "feet_t"]
     assert told("{1}; {2}", types, struct.pack("<BH", 9, 9)) == "(unknown: 9); left and (unknown: 8)"
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("of", ["px4::gait_t", "feet_t"])
+def test_an_enum_of_floats_is_read_whatever_they_are(of: str, value: float) -> None:
+    enums = {name: {**enum, "type": "float"} for name, enum in ENUMS.items()}
+    words = EventWords.unpack(packed("{1}!", [of], enums=enums))
+    worded = words.of(Event(1 << 24 | 5, 0, 0, 3, 3, struct.pack("<f", value)))
+    assert worded is not None
+    assert worded.text in ("(unknown: 0)!", "!")
 
 
 def test_arguments_that_are_cut_off_or_of_no_known_type_are_left_out() -> None:

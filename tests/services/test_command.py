@@ -108,6 +108,22 @@ async def test_an_arming_is_asked_for_again_while_there_is_time(bench: StartBenc
     assert len(b.peer.commands(ARM)) == 2
 
 
+@pytest.mark.parametrize(
+    ("mav_type", "mode", "guided"), [(1, 10, 15), (1, 13, 15), (10, 10, 15), (10, 6, 15), (2, 3, 4)],
+    ids=["plane AUTO", "plane TAKEOFF", "rover AUTO", "rover FOLLOW", "copter AUTO"],
+)  # fmt: skip
+async def test_it_is_not_armed_in_a_mode_that_sets_off(
+    bench: StartBench, mav_type: int, mode: int, guided: int
+) -> None:
+    b = await (await bench(mav_type=mav_type)).connected()
+    b.peer.mode = mode
+    await b.ground.do("arm", ready_timeout=0)
+    orders = [
+        (t.fields["command"], t.fields["param2"]) for t in b.peer.told if t.fields.get("command") in (SET_MODE, ARM)
+    ]
+    assert orders == [(SET_MODE, guided), (ARM, 0)]
+
+
 async def test_in_progress_is_waited_for(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "ACK_TIMEOUT", 0.2)
     b = await (await bench()).connected()

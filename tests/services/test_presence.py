@@ -13,7 +13,7 @@ import pytest
 import zmav
 from tests.services.conftest import GUIDED, LAND, SET_MODE
 from zmav import keys, wire
-from zmav.errors import Clash
+from zmav.errors import Clash, Refused
 from zmav.mavlink import Packer, encode
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.services import identity
@@ -162,6 +162,30 @@ async def test_of_two_of_one_name_the_one_is_halted_that_the_order_names(
                 one.armed = False
             await returning
         assert b.presence.clash
+
+
+async def test_who_does_not_know_its_uid_yet_takes_what_makes_safe(bench: StartBench, peer: StartPeer) -> None:
+    """It may be the one that is meant; what moves it waits until that is known."""
+    silent = await peer(uid=5)
+    silent.mute = {REQUEST_MESSAGE}
+    b = await bench(silent)
+    silent.mode, silent.armed = GUIDED, True
+    await b.state(lambda s: s["armed"] and s["uid"] is None, "a vehicle in the air that has no uid yet")
+    uid = f"{5:016x}"
+    with pytest.raises(Refused, match="this one is not known yet"):
+        await b.ground.do("set_mode", mode="RTL", uid=uid)
+    await b.ground.do("hold", uid=uid)
+    for verb, mode in (("rtl", RTL), ("land", LAND)):
+        silent.armed = True
+        await b.state(lambda s: s["armed"], "a vehicle in the air")
+        ordered = asyncio.create_task(b.ground.do(verb, uid=uid))
+        await enters(silent, mode)
+        silent.armed = False
+        await ordered
+    silent.mute = set()
+    await b.state(lambda s: s["uid"] == uid, "its uid")
+    with pytest.raises(Refused, match="the order is for the autopilot 6"):
+        await b.ground.do("hold", uid="6")
 
 
 async def test_one_autopilot_heard_by_two_companions_is_no_clash(bench: StartBench, peer: StartPeer) -> None:

@@ -62,9 +62,10 @@ class Px4(NamedTuple):
 
 @contextlib.asynccontextmanager
 async def px4(
-    net: Net, onboard: StartOnboard, cache: Path, speed: float = 1.0, opens: bool = True, **params: float
-) -> AsyncIterator[Px4]:
-    """``opens``: MAVFTP opens files."""
+    net: Net, onboard: StartOnboard, cache: Path, speed: float = 1.0, opens: bool = True,
+    armed: bool = False, **params: float,
+) -> AsyncIterator[Px4]:  # fmt: skip
+    """``opens``: MAVFTP opens files. ``armed``: it is so before it is heard."""
     port = free_udp_ports(1)
     spec = VehicleSpec(autopilot="px4", sysid=1, endpoints=(f"onboard:0:{port}",), params=params)
     with World([spec], ready_s=0.5, speed=speed) as world:
@@ -72,6 +73,9 @@ async def px4(
         assert isinstance(node, Px4Node)
         if not opens:
             node.storage.ftp.faults.refuse[Op.OPEN_FILE_RO] = Nak.FILE_NOT_FOUND
+        if armed:
+            world.wait_for(lambda: node.copter.booted)
+            assert world.call(lambda: node.copter.arm(forced=True))
         session, endpoint = net.router()
         events = net.ground(endpoint).samples(keys.EVENT)
         await net.linked(session, keys.EVENT.key("demo", "quad1"))
@@ -178,6 +182,19 @@ class TestWords:
             await p.worded()
         async with px4(net, onboard, tmp_path, opens=False) as p:  # its checksum is all that it gives
             await p.worded()
+
+    async def test_the_file_is_not_fetched_while_armed(
+        self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A restarted companion leaves the line to the flight: the words come when it is over."""
+        monkeypatch.setattr("zmav.services.event_words.EVERY", 0.02)
+        async with px4(net, onboard, tmp_path, opens=False, armed=True, COM_DISARM_PRFLT=-1.0) as p:
+            state = await p.v.wait_until(lambda s: bool(s.armed and s.uid), PATIENCE_S)
+            for _ in range(10):
+                state = await p.v.wait_until(lambda s, after=state.t: s.t > after, PATIENCE_S)  # type: ignore[misc]
+            assert not [e for e in p.events.objects() if "come by number" in e["text"]]
+            await p.v.disarm()
+            await p.said("px4's events come by number, without words")
 
     @pytest.mark.parametrize(
         "data",

@@ -49,7 +49,7 @@ class Rules:
     """it is given points to circle about by command, and takes no stream of them"""
     keepalive_hz: float = 4.0
     unarmable: tuple[str, ...] = ()
-    """modes in which it refuses to be armed"""
+    """modes in which it refuses to be armed, or sets off by itself as soon as it is"""
 
 
 COPTER = Rules(
@@ -60,7 +60,20 @@ COPTER = Rules(
     land="LAND",
     takeoff_mode="GUIDED",
     takeoff_command=True,
-    unarmable=("LAND", "RTL", "SMART_RTL", "BRAKE", "CIRCLE", "AUTOTUNE", "FLIP", "AVOID_ADSB", "FOLLOW", "SYSTEMID"),
+    unarmable=(
+        "AUTO",
+        "LAND",
+        "RTL",
+        "SMART_RTL",
+        "BRAKE",
+        "CIRCLE",
+        "AUTOTUNE",
+        "FLIP",
+        "AVOID_ADSB",
+        "FOLLOW",
+        "SYSTEMID",
+        "AUTO_RTL",
+    ),
     loiter="BRAKE",  # LOITER obeys a throttle stick that nobody holds, and comes down
     levels={
         "position": convert.motion,
@@ -81,7 +94,7 @@ ROVER = Rules(
     land=None,
     takeoff_mode=None,
     takeoff_command=False,
-    unarmable=("RTL", "SMART_RTL", "INITIALISING"),
+    unarmable=("AUTO", "RTL", "SMART_RTL", "CIRCLE", "DOCK", "FOLLOW", "INITIALISING"),
     loiter="LOITER",
     levels={
         "position": convert.position_only,
@@ -102,6 +115,7 @@ PLANE = Rules(
     land="AUTOLAND",
     takeoff_mode="TAKEOFF",
     takeoff_command=False,
+    unarmable=("AUTO", "TAKEOFF"),
     loiter="LOITER",
     levels={
         "position": convert.circle_at,
@@ -121,6 +135,7 @@ SUB = Rules(
     land="SURFACE",
     takeoff_mode=None,
     takeoff_command=False,
+    unarmable=("AUTO",),
     loiter="POSHOLD",
     levels={
         "position": convert.position_only,

@@ -258,12 +258,6 @@ class Autopilot(ABC):
     stream_lost: ClassVar[tuple[str, ...]] = ()
     """modes that it enters by itself when the stream ends, its intention staying :attr:`guided`"""
 
-    def holds_again(self, level: Level, status: int) -> bool:
-        """The hold must be ordered once more for it to stay: a stream of ``level`` has ended, and it is in ``status``
-        (MAV_STATE).
-        """
-        return False
-
     @abstractmethod
     def land(self) -> str:
         """The mode that lands the vehicle where it is."""

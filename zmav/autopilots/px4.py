@@ -37,8 +37,6 @@ _NO_GROUND_STATION = Need(
 )
 STICKS_HEARD = 0.5
 """s of MANUAL_CONTROL after which it takes them for a pilot's"""
-CRITICAL = 5
-"""MAV_STATE_CRITICAL: a failsafe acts"""
 _EVERYWHERE: Mapping[Level, Convert | str] = {
     "torque": _NO_TORQUE,
     "manual": convert.sticks,
@@ -193,12 +191,6 @@ class Px4(Autopilot):
 
     # COM_OBL_RC_ACT 5, and 0 to 2: the sticks, which nobody may hold.
     stream_lost: ClassVar[tuple[str, ...]] = ("HOLD", "POSCTL", "ALTCTL", "STABILIZED")
-
-    def holds_again(self, level: Level, status: int) -> bool:
-        """Sticks that end are a lost manual control: it is critical, holds for COM_FAIL_ACT_T and then does
-        NAV_RCL_ACT, unless the mode is ordered again meanwhile.
-        """
-        return level == "manual" and status == CRITICAL
 
     def engages_after(self, level: Level, flies: bool) -> float:
         """In flight it enters OFFBOARD as soon as there is a setpoint, and POSCTL once it has heard the sticks."""

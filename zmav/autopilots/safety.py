@@ -257,11 +257,17 @@ def _is_safe_mode(autopilot: Autopilot, custom: int) -> bool:
     return any(autopilot.mode(mode).custom == custom for mode in _safe_modes(autopilot))
 
 
+_SAFE_MODES = ("SMART_RTL", "QLAND", "QRTL", "BRAKE")
+"""what lands, returns or halts it beside the modes that we ask for"""
+
+
 def _safe_modes(autopilot: Autopilot) -> set[str]:
-    found: set[str] = set()
-    for mode in (autopilot.land, autopilot.rtl, autopilot.loiter):
+    found = autopilot.modes().keys() & set(_SAFE_MODES)
+    for mode in (autopilot.land, autopilot.rtl, autopilot.loiter, lambda: autopilot.hold()[0]):
         with contextlib.suppress(Unsupported, BadInput):
             found.add(autopilot.mode(mode()).name)
+    with contextlib.suppress(Unsupported):
+        found.discard(autopilot.guided)  # where it is held in the mode that follows setpoints, they go on
     return found
 
 

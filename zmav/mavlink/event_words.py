@@ -9,6 +9,7 @@ and of the event in the rest. The file comes over a radio from whatever answers 
 from __future__ import annotations
 
 import lzma
+import math
 import re
 import struct
 from typing import NamedTuple
@@ -164,11 +165,16 @@ def _unpacked(types: list[str], data: bytes) -> tuple[float, ...]:
     return tuple(values)
 
 
+def whole(value: float) -> int:
+    """An entry's number, or bits; 0 for what is no number."""
+    return int(value) if math.isfinite(value) else 0
+
+
 def _told(value: float, enum: _Enum | None) -> float | str:
     """An argument as people read it: of an enum its description, of a set of bits all of theirs."""
     if enum is None:
         return value
-    number = int(value)
+    number = whole(value)
     bits = [1 << i for i in range(64) if number >> i & 1] if enum.is_bitfield else [number]
     known = enum.entries
     said = [known[str(bit)].description[:LONGEST] if str(bit) in known else f"(unknown: {bit})" for bit in bits]

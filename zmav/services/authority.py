@@ -119,10 +119,11 @@ class Authority:
         """Raise where somebody may not give an order now. Nothing is changed by it.
 
         A clash of names or ids stops all that changes something, but nothing that makes safe: that reaches both of the
-        two, or the one whose uid the order names.
+        two, or the one whose uid the order names; one that does not know its own yet takes what makes it safe.
         """
-        if args.uid and args.uid != self._identity.uid:
-            text = f"the order is for the autopilot {args.uid}; this one is {self._identity.uid or 'not known yet'}"
+        mine = self._identity.uid
+        if args.uid and args.uid != mine and not (mine is None and verb.access is Access.OPEN):
+            text = f"the order is for the autopilot {args.uid}; this one is {mine or 'not known yet'}"
             raise Refused(text, field="uid", value=args.uid, reason=OTHER)
         if verb.access not in (Access.OPEN, Access.READ) or verb.name == "lease":
             self._guard()

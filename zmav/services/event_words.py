@@ -1,4 +1,4 @@
-"""PX4's events in words: their file is fetched once, and the health and arming checks among them are kept.
+"""PX4's events in words: their file is fetched while disarmed, and the health and arming checks among them are kept.
 
 https://mavlink.io/en/services/events.html. A report of the checks is a summary, an event for each check that fails, and
 another summary; PX4 sends one when something has changed, or when it is asked for.
@@ -15,7 +15,7 @@ from typing import Any
 from zmav.autopilots import Autopilot
 from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
 from zmav.mavlink.event import Event
-from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded
+from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded, whole
 from zmav.services.command import Commander
 from zmav.services.events import Events, Told
 from zmav.services.files import Files
@@ -38,8 +38,8 @@ class Checks:
     def __init__(self) -> None:
         self.known = False
         """a report has come, and nothing was lost since"""
-        self._chunks: dict[float, tuple[int, list[Worded]]] = {}
-        self._coming: tuple[float, int, list[Worded]] | None = None
+        self._chunks: dict[int, tuple[int, list[Worded]]] = {}
+        self._coming: tuple[int, int, list[Worded]] | None = None
         self._told: set[tuple[int, int, bytes]] = set()
 
     def lost(self) -> None:
@@ -51,8 +51,8 @@ class Checks:
         values = worded.values
         if worded.type == SUMMARY:
             if worded.group == "arming_check" and len(values) >= 5:
-                self._coming = values[0], int(values[3]), []
-            elif worded.group == "health" and self._coming and values[:1] == self._coming[:1]:
+                self._coming = whole(values[0]), whole(values[3]), []
+            elif worded.group == "health" and self._coming and values and whole(values[0]) == self._coming[0]:
                 self._chunks[self._coming[0]] = self._coming[1:]
                 self._told = {_key(each) for _, failing in self._chunks.values() for each in failing}
                 self.known, self._coming = True, None
@@ -69,7 +69,7 @@ class Checks:
         if mode is not None and self._chunks and all(can_arm & mode for can_arm, _ in self._chunks.values()):
             return []
         failing = [check for _, checks in self._chunks.values() for check in checks]
-        found = [check for check in failing if mode is None or int(check.values[0]) & mode]
+        found = [check for check in failing if mode is None or whole(check.values[0]) & mode]
         # A check that stands against nothing, and only informs, is told for every mode.
         grave = [check for check in found if check.event.level <= ERROR]
         grave = grave or [check for check in found if check.values[0] != EVERY_MODE] or found
@@ -85,6 +85,8 @@ class EventTexts:
         self.checks = Checks()
         self._of: tuple[Any, ...] | None = None
         """the autopilot whose words they are, or that has none"""
+        self._sure = False
+        """it was not silent since: it has the firmware that it had"""
         self._attempts, self._again = 0, 0.0
         self._asks, self._asked = 0, 0.0
         self._task: asyncio.Task[None] | None = None
@@ -118,7 +120,7 @@ class EventTexts:
             return Told(worded.text, worded.name, reason=False) if new else None
         text = worded.text
         if worded.type == APPENDS_CHECKS and self.words and worded.values:
-            reasons = self.checks.against(self.words.mode_bit(int(worded.values[0])))
+            reasons = self.checks.against(self.words.mode_bit(whole(worded.values[0])))
             text = ": ".join([text.rstrip(": "), *(["; ".join(reasons)] if reasons else [])])
         return Told(text, worded.name)
 
@@ -137,11 +139,13 @@ class EventTexts:
         who = self._identity
         of = who.source, who.uid, who.firmware
         if not who.connected or who.autopilot is None or not who.autopilot.events_file or of[1:] == (None, None):
-            self._attempts, self._of = 0, None  # when it is heard again, it may have another firmware
+            self._attempts, self._sure = 0, False
             return
         now = time.monotonic()
-        if self._of != of:
-            if now >= self._again or not self._attempts:
+        if self._of not in (None, of):
+            self.words, self.checks, self._of = None, Checks(), None
+        if self._of is None or not self._sure:
+            if not who.armed and (now >= self._again or not self._attempts):  # the line is the flight's
                 await self._fetch(who.autopilot, of)
         elif self.words and not self.checks.known and not who.armed and now - self._asked > ASK_EVERY:
             await self._ask(who.autopilot)
@@ -158,7 +162,7 @@ class EventTexts:
                 return
             text = f"{autopilot.name}'s events come by number, without words: {e.message}"
             self._events.emit("autopilot", "notice", text, path=autopilot.events_file)
-        self._of = of
+        self._of, self._sure = of, True
 
     async def _ask(self, autopilot: Autopilot) -> None:
         """Have it report its checks: it did so before we were here, or some of it was lost."""

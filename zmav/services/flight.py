@@ -80,14 +80,11 @@ class Flight:
         if self._identity.armed:
             return {"armed": True}
         async with self._do.move():  # so that whoever orders otherwise meanwhile is not surprised by it later
-            if autopilot.mode_message is not None:
-                await self._do.until_mode_told()  # a mode entered since the last HEARTBEAT might take off
-            mode = autopilot.arming_mode(self._identity.mode)
-            if mode is not None:
-                await self._do.enter(mode)  # first: in such a mode it may not even become ready
             if args.ready_timeout > 0:
                 await self._until_ready(autopilot, deadline, report)
             while True:
+                await self._do.until_mode_told()  # one entered since the last HEARTBEAT might take off
+                await self._enter_arming_mode(autopilot)
                 try:
                     await self._do.command(autopilot.arm(True))
                     break
@@ -274,8 +271,19 @@ class Flight:
         fields = heard[1]
         return int(fields["tc1"] or fields["ts1"]) / 1e9  # an answer has its time in tc1, a question of its own in ts1
 
+    async def _enter_arming_mode(self, autopilot: Autopilot) -> None:
+        """Leave a mode, shown or intended, in which it cannot be armed or would set off by itself."""
+        for found in (self._identity.mode, self._identity.intended):
+            mode = autopilot.arming_mode(found)
+            if mode is not None:
+                await self._do.enter(mode)
+
     async def _until_ready(self, autopilot: Autopilot, deadline: float, report: Report) -> None:
-        while missing := self._state.missing():
+        while True:
+            await self._enter_arming_mode(autopilot)  # first: in such a mode it may not even become ready
+            missing = self._state.missing()
+            if not missing:
+                return
             report({"waiting_for": missing})
             if time.monotonic() > deadline:
                 raise Refused(f"not ready to arm: {', '.join(missing)}", vehicle=self._port.name, reasons=missing)

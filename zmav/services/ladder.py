@@ -89,7 +89,6 @@ class Ladder:
         self._asked = -math.inf
         self._tries: list[str] = []
         self._repeats = 0
-        self._held_again = False
         self._goes_on = True
         """an action follows the hold"""
         self._over = 0
@@ -307,7 +306,7 @@ class Ladder:
         lasts = 0.0 if isinstance(flown.what, Segment) else self.failsafe.hold_after
         self._since = min(now, flown.until - lasts)
         self._enter(Step.HOLDING)
-        self._goes_on, self._held_again = True, False
+        self._goes_on = True
         self._let_go(self._flown, None)
         self._say_hold()
         self.count("held")
@@ -343,11 +342,6 @@ class Ladder:
             self._act(flown, now)
         elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
             self._say_hold()
-        elif flown.autopilot.holds_again(_level(flown), self._shown().status) and not self._held_again:
-            self._held_again, mode = True, flown.autopilot.hold()[0]
-            text = f"{mode} is ordered again: the autopilot takes the end of the setpoints for a lost pilot"
-            self._events.emit("setpoint", "notice", text)
-            self._ask(mode, now)
 
     def _holds(self, flown: Flown) -> bool:
         try:

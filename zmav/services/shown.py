@@ -21,8 +21,6 @@ class Shown(NamedTuple):
     armed: bool = False
     intended: str | None = None
     """the mode last asked for, where it says that: ``mode`` is a failsafe's where it is another"""
-    status: int = 0
-    """MAV_STATE"""
 
 
 def shown(port: Port, autopilot: Autopilot, source: tuple[int, int]) -> Shown:
@@ -38,7 +36,7 @@ def shown(port: Port, autopilot: Autopilot, source: tuple[int, int]) -> Shown:
         custom = told["custom_mode"] if sooner.age < heard.age else custom
         if told["custom_mode"] == custom and sooner.age <= INTENTION_LASTS:  # else it is what was intended before
             intended = name(beat["base_mode"], told["intended_custom_mode"])
-    return Shown(name(beat["base_mode"], custom), bool(beat["base_mode"] & 128), intended, beat["system_status"])
+    return Shown(name(beat["base_mode"], custom), bool(beat["base_mode"] & 128), intended)
 
 
 def in_the_air(port: Port, source: tuple[int, int]) -> bool | None:

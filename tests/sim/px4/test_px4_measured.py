@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.sim.px4.conftest import Companion
 from tests.sim.px4.test_px4_mission import LAND, TAKEOFF, WAYPOINT, item, upload
+from zmav.sim import VehicleSpec, World
 
 if TYPE_CHECKING:
-    from tests.sim.px4.conftest import Companion, MakeCompanion
+    from tests.sim.px4.conftest import MakeCompanion
 
 NO_MISSION, NO_GROUND_STATION = 0x0105C2D9, 0x0167C97B
 COMPANION = 18
+QUATERNION = 31
 OFFBOARD, HOLD = 6 << 16, 4 << 16 | 3 << 24
 
 
@@ -24,6 +28,28 @@ def test_rates_of_some_messages_cannot_be_told(companion: Companion, message: in
     companion.world.step(2.0)
     assert abs(len(companion.all("HEARTBEAT")) - 2) <= 1
     assert abs(len(companion.all("CURRENT_MODE")) - (40 if message == 436 else 1)) <= 1
+
+
+@pytest.mark.parametrize(("asked", "link", "given"), [(250, "onboard", 181), (100, "onboard", 100), (250, "pty", 250)])
+def test_its_udp_links_take_so_many_a_second(asked: int, link: str, given: int) -> None:
+    """In software in the loop; nothing says so: the rate is acknowledged, and told as it was asked for."""
+    with closing(World([VehicleSpec(autopilot="px4", endpoints=())], epoch_s=0.0, tick_hz=500)) as world:
+        reader = Companion(world, world.vehicles[0], link)
+        world.step(2.0)
+        assert reader.command(511, QUATERNION, 1e6 / asked) == [0]
+        assert reader.command(510, QUATERNION) == [0]
+        assert reader.all("MESSAGE_INTERVAL")[-1]["interval_us"] == round(1e6 / asked)
+        reader.clear()
+        world.step(4.0)
+        assert len(reader.all("ATTITUDE_QUATERNION")) == pytest.approx(4 * given, abs=3)
+
+
+def test_it_does_not_reboot_in_software_in_the_loop(companion: Companion) -> None:
+    companion.ready()
+    before = companion.vehicle.px4.uptime
+    assert companion.command(246, 1) == [2]
+    companion.world.step(1.0)
+    assert companion.vehicle.px4.uptime > before
 
 
 def test_in_the_air_offboard_is_entered_with_the_first_setpoint(companion: Companion) -> None:

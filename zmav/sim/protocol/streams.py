@@ -58,6 +58,8 @@ class Streams:
     """What one channel is sent, and when it is next due (seconds on the simulation's clock)."""
 
     def __init__(self, now: float) -> None:
+        self.least = 0.0
+        """s that lie between two of a message at least, whatever was asked for"""
         self._period: dict[str, float] = {}
         self._due: dict[str, float] = {}
         self.next_due = now
@@ -95,8 +97,9 @@ class Streams:
         for name, when in self._due.items():
             if now >= when - 1e-9:
                 ready.append(name)
-                following = when + self._period[name]
+                period = max(self._period[name], self.least)
+                following = when + period
                 # After a pause there is nothing to catch up with.
-                self._due[name] = following if following > now - self._period[name] else now + self._period[name]
+                self._due[name] = following if following > now - period else now + period
         self.next_due = min(self._due.values(), default=math.inf) - 1e-9
         return ready

@@ -29,6 +29,7 @@ from zmav.sim.autopilots.px4.modes import (
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.part import Sender
+from zmav.sim.protocol.px4.links import UDP
 from zmav.sim.protocol.px4.setpoint import point
 from zmav.sim.protocol.px4.telemetry import REPORTS
 
@@ -215,7 +216,7 @@ def _terminate(node: Px4Node, c: Command) -> int:
 def _reboot(node: Px4Node, c: Command) -> int:
     if node.copter.armed:
         return TEMPORARILY_REJECTED
-    if c.p1 != _REBOOT:
+    if c.p1 != _REBOOT or c.channel.link in UDP:  # in software in the loop it has nothing to start it again
         return DENIED
     node.reboot_after_ack()
     return ACCEPTED

@@ -6,6 +6,10 @@ from collections.abc import Mapping
 
 ONBOARD = "onboard"
 GROUND = "ground"
+UDP = (ONBOARD, GROUND)
+"""those of a PX4 in software in the loop; any other is a board's"""
+MOST_HZ = 181.0
+"""what such a link gives of a message, whatever is asked for"""
 
 _ONBOARD: Mapping[str, float] = {
     "HEARTBEAT": 1,

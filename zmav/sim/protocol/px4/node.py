@@ -76,6 +76,8 @@ class Px4Node(Node):
     def greet(self, channel: Channel) -> None:
         """Start the streams of that link."""
         now = self.copter.now
+        if channel.link in links.UDP:
+            channel.streams.least = 1.0 / links.MOST_HZ
         for name, rate in links.rates(channel.link).items():
             channel.streams.set_period(name, 1.0 / rate, now)
 
