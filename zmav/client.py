@@ -374,7 +374,7 @@ class Client:
         signed, and signed anew once where the vehicle asks for that.
         """
         answers = await self._ask(key, payload, timeout, channel, enough)
-        refused = answers[0] if answers and isinstance(answers[0], Forbidden) else None
+        refused = next((answer for answer in answers if isinstance(answer, Forbidden)), None)
         if refused is not None and self.member is not None and self.member.may_try_again(key, refused):
             return await self._ask(key, payload, timeout, channel, enough)
         return answers
@@ -399,7 +399,7 @@ class Client:
         try:
             self.session.get(
                 key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
-                attachment=self._proof(key, payload),
+                attachment=self._proof(key, payload) or self._question(key, payload),
                 consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
             )  # fmt: skip
         except zenoh.ZError as e:
@@ -425,6 +425,9 @@ class Client:
             publisher.put(data, attachment=proof)
         else:
             self.session.put(key, data, encoding=channel.encoding, attachment=proof, **channel.qos.options())
+
+    def _question(self, key: str, payload: bytes) -> bytes | None:
+        return None if self.member is None else self.member.question(key, payload)
 
     def _proof(self, key: str, payload: bytes) -> bytes | None:
         return None if self.member is None else self.member.proof(key, payload)

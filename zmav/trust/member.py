@@ -44,6 +44,8 @@ class Member:
         self._introduced: dict[Place, float] = {}
         self._lock = threading.Lock()
         self._rosters = Allowance(ROSTERS, monotonic)
+        self._questions = False
+        """a vehicle wants to know who asks: the fleet has turned somebody out"""
         self.counts: collections.Counter[str] = collections.Counter()
         """states and events that were not believed, by reason"""
 
@@ -61,6 +63,10 @@ class Member:
         introduce = self._introduces(place) or channel is keys.DO
         gate = self._others.get((place, channel.name)) or self._gates.get(place, NOTHING)
         return self._signer.sign(key, payload, introduce=introduce, answers=gate)
+
+    def question(self, key: str, payload: bytes) -> bytes | None:
+        """The attachment for a question that anybody may ask; None as long as nobody wants to know who it is."""
+        return self._signer.sign(key, payload, introduce=True) if self._questions else None
 
     def _introduces(self, place: Place) -> bool:
         now = self._monotonic()
@@ -80,7 +86,12 @@ class Member:
                 self._others = {at: other for at, other in self._others.items() if at[0] != place}
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
-        """A refusal that another proof mends: the vehicle's agent has been started anew, or does not know us yet."""
+        """A refusal that another proof mends: the vehicle's agent has been started anew, does not know us yet, or has
+        come to want to know who asks.
+        """
+        if error.detail.get("reason") == "unsigned" and not self._questions:
+            self._questions = True
+            return True
         channel, parts = keys.match(key)
         place, reason = (parts["fleet"], parts["vehicle"]), error.detail.get("reason")
         if reason == EPOCH and (gate := _gate(error.detail.get("gate"))):
