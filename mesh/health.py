@@ -9,6 +9,8 @@ import zenoh
 
 from mesh.plan import RouterPlan
 from zmav.services.host import HostService
+from zmav.services.proven import Answers
+from zmav.services.questions import Questions
 
 
 @contextlib.asynccontextmanager
@@ -17,9 +19,9 @@ async def tell_health(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator
     if plan.vehicle:
         yield
         return
-    service = HostService(session, plan.fleet, plan.name)
-    service.start()
+    questions = Questions(session, Answers(None))
+    HostService(questions, str(session.info.zid()), plan.fleet, plan.name)
     try:
         yield
     finally:
-        service.close()
+        questions.close()

@@ -45,7 +45,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "figures": set(),
         "rotation": set(),
     },
-    {"config": set(), "formats": set(), "host": set(), "trust": set()},
+    {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
@@ -57,8 +57,9 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         # What others read the key space with.
         "zenoh_codec": set(),
         # What agents and scripts use; a client hands out vehicles, and these ask through their client.
-        "client": {"vehicle"},
-        "vehicle": {"client"},
+        "subscription": set(),
+        "client": {"vehicle", "subscription"},
+        "vehicle": {"client", "subscription"},
         "swarm": {"client", "vehicle"},
         "agent": {"client", "vehicle", "swarm"},
         "vision": {"client"},

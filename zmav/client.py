@@ -303,7 +303,7 @@ class Client:
         may answer are left out.
         """
         answers = await self._ask(key, payload, timeout, channel, enough)
-        refused = answers[0] if answers and isinstance(answers[0], Forbidden) else None
+        refused = next((answer for answer in answers if isinstance(answer, Forbidden)), None)
         if refused is not None and self.member is not None and self.member.may_try_again(key, refused):
             return await self._ask(key, payload, timeout, channel, enough)
         return answers

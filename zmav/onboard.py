@@ -44,6 +44,7 @@ from zmav.services.port import on_loop
 from zmav.services.presence import Presence
 from zmav.services.proven import Answers
 from zmav.services.quality import Quality
+from zmav.services.questions import Questions
 from zmav.services.rate import Rates
 from zmav.services.separation import Separation
 from zmav.services.state import StateService
@@ -102,6 +103,9 @@ class Onboard:
         self.settings = settings
         own = _credentials(settings)
         self.gate = Gate(own) if own else None
+        signer = Signer(own) if own else None
+        prove, answers = self.gate.check if self.gate else anybody, Answers(signer)
+        self.questions = questions = Questions(session, answers)
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
             session, fleet, name, link, dialect,
@@ -110,22 +114,20 @@ class Onboard:
         )  # fmt: skip
         if settings.sysid is not None:
             port.speak_as(settings.sysid)  # until it is heard, too
-        signer = Signer(own) if own else None
-        prove, answers = self.gate.check if self.gate else anybody, Answers(signer)
         self.events = Events(session, fleet, name, signer)
         self.identity = Identity(port, self.events, settings.sysid)
-        self.presence = Presence(session, fleet, name, instance, self.identity, self.events, self.gate)
-        self.state = StateService(session, port, instance, self.identity, settings.origin, signer)
+        self.presence = Presence(session, fleet, name, instance, self.identity, self.events, self.gate, signer)
+        self.state = StateService(session, questions, port, instance, self.identity, settings.origin, signer)
         self.timesync = TimeSync(port, self.identity, self.events)
-        self.messages = Messages(session, port, self.identity, self.timesync)
-        self.body = BodyService(session, port, self.identity, settings.body)
-        self.quality = Quality(session, port, self.identity, self.timesync)
-        self.rates = Rates(session, port, self.identity, self.events)
+        self.messages = Messages(questions, port, self.identity, self.timesync)
+        self.body = BodyService(questions, port, self.identity, settings.body)
+        self.quality = Quality(session, questions, port, self.identity, self.timesync)
+        self.rates = Rates(session, questions, port, self.identity, self.events)
         self.commander = Commander(port, self.identity, self.events)
         bounds = Bounds(port, self.identity, settings.origin, settings.geofence, settings.limits)
         self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
         self.payload = Payload(port, self.commander, bounds)
-        self.missions = Missions(session, port, self.identity, self.commander, self.events, answers)
+        self.missions = Missions(questions, port, self.identity, self.commander, self.events)
         self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
         rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
@@ -140,19 +142,19 @@ class Onboard:
             lambda: self.body.body, settings.separation,
         )  # fmt: skip
         self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
-        self.params = Params(session, port, self.identity, self.events, answers)
+        self.params = Params(questions, port, self.identity, self.events)
         self.flight.param = self.params.value
         count = self.setpoints.counts
         self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
         self.setpoints.accept = self.needs.check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
-        self.files = Files(session, port, ftp, Store(cache / fleet / name), prove, answers)
+        self.files = Files(session, questions, port, ftp, Store(cache / fleet / name), prove, answers)
         self.event_texts = EventTexts(self.identity, self.commander, self.events, self.files)
         self.state.checks = self.event_texts.against_arming
-        self.host = HostService(session, fleet, name, (cache,))
+        self.host = HostService(questions, instance, fleet, name, (cache,))
         self.logs = Logs(port, self.identity, ftp, self.files)
-        self.orders = Orders(session, fleet, name, prove, answers)
+        self.orders = Orders(session, fleet, name, prove, answers, questions=questions)
         if self.gate is not None:
             self._stand_at(self.gate)
         self.on_alive: Callable[[], object] = lambda: None
@@ -164,6 +166,7 @@ class Onboard:
     def _stand_at(self, gate: Gate) -> None:
         """From now on nothing is taken but with a proof of origin; each kind of refusal is said once a second."""
         self.adapter.prove = gate.check
+        self.questions.admit = gate.admit
         self.setpoints.proven = True
 
         def say(error: Forbidden) -> None:
@@ -273,14 +276,11 @@ class Onboard:
         self.identity.start()
         self.presence.start()
         self.state.start()
-        self.messages.start()
-        self.body.start()
         self.timesync.start()
         self.rates.start()
         self.params.start()
         self.missions.start()
         self.files.start()
-        self.host.start()
         if not adapter.link.recorded:  # a recording takes no orders, and gives no files
             self.event_texts.start()
             self.orders.start()
@@ -298,6 +298,7 @@ class Onboard:
         for task in self._tasks:
             task.cancel()
         self.authority.close()  # first of all: a vehicle that follows a stream holds
+        self.questions.close()
         self.separation.close()
         self.rates.close()
         self.needs.close()
@@ -307,8 +308,7 @@ class Onboard:
         await self.missions.close()
         await asyncio.to_thread(self.adapter.close)
         for service in (
-            self.identity, self.presence, self.state, self.messages, self.body, self.timesync, self.quality, self.files,
-            self.host, self.events,
+            self.identity, self.presence, self.state, self.timesync, self.quality, self.files, self.events,
         ):  # fmt: skip
             service.close()
 

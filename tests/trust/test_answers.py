@@ -100,8 +100,7 @@ async def test_who_answers_alone_is_not_believed(guarded: StartGuarded, monkeypa
     monkeypatch.setattr(handle, "ASK_AGAIN", 0.5)
     g: Guarded = await guarded()
     async with g.client("alice", "operator") as z:
-        g.vehicle.orders._queryable.undeclare()
-        g.vehicle.orders._queryable = None
+        await g.vehicle.orders.close()
         with diverting(g, keys.DO.key("demo", "quad1", verb="*"), lies(DONE)), pytest.raises(TimedOut) as e:
             await z.vehicle("quad1").land()
         assert "not believed: unsigned" in str(e.value)

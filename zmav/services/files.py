@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import re
 import time
-from collections.abc import Awaitable, Coroutine
+from collections.abc import Awaitable, Coroutine, Iterator
 from typing import Any, TypeVar
 
 import msgspec
@@ -25,6 +25,7 @@ from zmav.services.gaps import UNKNOWN
 from zmav.services.orders import Handler, Report
 from zmav.services.port import Port, on_loop
 from zmav.services.proven import Answers, attached
+from zmav.services.questions import Questions, Reply
 from zmav.services.store import Meta, Part, Store
 from zmav.trust.gate import Prove
 from zmav.wire.files import CHUNK, MOST_CHUNKS
@@ -51,14 +52,18 @@ class Files:
     """
 
     def __init__(
-        self, session: zenoh.Session, port: Port, ftp: Ftp, store: Store, prove: Prove, answers: Answers
-    ) -> None:
+        self, session: zenoh.Session, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove,
+        answers: Answers,
+    ) -> None:  # fmt: skip
         self._session, self._port = session, port
+        key = {"fleet": port.fleet, "vehicle": port.name, "file": "*"}
+        questions.declare(keys.FILE.key(**key), self._on_info)
+        questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
         self.ftp, self.store = ftp, store
         self.uploads: dict[str, Upload] = {}
         self._prove, self._answering = prove, answers
         self._under_way: asyncio.Task[Any] | None = None
-        self._queryables: list[Any] = []
+        self._queryable: Any = None
 
     @property
     def handlers(self) -> dict[str, Handler]:
@@ -76,18 +81,12 @@ class Files:
         }
 
     def start(self) -> None:
-        key = {"fleet": self._port.fleet, "vehicle": self._port.name, "file": "*"}
+        key = keys.UPLOAD.key(self._port.fleet, self._port.name, file="*", offset="*")
         upload = on_loop(asyncio.get_running_loop(), self._on_upload)
-        declare = self._session.declare_queryable
-        self._queryables = [
-            declare(keys.FILE.key(**key), self._on_info),
-            declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read),
-            declare(keys.UPLOAD.key(**key, offset="*"), upload),
-        ]
+        self._queryable = self._session.declare_queryable(key, upload)
 
     def close(self) -> None:
-        for queryable in self._queryables:
-            queryable.undeclare()
+        self._queryable.undeclare()
 
     # Orders.
 
@@ -215,30 +214,24 @@ class Files:
             verified=meta.verified, by=by, rate=round(rate), resumed=resumed,
         )  # fmt: skip
 
-    # What was fetched, as answers: in Zenoh's threads.
+    # What was fetched, as answers: in the lane of questions.
 
-    def _on_info(self, query: zenoh.Query) -> None:
+    def _on_info(self, query: zenoh.Query) -> Iterator[Reply]:
         """What a file is, or all files where the query's key says so."""
         for name, meta in list(self.store.files.items()):
             key = keys.FILE.key(self._port.fleet, self._port.name, file=name)
             if not meta.missing and query.key_expr.intersects(key):
-                query.reply(key, wire.encode(self.stored(meta, by="store")), encoding=keys.JSON)
-        query.drop()
+                yield Reply(key, wire.encode(self.stored(meta, by="store")))
 
-    def _on_read(self, query: zenoh.Query) -> None:
-        with query:
-            *_, name, offset = str(query.key_expr).split("/")
-            if "*" in name or ("*" in offset and offset != "*"):
-                return  # somebody looks around
-            try:
-                asked = self._asked(query, offset)
-                data = self.store.read(name, asked.offset, min(asked.length, CHUNK * MOST_CHUNKS))
-            except ZmavError as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
-                return
-            for at in range(0, len(data), CHUNK):
-                key = keys.FILE_CHUNK.key(self._port.fleet, self._port.name, file=name, offset=asked.offset + at)
-                query.reply(key, data[at : at + CHUNK], encoding=keys.RAW)
+    def _on_read(self, query: zenoh.Query) -> Iterator[Reply]:
+        *_, name, offset = str(query.key_expr).split("/")
+        if "*" in name or ("*" in offset and offset != "*"):
+            return  # somebody looks around
+        asked = self._asked(query, offset)
+        data = self.store.read(name, asked.offset, min(asked.length, CHUNK * MOST_CHUNKS))
+        for at in range(0, len(data), CHUNK):
+            key = keys.FILE_CHUNK.key(self._port.fleet, self._port.name, file=name, offset=asked.offset + at)
+            yield Reply(key, data[at : at + CHUNK], keys.RAW)
 
     def _asked(self, query: zenoh.Query, offset: str) -> wire.FileQuery:
         if offset != "*":

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import zenoh
 
 from zmav import keys, wire
 from zmav.host import report
+from zmav.services.questions import Questions, Reply
 
 
 class HostService:
-    """Answers in Zenoh's own threads; ``paths`` are on the file systems that matter here."""
+    """Answers in the lane of questions; ``paths`` are on the file systems that matter here."""
 
-    def __init__(self, session: zenoh.Session, fleet: str, name: str, paths: Iterable[str | Path] = ()) -> None:
-        self._session, self._name, self._paths = session, name, ("/", *paths)
-        self._key, self._instance = keys.HOST.key(fleet, name), str(session.info.zid())
-        self._queryable: Any = None
+    def __init__(
+        self, questions: Questions, instance: str, fleet: str, name: str, paths: Iterable[str | Path] = ()
+    ) -> None:  # fmt: skip
+        self._instance, self._name, self._paths = instance, name, ("/", *paths)
+        self._key = keys.HOST.key(fleet, name)
+        questions.declare(self._key, self._answer)
 
-    def start(self) -> None:
-        self._queryable = self._session.declare_queryable(self._key, self._on_query)
-
-    def close(self) -> None:
-        self._queryable.undeclare()
-
-    def _on_query(self, query: zenoh.Query) -> None:
-        with query:
-            told = report(self._name, self._instance, self._paths)
-            query.reply(self._key, wire.encode(told), encoding=keys.JSON)
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        yield Reply(self._key, wire.encode(report(self._name, self._instance, self._paths)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
 
 import zenoh
 
@@ -11,46 +11,31 @@ from zmav.errors import BadInput
 from zmav.mavlink import describe
 from zmav.services.identity import Identity
 from zmav.services.port import Port
+from zmav.services.questions import Questions, Reply
 from zmav.services.timesync import TimeSync
 
 KEY_DEPTH = 4  # zmav/fleet/vehicle/msg/NAME
 
 
 class Messages:
-    """Answers queries in Zenoh's own threads; the autopilot's message is preferred to another component's."""
+    """Answers in the lane of questions; the autopilot's message is preferred to another component's."""
 
-    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, timesync: TimeSync) -> None:
-        self._session, self._port, self._identity, self._timesync = session, port, identity, timesync
-        self._queryable: Any = None
+    def __init__(self, questions: Questions, port: Port, identity: Identity, timesync: TimeSync) -> None:
+        self._port, self._identity, self._timesync = port, identity, timesync
+        questions.declare(keys.MSG.key(port.fleet, port.name, msg="*"), self._answer)
 
-    def start(self) -> None:
-        key = keys.MSG.key(self._port.fleet, self._port.name, msg="*")
-        self._queryable = self._session.declare_queryable(key, self._on_query)
-
-    def close(self) -> None:
-        self._queryable.undeclare()
-
-    def _on_query(self, query: zenoh.Query) -> None:
-        with query:
-            asked = str(query.key_expr)
-            if "*" in asked:
-                for name in self._port.names():
-                    key = self._key(name)
-                    if query.key_expr.intersects(key):
-                        self._reply(query, name)
-                return
-            self._reply(query, asked.split("/")[KEY_DEPTH])
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        asked = str(query.key_expr)
+        if "*" not in asked:
+            name = asked.split("/")[KEY_DEPTH]
+            yield Reply(self._key(name), wire.encode(self._last(name)))
+            return
+        for name in self._port.names():
+            if query.key_expr.intersects(self._key(name)):
+                yield Reply(self._key(name), wire.encode(self._last(name)))
 
     def _key(self, name: str) -> str:
         return keys.MSG.key(self._port.fleet, self._port.name, msg=name)
-
-    def _reply(self, query: zenoh.Query, name: str) -> None:
-        try:
-            answer = self._last(name)
-        except BadInput as e:
-            query.reply_err(wire.error_body(e), encoding=keys.JSON)
-            return
-        query.reply(self._key(name), wire.encode(answer), encoding=keys.JSON)
 
     def _last(self, name: str) -> wire.LastMessage:
         source = self._identity.source

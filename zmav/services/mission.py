@@ -10,7 +10,8 @@ import asyncio
 import contextlib
 import functools
 import time
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator, Coroutine, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, get_args
 
@@ -27,7 +28,7 @@ from zmav.services.mission_replace import Failed, Phase, Replacer
 from zmav.services.mission_transfer import Download, Pace, Step, Transfer, opaque_ids
 from zmav.services.orders import Report
 from zmav.services.port import Port, on_loop
-from zmav.services.proven import Answers
+from zmav.services.questions import Questions, Reply
 from zmav.waiting import within
 from zmav.wire import MissionKind
 
@@ -46,6 +47,8 @@ class Held:
     plan: Download
     owner: Owner
     sure: bool = True
+    encoded: tuple[object, bytes] | None = None
+    """as it was told last, and of which progress"""
 
 
 @dataclass
@@ -70,10 +73,10 @@ class Missions:
     """Handlers of the ``mission_*`` orders that move nothing, the cache and its queries. Lives on the event loop."""
 
     def __init__(
-        self, session: zenoh.Session, port: Port, identity: Identity, commander: Commander, events: Events,
-        answers: Answers, pace: Pace | None = None,
+        self, questions: Questions, port: Port, identity: Identity, commander: Commander, events: Events,
+        pace: Pace | None = None,
     ) -> None:  # fmt: skip
-        self._session, self._port, self._identity, self._answering = session, port, identity, answers
+        self._questions, self._port, self._identity = questions, port, identity
         self._do, self._events, self.pace = commander, events, pace or Pace()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
@@ -85,12 +88,11 @@ class Missions:
         self._mended = 0.0
         self._tasks: set[asyncio.Task[Any]] = set()
         self._stops: list[Any] = []
-        self._queryable: Any = None
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
         key = keys.MISSION.key(self._port.fleet, self._port.name, kind="*")
-        self._queryable = self._session.declare_queryable(key, on_loop(loop, self._on_query))
+        self._questions.declare(key, lambda query: self._answer(query, loop))
         for name, listener in (
             ("MISSION_CURRENT", self._on_current),
             ("MISSION_ITEM_REACHED", self._on_reached),
@@ -101,7 +103,6 @@ class Missions:
             self._stops.append(self._port.listen(name, on_loop(loop, listener)))
 
     async def close(self) -> None:
-        self._queryable.undeclare()
         for stop in self._stops:
             stop()
         tasks = [*self._tasks, *(reading.task for reading in self._readings.values())]
@@ -339,40 +340,37 @@ class Missions:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    # Queries.
+    # Questions: asked in their lane, worked out here on the event loop, one at a time.
 
-    def _on_query(self, query: zenoh.Query) -> None:
-        asked = str(query.key_expr)
-        known: list[MissionKind] = list(get_args(MissionKind))
-        exact = next((kind for kind in known if asked == self._key(kind)), None)
-        if exact is not None:
-            self._in_background(self._answer(query, exact))
-            return
-        with query:
-            for kind in known:
-                held = self._cached(kind)
-                if held is not None and query.key_expr.intersects(self._key(kind)):
-                    query.reply(self._key(kind), wire.encode(self._mission(kind, held)), encoding=keys.JSON)
-            if "*" not in asked:
-                given = asked.rpartition("/")[2]
-                why = f"no kind of mission {given!r}; there are {', '.join(known)}"
-                error = BadInput(why, field="kind", value=given, expected=", ".join(known))
-                self._answering.refuse(query, error)
+    def _answer(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:
+        asked, known = str(query.key_expr), get_args(MissionKind)
+        kinds: list[MissionKind] = [kind for kind in known if query.key_expr.intersects(self._key(kind))]
+        if "*" not in asked and not kinds:
+            given = asked.rpartition("/")[2]
+            why = f"no kind of mission {given!r}; there are {', '.join(known)}"
+            raise BadInput(why, field="kind", value=given, expected=", ".join(known))
+        for kind in kinds:
+            yield (told := asyncio.run_coroutine_threadsafe(self._tell(kind, read="*" not in asked), loop))
+            data = told.result()
+            if data:
+                yield Reply(self._key(kind), data)
 
-    async def _answer(self, query: zenoh.Query, kind: MissionKind) -> None:
+    async def _tell(self, kind: MissionKind, read: bool) -> bytes:
+        """The plan, encoded once as long as nothing of it changes; nothing where it is not held nor to be ``read``."""
+        held = self._cached(kind)
+        if held is None and not read:
+            return b""
         progress: dict[str, Any] = {}
-        with query:
-            try:
-                held = self._cached(kind)
-                if held is None or not held.sure:
-                    held = await within(QUERY_WAIT, self._read(kind, progress.update))
-                self._answering.give(query, self._key(kind), wire.encode(self._mission(kind, held)))
-            except asyncio.TimeoutError:
-                far = f"{progress.get('done', 0)} of {progress.get('of', '?')} items"
-                error = Stale(f"the {WORDS[kind]} are being read: {far}; ask again", reading=True, **progress)
-                self._answering.refuse(query, error)
-            except ZmavError as e:
-                self._answering.refuse(query, e)
+        try:
+            if held is None or (read and not held.sure):
+                held = await within(QUERY_WAIT, self._read(kind, progress.update))
+        except asyncio.TimeoutError:
+            far = f"{progress.get('done', 0)} of {progress.get('of', '?')} items"
+            raise Stale(f"the {WORDS[kind]} are being read: {far}; ask again", reading=True, **progress) from None
+        at = (self.progress.current, self.progress.reached, self.progress.state)
+        if held.encoded is None or held.encoded[0] != at:
+            held.encoded = (at, wire.encode(self._mission(kind, held)))
+        return held.encoded[1]
 
     def _key(self, kind: MissionKind) -> str:
         return keys.MISSION.key(self._port.fleet, self._port.name, kind=kind)

@@ -19,15 +19,21 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput, Forbidden, Refused, ZmavError
+from zmav.services.intake import Intake
 from zmav.services.port import on_loop
 from zmav.services.proven import Answers, attached
-from zmav.trust.gate import Origin, Prove
-from zmav.verbs import VERBS, Verb
+from zmav.services.questions import Questions, Steps
+from zmav.trust.gate import Origin, Prove, anybody
+from zmav.verbs import VERBS, Access, Verb
 
 MEMORY = 60.0
 """seconds a finished order's outcome is kept for a caller who asks again"""
 MOST_KEPT, MOST_IDS = 1000, 10_000
 """finished orders whose outcome is kept, and ids of older ones: those are not done again either"""
+MOST_WAITING = 256
+"""orders that have come and were not looked at yet, but for those that make it safe"""
+MOST_LOOKING = 8
+"""orders under way of one member that a viewer may give, too"""
 MOST_ID = 64
 """characters of an id"""
 
@@ -65,18 +71,24 @@ class Orders:
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, prove: Prove, answers: Answers,
         channel: keys.Channel = keys.DO, verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
-        parts: Mapping[str, str] = MappingProxyType({}),
+        parts: Mapping[str, str] = MappingProxyType({}), questions: Questions | None = None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
         self._channel, self._known, self._most = channel, verbs, most
         self._parts = dict(parts)
         self._prove, self._answering = prove, answers
+        self._own = questions is None
+        self._questions = questions or Questions(session, answers)
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
         self._operations: dict[str, Operation] = {}
         self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
         """when the orders ended whose outcome is kept no more"""
         self._answers: set[asyncio.Task[None]] = set()
-        self._queryable: Any = None
+        self._intake: Intake | None = None
+        self._urgent, self._waiting = collections.deque[zenoh.Query](), collections.deque[zenoh.Query]()
+        """that have come and were not looked at yet: those that make it safe, and others"""
+        self._looking: collections.Counter[Origin | None] = collections.Counter()
+        """by who gave them: orders under way that a viewer may give"""
         self._closed = False
 
     def add(self, verb: str, handler: Guarded) -> None:
@@ -85,8 +97,24 @@ class Orders:
 
     def start(self) -> None:
         key = self._channel.key(self._fleet, self._name, **self._parts, verb="*")
-        accept = on_loop(asyncio.get_running_loop(), self._accept)
-        self._queryable = self._session.declare_queryable(key, accept)
+        loop = asyncio.get_running_loop()
+        lane, wake = self._questions.channel(lambda query: self._look(query, loop), anybody), on_loop(loop, self._next)
+
+        def sort(queries: list[zenoh.Query]) -> None:
+            for query in queries:
+                verb = self._known.get(str(query.key_expr).rpartition("/")[2])
+                if verb is not None and not {keys.VIEWER, keys.ANYONE}.isdisjoint(verb.writers):
+                    self._questions.put(lane, query)
+                    continue
+                if verb is not None and verb.access is Access.OPEN:
+                    self._urgent.append(query)
+                elif len(self._waiting) < MOST_WAITING:
+                    self._waiting.append(query)
+                else:
+                    continue  # it is asked again, as any order is that gets no answer
+                wake()
+
+        self._intake = Intake(self._session.declare_queryable, key, sort, MOST_WAITING)
 
     @property
     def under_way(self) -> int:
@@ -96,12 +124,23 @@ class Orders:
     async def close(self) -> None:
         """End what is under way, and say so to whoever asked."""
         self._closed = True
-        if self._queryable is not None:
-            self._queryable.undeclare()
+        if self._intake is not None:
+            self._intake.close()
+        if self._own:
+            self._questions.close()
         tasks = [op.task for op in self._operations.values() if not op.task.done()]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
+
+    def _next(self) -> None:
+        self._accept((self._urgent or self._waiting).popleft())
+
+    def _look(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Steps:
+        """An order that a viewer may give, in the lane of questions: so many at a time, and proven on its thread."""
+        asked, payload = str(query.key_expr), query.payload.to_bytes() if query.payload else b""
+        origin = self._prove(asked, payload, attached(query))
+        yield asyncio.run_coroutine_threadsafe(self._answer(query, asked.rpartition("/")[2], payload, origin), loop)
 
     def _accept(self, query: zenoh.Query) -> None:
         asked = str(query.key_expr)
@@ -163,6 +202,10 @@ class Orders:
             if (known.verb, known.payload, known.origin) != (verb, digest, origin):
                 raise BadInput(f"id {args.id!r} was used for another order ({known.verb})", field="id", value=args.id)
             return known
+        looks = not {keys.VIEWER, keys.ANYONE}.isdisjoint(self._known[verb].writers)
+        if looks and self._looking[origin] >= MOST_LOOKING:
+            text = f"{MOST_LOOKING} orders of yours are under way that only look: wait for one of them"
+            raise Refused(text, reason="busy", verb=verb)
         progress: dict[str, Any] = {}
 
         def report(news: dict[str, Any]) -> None:
@@ -171,6 +214,9 @@ class Orders:
         task = asyncio.get_running_loop().create_task(_run(handler, args, report, origin))
         operation = Operation(verb, digest, origin, task, progress=progress)
         task.add_done_callback(operation.end)
+        if looks:
+            self._looking[origin] += 1
+            task.add_done_callback(lambda _: self._looking.subtract((origin,)))
         self._operations[args.id or f"#{id(task)}"] = operation
         return operation
 

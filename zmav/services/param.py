@@ -15,7 +15,6 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import zenoh
 
 from zmav import wire
 from zmav.errors import BadInput, LinkDown, Stale, TimedOut, ZmavError
@@ -30,7 +29,7 @@ from zmav.services.paramquery import ParamQueries, unknown
 from zmav.services.paramset import Entry, ParamSet, is_name
 from zmav.services.paramtalk import ParamTalk
 from zmav.services.port import Port, on_loop
-from zmav.services.proven import Answers
+from zmav.services.questions import Questions
 from zmav.services.uptime import Uptime
 
 BEGIN_AFTER = 1.0
@@ -46,13 +45,11 @@ PROGRESS_EVERY = 0.2
 class Params:
     """The parameters of the vehicle's autopilot. Lives on the event loop; ``tick`` is called a few times a second."""
 
-    def __init__(
-        self, session: zenoh.Session, port: Port, identity: Identity, events: Events, answers: Answers
-    ) -> None:
+    def __init__(self, questions: Questions, port: Port, identity: Identity, events: Events) -> None:
         self._port, self._identity, self._events = port, identity, events
         self.known = ParamSet()
         self.talk = ParamTalk(port, identity, events, self.known)
-        self._queries = ParamQueries(session, self, answers)
+        self._queries = ParamQueries(questions, self)
         self._loader = ParamLoader(self.talk)
         self._uptime = Uptime(port)
         self._who: tuple[Any, ...] | None = None
@@ -72,7 +69,6 @@ class Params:
         self._stop_version = self._port.listen("AUTOPILOT_VERSION", on_loop(loop, self._on_version))
 
     def close(self) -> None:
-        self._queries.close()
         self._stop_version()
         self.talk.close()
         if self._reading is not None:

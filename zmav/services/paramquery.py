@@ -1,54 +1,50 @@
-"""``param`` and ``param/{NAME}``: queries answered from the cache."""
+"""``param`` and ``param/{NAME}``: answered from the cache, in the lane of questions."""
 
 from __future__ import annotations
 
 import asyncio
 import difflib
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, ZmavError
-from zmav.services.port import on_loop
-from zmav.services.proven import Answers
+from zmav.errors import BadInput
+from zmav.services.questions import Questions, Reply
+from zmav.trust.verify import Allowance
 
 if TYPE_CHECKING:
     from zmav.services.param import Params
 
+HINTS = 2.0
+"""a second: names like one that there is not take milliseconds to find"""
+LONGEST_NAME = 16
+
 
 def unknown(name: str, names: Iterable[str]) -> BadInput:
-    """The error for a name that no parameter has."""
-    close = difflib.get_close_matches(name.upper(), names, n=3, cutoff=0.6)
+    """The error for a name that no parameter has, with those like it; none for what is too long to be one."""
+    close = difflib.get_close_matches(name.upper(), names, n=3, cutoff=0.6) if len(name) <= LONGEST_NAME else []
     expected = f"a name such as {', '.join(close)}" if close else "a parameter's name"
     hint = f"; did you mean {', '.join(close)}?" if close else ""
     return BadInput(f"no parameter {name!r}{hint}", field="name", value=name, expected=expected)
 
 
 class ParamQueries:
-    """Lives on the event loop."""
+    """Answers in the lane of questions; what is not in the cache is looked for on ``loop``."""
 
-    def __init__(self, session: zenoh.Session, params: Params, answers: Answers) -> None:
-        self._session, self._params, self._answering = session, params, answers
-        self._queryables: list[Any] = []
-        self._answers: set[asyncio.Task[None]] = set()
+    def __init__(self, questions: Questions, params: Params) -> None:
+        self._questions, self._params = questions, params
+        self._hints = Allowance(HINTS, time.monotonic)
         self._encoded: tuple[tuple[object, ...], wire.ParamTable, bytes] | None = None
-        self._closed = False
+        self._lines: tuple[tuple[object, ...], dict[str, bytes]] = ((), {})
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
-        self._queryables = [
-            self._session.declare_queryable(self._table_key(), on_loop(loop, self._on_table)),
-            self._session.declare_queryable(self._key("*"), on_loop(loop, self._on_name)),
-        ]
-
-    def close(self) -> None:
-        self._closed = True
-        for queryable in self._queryables:
-            queryable.undeclare()
-        for answer in self._answers:
-            answer.cancel()
+        self._questions.declare(self._table_key(), self._on_table)
+        self._questions.declare(self._key("*"), lambda query: self._on_name(query, loop))
 
     def _table_key(self) -> str:
         return keys.PARAMS.key(self._params.fleet, self._params.vehicle)
@@ -56,22 +52,21 @@ class ParamQueries:
     def _key(self, name: str) -> str:
         return keys.PARAM.key(self._params.fleet, self._params.vehicle, param=name)
 
-    def _on_table(self, query: zenoh.Query) -> None:
-        with query:
-            try:
-                asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.ParamQuery, "param")
-            except BadInput as e:
-                self._answering.refuse(query, e)
-                return
-            self._answering.give(query, self._table_key(), self._table(asked.hash))
+    @property
+    def _version(self) -> tuple[object, ...]:
+        """What the encoded answers are of."""
+        return self._params.known.version, self._params.known.complete, self._params.talk.encoding
+
+    def _on_table(self, query: zenoh.Query) -> Iterator[Reply]:
+        asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.ParamQuery, "param")
+        yield Reply(self._table_key(), self._table(asked.hash))
 
     def _table(self, has: str) -> bytes:
         """The set, or a line where the asker has it already."""
-        params = self._params
-        state = (params.known.version, params.known.complete, params.talk.encoding)
-        if self._encoded is None or self._encoded[0] != state:
+        params, version = self._params, self._version
+        if self._encoded is None or self._encoded[0] != version:
             table = params.table()
-            self._encoded = (state, table, wire.encode(table))
+            self._encoded = (version, table, wire.encode(table))
         _, table, encoded = self._encoded
         if table.hash != has:
             return encoded
@@ -81,34 +76,38 @@ class ParamQueries:
         )  # fmt: skip
         return wire.encode(short)
 
-    def _on_name(self, query: zenoh.Query) -> None:
+    def _on_name(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:
         asked = str(query.key_expr)
-        if self._closed or asked.endswith("**"):
-            query.drop()  # who looks around for everything gets the table, and not every line of it once more
-        elif "*" in asked:
-            with query:
-                self._reply_all(query, asked.rpartition("/")[2])
-        else:
-            answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2]))
-            self._answers.add(answer)
-            answer.add_done_callback(self._answers.discard)
+        if asked.endswith("**"):
+            return  # who looks around for everything gets the table, and not every line of it once more
+        last = asked.rpartition("/")[2]
+        if "*" in asked:
+            yield from self._all(query, [last] if "*" not in last else sorted(self._params.known.entries))
+            return
+        found = self._line(last)
+        if found is None and self._params.known.complete:
+            raise unknown(last, self._params.known.entries if self._hints.take() else ())
+        if found is None:
+            yield (heard := asyncio.run_coroutine_threadsafe(self._params.find(last), loop))
+            found = wire.encode(heard.result())
+        yield Reply(self._key(last), found)
 
-    def _reply_all(self, query: zenoh.Query, last: str) -> None:
+    def _all(self, query: zenoh.Query, names: list[str]) -> Iterator[Reply]:
         """Each that matches, under its own key; nothing where none does."""
-        names = [last] if "*" not in last else sorted(self._params.known.entries)
         for name in names:
-            param = self._params.get(name)
-            if param is not None and query.key_expr.intersects(self._key(name)):
-                query.reply(self._key(name), wire.encode(param), encoding=keys.JSON)
+            line = self._line(name)
+            if line is not None and query.key_expr.intersects(self._key(name)):
+                yield Reply(self._key(name), line)
 
-    async def _answer(self, query: zenoh.Query, name: str) -> None:
-        with query:
-            try:
-                param = self._params.get(name)
-                if param is None and self._params.known.complete:
-                    raise unknown(name, self._params.known.entries)
-                param = param or await self._params.find(name)
-            except ZmavError as e:
-                self._answering.refuse(query, e)
-            else:
-                self._answering.give(query, self._key(name), wire.encode(param))
+    def _line(self, name: str) -> bytes | None:
+        """One parameter from the cache, encoded once."""
+        name, version = self._params.known.spelt(name), self._version
+        if self._lines[0] != version:
+            self._lines = (version, {})
+        lines = self._lines[1]
+        if name not in lines:
+            param = self._params.get(name)
+            if param is None:
+                return None
+            lines[name] = wire.encode(param)
+        return lines[name]

@@ -21,7 +21,7 @@ from zmav.services.identity import Identity
 from zmav.services.port import on_loop
 from zmav.services.proven import attached
 from zmav.trust.certificate import Role
-from zmav.trust.proof import ANSWERS
+from zmav.trust.proof import ANSWERS, Signer
 from zmav.trust.verify import Verifier
 
 NOBODY = "-"
@@ -36,11 +36,11 @@ class Presence:
 
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, instance: str, identity: Identity, events: Events,
-        verifier: Verifier | None = None,
+        verifier: Verifier | None = None, signer: Signer | None = None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
         self._role = keys.REPLAY if keys.is_replay(fleet) else keys.VEHICLE
-        self._identity, self._events, self._verifier = identity, events, verifier
+        self._identity, self._events, self._verifier, self._signer = identity, events, verifier, signer
         self.clash: str | None = None
         self.on_change: Callable[[], None] = lambda: None
         self._token: zenoh.LivelinessToken | None = None
@@ -155,6 +155,7 @@ class Presence:
         self._session.get(
             key, on_reply, payload=challenge, timeout=ASK_EVERY, target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE, **keys.STATE.qos.options(),
+            attachment=self._signer.sign(key, challenge, introduce=True) if self._signer else None,
         )  # fmt: skip
 
     def _on_proven(self, who: tuple[str, str]) -> None:

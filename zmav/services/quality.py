@@ -10,6 +10,7 @@ from zmav import keys, wire
 from zmav.mavlink.signing import SigningCounters
 from zmav.services.identity import Identity
 from zmav.services.port import Port
+from zmav.services.questions import Questions, Reply
 from zmav.services.timesync import TimeSync
 
 LINK_NAME = "autopilot"
@@ -18,21 +19,18 @@ LINK_NAME = "autopilot"
 class Quality:
     """Counts and times the vehicle's link. Lives on the event loop."""
 
-    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, timesync: TimeSync) -> None:
+    def __init__(
+        self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, timesync: TimeSync
+    ) -> None:  # fmt: skip
         self._port, self._identity, self._timesync = port, identity, timesync
         key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
         self._publisher = session.declare_publisher(key, **keys.LINK.publishing())
         self._before = (0, 0, 0, 0, time.monotonic())
         self.last = self.measure()
-        self._queryable = session.declare_queryable(key, lambda query: self._answer(key, query))
+        questions.declare(key, lambda query: iter([Reply(key, wire.encode(self.last), keys.LINK.encoding)]))
 
     def close(self) -> None:
-        self._queryable.undeclare()
         self._publisher.undeclare()
-
-    def _answer(self, key: str, query: zenoh.Query) -> None:
-        """On Zenoh's thread: what was published last."""
-        query.reply(key, wire.encode(self.last), encoding=keys.LINK.encoding)
 
     def tick(self) -> None:
         """Once a second: publish."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from typing import Any
+from collections.abc import Iterator
 
 import zenoh
 
@@ -19,7 +19,8 @@ from zmav import keys, wire
 from zmav.services.demand import Demands
 from zmav.services.events import Events
 from zmav.services.identity import Identity
-from zmav.services.port import Port, on_loop
+from zmav.services.port import Port
+from zmav.services.questions import Questions, Reply
 from zmav.services.rate_ask import ACCEPTED, DEFAULT, IntervalAsker
 from zmav.services.rate_meter import WINDOW, Measured, Meter
 from zmav.services.rate_plan import ENOUGH, Shedder, Target, wanted
@@ -38,8 +39,10 @@ SLOWER_FROM = 20.0
 class Rates:
     """Keeps one autopilot sending what is read. Lives on the event loop."""
 
-    def __init__(self, session: zenoh.Session, port: Port, identity: Identity, events: Events) -> None:
-        self._session, self._port, self._identity, self._events = session, port, identity, events
+    def __init__(
+        self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, events: Events
+    ) -> None:  # fmt: skip
+        self._port, self._identity, self._events = port, identity, events
         self.meter, self.demands = Meter(port), Demands(session, port)
         self.needs: dict[str, float] = {}
         """what else the companion reads, in Hz: the pilot's switch"""
@@ -52,14 +55,15 @@ class Rates:
         self._key = keys.RATES.key(port.fleet, port.name)
         self._wake = asyncio.Event()
         self._worker: asyncio.Task[None] | None = None
-        self._queryable: Any = None
+        questions.declare(self._key, self._answer)
+
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        yield Reply(self._key, wire.encode(self.table()), keys.RATES.encoding)
 
     def start(self) -> None:
-        loop = asyncio.get_running_loop()
         self.demands.on_change = self.plan
         self.demands.start()
-        self._queryable = self._session.declare_queryable(self._key, on_loop(loop, self._on_query))
-        self._worker = loop.create_task(self._work())
+        self._worker = asyncio.get_running_loop().create_task(self._work())
 
     def close(self) -> None:
         """End it; what was asked for is put back without waiting for answers, so that nothing flows for nobody."""
@@ -70,7 +74,6 @@ class Rates:
             if self._of is not None and standing.asked is not None and standing.asked > floor.get(name, 0.0):
                 interval = 1e6 / floor[name] if floor.get(name) and standing.before <= 0 else standing.before
                 self._asker.send(self._of, _msgid(name, self._port), interval)
-        self._queryable.undeclare()
         self.demands.close()
 
     def tick(self) -> None:
@@ -259,7 +262,7 @@ class Rates:
     # Statistics.
 
     def table(self) -> wire.RateTable:
-        """What comes, what was asked for, what is wanted and by whom."""
+        """What comes, what was asked for, what is wanted and by whom; in any thread."""
         measured = self.meter.measured()
         return wire.RateTable(
             t=time.time(),
@@ -268,10 +271,6 @@ class Rates:
             junk=self.demands.junk,
             messages=rows(measured, self._of, self._targets, self._standing),
         )
-
-    def _on_query(self, query: zenoh.Query) -> None:
-        with query:
-            query.reply(self._key, wire.encode(self.table()), encoding=keys.RATES.encoding)
 
 
 def _enough(flow: Measured | None, rate: float) -> bool:

@@ -49,7 +49,7 @@ class Meter:
     def _rate(self, kind: Kind, flow: Flow, then: float, now: float) -> Measured:
         """Over the samples since it was first seen."""
         start, first = then, flow
-        for at, flows in self._samples:
+        for at, flows in tuple(self._samples):  # it grows meanwhile, where this is not the event loop
             if kind in flows:
                 start, first = at, flows[kind]
                 break

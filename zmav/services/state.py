@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import zenoh
@@ -12,7 +11,9 @@ import zenoh
 from zmav import geo, keys, wire
 from zmav.mavlink import decode
 from zmav.services.identity import Identity
-from zmav.services.port import Port, on_loop
+from zmav.services.port import Port
+from zmav.services.questions import Questions, Reply
+from zmav.trust.gate import anybody
 from zmav.trust.proof import ANSWERS, NOTHING, Signer
 
 FRESH = 3.0
@@ -23,10 +24,10 @@ class StateService:
     """Builds and publishes :class:`zmav.wire.VehicleState`. Lives on the event loop."""
 
     def __init__(
-        self, session: zenoh.Session, port: Port, instance: str, identity: Identity, origin: wire.Origin | None,
-        signer: Signer | None = None,
+        self, session: zenoh.Session, questions: Questions, port: Port, instance: str, identity: Identity,
+        origin: wire.Origin | None, signer: Signer | None = None,
     ) -> None:  # fmt: skip
-        self._session, self._instance, self._signer = session, instance, signer
+        self._questions, self._instance, self._signer = questions, instance, signer
         self._port, self._identity, self.origin = port, identity, origin
         self.extras: list[Callable[[wire.VehicleState], None]] = []
         """other services' additions: link, lease, clash"""
@@ -34,38 +35,33 @@ class StateService:
         """what the autopilot's own report of its checks has against arming now"""
         self._key = keys.STATE.key(port.fleet, port.name)
         self._publisher = session.declare_publisher(self._key, **keys.STATE.publishing())
-        self._queryables: list[Any] = []
+        self._last_told = b""
 
     def start(self) -> None:
-        answer = on_loop(asyncio.get_running_loop(), self._on_query)
-        self._queryables = [self._session.declare_queryable(self._key, answer)]
+        self._last_told = wire.encode(self.build())
+        self._questions.declare(self._key, self._answer)
         if self._signer is not None:
             key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
-
-            def introduce(query: zenoh.Query) -> None:
-                with query:
-                    query.reply(key, der, encoding=keys.CERTIFICATE.encoding)
-
-            self._queryables.append(self._session.declare_queryable(key, introduce))
+            introduction = Reply(key, der, keys.CERTIFICATE.encoding)
+            self._questions.declare(key, lambda query: iter([introduction]), admit=anybody)
 
     def close(self) -> None:
-        for queryable in self._queryables:
-            queryable.undeclare()
         self._publisher.undeclare()
 
     def publish(self) -> None:
-        data = wire.encode(self.build())
+        self._last_told = data = wire.encode(self.build())
         self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
 
-    def _on_query(self, query: zenoh.Query) -> None:
-        """With a challenge of 8 bytes, the answer is proven to be of now, and introduces who gives it."""
-        with query:
-            data, proof = wire.encode(self.build()), None
-            if self._signer is not None:
-                asked = query.payload.to_bytes() if query.payload else b""
-                answers = asked if len(asked) == ANSWERS else NOTHING
-                proof = self._signer.sign(self._key, data, introduce=True, answers=answers)
-            query.reply(self._key, data, encoding=keys.STATE.encoding, attachment=proof)
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        """What was published last: that is never old. With a challenge of 8 bytes, the answer is proven to be of now,
+        and introduces who gives it.
+        """
+        data, proof = self._last_told, None
+        if self._signer is not None:
+            asked = query.payload.to_bytes() if query.payload else b""
+            answers = asked if len(asked) == ANSWERS else NOTHING
+            proof = self._signer.sign(self._key, data, introduce=True, answers=answers)
+        yield Reply(self._key, data, keys.STATE.encoding, proof)
 
     def latest(self, name: str) -> Mapping[str, Any] | None:
         """The vehicle's last message of that name where it is fresh enough to decide by."""

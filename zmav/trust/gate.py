@@ -59,6 +59,8 @@ class Gate(Verifier):
     ) -> None:  # fmt: skip
         super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic)
         self.name = credentials.name
+        self._shut_out = frozenset(credentials.roster.revoked)
+        """whom the rules of our door know to be turned out: they were made from the same roster"""
         self.epoch = os.urandom(proof.ANSWERS)
         """what every proof must answer: one that was given to an earlier start of the vehicle's agent does not, nor one
         from before our clock was set back, whose time may be a good one for a second time"""
@@ -82,6 +84,23 @@ class Gate(Verifier):
             self.counts[str(e.detail["reason"])] += 1
             self.on_refused(e)
             raise
+
+    def admit(self, key: str, payload: bytes, attachment: bytes | None) -> Origin | None:
+        """Who asks a question, where anybody may; raises :class:`Forbidden` for whom the fleet has turned out.
+
+        Questions need no proof while our door keeps out those whom the fleet has turned out. From a revocation that
+        came since it was opened they do, until it is opened anew, which in flight it is not. The proof is good for 30 s
+        and answers no challenge: it moves nothing.
+        """
+        if self._shut_out.issuperset(self.roster.revoked):
+            return None
+        try:
+            found, by = self.verify(key, payload, attachment)
+        except Forbidden as e:
+            self.counts[str(e.detail["reason"])] += 1
+            self.on_refused(e)
+            raise
+        return Origin(by.name, by.role, by.fingerprint, found.t)
 
     def _check_all(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
         channel, parts = keys.match(key)

@@ -50,6 +50,8 @@ class Member:
         self._introduced: dict[Place, float] = {}
         self._lock = threading.Lock()
         self._rosters = Allowance(ROSTERS, monotonic)
+        self._questions = False
+        """a vehicle wants to know who asks: the fleet has turned somebody out"""
         self.counts: collections.Counter[str] = collections.Counter()
         """states and events that were not believed, by reason"""
 
@@ -69,11 +71,14 @@ class Member:
         return self.signer.sign(key, payload, introduce=introduce, answers=gate)
 
     def question(self, key: str, payload: bytes) -> bytes | None:
-        """The attachment for a question or an order: a proof where the channel needs one, else a challenge where its
-        answers are signed.
+        """The attachment for what is asked: a proof where the channel needs one or a vehicle wants to know who asks,
+        else a challenge where answers are signed.
         """
-        proof = self.proof(key, payload)
-        return os.urandom(NONCE) if proof is None and keys.answerers(key) else proof
+        if (proof := self.proof(key, payload)) is not None:
+            return proof
+        if self._questions:
+            return self.signer.sign(key, payload, introduce=True)
+        return os.urandom(NONCE) if keys.answerers(key) else None
 
     def _introduces(self, place: Place) -> bool:
         now, every = self._monotonic(), INTRODUCE_TO_ALL if place[1] == _FLEET else INTRODUCE_EVERY
@@ -93,7 +98,12 @@ class Member:
                 self._others = {at: other for at, other in self._others.items() if at[0] != place}
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
-        """A refusal that another proof mends: the vehicle's agent has been started anew, or does not know us yet."""
+        """A refusal that another proof mends: the vehicle's agent has been started anew, does not know us yet, or has
+        come to want to know who asks.
+        """
+        if error.detail.get("reason") == "unsigned" and not self._questions:
+            self._questions = True
+            return True
         channel, parts = keys.match(key)
         place, reason = (parts["fleet"], parts["vehicle"]), error.detail.get("reason")
         if reason == EPOCH and (gate := _gate(error.detail.get("gate"))):

@@ -1,0 +1,48 @@
+"""What comes on a key expression, bounded before Python is touched.
+
+Zenoh's own callbacks press back on the link they come by where nobody keeps up with them, and orders may be behind them
+there. Here a ring in Zenoh keeps the newest and lets the oldest go, whatever Python does meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+NAP = 0.005
+"""s between two batches: a flood is looked at in batches of the ring's size, and no faster"""
+
+
+class Intake:
+    """Declares ``key`` and hands what comes to ``take``, a batch at a time, in a thread of its own.
+
+    ``declare``: a session's ``declare_queryable`` or ``declare_subscriber``. ``most``: kept between two batches.
+    """
+
+    def __init__(
+        self, declare: Callable[..., Any], key: str, take: Callable[[list[Any]], object], most: int
+    ) -> None:  # fmt: skip
+        self._take, self._closed = take, threading.Event()
+        self._declared = declare(key, RingChannel(most))
+        threading.Thread(target=self._run, name=f"intake {key}", daemon=True).start()
+
+    def close(self) -> None:
+        self._closed.set()
+        with contextlib.suppress(zenoh.ZError):  # the session is closed, and this with it
+            self._declared.undeclare()
+
+    def _run(self) -> None:
+        ring = self._declared.handler
+        with contextlib.suppress(zenoh.ZError):  # undeclared
+            while not self._closed.is_set():
+                batch = [ring.recv()]
+                while (more := ring.try_recv()) is not None:
+                    batch.append(more)
+                self._take(batch)
+                del batch
+                self._closed.wait(NAP)
