@@ -71,6 +71,8 @@ async def test_an_order_is_done_once_however_often_it_is_sent(bench: StartBench)
     order = json.dumps({"id": "one", "ready_timeout": 0, "wait": 0.05}).encode()
     first = await asyncio.gather(*(b.ground.do("arm", order) for _ in range(5)))
     assert {(o.verb, o.status) for o in first} == {("arm", "running")}
+    while not b.peer.commands(ARM):  # first it hears which mode the autopilot is in
+        await asyncio.sleep(0.01)
     b.peer.obey(ARM, {"param1": 1})
     b.peer.acknowledge(ARM, ACCEPTED)
     await b.state(lambda s: s["armed"], "arming")
