@@ -10,7 +10,7 @@ import asyncio
 import collections
 import hashlib
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -48,10 +48,77 @@ class Operation:
     ended: float | None = None
     progress: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def took(self) -> float:
+        """s since it was first heard, to its end where that has come."""
+        return (self.ended or time.monotonic()) - self.started
+
     def end(self, task: asyncio.Task[dict[str, Any]]) -> None:
         self.ended = time.monotonic()
         if not task.cancelled():
             task.exception()  # looked at, so that asyncio does not complain where nobody asks how it ended
+
+
+class Operations:
+    """Orders by their ids: each is done once however often it comes, and its outcome is kept for a while after its end.
+    Lives on the event loop.
+    """
+
+    def __init__(self) -> None:
+        self._operations: dict[str, Operation] = {}
+        self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
+        """when the orders ended whose outcome is kept no more"""
+
+    @property
+    def under_way(self) -> list[Operation]:
+        """Those that have not ended."""
+        return [operation for operation in self._operations.values() if not operation.task.done()]
+
+    def once(
+        self, verb: str, name: str, payload: bytes, origin: Origin | None,
+        begin: Callable[[Report], Coroutine[Any, Any, dict[str, Any]]],
+    ) -> Operation:  # fmt: skip
+        """The order of the id ``name`` (empty: it has none), begun where it comes for the first time.
+
+        Raises :class:`BadInput` for an id of another order and for one too long, :class:`Refused` for one that ended
+        long ago.
+        """
+        self._forget()
+        if len(name) > MOST_ID:
+            text = f"an id has at most {MOST_ID} characters"
+            raise BadInput(text, field="id", value=name[:MOST_ID], expected=text)
+        if name in self._ended:
+            ago = time.monotonic() - self._ended[name]
+            raise Refused(
+                f"{verb} ended {ago:.0f} s ago, and is not done again: give it anew, with another id", verb=verb
+            )
+        known, digest = self._operations.get(name) if name else None, hashlib.sha256(payload).digest()
+        if known is not None:
+            if (known.verb, known.payload, known.origin) != (verb, digest, origin):
+                raise BadInput(f"id {name!r} was used for another order ({known.verb})", field="id", value=name)
+            return known
+        progress: dict[str, Any] = {}
+
+        def report(news: dict[str, Any]) -> None:
+            progress.update(news)
+
+        task = asyncio.get_running_loop().create_task(begin(report))
+        operation = Operation(verb, digest, origin, task, progress=progress)
+        task.add_done_callback(operation.end)
+        self._operations[name or f"#{id(task)}"] = operation
+        return operation
+
+    def _forget(self) -> None:
+        old = time.monotonic() - MEMORY
+        ended = [(name, op.ended) for name, op in self._operations.items() if op.ended is not None]
+        beyond = len(ended) - MOST_KEPT
+        for number, (name, at) in enumerate(ended):
+            if at <= old or number < beyond:
+                del self._operations[name]
+                if not name.startswith("#"):
+                    self._ended[name] = at
+        while len(self._ended) > MOST_IDS:
+            self._ended.popitem(last=False)
 
 
 class Orders:
@@ -72,9 +139,7 @@ class Orders:
         self.prove: Prove = anybody
         """who an order is from; raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at"""
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
-        self._operations: dict[str, Operation] = {}
-        self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
-        """when the orders ended whose outcome is kept no more"""
+        self._operations = Operations()
         self._answers: set[asyncio.Task[None]] = set()
         self._queryable: Any = None
         self._closed = False
@@ -91,14 +156,14 @@ class Orders:
     @property
     def under_way(self) -> int:
         """Orders that have not ended."""
-        return sum(not op.task.done() for op in self._operations.values())
+        return len(self._operations.under_way)
 
     async def close(self) -> None:
         """End what is under way, and say so to whoever asked."""
         self._closed = True
         if self._queryable is not None:
             self._queryable.undeclare()
-        tasks = [op.task for op in self._operations.values() if not op.task.done()]
+        tasks = [operation.task for operation in self._operations.under_way]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
@@ -137,53 +202,14 @@ class Orders:
             text = f"{verb}: {len(payload)} bytes are too much for an order; at most {self._most} are read"
             raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
         args = wire.decode(payload, arguments, f"{self._channel.name}/{verb}")
-        operation = self._operation(verb, args, payload, handler, origin)
+        operation = self._operations.once(
+            verb, args.id, payload, origin, lambda report: _run(handler, args, report, origin)
+        )  # fmt: skip
         wait = min(max(args.wait, 0.0), 5.0) if args.id else None
         await asyncio.wait({operation.task}, timeout=wait)
-        took = (operation.ended or time.monotonic()) - operation.started
         if not operation.task.done():
-            return wire.Outcome(verb=verb, status="running", took=took, result=operation.progress)
-        return wire.Outcome(verb=verb, status="done", took=took, result=_result(operation))
-
-    def _operation(
-        self, verb: str, args: wire.Order, payload: bytes, handler: Guarded, origin: Origin | None
-    ) -> Operation:
-        self._forget()
-        if len(args.id) > MOST_ID:
-            text = f"an id has at most {MOST_ID} characters"
-            raise BadInput(text, field="id", value=args.id[:MOST_ID], expected=text)
-        if args.id in self._ended:
-            ago = time.monotonic() - self._ended[args.id]
-            raise Refused(
-                f"{verb} ended {ago:.0f} s ago, and is not done again: give it anew, with another id", verb=verb
-            )
-        known, digest = self._operations.get(args.id) if args.id else None, hashlib.sha256(payload).digest()
-        if known is not None:
-            if (known.verb, known.payload, known.origin) != (verb, digest, origin):
-                raise BadInput(f"id {args.id!r} was used for another order ({known.verb})", field="id", value=args.id)
-            return known
-        progress: dict[str, Any] = {}
-
-        def report(news: dict[str, Any]) -> None:
-            progress.update(news)
-
-        task = asyncio.get_running_loop().create_task(_run(handler, args, report, origin))
-        operation = Operation(verb, digest, origin, task, progress=progress)
-        task.add_done_callback(operation.end)
-        self._operations[args.id or f"#{id(task)}"] = operation
-        return operation
-
-    def _forget(self) -> None:
-        old = time.monotonic() - MEMORY
-        ended = [(name, op.ended) for name, op in self._operations.items() if op.ended is not None]
-        beyond = len(ended) - MOST_KEPT
-        for number, (name, at) in enumerate(ended):
-            if at <= old or number < beyond:
-                del self._operations[name]
-                if not name.startswith("#"):
-                    self._ended[name] = at
-        while len(self._ended) > MOST_IDS:
-            self._ended.popitem(last=False)
+            return wire.Outcome(verb=verb, status="running", took=operation.took, result=operation.progress)
+        return wire.Outcome(verb=verb, status="done", took=operation.took, result=_result(operation))
 
 
 async def _run(handler: Guarded, args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
