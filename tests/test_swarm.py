@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
+import functools
+import math
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import pytest
-import zenoh
 
 import zmav
 from agents.planner.live.agent import Agent
 from agents.planner.live.settings import Settings
-from tests.agents.planner.execute.fleet import PATIENCE_S, Fleet, airborne
+from tests.agents.planner.execute.fleet import HOME, ORIGIN, PATIENCE_S, ROUTER, Fleet, airborne
 from tests.conftest import endpoint_of
-from zmav import keys, wire
+from tests.swarm import TAKEN, FakePlanner
+from zmav import wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
 from zmav.swarm import FleetOrder, Told
-from zmav.wire import swarm
+from zmav.wire.swarm import GoalState
 
 PLACES = [(0.0, 0.0), (0.0, 7.0), (7.0, 0.0)]
 HOMEWARD = ("RTL", "LAND")
@@ -99,58 +100,22 @@ async def _until(true: Callable[[], bool]) -> None:
         await asyncio.sleep(0.02)
 
 
-class FakePlanner:
-    """In charge by its word; ``answers``: how it takes a goal, ``entry``: what its book says of it."""
-
-    def __init__(self, session: zenoh.Session, answers: bytes | Exception | None, entry: str | None) -> None:
-        self._session, self._answers, self._entry = session, answers, entry
-        self.asked: list[str] = []
-        self._queryable = session.declare_queryable(keys.SWARM.key("demo", "fake", verb="*"), self._on_query)
-        self._task = asyncio.create_task(self._speak())
-
-    def _on_query(self, query: zenoh.Query) -> None:
-        with query:
-            verb = str(query.key_expr).rpartition("/")[2]
-            self.asked.append(verb)
-            if isinstance(self._answers, zmav.ZmavError):
-                query.reply_err(wire.error_body(self._answers))
-            elif isinstance(self._answers, bytes):
-                query.reply(str(query.key_expr), self._answers)
-
-    async def _speak(self) -> None:
-        while True:
-            charge = swarm.Charge(t=time.time(), planner="fake", instance="1", term=1)
-            self._session.put(keys.FLEET.key("demo", topic="charge"), wire.encode(charge))
-            goal = swarm.Return(vehicles=["quad1"])
-            states: Any = [self._entry] if self._entry else []
-            entries = [swarm.GoalEntry(id="g1", goal=goal, state=each, t=1.0, text="no way") for each in states]
-            book = swarm.Book(t=time.time(), planner="fake", instance="1", term=1, goals=entries)
-            self._session.put(keys.FLEET.key("demo", topic="goal"), wire.encode(book))
-            await asyncio.sleep(0.2)
-
-    def close(self) -> None:
-        self._task.cancel()
-        self._queryable.undeclare()
-
-
-TAKEN = wire.encode(wire.Outcome(verb="submit", status="done", took=0.0, result={"goal": "g1"}))
-
-
 @pytest.mark.parametrize(
     ("answers", "entry", "words"),
     [
         (None, None, "planner fake does not answer"),
         (zmav.errors.Refused("it stands by"), None, "it stands by"),
         (TAKEN, "failed", "fake: no way"),
-        (TAKEN, "planning", "fake has not begun"),
+        (TAKEN, "planning", "fake has no plan after"),
         (TAKEN, None, "fake has not begun"),
         (b"no JSON", None, "not JSON"),
     ],
-    ids=["silent", "refuses", "fails", "never begins", "tells nothing", "garbage"],
+    ids=["silent", "refuses", "fails", "never flies", "tells nothing", "garbage"],
 )
 async def test_a_planner_that_does_not_fly_holds_up_nobody(
-    answers: bytes | Exception | None, entry: str | None, words: str
+    answers: bytes | Exception | None, entry: GoalState | None, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("zmav.swarm.PLAN", 2.0)
     async with airborne(PLACES[:2], 3.0) as fleet:
         session = open_session(SessionSettings(connect=[fleet.endpoint]))
         fake = FakePlanner(session, answers, entry)
@@ -159,36 +124,47 @@ async def test_a_planner_that_does_not_fly_holds_up_nobody(
         await asyncio.wait_for(_until(lambda: _homeward(fleet)), PATIENCE_S)
         fleet.world.set_speed(8.0)
         told = await task
+        if answers == TAKEN and entry != "failed":
+            await fake.told("cancel")
         fake.close()
         session.close()
         assert [each.status for each in told] == ["done", "done"]
         assert words in order.notes[0] and "each returns by itself" in order.notes[0]
-        if answers == TAKEN and entry != "failed":
-            await asyncio.wait_for(_until(lambda: "cancel" in fake.asked), PATIENCE_S)
 
 
 def _homeward(fleet: Fleet) -> bool:
     return all(sim.status().mode in HOMEWARD for sim in fleet.world.vehicles)
 
 
-async def test_what_ends_in_circles_is_not_said_to_be_done() -> None:
-    """A plane, which does not land by itself, and a vehicle that refuses; a rover cannot land."""
+async def test_done_is_home_for_what_stays_armed_there() -> None:
+    """A plane circles at home, a rover stands there, which cannot land: both are returning until they are there."""
     specs = [VehicleSpec(autopilot="arduplane"), VehicleSpec(autopilot="ardurover", start_ned_m=(0.0, 9.0, 0.0))]
-    router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
     async with contextlib.AsyncExitStack() as stack:
-        world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5))
-        session = stack.enter_context(open_session(router))
+        world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5, home=HOME))
+        session = stack.enter_context(open_session(ROUTER))
         for name, url in zip(("plane1", "rover1"), world.urls, strict=True):
-            await stack.enter_async_context(Onboard(session, OnboardSettings(link=url, name=name)))
+            await stack.enter_async_context(Onboard(session, OnboardSettings(link=url, name=name, origin=ORIGIN)))
         z = await stack.enter_async_context(zmav.open(connect=[endpoint_of(session)]))
         plane, rover = await z.wait_for("plane1", "rover1", timeout=PATIENCE_S)
         for vehicle in (plane, rover):
             await vehicle.wait_until(lambda s: bool(s.connected and s.ready), PATIENCE_S)
             await vehicle.arm()
         await plane.takeoff(40.0)
-        told = {each.vehicle: each for each in await FleetOrder(z, [plane, rover], "rtl", wire.Order()).run()}
-        assert told["plane1"].text == "in RTL, circling; it stays armed"
-        assert told["rover1"].text == "in RTL, on its way home; it stays armed"
+        await asyncio.gather(plane.goto(pos=(400.0, 0.0, -40.0)), rover.goto(pos=(40.0, 9.0, 0.0)))
+        order = FleetOrder(z, [plane, rover], "rtl", wire.Order(), progress=lambda v: functools.partial(hear, v.name))
+        on_the_way: dict[str, list[tuple[str, float]]] = {"plane1": [], "rover1": []}
+
+        def hear(name: str, news: dict[str, Any]) -> None:
+            if "away" in news:
+                on_the_way[name].append((order.told["demo", name].status, news["away"]))
+
+        told = {each.vehicle: each for each in await order.run()}
+        assert {status for heard in on_the_way.values() for status, _ in heard} == {"returning"}
+        assert on_the_way["plane1"][0][1] > 250.0 and on_the_way["rover1"][0][1] > 25.0
+        assert told["plane1"].text == "done: home, circling in RTL; it stays armed"
+        assert told["rover1"].text == "done: home, standing in RTL; it stays armed"
+        (north, east, _), (n, e, _) = (sim.status().ned_m for sim in world.vehicles)
+        assert math.hypot(north, east) < 130.0 and math.hypot(n, e - 9.0) < 6.0
         assert told["plane1"].result["armed"] is True
         (left, *_) = await FleetOrder(z, [rover, plane], "land", wire.Order()).run()
         assert (left.status, left.text) == ("left_out", "left out: a rover does not land")

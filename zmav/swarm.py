@@ -1,13 +1,16 @@
 """An order to several vehicles, seen through: the one rule of ``zmav do``, of the gateway and of its page.
 
 A disarmed vehicle is not told to return or to land. Several are brought home by the planner in charge, in a plan in
-which nobody meets; where none answers at once, or it refuses, each returns by itself. An order has ended when it came
-true: a vehicle that is to return is done when it has landed and disarmed.
+which nobody meets: they hold from the beginning, while it is asked and plans. Where it cannot be asked, refuses, fails
+on the way or falls silent, each returns by itself, as does from the beginning whom no plan can bring home. An order has
+ended when it came true: a copter that is to return is done when it has landed and disarmed, a plane when it circles at
+home, a rover when it stands there.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 import uuid
 from collections import defaultdict
@@ -19,20 +22,31 @@ import msgspec
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import Refused, TimedOut, ZmavError
+from zmav.services.flight import DISARMED
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 from zmav.wire import swarm
 
 LOOK, ANSWER = 0.8, 1.0
 """s for a planner to be heard of, which says several times a second that it is in charge, and for its answer"""
-BEGIN = 3.0
-"""s from its answer until the plan is flown; meanwhile it has its vehicles come to rest"""
-SILENCE = 15.0
-"""s without a word of the planner after which it is dead: a standby takes over sooner"""
+BEGIN = 1.5
+"""s from its answer until its book has the goal. A book follows each change at once, and the next a second later: a
+planner whose book lacks it so long is stuck or cut off, and it is not known whether it will fly
+"""
+PLAN = 10.0
+"""s from its answer until the plan is flown. Its vehicles hold meanwhile: they come to rest in some three, a plan is
+mostly made in as many, and who is low on battery cannot wait for a hard one
+"""
+SILENCE = 5.0
+"""s without its book, which comes once a second: five in a row are hardly lost, and a standby takes over after three"""
 BACK = ("rtl", "land")
 """orders that are for what is in the air"""
 SURFACE = ("rover", "boat")
-ENDED = ("done", "failed", "cancelled")
+STAYING = (*SURFACE, "plane")
+"""kinds that do not land at home: they stand or circle there, armed"""
+UNDER_WAY = ("running", "returning")
+TAKEN = ("revoked", "preempted", "pilot")
+"""how the planner's lease ends where somebody has ordered otherwise since"""
 
 
 class Told(msgspec.Struct, kw_only=True):
@@ -40,7 +54,8 @@ class Told(msgspec.Struct, kw_only=True):
 
     vehicle: str
     fleet: str
-    status: Literal["running", "done", "left_out", "failed"] = "running"
+    status: Literal["running", "returning", "done", "left_out", "failed"] = "running"
+    """returning: it is on its way home"""
     text: str = ""
     """in words: what it does, how it ended, or why not"""
     result: dict[str, Any] = {}
@@ -52,8 +67,7 @@ class FleetOrder:
     """``await FleetOrder(z, vehicles, verb, args).run()``; ``told`` and ``notes`` say at any time how it stands.
 
     ``on_change`` is called on the event loop with a note, or with what has just ended; ``progress`` gives what is to be
-    told how far a vehicle's order is. Nothing is raised: what a
-    vehicle refuses stands in ``told``.
+    told how far a vehicle's order is. Nothing is raised: what a vehicle refuses stands in ``told``.
     """
 
     def __init__(
@@ -65,6 +79,8 @@ class FleetOrder:
         self._progress = progress
         self.told = {(v.fleet, v.name): Told(vehicle=v.name, fleet=v.fleet) for v in vehicles}
         self.notes: list[str] = []
+        self._held: dict[str, float] = {}
+        """when each was told to hold and did, by its own clock: what takes it later is somebody's later order"""
         self._dropping: asyncio.Task[None] | None = None
 
     async def run(self) -> list[Told]:
@@ -83,20 +99,36 @@ class FleetOrder:
         return list(self.told.values())
 
     def _runs(self, vehicle: Vehicle) -> bool:
-        return self.told[vehicle.fleet, vehicle.name].status == "running"
+        return self.told[vehicle.fleet, vehicle.name].status in UNDER_WAY
 
     # Each by itself.
 
-    async def _each(self, vehicles: list[Vehicle]) -> None:
+    async def _each(self, vehicles: Sequence[Vehicle]) -> None:
         await asyncio.gather(*map(self._one, vehicles))
 
     async def _one(self, vehicle: Vehicle) -> None:
+        tell = self._progress(vehicle)
+
+        def report(news: dict[str, Any]) -> None:
+            if news and self.verb == "rtl":
+                self._returning(vehicle, "by itself")
+            if tell is not None:
+                tell(news)
+
         try:
-            result = await vehicle.order(self.verb, self._args, self._progress(vehicle))
+            result = await vehicle.order(self.verb, self._args, report)
         except ZmavError as e:
-            self._end(vehicle, "failed", e.message, error=e.code)
+            if e.detail.get("reason") == DISARMED:
+                self._end(vehicle, "left_out", "left out: it is disarmed")
+            else:
+                self._end(vehicle, "failed", e.message, error=e.code)
             return
         self._end(vehicle, "done", _ended(self.verb, vehicle, result), result=result)
+
+    def _returning(self, vehicle: Vehicle, how: str) -> None:
+        self.told[vehicle.fleet, vehicle.name] = Told(
+            vehicle=vehicle.name, fleet=vehicle.fleet, status="returning", text=f"on its way home, {how}"
+        )
 
     def _end(self, vehicle: Vehicle, status: Literal["done", "left_out", "failed"], text: str, **more: Any) -> None:
         place = (vehicle.fleet, vehicle.name)
@@ -110,47 +142,84 @@ class FleetOrder:
     # Home, by a plan.
 
     async def _return(self, vehicles: list[Vehicle]) -> None:
-        """By the planner where there is one and more than one flies; else each by the autopilot's own RTL."""
-        if len(vehicles) > 1:
-            try:
-                await self._return_planned(vehicles)
-                return
-            except ZmavError as e:
-                self._note(f"no planned return ({e.message}): each returns by itself, and nobody keeps them apart")
-        await self._each(vehicles)
+        """By the planner whom it can bring home, where there is more than one; the others by the autopilot's RTL."""
+        unfit = {vehicle.name: why for vehicle in vehicles if (why := _unfit(vehicle))}
+        fit = [vehicle for vehicle in vehicles if vehicle.name not in unfit]
+        if len(fit) < 2:
+            await self._each(vehicles)
+            return
+        for name, why in unfit.items():
+            self._note(f"{name} returns by itself: {why}")
+        alone = [vehicle for vehicle in vehicles if vehicle.name in unfit]
+        await asyncio.gather(self._each(alone), self._return_together(fit))
 
-    async def _return_planned(self, vehicles: list[Vehicle]) -> None:
-        """Raises :class:`ZmavError` where nobody flies it in time; from then on its end is told."""
+    async def _return_together(self, vehicles: list[Vehicle]) -> None:
+        """Who flies somewhere is stopped before anybody is asked, and returns by itself where no plan leads it."""
+        stops = [asyncio.create_task(self._stop(vehicle)) for vehicle in vehicles]
+        try:
+            await self._return_planned(vehicles, stops)
+            return
+        except ZmavError as e:
+            self._note(f"no planned return ({e.message}): each returns by itself, and nobody keeps them apart")
+        finally:
+            await _cancelled(stops)
+        left = [vehicle for vehicle in vehicles if self._runs(vehicle)]
+        await self._each([vehicle for vehicle in left if not self._taken(vehicle)])
+
+    async def _stop(self, vehicle: Vehicle) -> None:
+        try:
+            await vehicle.hold()
+        except ZmavError as e:
+            self._note(f"{vehicle.name} was told to hold until it is brought home, and did not: {e.message}")
+        else:
+            state = vehicle.last_state
+            self._held[vehicle.name] = state.t if state else time.time()
+
+    def _taken(self, vehicle: Vehicle) -> bool:
+        """Somebody has ordered otherwise while the planner had it: that is the later word, and is not overruled."""
+        state, held = vehicle.last_state, self._held.get(vehicle.name)
+        end = state.lease_end if state is not None else None
+        if held is None or end is None or end.t <= held or end.reason not in TAKEN:
+            return False
+        self._end(vehicle, "failed", f"not brought home: {end.text}", error="refused")
+        return True
+
+    async def _return_planned(self, vehicles: list[Vehicle], stops: Sequence[asyncio.Task[None]]) -> None:
+        """Raises :class:`ZmavError` where nobody flies it in time or to its end; who has landed by then is told of."""
         fleet, names = vehicles[0].fleet, [vehicle.name for vehicle in vehicles]
         planner = await self._planner(fleet)
         key = keys.FLEET.key(fleet, topic="goal")
         async with self._z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.Book, key)) as books:
             submit = swarm.Submit(goal=swarm.Return(vehicles=names), id=uuid.uuid4().hex)
             goal = str((await self._ask(fleet, planner, "submit", submit)).get("goal"))
-            deadline, begun = time.monotonic() + BEGIN, False
+            began = heard = time.monotonic()
+            state: swarm.GoalState | None = None
+            begun = False
             while True:
+                silent = heard + (SILENCE if state else BEGIN)
+                until = min(silent, began + PLAN) if state in ("queued", "planning") and not begun else silent
                 try:
-                    book = await within(deadline - time.monotonic(), books.get())
+                    book = await within(until - time.monotonic(), books.get())
                 except asyncio.TimeoutError:
-                    if not begun:
-                        self._dropping = asyncio.create_task(self._drop(fleet, planner, goal))
-                        late = f"{planner} has not begun within {BEGIN:.0f} s"
-                        raise TimedOut(late, planner=planner, goal=goal) from None
-                    self._over(vehicles, f"planner {planner} is silent")
-                    return
+                    self._watch(vehicles)
+                    self._dropping = asyncio.create_task(self._drop(fleet, planner, goal))
+                    raise TimedOut(_late(planner, state, until == silent), planner=planner, goal=goal) from None
                 entry = next((entry for entry in book.goals if entry.id == goal), None)
                 if entry is None:
                     continue
-                if not begun and entry.state in ("failed", "cancelled"):
-                    raise Refused(f"{planner}: {entry.text}", planner=planner, goal=goal)
-                if not begun and entry.state in ("flying", "done"):
+                heard, state = time.monotonic(), entry.state
+                self._watch(vehicles)
+                if state == "flying" and not begun:
                     begun = True
+                    await _cancelled(stops)  # one that comes only now would stop what is flown
                     self._note(f"planner {planner} brings {', '.join(names)} home ({goal})")
-                if begun:
-                    deadline = time.monotonic() + SILENCE
-                    self._watch(vehicles)
-                if entry.state in ENDED:
-                    self._over(vehicles, "" if entry.state == "done" else f"{goal} {entry.state}: {entry.text}")
+                    for vehicle in filter(self._runs, vehicles):
+                        self._returning(vehicle, f"by a plan of {planner}")
+                elif state == "failed":
+                    raise Refused(f"{planner}: {entry.text}", planner=planner, goal=goal)
+                elif state in ("done", "cancelled"):
+                    trouble = f"{goal} was cancelled: {entry.text}" if state == "cancelled" else ""
+                    await asyncio.gather(*(self._over(vehicle, trouble) for vehicle in filter(self._runs, vehicles)))
                     return
 
     def _watch(self, vehicles: list[Vehicle]) -> None:
@@ -161,19 +230,21 @@ class FleetOrder:
                 result = {"mode": state.mode, "armed": False}
                 self._end(vehicle, "done", _ended("rtl", vehicle, result), result=result)
 
-    def _over(self, vehicles: list[Vehicle], trouble: str) -> None:
-        """The plan has come to its end; ``trouble``: not as it should."""
-        self._watch(vehicles)
-        for vehicle in vehicles:
-            if not self._runs(vehicle):
-                continue
-            if trouble:
-                text = f"{trouble}; it is still armed: give it rtl alone, and it returns by itself"
-                self._end(vehicle, "failed", text, error="refused")
-            else:
-                state = vehicle.last_state
-                result = {"mode": state.mode if state else None, "armed": True}
-                self._end(vehicle, "done", _ended("rtl", vehicle, result), result=result)
+    async def _over(self, vehicle: Vehicle, trouble: str) -> None:
+        """The plan has come to its end; ``trouble``: somebody ended it, whose word that was."""
+        state = vehicle.last_state
+        if not trouble and (state is None or state.kind not in STAYING):
+            with contextlib.suppress(TimedOut):  # its state comes a little after its landing
+                state = await vehicle.wait_until(lambda s: s.armed is False, SILENCE)
+        self._watch([vehicle])
+        if not self._runs(vehicle):
+            return
+        if trouble or state is None or state.kind not in STAYING:
+            text = f"{trouble or 'the plan is over'}; it is still armed: give it rtl alone, and it returns by itself"
+            self._end(vehicle, "failed", text, error="refused")
+        else:
+            result: dict[str, Any] = {"mode": state.mode, "armed": True}
+            self._end(vehicle, "done", _home(vehicle, result), result=result)
 
     async def _planner(self, fleet: str) -> str:
         """Who is in charge there, by its own word."""
@@ -193,7 +264,7 @@ class FleetOrder:
         raise TimedOut(f"planner {planner} does not answer", planner=planner)
 
     async def _drop(self, fleet: str, planner: str, goal: str) -> None:
-        """Who has not begun is not to begin any more; a plan that does nevertheless waits for vehicles at rest."""
+        """What is late is not to begin any more; a plan that does nevertheless waits for vehicles at rest."""
         try:
             await self._ask(fleet, planner, "cancel", swarm.GoalId(goal=goal, id=uuid.uuid4().hex))
         except ZmavError as e:
@@ -213,11 +284,44 @@ def _left_out(vehicle: Vehicle, verb: str, *, alone: bool) -> str:
     return f"a {state.kind} does not land" if verb == "land" and state.kind in SURFACE and not alone else ""
 
 
+def _unfit(vehicle: Vehicle) -> str:
+    """Why no plan can bring it home; empty: one can."""
+    try:
+        state = vehicle.state
+    except ZmavError:
+        return "it is not heard"
+    if not state.connected:
+        return "its autopilot is not heard"
+    if state.pilot:
+        return state.pilot
+    if state.landed and state.kind not in SURFACE:
+        return "it stands on the ground"
+    return "" if state.local is not None else "it does not say where it is in the fleet's frame"
+
+
+def _late(planner: str, last: swarm.GoalState | None, silent: bool) -> str:
+    if last is None:
+        return f"{planner} has not begun within {BEGIN:g} s"
+    return f"planner {planner} is silent" if silent else f"{planner} has no plan after {PLAN:.0f} s"
+
+
+async def _cancelled(tasks: Sequence[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
 def _ended(verb: str, vehicle: Vehicle, result: dict[str, Any]) -> str:
     if verb not in BACK:
         return "done"
     if not result.get("armed"):
         return "done: landed and disarmed"
+    if "away" in result:
+        return _home(vehicle, result)
+    return f"in {result.get('mode')}: its autopilot does not say where home is; it stays armed"
+
+
+def _home(vehicle: Vehicle, result: dict[str, Any]) -> str:
     state = vehicle.last_state
-    circles = state is not None and state.kind not in SURFACE
-    return f"in {result.get('mode') or verb.upper()}, {'circling' if circles else 'on its way home'}; it stays armed"
+    stays = "standing" if state is not None and state.kind in SURFACE else "circling"
+    return f"done: home, {stays} in {result.get('mode')}; it stays armed"

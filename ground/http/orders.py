@@ -13,6 +13,7 @@ import asyncio
 import fnmatch
 import re
 import time
+from collections.abc import Coroutine
 from typing import Any
 
 import msgspec
@@ -25,6 +26,7 @@ from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from zmav import keys, wire
 from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
+from zmav.services.orders import Operations, Report
 from zmav.swarm import FleetOrder
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS
@@ -35,44 +37,45 @@ ORDER = re.compile(
     rf"((?:{keys.ROOT}/)?(?P<fleet>[^/]+)/)?(?P<vehicle>[^/]+)(?:/agent/(?P<agent>[^/]+))?/do/(?P<verb>[^/]+)"
 )
 """a key of an order as people type it"""
-REMEMBERED = 100
-"""orders to several vehicles of which is known how they stand"""
 
 
 class FleetOrders:
-    """``POST /fleet/{verb}``: the orders that were given, by their ids. On the event loop."""
+    """``POST /fleet/{verb}``: the orders to several vehicles that were given. On the event loop."""
 
     def __init__(self, gateway: Gateway) -> None:
         self._gateway = gateway
-        self._given: dict[str, tuple[FleetOrder, asyncio.Task[Any], float]] = {}
+        self._operations = Operations()
         gateway.at_end(self._end)
 
     def _end(self) -> None:
         """The vehicles see through what they were told."""
-        for _, task, _ in self._given.values():
-            task.cancel()
+        for operation in self._operations.under_way:
+            operation.task.cancel()
 
     async def give(self, request: Request) -> Response:
         """Give several vehicles an order; vehicles: names or patterns, quad* or demo/quad1. Answers as orders do, with
         how it stands with each vehicle.
 
-        Several that return are brought home by the planner, where there is one; who is disarmed is left out.
+        Several that return are brought home by the planner, where there is one; who is disarmed is left out. With an
+        id the order is given once, however often it comes.
         """
         verb = _known(request.path_params["verb"])
         values = await arguments_of(request, VERBS[verb].args)
+        payload = msgspec.json.encode(values, order="sorted")
         patterns = values.pop("vehicles", ["*"])
         args = wire.decode(msgspec.json.encode(values), VERBS[verb].args, f"fleet/{verb}")
-        name = args.id or f"{id(request)} {time.monotonic()}"
-        if name not in self._given:
+
+        def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
             order = FleetOrder(self._gateway.client, self._matching(patterns), verb, args)
-            self._given[name] = (order, asyncio.create_task(order.run()), time.monotonic())
-        order, task, since = self._given[name]
-        while len(self._given) > REMEMBERED:
-            self._given.pop(next(iter(self._given)))
-        await asyncio.wait({task}, timeout=min(args.wait, PATIENCE) if args.id else None)
-        if task.done():
-            task.result()
-        status, took = ("done" if task.done() else "running"), time.monotonic() - since
+            report({"order": order})
+            return _seen_through(order)
+
+        operation = self._operations.once(verb, args.id, payload, None, begin)
+        await asyncio.wait({operation.task}, timeout=min(args.wait, PATIENCE) if args.id else None)
+        if operation.task.done():
+            operation.task.result()
+        order: FleetOrder = operation.progress["order"]
+        status, took = ("done" if operation.task.done() else "running"), operation.took
         told = [msgspec.to_builtins(told) for told in order.told.values()]
         return answer({"verb": verb, "status": status, "took": took, "notes": order.notes, "vehicles": told})
 
@@ -87,6 +90,11 @@ class FleetOrders:
             present = ", ".join(v.name for v in known) or "nobody"
             raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
         return list({(v.fleet, v.name): v for v in found}.values())
+
+
+async def _seen_through(order: FleetOrder) -> dict[str, Any]:
+    await order.run()
+    return {}
 
 
 def _fits(vehicle: Vehicle, pattern: str) -> bool:

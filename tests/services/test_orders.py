@@ -213,7 +213,8 @@ async def test_orders_without_end_take_no_memory_without_end(
     for number in range(30):
         await b.ground.do("ping", id=f"{number}", wait=5)
         await b.ground.do("ping")
-    assert len(b.vehicle.orders._operations) <= 6
-    assert len(b.vehicle.orders._ended) <= 11
+    kept = b.vehicle.orders._operations
+    assert len(kept._operations) <= 6
+    assert len(kept._ended) <= 11
     with pytest.raises(BadInput, match="id"):
         await b.ground.do("ping", id="x" * 65)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from zmav import geo, wire
 from zmav.autopilots import Autopilot, Command, Message, Target
 from zmav.autopilots.base import reposition
 from zmav.autopilots.safety import by_command
-from zmav.errors import BadInput, Refused, TimedOut
+from zmav.errors import BadInput, Refused, TimedOut, ZmavError
 from zmav.services.bounds import Bounds
 from zmav.services.command import Commander
 from zmav.services.event_words import with_reasons
@@ -37,6 +38,10 @@ ON_GROUND = 1
 LAND_TIMEOUT = 180.0
 RETURN_TIMEOUT = 900.0
 REBOOT_TIMEOUT = 60.0
+HOME_POSITION = 242.0
+"""its MAVLink id"""
+STANDS = 5.0
+"""m from home at which a rover has arrived: ArduRover stops within 2 m of a place, where it does not overshoot"""
 CIRCLE, WIDER = 80.0, 1.3
 """m, both autopilots' default radius of a circle; how much wider a real one is: ArduPlane was seen at 1.2 times"""
 
@@ -190,7 +195,7 @@ class Flight:
 
     async def rtl(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Return to launch; done when it has landed and disarmed. A rover or a plane, which does not land there by
-        itself, has done it once it is in the mode.
+        itself, has done it when it is there; where its autopilot does not say where home is, once it is in the mode.
         """
         async with self._do.move():
             autopilot = self._do.autopilot()
@@ -201,7 +206,10 @@ class Flight:
             await self._do.enter(mode)
             if autopilot.lands_after_rtl:
                 await self._until_disarmed(mode, RETURN_TIMEOUT, report)
-        return {"mode": self._identity.mode, "armed": bool(self._identity.armed)}
+                home = {}
+            else:
+                home = await self._until_home(mode, report)
+        return {"mode": self._identity.mode, "armed": bool(self._identity.armed), **home}
 
     async def reboot(self, args: wire.Reboot, report: Report) -> dict[str, Any]:
         """Restart a disarmed autopilot; done when it is heard again (at once where it stays in its bootloader)."""
@@ -300,6 +308,35 @@ class Flight:
                 elif self._identity.armed:
                     self._do.check_mode(mode)
 
+    async def _until_home(self, mode: str, report: Report) -> dict[str, Any]:
+        """How far from home it stays, where that is known: a plane circles there, a rover stands."""
+        near = max(STANDS, WIDER * self._circle())
+        with self._do.inbox("HOME_POSITION", "GLOBAL_POSITION_INT", "HEARTBEAT") as inbox:
+            home = self._state.last("HOME_POSITION") or await self._ask_home()
+            if home is None:
+                return {}
+            there = Target(lat_deg=home["latitude"] / 1e7, lon_deg=home["longitude"] / 1e7)
+            deadline = time.monotonic() + RETURN_TIMEOUT
+            while True:
+                name, fields = await self._do.next(
+                    inbox, deadline, f"not home {RETURN_TIMEOUT / 60:.0f} minutes after {mode}"
+                )
+                if name == "HEARTBEAT":
+                    self._do.check_mode(mode)
+                elif name == "GLOBAL_POSITION_INT":
+                    away = _distance(there, fields, flat=True)
+                    report({"away": away})
+                    if away <= near:
+                        return {"away": away}
+
+    async def _ask_home(self) -> Any:
+        """HOME_POSITION, said again; None where the autopilot does not say it."""
+        with self._do.inbox("HOME_POSITION") as inbox, contextlib.suppress(ZmavError):
+            await self._do.command(Command("MAV_CMD_REQUEST_MESSAGE", (HOME_POSITION,)))
+            heard = await inbox.get(BEAT)
+            return heard[1] if heard else None
+        return None
+
     async def _climb(self, alt_rel: float, mode: str | None, report: Report) -> float:
         deadline = time.monotonic() + 20.0 + 2.0 * alt_rel
         with self._do.inbox("GLOBAL_POSITION_INT") as inbox:
@@ -333,11 +370,14 @@ class Flight:
 
     def _near(self, args: wire.GoTo) -> tuple[float, bool]:
         """Within how many metres it is there, and whether over the ground alone: what circles comes no nearer."""
-        autopilot = self._do.autopilot()
         radius = abs(args.radius or 0.0) if isinstance(args, wire.Reposition) else 0.0
-        if not radius and autopilot.circle_param is not None:
-            radius = abs(self.param(autopilot.circle_param) or CIRCLE)
-        return max(args.tolerance, WIDER * radius), radius > 0.0 or autopilot.on_surface
+        radius = radius or self._circle()
+        return max(args.tolerance, WIDER * radius), radius > 0.0 or self._do.autopilot().on_surface
+
+    def _circle(self) -> float:
+        """Radius (m) of the circles that it flies where none is given; 0: it can stay at a place."""
+        param = self._do.autopilot().circle_param
+        return 0.0 if param is None else abs(self.param(param) or CIRCLE)
 
 
 def _distance(target: Target, position: Any, flat: bool) -> float:

@@ -10,7 +10,7 @@ import asyncio
 import collections
 import hashlib
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -54,10 +54,77 @@ class Operation:
     ended: float | None = None
     progress: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def took(self) -> float:
+        """s since it was first heard, to its end where that has come."""
+        return (self.ended or time.monotonic()) - self.started
+
     def end(self, task: asyncio.Task[dict[str, Any]]) -> None:
         self.ended = time.monotonic()
         if not task.cancelled():
             task.exception()  # looked at, so that asyncio does not complain where nobody asks how it ended
+
+
+class Operations:
+    """Orders by their ids: each is done once however often it comes, and its outcome is kept for a while after its end.
+    Lives on the event loop.
+    """
+
+    def __init__(self) -> None:
+        self._operations: dict[str, Operation] = {}
+        self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
+        """when the orders ended whose outcome is kept no more"""
+
+    @property
+    def under_way(self) -> list[Operation]:
+        """Those that have not ended."""
+        return [operation for operation in self._operations.values() if not operation.task.done()]
+
+    def once(
+        self, verb: str, name: str, payload: bytes, origin: Origin | None,
+        begin: Callable[[Report], Coroutine[Any, Any, dict[str, Any]]],
+    ) -> Operation:  # fmt: skip
+        """The order of the id ``name`` (empty: it has none), begun where it comes for the first time.
+
+        Raises :class:`BadInput` for an id of another order and for one too long, :class:`Refused` for one that ended
+        long ago.
+        """
+        self._forget()
+        if len(name) > MOST_ID:
+            text = f"an id has at most {MOST_ID} characters"
+            raise BadInput(text, field="id", value=name[:MOST_ID], expected=text)
+        if name in self._ended:
+            ago = time.monotonic() - self._ended[name]
+            raise Refused(
+                f"{verb} ended {ago:.0f} s ago, and is not done again: give it anew, with another id", verb=verb
+            )
+        known, digest = self._operations.get(name) if name else None, hashlib.sha256(payload).digest()
+        if known is not None:
+            if (known.verb, known.payload, known.origin) != (verb, digest, origin):
+                raise BadInput(f"id {name!r} was used for another order ({known.verb})", field="id", value=name)
+            return known
+        progress: dict[str, Any] = {}
+
+        def report(news: dict[str, Any]) -> None:
+            progress.update(news)
+
+        task = asyncio.get_running_loop().create_task(begin(report))
+        operation = Operation(verb, digest, origin, task, progress=progress)
+        task.add_done_callback(operation.end)
+        self._operations[name or f"#{id(task)}"] = operation
+        return operation
+
+    def _forget(self) -> None:
+        old = time.monotonic() - MEMORY
+        ended = [(name, op.ended) for name, op in self._operations.items() if op.ended is not None]
+        beyond = len(ended) - MOST_KEPT
+        for number, (name, at) in enumerate(ended):
+            if at <= old or number < beyond:
+                del self._operations[name]
+                if not name.startswith("#"):
+                    self._ended[name] = at
+        while len(self._ended) > MOST_IDS:
+            self._ended.popitem(last=False)
 
 
 class Orders:
@@ -80,15 +147,11 @@ class Orders:
         self._own = questions is None
         self._questions = questions or Questions(session, answers)
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
-        self._operations: dict[str, Operation] = {}
-        self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
-        """when the orders ended whose outcome is kept no more"""
+        self._operations = Operations()
         self._answers: set[asyncio.Task[None]] = set()
         self._intake: Intake | None = None
         self._urgent, self._waiting = collections.deque[zenoh.Query](), collections.deque[zenoh.Query]()
         """that have come and were not looked at yet: those that make it safe, and others"""
-        self._looking: collections.Counter[Origin | None] = collections.Counter()
-        """by who gave them: orders under way that a viewer may give"""
         self._closed = False
 
     def add(self, verb: str, handler: Guarded) -> None:
@@ -103,7 +166,7 @@ class Orders:
         def sort(queries: list[zenoh.Query]) -> None:
             for query in queries:
                 verb = self._known.get(str(query.key_expr).rpartition("/")[2])
-                if verb is not None and not {keys.VIEWER, keys.ANYONE}.isdisjoint(verb.writers):
+                if verb is not None and self._only_looks(verb.name):
                     self._questions.put(lane, query)
                     continue
                 if verb is not None and verb.access is Access.OPEN:
@@ -119,7 +182,7 @@ class Orders:
     @property
     def under_way(self) -> int:
         """Orders that have not ended."""
-        return sum(not op.task.done() for op in self._operations.values())
+        return len(self._operations.under_way)
 
     async def close(self) -> None:
         """End what is under way, and say so to whoever asked."""
@@ -128,7 +191,7 @@ class Orders:
             self._intake.close()
         if self._own:
             self._questions.close()
-        tasks = [op.task for op in self._operations.values() if not op.task.done()]
+        tasks = [operation.task for operation in self._operations.under_way]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
@@ -177,60 +240,28 @@ class Orders:
             text = f"{verb}: {len(payload)} bytes are too much for an order; at most {self._most} are read"
             raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
         args = wire.decode(payload, arguments, f"{self._channel.name}/{verb}")
-        operation = self._operation(verb, args, payload, handler, origin)
+
+        def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
+            if self._only_looks(verb):
+                self._check_looking(verb, origin)
+            return _run(handler, args, report, origin)
+
+        operation = self._operations.once(verb, args.id, payload, origin, begin)
         wait = min(max(args.wait, 0.0), 5.0) if args.id else None
         await asyncio.wait({operation.task}, timeout=wait)
-        took = (operation.ended or time.monotonic()) - operation.started
         if not operation.task.done():
-            return wire.Outcome(verb=verb, status="running", took=took, result=operation.progress)
-        return wire.Outcome(verb=verb, status="done", took=took, result=_result(operation))
+            return wire.Outcome(verb=verb, status="running", took=operation.took, result=operation.progress)
+        return wire.Outcome(verb=verb, status="done", took=operation.took, result=_result(operation))
 
-    def _operation(
-        self, verb: str, args: wire.Order, payload: bytes, handler: Guarded, origin: Origin | None
-    ) -> Operation:
-        self._forget()
-        if len(args.id) > MOST_ID:
-            text = f"an id has at most {MOST_ID} characters"
-            raise BadInput(text, field="id", value=args.id[:MOST_ID], expected=text)
-        if args.id in self._ended:
-            ago = time.monotonic() - self._ended[args.id]
-            raise Refused(
-                f"{verb} ended {ago:.0f} s ago, and is not done again: give it anew, with another id", verb=verb
-            )
-        known, digest = self._operations.get(args.id) if args.id else None, hashlib.sha256(payload).digest()
-        if known is not None:
-            if (known.verb, known.payload, known.origin) != (verb, digest, origin):
-                raise BadInput(f"id {args.id!r} was used for another order ({known.verb})", field="id", value=args.id)
-            return known
-        looks = not {keys.VIEWER, keys.ANYONE}.isdisjoint(self._known[verb].writers)
-        if looks and self._looking[origin] >= MOST_LOOKING:
+    def _only_looks(self, verb: str) -> bool:
+        """A viewer may give it."""
+        return not {keys.VIEWER, keys.ANYONE}.isdisjoint(self._known[verb].writers)
+
+    def _check_looking(self, verb: str, origin: Origin | None) -> None:
+        looking = [op for op in self._operations.under_way if op.origin == origin and self._only_looks(op.verb)]
+        if len(looking) >= MOST_LOOKING:
             text = f"{MOST_LOOKING} orders of yours are under way that only look: wait for one of them"
             raise Refused(text, reason="busy", verb=verb)
-        progress: dict[str, Any] = {}
-
-        def report(news: dict[str, Any]) -> None:
-            progress.update(news)
-
-        task = asyncio.get_running_loop().create_task(_run(handler, args, report, origin))
-        operation = Operation(verb, digest, origin, task, progress=progress)
-        task.add_done_callback(operation.end)
-        if looks:
-            self._looking[origin] += 1
-            task.add_done_callback(lambda _: self._looking.subtract((origin,)))
-        self._operations[args.id or f"#{id(task)}"] = operation
-        return operation
-
-    def _forget(self) -> None:
-        old = time.monotonic() - MEMORY
-        ended = [(name, op.ended) for name, op in self._operations.items() if op.ended is not None]
-        beyond = len(ended) - MOST_KEPT
-        for number, (name, at) in enumerate(ended):
-            if at <= old or number < beyond:
-                del self._operations[name]
-                if not name.startswith("#"):
-                    self._ended[name] = at
-        while len(self._ended) > MOST_IDS:
-            self._ended.popitem(last=False)
 
 
 async def _run(handler: Guarded, args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:

@@ -68,7 +68,8 @@ class StateService:
         found = self._heard(name)
         return found[0] if found and found[1] < FRESH else None
 
-    def _last(self, name: str) -> Mapping[str, Any] | None:
+    def last(self, name: str) -> Mapping[str, Any] | None:
+        """The vehicle's last message of that name, however old."""
         found = self._heard(name)
         return found[0] if found else None
 
@@ -105,7 +106,7 @@ class StateService:
 
     def _add_motion(self, state: wire.VehicleState) -> None:
         position = self._heard("GLOBAL_POSITION_INT")
-        if position and self._identity.autopilot and self._identity.autopilot.has_position(self._last):
+        if position and self._identity.autopilot and self._identity.autopilot.has_position(self.last):
             p, state.ages["position"] = position
             state.position = wire.GlobalPosition(
                 lat_deg=p["lat"] / 1e7, lon_deg=p["lon"] / 1e7, alt_amsl=p["alt"] / 1e3, alt_rel=p["relative_alt"] / 1e3

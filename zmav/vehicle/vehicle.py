@@ -196,7 +196,7 @@ class Vehicle:
         await self.order("land", wire.Order(), progress)
 
     async def rtl(self, *, progress: Progress | None = None) -> None:
-        """Return to launch, open to everybody; returns when disarmed there (rovers and planes: when in the mode)."""
+        """Return to launch, open to everybody; returns when it is disarmed there, or stands or circles there."""
         await self.order("rtl", wire.Order(), progress)
 
     async def reboot(self) -> None:

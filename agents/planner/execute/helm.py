@@ -111,6 +111,13 @@ class Helm:
         return state.segment is None or state.segment.rests <= state.t
 
     @property
+    def ours(self) -> bool:
+        """By what it said last nobody has taken it from us."""
+        if self._lease is not None:
+            self._lost(self._lease)
+        return not self.taken
+
+    @property
     def instance(self) -> str:
         """Of its agent; empty while nothing was heard of it."""
         state = self.vehicle.last_state

@@ -50,7 +50,7 @@ async def carry_out(run: Run, crew: Crew, step: Orders) -> None:
         await together(*(one(number, order) for number, order in enumerate(step.orders)))
     except (asyncio.CancelledError, ZmavError):
         moving = {order.vehicle for number, order in enumerate(step.orders) if not done[number].is_set()}
-        await hold_all(run, [name for name in moving if _in_the_air(run, name)])
+        await hold_all(run, crew, [name for name in moving if _in_the_air(run, name)])
         raise
 
 
@@ -65,15 +65,18 @@ async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> Non
     await vehicle.order(verb, order)
 
 
-async def halt(run: Run, names: Iterable[str]) -> None:
-    """Have those that move stop where they are; open to everybody, and no lease is needed for it."""
-    await hold_all(run, [name for name in names if _in_the_air(run, name)])
+async def halt(run: Run, crew: Crew, names: Iterable[str]) -> None:
+    """Have those that move stop where they are."""
+    await hold_all(run, crew, [name for name in names if _in_the_air(run, name)])
 
 
-async def hold_all(run: Run, names: list[str]) -> None:
-    """Whoever does not answer is told of."""
-    results = await asyncio.gather(*(run.agent.z.vehicle(name).hold() for name in names), return_exceptions=True)
-    for name, result in zip(names, results, strict=True):
+async def hold_all(run: Run, crew: Crew, names: list[str]) -> None:
+    """Under our leases, which go on. Who was taken from us is another's: a hold of ours would end his lease. Whoever
+    does not answer is told of.
+    """
+    ours = [name for name in names if name in crew.helms and crew.helms[name].ours]
+    results = await asyncio.gather(*(crew.vehicle(name).hold() for name in ours), return_exceptions=True)
+    for name, result in zip(ours, results, strict=True):
         if isinstance(result, ZmavError):
             run.say("hold", "warning", f"{name} was told to hold, and did not: {result}", goal=run.entry.id)
 

@@ -203,7 +203,7 @@ class Run:
             await self._follow(crew, step, share)
         else:
             assert isinstance(step, Stop)
-            await halt(self, step.vehicles)
+            await halt(self, crew, step.vehicles)
         return []
 
     async def _plan_and_fly(self, crew: Crew, step: PlanTo, share: tuple[float, float]) -> list[str]:

@@ -3,6 +3,8 @@
 
 const READ_ONLY = document.querySelector("meta[name=zmav-read-only]").content === "yes";
 
+const UNDER_WAY = ["running", "returning"];  // how it stands with a vehicle whose order has not ended
+
 // A new element with a class, a text and children; text is never markup.
 function make(tag, className = "", text = "", ...children) {
   const element = document.createElement(tag);
@@ -43,12 +45,12 @@ async function order(vehicles, verb, args = {}) {
       const body = await post(`fleet/${verb}`, { ...args, vehicles, id, wait: 1 });
       for (const note of body.notes) once(note, note, "");
       for (const each of body.vehicles) {
-        if (each.status === "running") continue;
+        if (UNDER_WAY.includes(each.status)) continue;
         const text = each.status === "failed" ? `not done: ${each.text}` : each.text;
         once(`${each.fleet}/${each.vehicle}`, `${each.vehicle}: ${verb} ${text}`, { done: "good", failed: "bad" }[each.status] || "");
       }
       running = body.status === "running";
-      if (running) box.textContent = `${body.vehicles.filter((each) => each.status === "running").map((each) => each.vehicle).join(", ")}: ${verb} …`;
+      if (running) box.textContent = `${body.vehicles.filter((each) => UNDER_WAY.includes(each.status)).map((each) => each.vehicle).join(", ")}: ${verb} …`;
     }
   } catch (error) {
     toast(`${whom}: no word on ${verb}: ${error.message}`, "bad", 15000);

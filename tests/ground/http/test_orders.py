@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
+import zenoh
 
-from zmav import wire
+from zmav import keys, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.verbs import VERBS
@@ -206,7 +207,7 @@ def test_an_order_to_all_says_of_each_how_it_stands(airborne: Scene) -> None:
     order = {"vehicles": ["*"], "id": "all-1", "wait": 0.3}
     while (said := served.post("/fleet/rtl", order).json)["status"] == "running":
         (flying,) = [each for each in said["vehicles"] if each["vehicle"] == "quad1"]
-        assert flying["status"] == "running" or not airborne.sim.status().armed
+        assert flying["status"] in ("running", "returning") or not airborne.sim.status().armed
     landed.set()
     speaker.join()
     told = {each["vehicle"]: each for each in said["vehicles"]}
@@ -219,6 +220,36 @@ def test_an_order_to_all_says_of_each_how_it_stands(airborne: Scene) -> None:
     ):  # fmt: skip
         refused = served.post(path, body)
         assert refused.status in (400, 404) and words in refused.text
+
+
+def test_an_order_to_several_is_given_once(served: Served) -> None:
+    """However often it comes with its id, and in whatever order its fields; not again for another one under that id."""
+    key, given = keys.DO.key("demo", "quad8", verb="*"), list[str]()
+    served.vehicle("quad8", 8)
+
+    def outcome(query: zenoh.Query) -> None:
+        given.append(str(query.key_expr).rpartition("/")[2])
+        query.reply(str(query.key_expr), wire.encode(wire.Outcome(verb=given[-1], status="done", took=0.0)))
+
+    queryable = served.session.declare_queryable(key, outcome)
+    order = {"vehicles": ["quad8"], "id": "once", "wait": 0}
+    while (said := served.post("/fleet/hold", order).json)["status"] == "running":
+        pass
+    again = served.post("/fleet/hold", dict(reversed(order.items()))).json
+    assert again["vehicles"] == said["vehicles"]
+    assert [each["status"] for each in again["vehicles"]] == ["done"]
+    for path, body in (
+        ("/fleet/hold", {**order, "vehicles": ["q*"]}), ("/fleet/land", order), ("/fleet/hold", {**order, "wait": 1}),
+    ):  # fmt: skip
+        refused = served.post(path, body)
+        assert (refused.status, refused.json["error"]["kind"]) == (400, "bad_input"), refused.text
+        assert "'once' was used for another order (hold)" in refused.text
+    long = served.post("/fleet/hold", {**order, "id": "x" * 65})
+    assert long.status == 400 and "at most 64 characters" in long.text
+    unknown = {**order, "id": "nobody", "vehicles": ["x*"]}
+    assert [served.post("/fleet/hold", unknown).status for _ in range(2)] == [404, 404], "nothing was given"
+    queryable.undeclare()
+    assert given == ["hold"]
 
 
 def test_a_state_comes_with_what_is_alarming(served: Served) -> None:
