@@ -7,8 +7,11 @@ import asyncio
 import pytest
 
 from tests.failsafe.conftest import PATIENT, agent, another, held, moves, nothing_more, stops
-from tests.services.conftest import StartBench
-from zmav.errors import Refused
+from tests.services.conftest import FAILED, SET_MODE, TAKEOFF, StartBench
+from zmav.config import Failsafe
+from zmav.errors import Refused, TimedOut, ZmavError
+
+RTL = 6
 
 
 @pytest.mark.parametrize("how", ["expired", "revoked", "released"])
@@ -47,8 +50,6 @@ async def test_preempted(bench: StartBench) -> None:
 
 async def test_what_somebody_meant_ends_with_the_hold(bench: StartBench) -> None:
     """A revoked lease is no reason to fly home: somebody is there."""
-    from zmav.config import Failsafe
-
     b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after=0.5)})
     alice = await agent(b)
     await alice.fly()
@@ -57,6 +58,43 @@ async def test_what_somebody_meant_ends_with_the_hold(bench: StartBench) -> None
     await b.peer.until(lambda: len(stops(b)) >= 4, "all its holds")
     await nothing_more(b)
     assert b.peer.mode == 4
+
+
+@pytest.mark.parametrize("what", ["takeoff", "arm", "mission_current", "lease"])
+async def test_what_comes_to_nothing_later_sends_nobody_home(bench: StartBench, what: str) -> None:
+    """The stream was ended on purpose long ago: an order that is refused, or a lease that runs out, is no lost link."""
+    b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after=0.5)})
+    alice = await agent(b)
+    await alice.fly()
+    await b.ground.do("release", lease=alice.token)
+    await held(b)
+    await b.peer.until(lambda: len(stops(b)) >= 4, "all its holds")
+    await nothing_more(b)  # for longer than land_after
+    if what == "lease":
+        await b.ground.do("lease", holder="bob", ttl=0.1)
+        await b.event("lease of bob ran out")
+    elif what == "arm":
+        await b.ground.do("arm")  # it is
+    else:
+        b.peer.results[TAKEOFF] = [FAILED]
+        with pytest.raises(ZmavError):
+            await b.ground.do(what, **({"alt_rel": 5.0} if what == "takeoff" else {"index": 3}))
+    for _ in range(8):  # 5 Hz: longer than land_after
+        await b.state(lambda s: True, "a moment")
+    assert b.peer.commands(SET_MODE) == []
+
+
+async def test_after_an_order_that_came_to_nothing_the_action_follows_the_hold(bench: StartBench) -> None:
+    """As long after it as after any other: while the order lasted, nobody was missed."""
+    b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after=3.0)})
+    alice = await agent(b)
+    await alice.fly()
+    b.peer.mute = {TAKEOFF}
+    with pytest.raises(TimedOut):
+        await b.ground.do("takeoff", alt_rel=5.0, lease=alice.token)
+    failed = asyncio.get_running_loop().time()
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
+    assert b.peer.commands(SET_MODE)[0].at - failed > 2.0
 
 
 FAR = {"frame": "global", "lat_deg": -35.005, "lon_deg": 149.0, "alt_rel": 10.0}

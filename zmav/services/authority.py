@@ -256,9 +256,8 @@ class Authority:
         who, now = self._identity, time.monotonic()
         if who.autopilot is not None and who.source is not None:
             still = Target(vel=(0.0, 0.0, 0.0))
-            self.ladder.hold(
-                Flown(who.autopilot, who.source, end.number, still, who.mode or "", now), end.text, goes_on=False
-            )
+            flown = Flown(who.autopilot, who.source, end.number, still, who.mode or "", now, goes_on=False)
+            self.ladder.hold(flown, end.text)
 
     def _on_acted(self, lease: int) -> None:
         if lease == self.leases.number:

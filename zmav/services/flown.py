@@ -25,6 +25,8 @@ class Flown(NamedTuple):
     """the mode that follows it"""
     until: float
     """monotonic seconds at which it is stale unless renewed"""
+    goes_on: bool = True
+    """an action follows its hold; not where its end was meant"""
 
 
 def future(flown: Flown) -> Callable[[float], Target]:

@@ -89,8 +89,6 @@ class Ladder:
         self._asked = -math.inf
         self._tries: list[str] = []
         self._repeats = 0
-        self._goes_on = True
-        """an action follows the hold"""
         self._over = 0
         """the lease under which the ladder has acted: nothing more is flown under it"""
         self.rounds = 0
@@ -176,8 +174,8 @@ class Ladder:
         return self._step is not Step.IDLE and followed
 
     def hold_now(self, why: str, *, goes_on: bool = True, severity: wire.Severity = "warning") -> None:
-        """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows. ``severity``: of saying
-        so.
+        """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows, unless the end of what is
+        held already was meant. ``severity``: of saying so.
         """
         with self._changed:
             flown = self._flown
@@ -190,7 +188,8 @@ class Ladder:
                 return
             if self._step in (Step.FRESH, Step.ENGAGING):
                 self._hold(why, severity)
-            self._goes_on = goes_on
+            self._flown = flown._replace(goes_on=flown.goes_on and goes_on)
+            self._dodging = self._flown if self._dodging is flown else self._dodging
             self._wake(self._next(time.monotonic()))
 
     def stop(self) -> Flown | None:
@@ -202,8 +201,8 @@ class Ladder:
             self._end()
             return flown
 
-    def hold(self, flown: Flown, why: str, *, goes_on: bool = True) -> None:
-        """Hold what nothing moves any more, while nothing else is flown; ``goes_on`` as in :meth:`hold_now`."""
+    def hold(self, flown: Flown, why: str) -> None:
+        """Hold what nothing moves any more, while nothing else is flown; land_after counts from now."""
         with self._changed:
             if self._step is not Step.IDLE:
                 return
@@ -212,7 +211,7 @@ class Ladder:
                 self._end()
                 return
             self._hold(why)
-            self._goes_on = goes_on
+            self._since = time.monotonic()
             self._wake(self._next(time.monotonic()))
 
     # The thread.
@@ -306,7 +305,6 @@ class Ladder:
         lasts = 0.0 if isinstance(flown.what, Segment) else self.failsafe.hold_after
         self._since = min(now, flown.until - lasts)
         self._enter(Step.HOLDING)
-        self._goes_on = True
         self._let_go(self._flown, None)
         self._say_hold()
         self.count("held")
@@ -334,7 +332,7 @@ class Ladder:
     def _watch_hold(self, flown: Flown, now: float) -> None:
         """Until it is in the mode and stands still; a few times in any case."""
         after = self.failsafe.land_after
-        if self._goes_on and after != "never" and now - self._since >= after:
+        if flown.goes_on and after != "never" and now - self._since >= after:
             self._enter(Step.ACTING)
             self._tries = list(SAFER[self.failsafe.action])
             self._over = flown.lease
