@@ -25,6 +25,10 @@ ROSTERS = 20.0
 """rosters that are looked at in a second: anybody may bring one, and the true one comes again"""
 SIGNED = (keys.STATE, keys.EVENT)
 """what vehicles sign of what they publish"""
+_UNSIGNED = tuple(
+    c.template.removeprefix("{fleet}/{vehicle}/").partition("{")[0] for c in keys.VEHICLES_OWN if c not in SIGNED
+)
+"""how the rest of what vehicles alone say begins, under their names"""
 _ENDS = tuple("/" + channel.template.rpartition("/")[2] for channel in SIGNED)
 """most of what comes is neither, and is not to be matched with every channel there is"""
 
@@ -101,11 +105,15 @@ class Member:
     # In.
 
     def judge(self, key: str, payload: bytes, attachment: bytes | None, newest: dict[Place, float]) -> None:
-        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign; other keys are not judged.
+        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign, and for frames and beacons,
+        which are not signed, under a name that is no vehicle's; other keys are not judged.
 
         ``newest``: one reader's own, of when the newest states that it believed were signed (UTC seconds). A state that
         is no newer was heard before, or overtaken.
         """
+        _, fleet, name, *rest = (*key.split("/", 3), "", "", "")
+        if rest[0].startswith(_UNSIGNED) and not self.verifier.is_vehicle(fleet, name):
+            self._disown(name)
         if not key.endswith(_ENDS):
             return
         try:
@@ -125,6 +133,12 @@ class Member:
         except Forbidden as e:
             self.counts[str(e.detail["reason"])] += 1
             raise
+
+    def _disown(self, name: str) -> None:
+        role = self.verifier.role_of(name)
+        reason, is_ = ("role", f"a {role}") if role else ("unknown", "not on the roster")
+        self.counts[reason] += 1
+        raise Forbidden(f"only a vehicle says this, and {name} is {is_}", reason=reason, origin=name)
 
     def _signed_at(
         self, channel: keys.Channel, place: Place, key: str, payload: bytes, attachment: bytes | None

@@ -41,12 +41,12 @@ from zmav.session import SessionSettings, open_session
 def say(name, endpoint, folder):
     with open_session(SessionSettings(connect=[endpoint], credentials=folder)) as session:
         known = threading.Event()
-        publisher = session.declare_publisher(f"zmav/alpha/{name}/link/x")
+        publisher = session.declare_publisher(f"zmav/alpha/{name}/camera/x/report/x")
         listener = publisher.declare_matching_listener(lambda status: known.set() if status.matching else None)
         assert publisher.matching_status.matching or known.wait(60.0)
         for key in ("quad1/setpoint/x", "quad1/mav/tx/1/1/HEARTBEAT", "quad1/state", "*/state"):
             session.put(f"zmav/alpha/{key}", b"", congestion_control=zenoh.CongestionControl.BLOCK)
-        session.put(f"zmav/alpha/{name}/link/x", b"end", congestion_control=zenoh.CongestionControl.BLOCK)
+        session.put(f"zmav/alpha/{name}/camera/x/report/x", b"end", congestion_control=zenoh.CongestionControl.BLOCK)
         sys.stdin.readline()
 for each in sys.argv[1:]:
     say(*json.loads(each))
@@ -103,7 +103,7 @@ def test_only_plain_loopback_is_this_hosts_own(network: Network, tmp_path: Path)
             saying = start(host, [sys.executable, "-c", SAY, *words])
             assert saying.stdin is not None
             for name, _, through in says:
-                assert set(json.loads(home.readline())) - {f"zmav/alpha/{name}/link/x"} == through
+                assert set(json.loads(home.readline())) - {f"zmav/alpha/{name}/camera/x/report/x"} == through
                 saying.stdin.write("\n")
                 saying.stdin.flush()
             assert saying.wait(60.0) == 0
