@@ -75,6 +75,7 @@ bench: $(VENV)/.dev ## run every benchmark in tests/bench
 lock: ## renew requirements.lock (needs uv)
 	@echo "==> resolving the newest versions for every Python from 3.10 up"
 	@UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --upgrade --universal --python-version 3.10 --all-extras \
+	    --generate-hashes \
 	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
 
 clean: ## remove .venv and what the tools left behind
@@ -82,20 +83,24 @@ clean: ## remove .venv and what the tools left behind
 	find $(PACKAGES) -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.demo: $(VENV)/.made pyproject.toml requirements.lock
-	$(call install,.[planner$(comma)vision$(comma)ground],zmav with its planner$(comma) vision and ground)
+	$(call install,planner vision ground,zmav with its planner$(comma) vision and ground)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock
-	$(call install,.[dev],zmav and its development tools)
+	$(call install,dev,zmav and its development tools)
 	@touch $(VENV)/.demo $@
 
 comma := ,
 
-# pip would compile every dialect pymavlink has, which takes longer than all the rest; the import compiles the one in use.
+# Nothing is downloaded but what the lock has a hash of, and nothing of others is built here: our own is, with tools from
+# the lock. pip would compile every dialect pymavlink has, which takes longer than all the rest; the import compiles the
+# one in use.
 define install
 @echo "==> installing $(2) into $(VENV), versions as in requirements.lock (up to a minute the first time)"
 @touch $(VENV)/.installing
-@$(PIP) install --no-compile -c requirements.lock -e '$(1)'
+@$(BIN)/python deploy/needed.py build $(1) > $(VENV)/needed.txt
+@$(PIP) install --no-compile --require-hashes --only-binary :all: -r $(VENV)/needed.txt
+@$(PIP) install --no-compile --no-deps --no-build-isolation -e .
 @$(BIN)/python -c 'import numpy, rich, zenoh, pymavlink.dialects.v20.ardupilotmega'
 @rm $(VENV)/.installing
 endef

@@ -1,6 +1,6 @@
 """Frames of the whole fleet as they come: what the bridge, the gateway, the recorder and the viewer read.
 
-feed = Feed(session, lambda origin, frame: ..., fleet="demo", vehicles=["quad*"], messages=["ATTITUDE"])
+feed = Feed(z.session, z.is_vehicle, lambda origin, frame: ..., fleet="demo", vehicles=["quad*"], messages=["ATTITUDE"])
 
 Nothing is decoded here. Where one autopilot is heard over two links, say by its companion and by a radio on the ground,
 each of its frames comes once: the first one that came.
@@ -46,21 +46,22 @@ class Feed:
     a time.
 
     ``on_frame`` must be quick and must not raise: what it does not take in time is held back in the session, and then
-    dropped by the routers. ``frame`` are the bytes as the vehicle sent them. Without ``once`` a frame that is heard
-    over two links comes twice, for who chooses a link himself. Raises :class:`~zmav.errors.BadKey` for vehicles or
-    messages that cannot stand in a key expression.
+    dropped by the routers. What comes under a name that ``is_vehicle`` denies is left out. ``frame`` are the bytes as
+    the vehicle sent them. Without ``once`` a frame that is heard over two links comes twice, for who chooses a link
+    himself. Raises :class:`~zmav.errors.BadKey` for vehicles or messages that cannot stand in a key expression.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
+        is_vehicle: keys.IsVehicle,
         on_frame: OnFrame,
         fleet: str = "*",
         vehicles: Sequence[str] = ("*",),
         messages: Sequence[str] = ("*",),
         once: bool = True,
     ) -> None:
-        self._on_frame, self._once = on_frame, once
+        self._is_vehicle, self._on_frame, self._once = is_vehicle, on_frame, once
         self._replay = keys.is_replay(fleet)
         self._origins: dict[str, Origin] = {}
         self._lock = threading.Lock()
@@ -73,7 +74,7 @@ class Feed:
         self.twice = 0
         """frames left out because they had come over another link already"""
         self.foreign = 0
-        """samples left out because their key is none of a frame's, or a recording's where vehicles are heard"""
+        """samples left out because their key is none of a vehicle's frame, or a recording's where vehicles are heard"""
         wanted = {
             keys.expression(f"{vehicle}/mav/rx/*/*/{message}", fleet) for vehicle in vehicles for message in messages
         }
@@ -98,7 +99,7 @@ class Feed:
         key = str(sample.key_expr)
         with self._lock:
             origin = self._origins.get(key) or self._new_origin(key)
-            if origin is None or keys.is_replay(origin.fleet) != self._replay:
+            if origin is None or keys.is_replay(origin.fleet) != self._replay or not self._is_vehicle(*origin[:2]):
                 self.foreign += 1
                 return
             if index and any(wanted.intersects(sample.key_expr) for wanted in self._wanted[:index]):
@@ -112,7 +113,7 @@ class Feed:
 
     def _new_origin(self, key: str) -> Origin | None:
         origin = origin_of(key)
-        if origin is None or len(self._origins) >= MOST:
+        if origin is None or len(self._origins) >= MOST or not self._is_vehicle(*origin[:2]):
             return origin
         self._origins[key] = origin
         place = (origin.sysid, origin.compid)

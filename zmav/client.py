@@ -23,6 +23,7 @@ from zenoh import handlers
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
+from zmav.present import Present
 from zmav.services.port import on_loop
 from zmav.services.proven import attached, proof_of_error
 from zmav.session import SessionSettings, open_session, reason
@@ -72,7 +73,7 @@ class Client:
     def __init__(self, settings: SessionSettings, fleet: str, dialect: str) -> None:
         self._settings, self.fleet_name, self._dialect_name = settings, fleet, dialect
         self._heard: dict[Place, Heard] = {}
-        self._tokens: dict[Place, set[str]] = {}
+        self._tokens: Present[Place, None] = Present(lambda place: self.is_vehicle(*place))
         self._news = asyncio.Event()
         self._session: zenoh.Session | None = None
         self.member: Member | None = None
@@ -123,8 +124,7 @@ class Client:
         """The vehicles present or heard within the last half minute, by name."""
         now = time.monotonic()
         recent = {place for place, heard in self._heard.items() if now - heard.at < FORGET}
-        tokens = {place for place, held in self._tokens.items() if held}
-        return [Vehicle(self, name, fleet) for fleet, name in sorted(recent | tokens)]
+        return [Vehicle(self, name, fleet) for fleet, name in sorted(recent.union(self._tokens))]
 
     def heard(self, name: str, fleet: str) -> Heard | None:
         """The last state of a vehicle, the newest of its namesakes' where ``fleet`` is ``*``; None: never heard."""
@@ -135,7 +135,11 @@ class Client:
         """Its token is there, or its state came within the staleness limit: either may be lost without the other."""
         heard = self.heard(name, fleet)
         fresh = heard is not None and time.monotonic() - heard.at < (keys.STATE.stale_after or 0.0)
-        return fresh or any(held for place, held in self._tokens.items() if _is(place, name, fleet))
+        return fresh or any(_is(place, name, fleet) for place in self._tokens)
+
+    def is_vehicle(self, fleet: str, name: str) -> bool:
+        """Whether a name is a vehicle's: by the roster where we have credentials, else any is."""
+        return self.member is None or self.member.verifier.is_vehicle(fleet, name)
 
     def disbelieved(self, name: str, fleet: str) -> list[str]:
         """Why something said in a vehicle's name was not believed, by reason; with credentials only."""
@@ -160,7 +164,7 @@ class Client:
         """Wait until nobody new has spoken for ``quiet`` seconds, ``timeout`` at most; the vehicles known then."""
         deadline, known, since = time.monotonic() + timeout, 0, 0.0
         while (now := time.monotonic()) < deadline:
-            count = len(self._heard) + len(self._tokens)
+            count = len(self._heard) + sum(1 for _ in self._tokens)
             if count != known:
                 known, since = count, now
             elif known and now - since >= quiet:
@@ -192,12 +196,12 @@ class Client:
         self._news.set()
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        tokens = self._tokens.setdefault(_place(sample), set())
+        place = _place(sample)
         if sample.kind == zenoh.SampleKind.PUT:
-            tokens.add(str(sample.key_expr))
-            self._meet(_place(sample))
+            if self._tokens.add(place, str(sample.key_expr), None):
+                self._meet(place)
         else:
-            tokens.discard(str(sample.key_expr))
+            self._tokens.remove(place, str(sample.key_expr))
         self._news.set()
 
     def _judge(self, sample: zenoh.Sample, newest: dict[Place, float]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -306,6 +306,10 @@ BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
 GROUP = CHANNELS["group"]
 HISTORY = CHANNELS["history"]
+VEHICLES_OWN = tuple(c for c in CHANNELS.values() if c.kind == "pub" and c.writers == (VEHICLE,))
+"""what vehicles alone publish: under any other name it is believed of nobody"""
+IsVehicle = Callable[[str, str], bool]
+"""``is_vehicle(fleet, name)``: whether that is a vehicle, as far as anybody can tell"""
 SWARM, OBSTACLE = CHANNELS["swarm"], CHANNELS["obstacle"]
 HOST = CHANNELS["host"]
 BODY, BEACON = CHANNELS["body"], CHANNELS["beacon"]
@@ -341,6 +345,11 @@ def check_name(name: str, field: str = "name") -> str:
             field=field, value=name, expected="[a-z0-9_-]+",
         )  # fmt: skip
     return name
+
+
+def anything(fleet: str, name: str) -> bool:
+    """:data:`IsVehicle` without credentials, where nobody can tell."""
+    return True
 
 
 def is_replay(fleet: str) -> bool:

@@ -139,7 +139,7 @@ class Onboard:
         self.flight.lead, self.flight.leads = carrot.lead, lambda: carrot.leading
         self.separation = Separation(
             session, port, self.identity, bounds, self.events, settings.origin,
-            lambda: self.body.body, settings.separation,
+            lambda: self.body.body, settings.separation, self.gate.is_vehicle if self.gate else keys.anything,
         )  # fmt: skip
         self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
         self.params = Params(questions, port, self.identity, self.events)

@@ -174,7 +174,9 @@ class Follower(zmav.Agent):
         try:
             async with contextlib.AsyncExitStack() as stack:
                 if args.target:
-                    await stack.enter_async_context(Slot(self.z.session, fleet, me, args.target, SLOT, on_lost))
+                    await stack.enter_async_context(
+                        Slot(self.z.session, self.z.is_vehicle, fleet, me, args.target, SLOT, on_lost)
+                    )
                 lease = await stack.enter_async_context(self._lease())
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)

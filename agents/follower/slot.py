@@ -17,6 +17,7 @@ import zenoh
 
 from zmav import keys
 from zmav.errors import BadKey, Refused
+from zmav.present import Present
 from zmav.services.port import on_loop
 
 SETTLE = 0.5
@@ -26,18 +27,18 @@ Claim = tuple[int, str]
 
 
 class Slot:
-    """``async with Slot(session, "demo", "quad1", "rover1", "above") as slot``. Raises :class:`Refused` naming who has
-    it. ``on_lost``: told who has the better claim, where that shows later.
+    """``async with Slot(session, z.is_vehicle, "demo", "quad1", "rover1", "above") as slot``. Raises :class:`Refused`
+    naming who has it: only a vehicle can. ``on_lost``: told who has the better claim, where that shows later.
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, vehicle: str, target: str, slot: str,
+        self, session: zenoh.Session, is_vehicle: keys.IsVehicle, fleet: str, vehicle: str, target: str, slot: str,
         on_lost: Callable[[str], None] = lambda who: None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._vehicle, self._on_lost = session, fleet, vehicle, on_lost
         self._target, self._slot = keys.check_name(target, "target"), keys.check_name(slot, "slot")
         self._claim: Claim = (int(1e3 * time.time()), uuid.uuid4().hex)
-        self._others: dict[str, tuple[Claim, str]] = {}
+        self._others: Present[str, tuple[Claim, str]] = Present(lambda who: is_vehicle(fleet, who))
         self._token: zenoh.LivelinessToken | None = None
         self._subscriber: Any = None
 
@@ -47,8 +48,8 @@ class Slot:
         self._subscriber = self._session.liveliness().declare_subscriber(wide, take, history=True)
         try:
             await asyncio.sleep(SETTLE)
-            if self._others:
-                raise self._taken(min(self._others.values())[1])
+            if claims := self._claims():
+                raise self._taken(min(claims)[1])
             since, instance = self._claim
             own = keys.SLOT.key(
                 self._fleet, self._vehicle, target=self._target, slot=self._slot, since=since, instance=instance
@@ -70,7 +71,7 @@ class Slot:
     @property
     def better(self) -> str:
         """Who has the better claim; empty: it is ours."""
-        first = min(self._others.values(), default=None)
+        first = min(self._claims(), default=None)
         return first[1] if first is not None and first[0] < self._claim else ""
 
     def _drop(self) -> None:
@@ -92,8 +93,11 @@ class Slot:
         if claim == self._claim:
             return
         if sample.kind == zenoh.SampleKind.PUT:
-            self._others[parts["instance"]] = (claim, parts["vehicle"])
-            if self._token is not None and (who := self.better):
+            self._others.add(parts["vehicle"], str(sample.key_expr), (claim, parts["vehicle"]))
+            if self._token is not None and claim < self._claim and (who := self.better):
                 self._on_lost(who)
         else:
-            self._others.pop(parts["instance"], None)
+            self._others.remove(parts["vehicle"], str(sample.key_expr))
+
+    def _claims(self) -> list[tuple[Claim, str]]:
+        return [claim for vehicle in self._others for claim in self._others.of(vehicle)]

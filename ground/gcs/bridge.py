@@ -101,8 +101,9 @@ class Bridge:
             for endpoint in self.endpoints:
                 await asyncio.to_thread(endpoint.start)
             self._feed = Feed(
-                self.z.session, self.downlink.on_frame, self.z.fleet_name, self.settings.vehicles, once=False
-            )
+                self.z.session, self.z.is_vehicle, self.downlink.on_frame, self.z.fleet_name, self.settings.vehicles,
+                once=False,
+            )  # fmt: skip
         except BaseException:
             await self.__aexit__()
             raise

@@ -73,7 +73,7 @@ class Gateway:
 
     async def __aenter__(self) -> Gateway:
         await asyncio.to_thread(lambda: self.dialect)  # a second of reading that no request should wait for
-        self._feed = Feed(self.client.session, self._on_frame, self.client.fleet_name)
+        self._feed = Feed(self.client.session, self.client.is_vehicle, self._on_frame, self.client.fleet_name)
         await self.refusals.start()
         return self
 

@@ -24,6 +24,8 @@ from zmav.vehicle.rates import want_key
 
 AGENT = "recorder"
 STATUS_S = 1.0
+FRAMES = "mav/"
+BELIEVED = ("state", "event")
 
 
 class Wanted(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,7 +111,7 @@ class Recorder:
             take = take_others
         for rest in vehicle_channels():
             key = keys.expression(f"{pattern}/{rest}", self._fleet)
-            if rest in ("state", "event"):  # with credentials, what their vehicle did not sign is left out
+            if rest in BELIEVED:  # with credentials, what their vehicle did not sign is left out
                 self._tasks.append(asyncio.create_task(self._believe(key, take)))
             else:
                 self._held.append(self._z.session.declare_subscriber(key, take))
@@ -123,8 +125,16 @@ class Recorder:
                 take(sample)
 
     def _take(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
-            self.storage.put(str(sample.key_expr), sample.payload.to_bytes())
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT and self._is_worth_it(key):
+            self.storage.put(key, sample.payload.to_bytes())
+
+    def _is_worth_it(self, key: str) -> bool:
+        """Not rosters, which every certificate may put, and not what only vehicles say, in another's name."""
+        _, fleet, name, rest = key.split("/", 3)
+        if name == "@fleet":
+            return rest != keys.ROSTER
+        return not rest.startswith(FRAMES) or self._z.is_vehicle(fleet, name)
 
     def _token(self, instance: str) -> str:
         role = self._z.member.credentials.role.value if self._z.member else Role.VIEWER.value

@@ -130,10 +130,10 @@ def forged_rosters(folder: Path, tcp: int, tls: int, quic: int) -> None:
 
 
 def allowed_puts(folder: Path, tcp: int, tls: int, quic: int) -> None:
-    """What it may: its own keys, which nobody wants."""
+    """What it may: reports of pictures under its own name, which nobody wants."""
     view = member(folder, "view", QUIC.format(quic))
     for _ in paced(5000):
-        view.put("zmav/alpha/view/link/x", bytes(100))
+        view.put("zmav/alpha/view/camera/x/report/x", bytes(100))
 
 
 ATTACKS: dict[str, Attack] = {

@@ -54,7 +54,7 @@ def ground(net: Net) -> Ground:
 
 def test_frames_come_with_the_parts_of_their_keys_and_in_order(ground: Ground) -> None:
     heard = Heard()
-    with Feed(ground.session, heard, "demo") as feed:
+    with Feed(ground.session, keys.anything, heard, "demo") as feed:
         for number in range(50):
             put(ground, "quad1", bytes([number]))
         put(ground, "quad2", b"last", "UNKNOWN_410", 7)
@@ -66,7 +66,7 @@ def test_frames_come_with_the_parts_of_their_keys_and_in_order(ground: Ground) -
 
 def test_an_autopilot_heard_by_two_agents_is_heard_once(ground: Ground) -> None:
     heard = Heard()
-    with Feed(ground.session, heard, "demo") as feed:
+    with Feed(ground.session, keys.anything, heard, "demo") as feed:
         put(ground, "near", b"0")
         put(ground, "far", b"1")  # from now on it is known that there are two ways
         for frame in (b"a", b"b", b"b"):  # an autopilot may repeat itself; a second way to it may not
@@ -79,7 +79,7 @@ def test_an_autopilot_heard_by_two_agents_is_heard_once(ground: Ground) -> None:
 
 def test_who_chooses_a_way_himself_hears_both(ground: Ground) -> None:
     heard = Heard()
-    with Feed(ground.session, heard, "demo", once=False):
+    with Feed(ground.session, keys.anything, heard, "demo", once=False):
         put(ground, "near", b"a")
         put(ground, "far", b"a")
         heard.until(lambda: len(heard.frames) == 2)
@@ -87,7 +87,7 @@ def test_who_chooses_a_way_himself_hears_both(ground: Ground) -> None:
 
 def test_expressions_that_overlap_bring_a_frame_once(ground: Ground) -> None:
     heard = Heard()
-    with Feed(ground.session, heard, "demo", ["quad*", "quad1", "*1"], ["ATTITUDE", "*"]):
+    with Feed(ground.session, keys.anything, heard, "demo", ["quad*", "quad1", "*1"], ["ATTITUDE", "*"]):
         for vehicle in ("quad1", "quad2", "rover1", "rover2"):
             put(ground, vehicle, vehicle.encode())
         put(ground, "rover1", b"last")
@@ -100,7 +100,7 @@ def test_expressions_that_overlap_bring_a_frame_once(ground: Ground) -> None:
 
 def test_only_what_was_asked_for_comes(ground: Ground) -> None:
     heard = Heard()
-    with Feed(ground.session, heard, "demo", ["quad1"], ["ATTITUDE", "VFR_HUD"]):
+    with Feed(ground.session, keys.anything, heard, "demo", ["quad1"], ["ATTITUDE", "VFR_HUD"]):
         put(ground, "quad1", b"x", "GPS_RAW_INT")
         put(ground, "quad2", b"x")
         put(ground, "quad1", b"last", "VFR_HUD")
@@ -111,7 +111,7 @@ def test_only_what_was_asked_for_comes(ground: Ground) -> None:
 
 def test_keys_that_are_no_frames_are_counted(ground: Ground) -> None:
     heard = Heard()
-    with Feed(ground.session, heard) as feed:
+    with Feed(ground.session, keys.anything, heard) as feed:
         for system in ("256", "x", "-1"):
             put(ground, "quad1", b"x", system=system)
         put(ground, "quad1", b"last")
@@ -121,8 +121,8 @@ def test_keys_that_are_no_frames_are_counted(ground: Ground) -> None:
 
 def test_what_is_closed_hears_nothing_more(ground: Ground) -> None:
     heard, other = Heard(), Heard()
-    with Feed(ground.session, other, "demo"):
-        Feed(ground.session, heard, "demo").close()
+    with Feed(ground.session, keys.anything, other, "demo"):
+        Feed(ground.session, keys.anything, heard, "demo").close()
         put(ground, "quad1", b"last")
         other.until_last(b"last")
     assert not heard.frames
@@ -130,7 +130,7 @@ def test_what_is_closed_hears_nothing_more(ground: Ground) -> None:
 
 def test_what_cannot_be_a_name_is_refused(ground: Ground) -> None:
     with pytest.raises(BadKey):
-        Feed(ground.session, Heard(), "demo", ["quad#1"])
+        Feed(ground.session, keys.anything, Heard(), "demo", ["quad#1"])
 
 
 def test_other_keys_have_no_origin() -> None:

@@ -162,7 +162,7 @@ async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded, mo
         await z.vehicle("quad1").set_mode("GUIDED")
         assert z.vehicle("quad1").state.clash is None
     assert g.vehicle.presence.clash is None
-    assert len(g.vehicle.presence._others) == 2
+    assert len(g.vehicle.presence.others) == 2
     for one in tokens:
         one.undeclare()
 

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import zenoh
+from zenoh import handlers
 
 from zmav import keys
 from zmav.mavlink import Dialect
@@ -37,8 +38,14 @@ PLAIN = "subscriber"
 """what a reader without a token is called"""
 MAX_ID = 0xFFFFFF
 UNKNOWN = re.compile(r"UNKNOWN_([0-9]{1,8})\Z")
-MANY = 1024
-"""tokens and expressions remembered; beyond it, they are left out"""
+FASTEST = 16
+"""readers of one message that are remembered, the fastest of them: who comes first has no right to stay"""
+UNKNOWNS = 64
+"""messages without a name that anybody may ask for"""
+QUIET = 0.1
+"""s between two times that changes are told: a flood of tokens is one change"""
+ASK_AGAIN = 5.0
+"""s between two times that the readers of a message are asked for again, of whom some were left out"""
 NOT_STREAMED = {
     "HEARTBEAT", "STATUSTEXT", "PARAM_VALUE", "TIMESYNC", "AUTOPILOT_VERSION", "MESSAGE_INTERVAL",
     "MISSION_ITEM_REACHED", "CAMERA_IMAGE_CAPTURED", "LOG_ENTRY", "LOG_DATA", "EVENT",
@@ -64,7 +71,12 @@ class Demands:
         self._session, self._port = session, port
         self.on_change: Callable[[], None] = lambda: None
         self.junk = 0
-        self._tokens: dict[str, Demand] = {}
+        self._tokens: dict[str, dict[str, Demand]] = {}
+        """by message, and by the token's key"""
+        self._left_out: dict[str, float] = {}
+        """messages some of whose readers are not remembered, and when they were last asked for"""
+        self._telling: asyncio.TimerHandle | None = None
+        self._told = -QUIET
         self._plain: list[Demand] = []
         self._subscriber: Any = None
         self._source: tuple[int, int] | None = None
@@ -77,12 +89,16 @@ class Demands:
 
     def close(self) -> None:
         self._subscriber.undeclare()
+        if self._telling is not None:
+            self._telling.cancel()
         self._forget()
 
     def current(self) -> dict[str, list[Demand]]:
         """The readers by message."""
         found: dict[str, list[Demand]] = {}
-        for demand in (*self._tokens.values(), *self._plain):
+        for name, held in self._tokens.items():
+            found[name] = list(held.values())
+        for demand in self._plain:
             found.setdefault(demand.name, []).append(demand)
         return found
 
@@ -90,22 +106,79 @@ class Demands:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        if sample.kind == zenoh.SampleKind.DELETE:
-            if self._tokens.pop(key, None) is not None:
-                self.on_change()
-        elif key not in self._tokens:
-            demand = _demand(key, self._port.dialect)
-            if demand is None or len(self._tokens) >= MANY:
-                self.junk += 1
+        demand = _demand(key, self._port.dialect)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._take(key, demand)
+        elif demand is not None and self._tokens.get(demand.name, {}).pop(key, None) is not None:
+            if not self._tokens[demand.name]:
+                del self._tokens[demand.name]
+            self._change()
+
+    def _take(self, key: str, demand: Demand | None) -> None:
+        """Remember a reader, in the place of a slower one where there is no room."""
+        if demand is None or not self._has_room(demand.name):
+            self.junk += 1
+            return
+        held = self._tokens.setdefault(demand.name, {})
+        if key in held:
+            return
+        if len(held) >= FASTEST:
+            self.junk += 1
+            self._left_out.setdefault(demand.name, -ASK_AGAIN)
+            slowest = min(held, key=lambda each: held[each].hz)
+            if held[slowest].hz >= demand.hz:
                 return
-            self._tokens[key] = demand
-            self.on_change()
+            del held[slowest]
+        held[key] = demand
+        self._change()
+
+    def _has_room(self, name: str) -> bool:
+        known = self._port.dialect.by_name
+        return name in known or name in self._tokens or sum(n not in known for n in self._tokens) < UNKNOWNS
+
+    def _change(self) -> None:
+        """Have it told: at once, or a moment after the last time."""
+        if self._telling is None:
+            loop = asyncio.get_running_loop()
+            self._telling = loop.call_at(max(loop.time(), self._told + QUIET), self._tell)
+
+    def _tell(self) -> None:
+        self._telling, self._told = None, asyncio.get_running_loop().time()
+        self.on_change()
+
+    def _ask_again(self) -> None:
+        """Where remembered readers of a message have gone, those that were left out take their places."""
+        now = asyncio.get_running_loop().time()
+        for name, asked in self._left_out.items():
+            if len(self._tokens.get(name, ())) < FASTEST and now - asked > ASK_AGAIN:
+                self._left_out[name] = now
+                self._find(name)
+                return
+
+    def _find(self, name: str) -> None:
+        found: dict[str, Demand] = {}
+        dialect = self._port.dialect
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            demand = _demand(str(reply.ok.key_expr), dialect) if reply.ok is not None else None
+            if reply.ok is not None and demand is not None:
+                found[str(reply.ok.key_expr)] = demand
+
+        def take() -> None:
+            self._left_out.pop(name, None)
+            for key in sorted(found, key=lambda each: -found[each].hz)[: FASTEST + 1]:
+                self._take(key, found[key])
+
+        handler: Any = handlers.Callback(on_reply, on_loop(asyncio.get_running_loop(), take), indirect=False)
+        key = keys.WANT.key(self._port.fleet, self._port.name, msg=name, hz="*", instance="*")
+        self._session.liveliness().get(key, handler, timeout=ASK_AGAIN / 2)
 
     # Plain subscribers.
 
     def poll(self, source: tuple[int, int]) -> None:
         """Look who subscribes to messages of this (system, component)."""
         try:
+            self._ask_again()
             if source != self._source:
                 self._declare(source)
             named = [name for name, probe in self._probes.items() if _subscribed(probe)]
@@ -116,7 +189,7 @@ class Demands:
         found = [Demand(name, PLAIN_HZ, PLAIN, False) for name in named]
         if found != self._plain:
             self._plain = found
-            self.on_change()
+            self._change()
 
     def _declare(self, source: tuple[int, int]) -> None:
         self._forget()

@@ -21,6 +21,8 @@ from zmav.trust.seal import Exchange
 
 MAX_TTL = 60.0
 MAX_PRIORITY = 100
+MOST_PRESENT = 1024
+"""holders' tokens that are remembered; a lease of who has no place among them ends when it is not renewed"""
 REMEMBERED = 32
 """ended leases whose holders are still told why"""
 CLOCK_SET = 0.05
@@ -255,7 +257,8 @@ class Leases:
         parts = keys.match(str(sample.key_expr))[1]
         who = (parts["holder"], parts["instance"])
         if sample.kind == zenoh.SampleKind.PUT:
-            self._present.add(who)
+            if len(self._present) < MOST_PRESENT:
+                self._present.add(who)
         elif who in self._present:
             self._present.discard(who)
             if self._token and who == (self._holder, self._instance):

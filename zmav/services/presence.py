@@ -9,13 +9,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import zenoh
 
 from zmav import keys, wire
 from zmav.errors import Clash, ZmavError
+from zmav.present import Present
 from zmav.services.events import Events
 from zmav.services.identity import Identity
 from zmav.services.port import on_loop
@@ -45,7 +46,8 @@ class Presence:
         self.on_change: Callable[[], None] = lambda: None
         self._token: zenoh.LivelinessToken | None = None
         self._token_key = ""
-        self._others: dict[str, dict[str, str]] = {}
+        self.others: Present[str, dict[str, str]] = Present(self._is_known)
+        """the parts of other vehicles' tokens"""
         self._proven: set[tuple[str, str]] = set()
         """(vehicle, instance) of others that have proven to be who their tokens say"""
         self._asked, self._turn = 0.0, 0
@@ -97,17 +99,31 @@ class Presence:
         _, parts = keys.match(key)
         if parts["instance"] == self.instance:
             return
+        believed = self._is_believed(parts)
         if sample.kind == zenoh.SampleKind.PUT:
-            self._others[key] = parts
+            news = self.others.add(parts["vehicle"], key, parts)
         else:
-            self._others.pop(key, None)
-            if not any(_who(other) == _who(parts) for other in self._others.values()):  # one that says more is there
+            news = self.others.remove(parts["vehicle"], key)
+            if not self._is_there(_who(parts)):  # one that says more may be there
                 self._proven.discard(_who(parts))
-        self._judge()
+        if news and believed and self._conflict(parts):  # others change nothing, however many come
+            self._judge()
+
+    def _is_known(self, vehicle: str) -> bool:
+        return self._verifier is None or self._verifier.is_vehicle(self._fleet, vehicle)
+
+    def _is_believed(self, token: dict[str, str]) -> bool:
+        return self._verifier is None or _who(token) in self._proven
+
+    def _is_there(self, who: tuple[str, str]) -> bool:
+        return any(_who(other) == who for other in self.others.of(who[0]))
+
+    def _tokens(self, vehicles: Iterable[str]) -> Iterator[dict[str, str]]:
+        return (token for vehicle in vehicles for token in self.others.of(vehicle))
 
     def _judge(self) -> None:
-        others = (other for other in self._others.values() if self._verifier is None or _who(other) in self._proven)
-        clash = self._identity.clash or next(filter(None, map(self._conflict, others)), None)
+        tokens = self._tokens(self.others)
+        clash = self._identity.clash or next(filter(None, map(self._conflict, filter(self._is_believed, tokens))), None)
         if clash == self.clash:
             return
         if clash:
@@ -134,8 +150,8 @@ class Presence:
         """Have one of those who seem to clash with us prove who it is, each in its turn."""
         if self._verifier is None or now - self._asked < ASK_EVERY:
             return
-        suspects = [who for who, other in ((_who(o), o) for o in self._others.values())
-                    if who not in self._proven and self._conflict(other)]  # fmt: skip
+        # Who is not on our roster may be on a newer one, and comes after those who are.
+        suspects = self._suspects(self.others) or self._suspects(self.others.strangers())
         if not suspects:
             return
         self._asked, self._turn = now, self._turn + 1
@@ -158,8 +174,12 @@ class Presence:
             attachment=self._signer.sign(key, challenge, introduce=True) if self._signer else None,
         )  # fmt: skip
 
+    def _suspects(self, vehicles: Iterable[str]) -> list[tuple[str, str]]:
+        found = ((_who(token), token) for token in self._tokens(vehicles))
+        return [who for who, token in found if who not in self._proven and self._conflict(token)]
+
     def _on_proven(self, who: tuple[str, str]) -> None:
-        if any(_who(other) == who for other in self._others.values()):
+        if self._is_there(who):
             self._proven.add(who)
             self._judge()
 

@@ -57,10 +57,11 @@ class Separation:
 
     def __init__(
         self, session: zenoh.Session, port: Port, identity: Identity, bounds: Bounds, events: Events,
-        origin: wire.Origin | None, body: Callable[[], wire.swarm.Body], settings: Settings,
+        origin: wire.Origin | None, body: Callable[[], wire.swarm.Body], settings: Settings, is_vehicle: keys.IsVehicle,
     ) -> None:  # fmt: skip
         self._session, self._port, self._identity, self._bounds = session, port, identity, bounds
         self._events, self._origin, self._body, self._settings = events, origin, body, settings
+        self._is_vehicle = is_vehicle
         self.future: Callable[[], Future | None] = lambda: None
         """what is flown at present: the ladder's"""
         self._lock = threading.Lock()
@@ -112,7 +113,7 @@ class Separation:
 
     def _on_beacon(self, sample: zenoh.Sample) -> None:
         name = str(sample.key_expr).split("/")[2]
-        if name == self._port.name:
+        if name == self._port.name or not self._is_vehicle(self._port.fleet, name):
             return
         try:
             beacon = wire.decode(sample.payload.to_bytes(), wire.swarm.Beacon, f"beacon of {name}")
@@ -140,7 +141,7 @@ class Separation:
         autopilot = self._identity.autopilot
         if not self.on or autopilot is None or self._identity.kind not in ("copter", "heli", "rover", "boat"):
             return None  # a plane cannot stop, and is kept apart by heights
-        neighbours = self._neighbours()
+        neighbours = self.neighbours()
         here = self._here() if neighbours else None
         if here is None:
             return None
@@ -162,7 +163,8 @@ class Separation:
         out = avoid.escape(self._port.name, pos, vel, wanted, around, motion, downwash, self._allowed)
         return Target(vel=out), ", ".join(sorted(other.name for other in near))
 
-    def _neighbours(self) -> list[Other]:
+    def neighbours(self) -> list[Other]:
+        """Who is about to be where, by the beacons of vehicles."""
         now, radius = time.monotonic(), self._body().radius
         with self._lock:
             aged = [(name, now - beacon.t - shift, beacon) for name, (shift, beacon) in self._heard.items()]

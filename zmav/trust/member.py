@@ -31,6 +31,10 @@ ROSTERS = 20.0
 SIGNED = (keys.STATE, keys.EVENT)
 """what vehicles sign of what they publish"""
 _FLEET = "@fleet"
+_UNSIGNED = tuple(
+    c.template.removeprefix("{fleet}/{vehicle}/").partition("{")[0] for c in keys.VEHICLES_OWN if c not in SIGNED
+)
+"""how the rest of what vehicles alone say begins, under their names"""
 _ENDS = tuple("/" + channel.template.rpartition("/")[2] for channel in SIGNED)
 """most of what comes is neither, and is not to be matched with every channel there is"""
 
@@ -124,12 +128,16 @@ class Member:
     # In.
 
     def judge(self, key: str, payload: bytes, attachment: bytes | None, newest: dict[Place, float]) -> None:
-        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign, and for a fleet's topic or an
-        obstacle that nobody signed who may put it; other keys are not judged.
+        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign; for frames and beacons, which are
+        not signed, under a name that is no vehicle's; and for a fleet's topic or an obstacle that nobody signed who may
+        put it. Other keys are not judged.
 
         ``newest``: one reader's own, of when the newest that it believed were signed (UTC seconds). What is no newer
         was heard before, or overtaken.
         """
+        _, fleet, name, *rest = (*key.split("/", 3), "", "", "")
+        if rest[0].startswith(_UNSIGNED) and not self.verifier.is_vehicle(fleet, name):
+            self._disown(name)
         if not key.endswith(_ENDS) and "/@" not in key:
             return
         try:
@@ -177,6 +185,12 @@ class Member:
         except Forbidden as e:
             self.counts[f"answer {e.detail['reason']}"] += 1
             raise
+
+    def _disown(self, name: str) -> None:
+        role = self.verifier.role_of(name)
+        reason, is_ = ("role", f"a {role}") if role else ("unknown", "not on the roster")
+        self.counts[reason] += 1
+        raise Forbidden(f"only a vehicle says this, and {name} is {is_}", reason=reason, origin=name)
 
     def take_roster(self, data: bytes) -> None:
         """A roster that came over the network: what is none, or older than ours, changes nothing. On one thread."""

@@ -13,6 +13,9 @@ from zmav.errors import Forbidden
 from zmav.trust.certificate import Role
 from zmav.verbs import SWARM_VERBS, VERBS
 
+SPEAKERS = {keys.VEHICLE: (Role.VEHICLE,), keys.PLANNER: (Role.PLANNER, Role.OPERATOR), keys.OPERATOR: (Role.OPERATOR,)}
+"""who may have a token that says so; others are anybody's"""
+
 
 def writers(channel: keys.Channel, parts: Mapping[str, str]) -> tuple[str, ...]:
     """Who may put on, or ask, a key of ``channel`` with these parts (as :func:`zmav.keys.match` gives them).
@@ -40,7 +43,7 @@ def may(role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str]) 
     vehicle, allowed = parts.get("vehicle"), writers(channel, parts)
     if not acts_as(role, name, vehicle) & set(allowed):
         raise _forbidden(role, name, channel, parts, allowed)
-    if channel is keys.ALIVE and (vehicle != name or (parts["role"] == keys.VEHICLE and role is not Role.VEHICLE)):
+    if channel is keys.ALIVE and (vehicle != name or role not in SPEAKERS.get(parts["role"], tuple(Role))):
         raise _forbidden(role, name, channel, parts, (f"{parts['role']} {vehicle}",))
 
 

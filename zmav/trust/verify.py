@@ -16,7 +16,7 @@ from cryptography import x509
 
 from zmav.errors import BadConfig, BadInput, Forbidden
 from zmav.trust import proof
-from zmav.trust.certificate import Certificate, fingerprint
+from zmav.trust.certificate import Certificate, Role, fingerprint
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
 from zmav.trust.roster import Roster
@@ -27,6 +27,7 @@ STRANGERS = 20.0
 """certificates that are neither known nor on the roster, and are looked at in a second"""
 FORGERIES = 300.0
 """wrong signatures that are looked at in a second, of each certificate; one costs some 150 µs"""
+VEHICLE = Role.VEHICLE.value
 BUSY = "busy"
 """the reason for what was not looked at for want of time: whoever asked may ask again"""
 
@@ -69,6 +70,7 @@ class Verifier:
         self._grace = grace
         self.authority, self.fleet, self._roster = authority, fleet, roster
         self._revoked, self._listed = _fingerprints(roster)
+        self._roles, self._met = _roles(roster), set[str]()
         self._utc, self._monotonic = utc, monotonic
         self._lock = threading.Lock()
         self._known: collections.OrderedDict[bytes, Certificate] = collections.OrderedDict()
@@ -90,6 +92,21 @@ class Verifier:
         if newer.fleet == self.fleet and newer.number > self._roster.number:
             self._roster = newer
             self._revoked, self._listed = _fingerprints(newer)
+            with self._lock:
+                known = [one for one in self._known.values() if one.fingerprint not in self._revoked]
+                self._roles, self._met = _roles(newer), {one.name for one in known if one.role is Role.VEHICLE}
+
+    def is_vehicle(self, fleet: str, name: str) -> bool:
+        """Whether that is a vehicle of ours: on the roster, or by a certificate that was met and is not on ours yet.
+
+        Nobody else has frames, a beacon or a place beside a target: they are not signed, so readers ask this of their
+        keys. It costs two looks into dictionaries.
+        """
+        return fleet == self.fleet and self.role_of(name) == VEHICLE
+
+    def role_of(self, name: str) -> str:
+        """The role of a name of our fleet; empty where we know none of it."""
+        return self._roles.get(name, VEHICLE if name in self._met else "")
 
     def learn(self, der: bytes) -> Certificate:
         """Remember a certificate that the authority signed; raises :class:`Forbidden` for any other.
@@ -104,6 +121,8 @@ class Verifier:
         self._check(certificate)
         with self._lock:
             self._known[certificate.fingerprint] = certificate
+            if certificate.role is Role.VEHICLE:
+                self._met.add(certificate.name)
             while len(self._known) > MOST_KNOWN:
                 gone, _ = self._known.popitem(last=False)
                 self._forgeries.pop(gone, None)
@@ -189,6 +208,11 @@ def _fingerprints(roster: Roster) -> tuple[frozenset[bytes], frozenset[bytes]]:
     """The roster's revoked certificates, and its members'; what is no fingerprint names nobody."""
     revoked, listed = (_bytes(texts) for texts in (roster.revoked, [m.fingerprint for m in roster.members]))
     return revoked, listed
+
+
+def _roles(roster: Roster) -> dict[str, str]:
+    """The role of each name that is on the roster and not revoked."""
+    return {name: role.value for role in Role for name in roster.names(role.value)}
 
 
 def _bytes(texts: Iterable[str]) -> frozenset[bytes]:

@@ -39,20 +39,23 @@ def client() -> Iterator[Open]:
 async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     one, two = client(endpoint), client(endpoint)
-    async with Slot(one, "demo", "quad1", "rover1", "above"):
+    async with Slot(one, keys.anything, "demo", "quad1", "rover1", "above"):
         with pytest.raises(Refused, match="quad1 keeps the place above rover1 already"):
-            async with Slot(two, "demo", "quad2", "rover1", "above"):
+            async with Slot(two, keys.anything, "demo", "quad2", "rover1", "above"):
                 raise AssertionError
-        async with Slot(two, "demo", "quad2", "rover1", "left"), Slot(two, "demo", "quad2", "rover2", "above"):
+        async with (
+            Slot(two, keys.anything, "demo", "quad2", "rover1", "left"),
+            Slot(two, keys.anything, "demo", "quad2", "rover2", "above"),
+        ):
             pass
-    async with Slot(two, "demo", "quad2", "rover1", "above"):
+    async with Slot(two, keys.anything, "demo", "quad2", "rover1", "above"):
         pass
 
 
 async def test_of_two_at_once_one_gets_it(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     sessions = [client(endpoint) for _ in range(3)]
-    slots = [Slot(session, "demo", f"quad{i}", "rover1", "above") for i, session in enumerate(sessions)]
+    slots = [Slot(session, keys.anything, "demo", f"quad{i}", "rover1", "above") for i, session in enumerate(sessions)]
     results = await asyncio.gather(*(slot.__aenter__() for slot in slots), return_exceptions=True)
     assert sum(isinstance(result, Slot) for result in results) == 1
     assert sum(isinstance(result, Refused) for result in results) == 2
@@ -62,7 +65,7 @@ async def test_an_earlier_claim_that_comes_to_light_later_wins(net: Net, client:
     _, endpoint = net.router()
     mine, other = client(endpoint), client(endpoint)
     lost: asyncio.Queue[str] = asyncio.Queue()
-    async with Slot(mine, "demo", "quad1", "rover1", "above", lost.put_nowait) as slot:
+    async with Slot(mine, keys.anything, "demo", "quad1", "rover1", "above", lost.put_nowait) as slot:
         now = int(1e3 * time.time())
         tokens = [
             other.liveliness().declare_token(

@@ -136,7 +136,7 @@ def test_the_table_of_rights(fleet: Fleet, door: Door, home: Home, name: str, pr
 
 @pytest.mark.parametrize("name", MEMBERS)
 def test_the_table_of_rights_under_ones_own_name(fleet: Fleet, name: str) -> None:
-    """A neighbour that brings only its own brings of that what its role may, and no frames of a vehicle that it is not."""
+    """A neighbour that brings only its own brings of that what its role may: no frames where it is no vehicle."""
     fleet.issue(quad1=Role.VEHICLE, **MEMBERS)
     alone = Host(relay=False)
     file = FleetConfig(

@@ -1,0 +1,50 @@
+"""Liveliness tokens that are remembered: bounded for each, by dictionary, and room for who is known."""
+
+from __future__ import annotations
+
+from zmav.present import OF_EACH, STRANGERS, Present
+
+
+class Counting(str):
+    """A key that counts how often it is compared: a scan would be seen."""
+
+    compared = 0
+
+    def __eq__(self, other: object) -> bool:
+        Counting.compared += 1
+        return str.__eq__(self, other)
+
+    __hash__ = str.__hash__
+
+
+def test_a_flood_of_one_is_bounded_and_each_costs_the_same() -> None:
+    present: Present[str, int] = Present(lambda who: True)
+    Counting.compared = 0
+    flood = [Counting(f"token {n}") for n in range(10_000)]
+    assert sum(present.add("quad1", key, n) for n, key in enumerate(flood)) == OF_EACH
+    assert present.add("quad2", "token", 1) and list(present) == ["quad1", "quad2"]
+    assert len(present) == OF_EACH + 1
+    for key in flood:
+        present.remove("quad1", key)
+    assert list(present) == ["quad2"] and present.of("quad1") == []
+    assert Counting.compared <= 2 * len(flood), "looked up, and not looked for"
+
+
+def test_names_nobody_knows_have_little_room_and_take_none_from_the_known() -> None:
+    known = {"quad1"}
+    present: Present[str, None] = Present(known.__contains__)
+    assert sum(present.add(f"ghost{n}", "token", None) for n in range(10_000)) == STRANGERS
+    assert list(present) == [] and len(present.strangers()) == STRANGERS
+    assert present.add("quad1", "token", None) and list(present) == ["quad1"]
+    known.add("ghost0")
+    assert list(present) == ["ghost0", "quad1"], "it was admitted meanwhile"
+    assert present.add("ghost-next", "token", None), "and has left its place to another"
+    assert present.remove("ghost1", "token") and not present.remove("ghost1", "token")
+    assert len(present.strangers()) == STRANGERS - 1
+
+
+def test_the_same_token_twice_is_one() -> None:
+    present: Present[str, str] = Present(lambda who: True)
+    assert present.add("quad1", "token", "a") and not present.add("quad1", "token", "a")
+    assert present.of("quad1") == ["a"] and "quad1" in present
+    assert present.remove("quad1", "token") and "quad1" not in present

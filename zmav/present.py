@@ -1,0 +1,70 @@
+"""Which liveliness tokens there are, by whom they are about: so many of each and no more, each found at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
+
+Who = TypeVar("Who")
+What = TypeVar("What")
+OF_EACH = 16
+"""tokens of one that are remembered: a process has one, and who has more wants to fill our memory"""
+STRANGERS = 64
+"""names that are not known to be anybody's, and whose tokens are remembered until it is known"""
+
+
+class Present(Generic[Who, What]):
+    """What each token says, by whom it is about and by its key.
+
+    ``is_known(who)``: there is always room for them; of others there is room for :data:`STRANGERS`. What is beyond the
+    bounds is as if it had not come. Not thread-safe.
+    """
+
+    def __init__(self, is_known: Callable[[Who], bool]) -> None:
+        self._is_known = is_known
+        self._tokens: dict[Who, dict[str, What]] = {}
+        self._strangers: set[Who] = set()
+
+    def add(self, who: Who, key: str, what: What) -> bool:
+        """It is there; False where there was no room, or it was there before."""
+        held = self._tokens.get(who)
+        if held is None:
+            if not self._is_known(who):
+                self._strangers = {one for one in self._strangers if not self._is_known(one)}
+                if len(self._strangers) >= STRANGERS:
+                    return False
+                self._strangers.add(who)
+            held = self._tokens[who] = {}
+        if key in held or len(held) >= OF_EACH:
+            return False
+        held[key] = what
+        return True
+
+    def remove(self, who: Who, key: str) -> bool:
+        """It is gone; False where it was not there."""
+        held = self._tokens.get(who, {})
+        if key not in held:
+            return False
+        del held[key]
+        if not held:
+            del self._tokens[who]
+            self._strangers.discard(who)
+        return True
+
+    def of(self, who: Who) -> list[What]:
+        return list(self._tokens.get(who, {}).values())
+
+    def strangers(self) -> list[Who]:
+        """Who is present, and not known."""
+        return [who for who in self._strangers if not self._is_known(who)]
+
+    def __iter__(self) -> Iterator[Who]:
+        """Who is known and present."""
+        return (who for who in list(self._tokens) if self._is_known(who))
+
+    def __len__(self) -> int:
+        """How many tokens are remembered."""
+        return sum(map(len, self._tokens.values()))
+
+    def __contains__(self, who: object) -> bool:
+        return who in self._tokens
