@@ -28,6 +28,8 @@ MEMORY = 60.0
 """seconds a finished order's outcome is kept for a caller who asks again"""
 MOST_KEPT, MOST_IDS = 1000, 10_000
 """finished orders whose outcome is kept, and ids of older ones: those are not done again either"""
+MOST_BYTES = 4_000_000
+"""of an order: a mission of 15,000 items"""
 MOST_ID = 64
 """characters of an id"""
 
@@ -63,7 +65,7 @@ class Orders:
 
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, channel: keys.Channel = keys.DO,
-        verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
+        verbs: Mapping[str, Verb] = VERBS, most: int = MOST_BYTES,
         parts: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
@@ -133,10 +135,11 @@ class Orders:
             known = ", ".join(sorted(self._verbs))
             raise BadInput(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
         arguments, handler = self._verbs[verb]
-        if self._most is not None and len(payload) > self._most:
+        if len(payload) > self._most:
             text = f"{verb}: {len(payload)} bytes are too much for an order; at most {self._most} are read"
             raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
-        args = wire.decode(payload, arguments, f"{self._channel.name}/{verb}")
+        args = wire.decode(payload, arguments, what := f"{self._channel.name}/{verb}")
+        wire.refuse_repeated(payload, what)
         operation = self._operation(verb, args, payload, handler, origin)
         wait = min(max(args.wait, 0.0), 5.0) if args.id else None
         await asyncio.wait({operation.task}, timeout=wait)
