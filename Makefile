@@ -28,7 +28,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint docs kernels conformance bench lock clean FORCE
+.PHONY: help demo test fuzz lint docs kernels conformance bench lock clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -45,6 +45,9 @@ demo: $(VENV)/.demo ## fly a demo fleet: three copters behind three linked route
 test: lint kernels ## lint, then run every test
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
 	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
+
+fuzz: $(VENV)/.dev ## give all that takes bytes spoilt ones, longer than 'test' does: ARGS='--seconds 60 --seed 7 mcap http'
+	@$(BIN)/python -m tests.fuzz $(ARGS)
 
 lint: $(VENV)/.dev ## check style, format and types
 	@echo "==> ruff check"

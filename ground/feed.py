@@ -151,9 +151,10 @@ def origin_of(key: str) -> Origin | None:
         channel, parts = keys.match(key)
     except BadKey:
         return None
-    if channel is not keys.RX or not (parts["sys"].isdecimal() and parts["comp"].isdecimal()):
+    ids = parts.get("sys", ""), parts.get("comp", "")
+    if channel is not keys.RX or not all(each.isdecimal() and len(each) <= 3 for each in ids):
         return None
-    sysid, compid = int(parts["sys"]), int(parts["comp"])
+    sysid, compid = map(int, ids)
     if sysid > 255 or compid > 255:
         return None
     return Origin(parts["fleet"], parts["vehicle"], sysid, compid, parts["msg"], key)

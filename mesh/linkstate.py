@@ -54,7 +54,7 @@ class _Router(msgspec.Struct):
 def _neighbours(data: bytes) -> set[str]:
     try:
         sessions = msgspec.json.decode(data[:LARGEST], type=_Router).sessions
-    except (msgspec.DecodeError, RecursionError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return set()
     return {each.peer for each in sessions if each.whatami == "router" and ROUTER_ID.match(each.peer)}
 

@@ -50,6 +50,20 @@ def test_what_is_wrong_is_named(kind: type[msgspec.Struct], given_: Any, field: 
     assert json.dumps(given_).startswith(error.detail["value"])
 
 
+@pytest.mark.parametrize("data", [b"{}", b'{"a": {"b": 1}, "b": 2, "c": [{"b": 3}]}', b'{"a": ' + b"9" * 5001 + b"}"])
+def test_a_name_in_another_object_is_no_repetition(data: bytes) -> None:
+    wire.refuse_repeated(data, "do/it")
+
+
+@pytest.mark.parametrize(
+    "data", [b'{"b": 1, "b": 1}', b'{"a": [{"b": 1, "c": {}, "b": 2}]}', b'{"b": 1, "\\u0062": 2}']
+)
+def test_a_name_that_is_given_twice_is_refused(data: bytes) -> None:
+    with pytest.raises(BadInput, match="do/it: b is given twice") as caught:
+        wire.refuse_repeated(data, "do/it")
+    assert caught.value.detail["field"] == "b"
+
+
 @pytest.mark.parametrize(
     "data", [b"{", b"alt_rel=5", b"\xff\xfe\x00", b'{"alt_rel":1}x', b'{"id":"\xff","alt_rel":1}', b'{"id":"\\ud800"}']
 )

@@ -54,7 +54,7 @@ def encode_text(key: object, value: str) -> bytes:
     try:
         fields = msgspec.json.decode(value, type=dict[str, Any])
         target = {"target_system": int(parts["sys"]), "target_component": int(parts["comp"])}
-    except (msgspec.DecodeError, ValueError) as e:
+    except (msgspec.DecodeError, ValueError, RecursionError) as e:
         text = f"a message's fields as a JSON object, and its target by numbers in the key: {e}"
         raise BadMessage(f"expected {text}", field="fields", value=value, expected="an object") from None
     known = {name: number for name, number in target.items() if name in message.by_name}

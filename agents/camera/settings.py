@@ -93,7 +93,7 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
         except OSError as e:
             text = f"cannot read the calibration {path}: {e.strerror}"
             raise BadConfig(text, field="calibration", value=str(path), expected="a file") from e
-        except (msgspec.DecodeError, UnicodeDecodeError) as e:
+        except (msgspec.DecodeError, ValueError, RecursionError) as e:
             text = f"calibration {path}: {e}"
             raise BadConfig(text, field="calibration", value=str(path), expected="what calibrate writes") from e
         if not all(map(math.isfinite, (*found.center, *found.focal, *found.distortion))):

@@ -113,5 +113,5 @@ def find(folder: Path, name: str, stage: Stage) -> Report | None:
         return msgspec.json.decode(path.read_bytes(), type=Report)
     except FileNotFoundError:
         return None
-    except (OSError, msgspec.MsgspecError) as e:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as e:
         raise BadConfig(f"{path} is no report: {e}", field="reports", value=str(path), expected="a report") from e

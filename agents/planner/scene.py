@@ -158,7 +158,7 @@ def _named_in(data: bytes, text: str) -> list[str]:
     number, _, _ = rest.partition("]")
     try:
         name = msgspec.json.decode(data)["vehicles"][int(number)]["id"] if at else None
-    except (msgspec.DecodeError, LookupError, TypeError, ValueError):
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError):
         return []
     return [name] if isinstance(name, str) else []
 

@@ -9,6 +9,7 @@ from urllib.parse import parse_qsl
 import msgspec
 from starlette.requests import Request
 
+from zmav import wire
 from zmav.errors import BadInput
 
 CALLER = "as"
@@ -36,10 +37,12 @@ async def arguments_of(request: Request, kind: type[msgspec.Struct]) -> dict[str
 def object_of(body: bytes) -> dict[str, Any]:
     """A body that is a JSON object; raises :class:`BadInput`."""
     try:
-        return msgspec.json.decode(body, type=dict[str, Any])
+        found = msgspec.json.decode(body, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
         text = f"the body is not a JSON object: {e}"
         raise BadInput(text, field="body", value=_clip(body), expected="a JSON object") from e
+    wire.refuse_repeated(body, "the body")
+    return found
 
 
 def seconds_of(values: Mapping[str, str], name: str, default: float, most: float) -> float:
@@ -72,6 +75,8 @@ def _once(pairs: Iterable[tuple[str, str]], texts: Collection[str]) -> dict[str,
         if name in values:
             raise BadInput(f"{name} is given twice", field=name, value=text[:80], expected="one value")
         value = _guessed(text)
+        if isinstance(value, (dict, list)):
+            wire.refuse_repeated(text.encode(), name)
         values[name] = text if name in texts and not isinstance(value, str) else value
     return values
 

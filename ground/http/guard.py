@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import logging
+import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, urlencode
@@ -33,6 +34,10 @@ WRITING = ("send", "do", "setpoint", "release")
 """first parts of paths that write to vehicles whatever the method: what MATLAB's urlread can do is GET"""
 ACTING = (*WRITING, "stream", "stop")
 """those, and what changes something here: nobody is to be made to do it by a link on a page"""
+HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^:\[\]]*))(?::[0-9]*)?")
+"""RFC 3986, 3.2.2 and 3.2.3: brackets only around an IPv6 address, and after them a port or nothing"""
+ADMITTED = "admitted"
+"""in a scope's state: what asks showed that it may"""
 READING = ("GET", "HEAD", "OPTIONS")
 
 
@@ -65,10 +70,13 @@ class Guard:
                 return
         try:
             scope = self._admit(scope, headers)
+            scope.get("state", {})[ADMITTED] = True
             if scope["type"] == "http":
                 receive = await _whole_body(headers, receive)
         except Failure as failure:
-            extra = {"www-authenticate": "Bearer"} if failure.status == 401 else None
+            extra = {"www-authenticate": "Bearer"} if failure.status == 401 else {}
+            if failure.kind == "two_lengths":
+                extra["connection"] = "close"  # where the next request would begin nobody knows
             await deny(refusal(scope["path"], failure, extra), scope, receive, send)
             return
         await self._run(scope, receive, send)
@@ -98,6 +106,9 @@ class Guard:
             raise Failure(414, "too_long", f"the address is longer than {LONGEST_TARGET} bytes")
         if not path.isprintable() or "\ufffd" in path:
             raise Failure(400, "bad_path", "the path holds bytes that are no text")
+        if "content-length" in headers and "transfer-encoding" in headers:
+            text = "Content-Length and Transfer-Encoding together: the body's end would be a matter of opinion"
+            raise Failure(400, "two_lengths", text)
         query, given = _without_token(query)
         bearer = headers.get("authorization", "")
         if bearer.lower().startswith("bearer "):
@@ -159,10 +170,9 @@ def writes(method: str, path: str) -> bool:
 
 
 def host_of(host: str) -> str:
-    """The name in a ``Host`` header, without port and brackets."""
-    if host.startswith("["):
-        return host[1:].partition("]")[0].lower()
-    return host.partition(":")[0].lower()
+    """The name in a ``Host`` header, without port and brackets; empty where it is none."""
+    found = HOST.fullmatch(host.lower())
+    return (found[1] or found[2]) if found else ""
 
 
 async def deny(response: Response, scope: Scope, receive: Receive, send: Send) -> None:

@@ -134,6 +134,7 @@ def write(gateway: Gateway, text: str, body: bytes, is_json: bool) -> tuple[str,
     channel, parts = keys.match(key)
     if channel.kind != "put" and channel is not keys.FLEET:
         raise _not_written(key, channel)
+    gateway.check_fleet(parts["fleet"])
     if client.member is not None:
         client.member.check_role(key)
     payload = _payload(channel, parts, body, is_json, gateway.dialect)

@@ -189,7 +189,5 @@ def _order_of(gateway: Gateway, text: str) -> tuple[Vehicle, str, str]:
     if found["fleet"] is None:
         return client.vehicle(found["vehicle"]), agent, verb
     fleet, name = keys.check_name(found["fleet"], "fleet"), keys.check_name(found["vehicle"], "vehicle")
-    if client.fleet_name not in ("*", fleet):
-        text = f"this gateway is in the fleet {client.fleet_name}, and not in {fleet}"
-        raise NoSuchVehicle(text, vehicle=name, fleet=fleet)
+    gateway.check_fleet(fleet)
     return Vehicle(client, name, fleet), agent, verb

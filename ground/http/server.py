@@ -11,8 +11,9 @@ from collections.abc import AsyncIterator, Iterator
 
 import uvicorn
 from starlette.types import ASGIApp
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
+from ground.http.guard import ADMITTED
 from zmav.errors import BadConfig, PortInUse
 
 STALLED = 20.0
@@ -21,8 +22,10 @@ CONNECTIONS = 256
 """connections and requests at once; beyond it the answer is 503"""
 MESSAGE_SIZE = 1_000_000
 """bytes in one WebSocket message from a client"""
-HEAD_PATIENCE = 15.0
-"""s for a connection's next request to come whole, but for its body"""
+HEAD_PATIENCE, STRANGER_PATIENCE = 15.0, 4.0
+"""s for a connection's next request to come whole, but for its body; where no request on it was let in as yet"""
+IDLE, IDLE_EACH = CONNECTIONS // 2, CONNECTIONS // 8
+"""connections without a request under way, and those of one address: beyond it the oldest is shut"""
 SEND_BUFFER = 262_144
 """bytes that the kernel keeps for a client that does not read"""
 LONGEST_HEAD = 65_536
@@ -30,26 +33,49 @@ LONGEST_HEAD = 65_536
 
 
 class _Protocol(H11Protocol):
-    """Closes a connection whose next request does not come: there are only so many at once."""
+    """Closes a connection whose next request does not come: there are only so many at once.
+
+    Connections that ask nothing hold at most half of them, and those of one address an eighth. What was let in once
+    (:data:`ground.http.guard.ADMITTED`) goes last.
+    """
 
     _patience: asyncio.TimerHandle | None = None
+    _since = 0.0
+    _admitted = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._wait_for_next()
+        idle = [each for each in self.connections if isinstance(each, _Protocol) and each._is_idle()]
+        mine = [each for each in idle if each.client and self.client and each.client[0] == self.client[0]]
+        for those, most in ((mine, IDLE_EACH), (idle, IDLE)):
+            if len(those) > most:
+                min(those, key=lambda each: (each._admitted, each._since)).transport.close()
+                return
+
+    def _is_idle(self) -> bool:
+        return not self.transport.is_closing() and _answered(self.cycle)
 
     def on_response_complete(self) -> None:
+        self._admitted = self._admitted or ADMITTED in self.scope["state"]
         self._wait_for_next()
         super().on_response_complete()
 
     def _wait_for_next(self) -> None:
         if self._patience is not None:
             self._patience.cancel()
-        self._patience = self.loop.call_later(HEAD_PATIENCE, self._hurry, self.cycle)
+        self._since = self.loop.time()
+        patience = HEAD_PATIENCE if self._admitted else STRANGER_PATIENCE
+        self._patience = self.loop.call_later(patience, self._hurry, self.cycle)
 
     def _hurry(self, before: object) -> None:
         if self.cycle is before and self.transport.get_protocol() is self:  # a WebSocket's has taken its place
             self.transport.close()
+
+
+def _answered(cycle: RequestResponseCycle | None) -> bool:
+    """No request is under way; there is no cycle until the first one."""
+    return cycle is None or cycle.response_complete
 
 
 class _Server(uvicorn.Server):

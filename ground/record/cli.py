@@ -219,8 +219,6 @@ def _repair(path: Path) -> None:
 
     try:
         done = repair(path)
-    except ValueError as e:
-        raise BadInput(str(e), field="repair", value=str(path), expected="an .mcap") from e
     except OSError as e:
         raise BadConfig(f"cannot complete {path}: {e.strerror}", field="repair", value=str(path)) from e
     say(f"{path}: is whole" if done.whole else f"{path}: completed; it holds {done.messages} messages")

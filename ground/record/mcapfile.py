@@ -6,13 +6,15 @@ file that was cut short reads up to its last flush, and :mod:`ground.record.repa
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import io
 import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
@@ -21,6 +23,7 @@ from zstandard import ZstdError
 
 from ground.record.schemas import Schema
 from ground.record.tail import Tail
+from zmav.errors import BadInput
 
 JSON, BYTES, FRAMES = "json", "application/octet-stream", "mavlink"
 """message encodings: ``mavlink`` is one frame, byte for byte"""
@@ -34,6 +37,10 @@ KEY = "key"
 MOST_TOPICS = 60_000
 """ids of topics have two bytes"""
 CHUNK = 4 << 20
+DAMAGE = (McapError, ZstdError, struct.error, ValueError, LookupError, OverflowError, MemoryError, RuntimeError)
+"""what the mcap package raises for bytes that are no recording: it takes lengths and ids as they stand there"""
+TORN = (EndOfFile, struct.error, ZstdError)
+"""of these what it raises for a file that was cut short"""
 ABOUT = "zmav"
 """name of the metadata at the beginning of a file"""
 
@@ -171,7 +178,7 @@ def contents(path: Path) -> Contents | None:
     try:
         with path.open("rb") as file:
             summary = make_reader(file).get_summary()
-    except (OSError, McapError, ValueError, KeyError, struct.error):
+    except (OSError, *DAMAGE):
         return None
     counts = summary.statistics if summary else None
     if summary is None or counts is None or not counts.message_count:
@@ -181,8 +188,10 @@ def contents(path: Path) -> Contents | None:
 
 
 def read_back(path: Path, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
-    """Of a finished file's topics what was recorded between two times, the newest first."""
-    with path.open("rb") as file:
+    """Of a finished file's topics what was recorded between two times, the newest first. Raises :class:`BadInput` for a
+    damaged one, OSError where it cannot be read.
+    """
+    with path.open("rb") as file, _reading(path):
         found = make_reader(file).iter_messages(list(topics), starting_at=since, ending_at=until, reverse=True)
         for _, channel, message in found:
             yield Read(message.log_time, channel.topic, message.data)
@@ -201,9 +210,9 @@ def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
     """All that was recorded between two times (ns UTC), in the order in which it came, whatever the clock did; of a
     file that was cut short as much as there is.
 
-    Raises ValueError for what is no .mcap, OSError where it cannot be read.
+    Raises :class:`BadInput` for what is no .mcap or is damaged, OSError where it cannot be read.
     """
-    with path.open("rb") as file:
+    with path.open("rb") as file, _reading(path):
         try:
             if contents(path) is not None:
                 found = make_reader(file).iter_messages(starting_at=since, ending_at=until, log_time_order=False)
@@ -213,39 +222,42 @@ def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
                 if since <= message.log_time <= until:
                     about = channel.metadata
                     yield Found(message.log_time, about.get(KEY, ""), about.get(HOLDS, ""), message.data)
-        except (EndOfFile, struct.error, ZstdError):
+        except TORN:
             return
-        except McapError as e:
-            raise ValueError(f"{path} is no .mcap: {e}") from e
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except InvalidMagic as e:
+        raise BadInput(f"{path} is no .mcap", field="file", value=str(path), expected="a recording") from e
+    except (OSError, *DAMAGE) as e:
+        if isinstance(e, OSError) and e.errno != errno.EINVAL:  # which is a place that no file has
+            raise
+        text = f"{path} is damaged, and cannot be read any further ({str(e) or type(e).__name__})"
+        raise BadInput(text, field="file", value=str(path), expected="a recording") from e
 
 
 def about(path: Path) -> dict[str, str]:
     """What the recorder said of a file when it began it; empty where it said nothing."""
-    with path.open("rb") as file:
-        try:
-            for record in StreamReader(file).records:
-                if isinstance(record, Metadata) and record.name == ABOUT:
-                    return record.metadata
-                if isinstance(record, Message):
-                    break
-        except McapError:
-            pass
+    with path.open("rb") as file, contextlib.suppress(*DAMAGE):
+        for record in StreamReader(file).records:
+            if isinstance(record, Metadata) and record.name == ABOUT:
+                return record.metadata
+            if isinstance(record, Message):
+                break
     return {}
 
 
 def topics(path: Path) -> list[str]:
-    """Of a file, also of one that was cut short. Raises ValueError for what is no .mcap, OSError."""
+    """Of a file, also of one that was cut short. Raises as :func:`read_forth` does."""
     known = contents(path)
     if known is not None:
         return known.topics
     found: dict[str, None] = {}
-    with path.open("rb") as file:
-        try:
-            for record in StreamReader(file).records:
-                if isinstance(record, Channel):
-                    found[record.topic] = None
-        except (EndOfFile, struct.error, ZstdError):
-            pass
-        except McapError as e:
-            raise ValueError(f"it is no .mcap: {e}") from e
+    with path.open("rb") as file, _reading(path), contextlib.suppress(*TORN):
+        for record in StreamReader(file).records:
+            if isinstance(record, Channel):
+                found[record.topic] = None
     return list(found)

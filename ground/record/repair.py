@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -33,9 +32,10 @@ from mcap.records import (
 )
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
-from zstandard import ZstdError
 
 from ground.record.folder import is_whole
+from ground.record.mcapfile import DAMAGE
+from zmav.errors import BadInput
 
 _HEAD = struct.Struct("<BQ")
 """of a record: what it is, and how long"""
@@ -54,8 +54,8 @@ class Repaired(NamedTuple):
 
 
 def repair(path: Path) -> Repaired:
-    """Complete ``path``. ValueError for what is no .mcap; OSError where it cannot be read, a recorder still writes it,
-    or the disk is full: then it is as it was, but for its torn end.
+    """Complete ``path``. :class:`BadInput` for what is no .mcap; OSError where it cannot be read, a recorder still
+    writes it, or the disk is full: then it is as it was, but for its torn end.
     """
     if is_whole(path):
         return Repaired(0, 0, whole=True)
@@ -85,7 +85,8 @@ class _Found:
         self.size = file.seek(0, os.SEEK_END)
         file.seek(0)
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            raise ValueError(f"{getattr(file, 'name', 'it')} is no .mcap: it does not begin like one")
+            text = f"{getattr(file, 'name', 'it')} is no .mcap: it does not begin like one"
+            raise BadInput(text, field="file", expected="an .mcap")
         self.end = len(MCAP0_MAGIC)
         self.statistics = Statistics(
             attachment_count=0, channel_count=0, channel_message_counts=defaultdict(int), chunk_count=0,
@@ -113,7 +114,7 @@ class _Found:
                 return
             try:
                 self._take(opcode, length)
-            except (McapError, ValueError, struct.error, ZstdError, RuntimeError, MemoryError):
+            except DAMAGE:
                 return  # bytes that are no record of its kind: what follows cannot be trusted
             self.end = after
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from ground.record.decoder import is_frame
 from zmav import keys
 from zmav.errors import BadConfig, BadInput, BadKey
 from zmav.links.tlog import TlogReader
@@ -40,7 +41,7 @@ class Source(Protocol):
         """When it begins, ns UTC; None: it holds nothing that can be played."""
 
     def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
-        """Anew at each call. Raises OSError where it cannot be read."""
+        """Anew at each call. Raises OSError where it cannot be read, :class:`BadInput` where it is damaged."""
 
 
 class Tlogs:
@@ -77,7 +78,7 @@ class Mcap:
 
         try:
             topics = mcapfile.topics(self._path)
-        except (OSError, ValueError) as e:
+        except OSError as e:
             raise BadInput(f"cannot play {self._path}: {e}", field="file", expected="an .mcap of the recorder's") from e
         found = {topic.split("/")[2] for topic in topics if topic.startswith(f"{keys.ROOT}/") and topic.count("/") > 2}
         return sorted(name for name in found if keys.NAME.match(name))
@@ -91,7 +92,7 @@ class Mcap:
         for found in mcapfile.read_forth(self._path, since, until):
             if found.holds == mcapfile.AS_IT_CAME:
                 yield Record(found.at, found.key, found.data)
-            elif found.holds == mcapfile.ALL_FRAMES:
+            elif found.holds == mcapfile.ALL_FRAMES and is_frame(found.data):
                 yield Record(found.at, self._key_of(found.key, found.data), found.data)
 
     def _key_of(self, topic: str, frame: bytes) -> str:

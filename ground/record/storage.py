@@ -25,7 +25,7 @@ from ground.record.folder import Folder
 from ground.record.history import History
 from ground.record.part import Kinds, Part
 from ground.record.route import Route
-from zmav.errors import BadKey
+from zmav.errors import BadInput, BadKey
 from zmav.mavlink import Dialect
 
 logger = logging.getLogger(__name__)
@@ -302,7 +302,7 @@ def _mend(paths: list[Path]) -> None:
     for path in paths:
         try:
             repair(path)
-        except (OSError, ValueError) as e:
+        except (OSError, BadInput) as e:
             logger.warning("%s has no summary ('zmav record --repair' gives it one): %s", path, e)
 
 

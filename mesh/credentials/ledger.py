@@ -92,5 +92,5 @@ def read_ledger(folder: Path) -> Ledger:
     except OSError as e:
         text = f"{folder} is not an authority's folder: cannot read {path}: {e.strerror}; 'zmav mesh ca init' makes one"
         raise BadConfig(text, field="ca", value=str(folder), expected="an authority's folder") from e
-    except (msgspec.DecodeError, UnicodeDecodeError) as e:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
         raise BadConfig(f"{path} is damaged: {e}", field="ca", value=str(path), expected="a ledger") from e

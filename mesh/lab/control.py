@@ -107,7 +107,7 @@ class Control(Server):
             return Reply(result=msgspec.to_builtins(await do(msgspec.convert(request.args, kind))))
         except ZmavError as e:
             return Reply(error=Failure(e.code, e.message, e.detail))
-        except msgspec.MsgspecError as e:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as e:
             return Reply(error=Failure(BadInput.code, f"not a request: {e}"))
 
     # ---- what can be asked

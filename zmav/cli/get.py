@@ -45,7 +45,7 @@ async def _get(key: str, value: str, timeout: float, fleet: str, as_json: bool, 
 def _show(answer: Answer, as_json: bool) -> None:
     try:
         value = json.loads(answer.payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         value = {"hex": answer.payload.hex()}
     if as_json:
         click.echo(dump({"key": answer.key, "value": value}, pretty=False))

@@ -88,5 +88,5 @@ def reading(path: str | Path, what: str) -> Iterator[None]:
         raise BadConfig(f"{path}: {expected} (at {field})", field=field, expected=expected) from None
     except BadInput as e:
         raise BadConfig(f"{path}: {e}", **e.detail) from None
-    except ValueError as e:
+    except (ValueError, RecursionError) as e:
         raise BadConfig(f"{path} is not TOML: {e}", field="file", value=str(path), expected="TOML") from e

@@ -23,7 +23,7 @@ SUFFIXES: dict[str, Format] = {".params": "qgc", ".param": "planner", ".parm": "
 
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _HEX = re.compile(r"0[xX][0-9a-fA-F]{1,16}\Z")
-_INTEGER = re.compile(r"[-+]?[0-9]+\Z")
+_INTEGER = re.compile(r"[-+]?[0-9]{1,38}\Z")
 _NAME = re.compile(r"[!-~]{1,16}\Z")
 _HEADER = {"Stack": "stack", "Vehicle": "vehicle", "Version": "version", "Git Revision": "git"}
 _REALS = ("REAL32", "REAL64")
@@ -108,7 +108,8 @@ def _qgc_row(file: ParamFile, param: FileParam) -> str:
         text = f"{param.name}: its type is not known, and QGroundControl's format needs it"
         raise BadInput(text, field=param.name, value=param.type, expected=f"one of {', '.join(PARAM_TYPES)}")
     number = PARAM_TYPES.index(param.type) + 1
-    return f"{file.sysid or 1}\t{param.compid or 1}\t{param.name}\t{_text(param)}\t{number}"
+    sysid, compid = (1 if each is None else each for each in (file.sysid, param.compid))
+    return f"{sysid}\t{compid}\t{param.name}\t{_text(param)}\t{number}"
 
 
 def _text(param: FileParam) -> str:
@@ -167,7 +168,7 @@ def _whole(word: str, what: str, most: int, name: str, n: int, least: int = 0) -
 def _number(word: str, name: str, n: int) -> float | int | None:
     if word.lower() == "nan":
         return None
-    if _INTEGER.match(word) and len(word) < 40:
+    if _INTEGER.match(word):
         return int(word)
     if _HEX.match(word):  # MAVProxy's users write bit masks so
         return int(word, 16)

@@ -287,10 +287,10 @@ def _lossy(url: str, body: str, options: dict[str, str]) -> LossyUrl:
 
 
 def _expand(path: str) -> str:
-    """``~`` and ``~user`` written out; as it is where there is no such user."""
+    """``~`` and ``~user`` written out; as it is where there can be no such user."""
     try:
         return str(Path(path).expanduser()) if path.startswith("~") else path
-    except RuntimeError:
+    except (RuntimeError, ValueError):
         return path
 
 

@@ -183,7 +183,7 @@ def _shipped(name: str) -> Path | None:
 
 
 _ARRAY_LENGTH = re.compile(r"(25[0-5]|2[0-4]\d|1\d\d|[1-9]\d?)\]")
-_ENUM_VALUE = re.compile(r"\s*(0x[0-9a-fA-F]+|\d+|2\*\*\d{1,2})\s*")
+_ENUM_VALUE = re.compile(r" *(0x[0-9a-fA-F]{1,16}|0|[1-9][0-9]{0,19}|2\*\*[0-9]|2\*\*[1-6][0-9]) *")
 
 
 def _parse(path: Path, mavparse: Any) -> Any:

@@ -192,12 +192,12 @@ def load_dialect(name_or_path: str = "ardupilotmega") -> Dialect:
     """
     if not name_or_path.lower().endswith(".xml") and "/" not in name_or_path:
         return _load_named(name_or_path)
-    path = Path(name_or_path).expanduser()
     try:
+        path = Path(name_or_path).expanduser()
         changed = path.stat().st_mtime_ns
-    except OSError as error:
+    except (OSError, RuntimeError, ValueError) as error:  # no such user's home, or a NUL in the name
         raise BadConfig(
-            f"dialect file {name_or_path}: {error.strerror or error}",
+            f"dialect file {name_or_path}: {getattr(error, 'strerror', '') or error}",
             field="dialect",
             value=name_or_path,
             expected="a readable MAVLink XML file",

@@ -17,6 +17,10 @@ MOST_DATA = PAYLOAD - _HEADER.size
 """239: bytes of data that one packet holds"""
 
 
+LONGEST_SIZE = 16
+"""digits of a file's size, in a directory: more bytes no disk has"""
+
+
 class Op(enum.IntEnum):
     """Opcodes. An answer is ACK or NAK; it names the request in ``req_opcode``."""
 
@@ -142,7 +146,8 @@ def _entry(text: str) -> Entry | None:
     name, _, size = rest.partition("\t")
     if kind == "D":
         return Entry(name, None)
-    return Entry(name, int(size) if size.isdecimal() else 0) if kind == "F" else None
+    known = size.isdecimal() and len(size) < LONGEST_SIZE
+    return Entry(name, int(size) if known else 0) if kind == "F" else None
 
 
 def crc32(data: bytes, crc: int = 0) -> int:

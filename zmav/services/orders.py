@@ -34,6 +34,8 @@ MOST_WAITING = 256
 """orders that have come and were not looked at yet, but for those that make it safe"""
 MOST_LOOKING = 8
 """orders under way of one member that a viewer may give, too"""
+MOST_BYTES = 4_000_000
+"""of an order: a mission of 15,000 items"""
 MOST_ID = 64
 """characters of an id"""
 
@@ -137,7 +139,7 @@ class Orders:
 
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, prove: Prove, answers: Answers,
-        channel: keys.Channel = keys.DO, verbs: Mapping[str, Verb] = VERBS, most: int | None = None,
+        channel: keys.Channel = keys.DO, verbs: Mapping[str, Verb] = VERBS, most: int = MOST_BYTES,
         parts: Mapping[str, str] = MappingProxyType({}), questions: Questions | None = None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
@@ -236,10 +238,11 @@ class Orders:
             known = ", ".join(sorted(self._verbs))
             raise BadInput(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
         arguments, handler = self._verbs[verb]
-        if self._most is not None and len(payload) > self._most:
+        if len(payload) > self._most:
             text = f"{verb}: {len(payload)} bytes are too much for an order; at most {self._most} are read"
             raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
-        args = wire.decode(payload, arguments, f"{self._channel.name}/{verb}")
+        args = wire.decode(payload, arguments, what := f"{self._channel.name}/{verb}")
+        wire.refuse_repeated(payload, what)
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
             if self._only_looks(verb):

@@ -144,7 +144,7 @@ class Store:
         found: dict[str, Meta] = {}
         for path in self.directory.glob("*" + META) if self.directory.is_dir() else ():
             name = path.name[: -len(META)]
-            with contextlib.suppress(OSError, msgspec.MsgspecError):
+            with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
                 meta = msgspec.json.decode(path.read_bytes(), type=Meta)
                 size = (self.directory / name).stat().st_size
                 if meta.missing or size == meta.size:

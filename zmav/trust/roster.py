@@ -90,5 +90,5 @@ def read_signed(data: bytes) -> SignedRoster:
     """Raises :class:`BadConfig` for what is no roster."""
     try:
         return msgspec.json.decode(data, type=SignedRoster)
-    except (msgspec.DecodeError, UnicodeDecodeError) as e:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
         raise BadConfig(f"not a roster: {e}", field="roster") from e

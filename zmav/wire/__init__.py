@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from zmav.wire import swarm
 from zmav.wire.agent import SetTunable, Signals, TunableInfo
-from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from
+from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from, refuse_repeated
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 from zmav.wire.files import (
     FileEntry,
@@ -187,5 +187,6 @@ __all__ = [
     "encode",
     "error_body",
     "error_from",
+    "refuse_repeated",
     "swarm",
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import re
 from typing import Any, TypeVar
 
@@ -45,6 +47,24 @@ def decode(data: bytes, kind: type[W], what: str) -> W:
         raise BadInput(f"{what}: {text} (at {field})", field=field, value=_clip(data), expected=text) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
         raise BadInput(f"{what}: not JSON: {e}", field=what, value=_clip(data), expected="a JSON object") from None
+
+
+def refuse_repeated(data: bytes, what: str) -> None:
+    """Raise :class:`BadInput` where an object in ``data`` gives a name twice.
+
+    For orders, whose arguments somebody may have read and approved: readers of JSON differ in which of the two they
+    take, and ours takes the last in silence. Costs as much as another decoding, so it is not for telemetry. What is no
+    JSON at all is :func:`decode`'s to refuse.
+    """
+
+    def look(pairs: list[tuple[str, Any]]) -> None:
+        names = [name for name, _ in pairs]
+        if len(set(names)) < len(names):
+            field = next(name for name in names if names.count(name) > 1)
+            raise BadInput(f"{what}: {field} is given twice", field=field, value=_clip(data), expected="one value")
+
+    with contextlib.suppress(ValueError, RecursionError):
+        json.loads(data, object_pairs_hook=look, parse_int=float)  # an int of thousands of digits would not be read
 
 
 def _clip(data: bytes) -> str:

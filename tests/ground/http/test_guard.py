@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import http.client
 import logging
 import socket
 from typing import TYPE_CHECKING, Any
@@ -118,6 +119,11 @@ def test_reading_only_still_streams(locked: Served) -> None:
         ({"Host": "evil.example"}, 421),
         ({"Host": "evil.example:8088"}, 421),
         ({"Host": ""}, 421),
+        ({"Host": "[::1]evil"}, 421),
+        ({"Host": "[::1]:80evil"}, 421),
+        ({"Host": "[localhost]"}, 421),
+        ({"Host": "localhost:80:evil"}, 421),
+        ({"Host": "localhost:evil"}, 421),
         ({"Host": "LOCALHOST:1"}, 200),
         ({"Host": "[::1]:8088"}, 200),
     ],
@@ -218,6 +224,15 @@ def test_a_large_body_is_refused(served: Served) -> None:
     assert raw(served, begin + chunks * 20).startswith(b"HTTP/1.1 413")
 
 
+def test_a_body_of_two_lengths_is_refused(served: Served) -> None:
+    """Whoever forwards it may take the other one: what follows would be another's request."""
+    head = b"POST /do/quad9/hold HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n"
+    reply = raw(served, head + b"2\r\n{}\r\n0\r\n\r\nGET /vehicles HTTP/1.1\r\nHost: localhost\r\n\r\n", whole=True)
+    assert reply.startswith(b"HTTP/1.1 400"), reply[:200]
+    assert b"Content-Length" in reply
+    assert reply.count(b"HTTP/1.1 ") == 1
+
+
 def test_a_body_that_does_not_come_is_not_waited_for(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "BODY_PATIENCE", 0.1)
     begin = b"POST /v1/mavlink HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\n{"
@@ -260,6 +275,42 @@ def test_nor_is_a_second_one(served: Served, monkeypatch: pytest.MonkeyPatch) ->
     assert answer.count(b"HTTP/1.1") == 1
 
 
+def test_connections_that_ask_nothing_shut_nobody_out(locked: Served) -> None:
+    """More than the gateway takes at once, and none of them says who it is."""
+    held: list[socket.socket] = []
+    with contextlib.ExitStack() as stack:
+        for number in range(server.CONNECTIONS + 8):
+            held.append(stack.enter_context(socket.create_connection(("127.0.0.1", locked.port), 30.0)))
+            if number % 2:
+                held[-1].sendall(b"GET /vehi")
+        assert locked.request("GET", "/vehicles", **TOKEN).status == 200
+        assert held[0].recv(1) == b"", "the oldest is shut"
+
+
+def test_one_address_s_connections_do_not_shut_another_s(locked: Served) -> None:
+    with contextlib.ExitStack() as stack:
+        mine = stack.enter_context(socket.create_connection(("127.0.0.1", locked.port), 30.0, ("127.0.0.2", 0)))
+        for _ in range(server.IDLE + server.IDLE_EACH):
+            stack.enter_context(socket.create_connection(("127.0.0.1", locked.port), 30.0))
+        mine.sendall(b"GET /vehicles HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer wrong\r\n\r\n")
+        assert mine.recv(65536).startswith(b"HTTP/1.1 401")
+
+
+def test_a_connection_that_showed_its_token_is_waited_for_longer(
+    locked: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "STRANGER_PATIENCE", 0.1)
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", locked.port, timeout=30.0)) as known:
+        known.auto_open = 0  # it does not begin again by itself
+        known.connect()
+        known.request("GET", "/vehicles", headers=TOKEN)
+        assert known.getresponse().read()
+        stranger = b"GET /vehicles HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer wrong\r\n\r\n"
+        assert raw(locked, stranger, whole=True).startswith(b"HTTP/1.1 401")
+        known.request("GET", "/vehicles", headers=TOKEN)
+        assert known.getresponse().status == 200
+
+
 def test_the_form_of_an_error_is_its_face_s(served: Served) -> None:
     assert served.request("POST", "/vehicles").text == "POST cannot be used on /vehicles\n"
     assert served.request("PUT", "/v1/mavlink").json == "PUT cannot be used on /v1/mavlink"
@@ -286,11 +337,11 @@ def websocket(served: Served, path: str, **how: Any) -> Any:
     return connect(f"ws://127.0.0.1:{served.port}{path}", open_timeout=30.0, **how)
 
 
-def raw(served: Served, data: bytes) -> bytes:
-    """What is answered to bytes, up to the end of the answer's first part."""
+def raw(served: Served, data: bytes, whole: bool = False) -> bytes:
+    """What is answered to bytes: the first part of it, or the whole until the gateway shuts the connection."""
     with socket.create_connection(("127.0.0.1", served.port), 30.0) as sock:
         with contextlib.suppress(ConnectionError):  # the answer may come before all is sent
             sock.sendall(data)
         with contextlib.suppress(ConnectionError):
-            return sock.recv(65536)
+            return b"".join(iter(lambda: sock.recv(65536), b"")) if whole else sock.recv(65536)
     return b""

@@ -161,6 +161,7 @@ def test_a_message_is_put_by_its_fields_and_as_a_frame(served: Served) -> None:
         ("quad1/mav/tx/a/1/SET_MODE", b"{}", "json", "numbers"),
         ("quad1/mav/tx/1/1/SET_MODE", b"\xfd\x00", "octet-stream", "frame"),
         ("quad1/mav/tx/*/1/SET_MODE", b"{}", "json", "wildcard"),
+        ("quad1/mav/tx/1/1/SET_MODE", b'{"base_mode": 1, "custom_mode": 4, "custom_mode": 5}', "json", "given twice"),
         ("zmav/demo/@fleet/origin", b'{"lat_deg": 1}', "json", "lon_deg"),
         ("zmav/demo/@fleet/goal", b"{", "json", "JSON"),
         ("zmav/demo/@fleet/goal", b"", "json", "empty"),
@@ -190,6 +191,19 @@ def test_a_topic_of_the_fleet_is_put(served: Served) -> None:
     assert put(served, key, wire.encode(ORIGIN)).status == 200
     served.until(lambda: bool(found), "origin")
     assert wire.decode(found[0], wire.Origin, "origin") == ORIGIN
+    subscriber.undeclare()
+
+
+@pytest.mark.parametrize("key", ["zmav/other/@fleet/origin", "zmav/other/quad1/mav/tx/1/1/SET_MODE"])
+def test_another_fleet_s_keys_are_not_written(served: Served, key: str) -> None:
+    body = wire.encode(ORIGIN) if key.endswith("origin") else b'{"base_mode": 1, "custom_mode": 4}'
+    found: list[str] = []
+    subscriber = served.session.declare_subscriber("zmav/other/**", lambda sample: found.append(str(sample.key_expr)))
+    reply = put(served, key, body)
+    assert reply.status == 404, reply.text
+    assert "in the fleet demo, and not in other" in reply.json["error"]["text"]
+    assert put(served, "zmav/demo/@fleet/origin", wire.encode(ORIGIN)).status == 200  # it would have come before this
+    assert not found and not served.tx
     subscriber.undeclare()
 
 

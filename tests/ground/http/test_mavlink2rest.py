@@ -228,6 +228,8 @@ def test_an_unknown_name_has_no_structure(served: Served) -> None:
         (b"[" * 100_000, "nested too deeply"),
         (b"[]", "expected"),
         (b'{"message": 5}', "expected"),
+        (b'{"message": 5, "message": 6}', "message is given twice"),
+        (b"{message: {type: 'SYSTEM_TIME', 'type': 'SET_MODE'},}", "type is given twice"),
         (b'{"message": {}}', "has no type"),
         (b'{"message": {"type": "NOSUCH"}}', "no message 'NOSUCH'"),
         (b'{"message": {"type": "HEARTBEAT"}}', "mavtype: missing"),

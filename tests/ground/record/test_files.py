@@ -20,7 +20,7 @@ from ground.record.folder import is_whole
 from ground.record.repair import repair
 from tests.ground.record.conftest import read, read_cut, records
 from zmav import wire
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadInput
 from zmav.links.tlog import TlogReader
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ def test_a_file_cut_anywhere_is_completed_to_its_last_flush(desk: Any, frames: t
 def test_what_is_no_mcap_is_not_touched(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"no \.mcap"):
+    with pytest.raises(BadInput, match=r"no \.mcap"):
         repair(path)
     assert path.read_bytes() == content
 

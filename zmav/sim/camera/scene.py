@@ -123,7 +123,7 @@ def load_scene(path: str | Path) -> Scene:
         raise BadConfig(f"{path}: {error}", field="scene", value=str(path), expected="a scene file") from error
     try:
         scene = msgspec.convert(tomllib.loads(text), Scene)
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+    except (ValueError, msgspec.ValidationError, RecursionError) as error:
         raise BadConfig(f"{path}: {error}", field="scene", value=str(path), expected=str(error)) from None
     check_scene(scene, str(path))
     return scene

@@ -1,0 +1,9 @@
+"""What is fuzzed: everything that takes bytes from outside, by name."""
+
+from __future__ import annotations
+
+from tests.fuzz.engine import Target
+from tests.fuzz.targets import datagrams, files, frames, payloads, trust
+
+MODULES = (frames, datagrams, files, payloads, trust)
+TARGETS: dict[str, Target] = {target.name: target for module in MODULES for target in module.TARGETS}
