@@ -21,7 +21,7 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -35,6 +35,7 @@ from zmav.process import say
 from zmav.services.orders import Guarded, Orders
 from zmav.services.port import on_loop
 from zmav.services.proven import Answers
+from zmav.services.questions import Questions, Reply
 from zmav.trust.gate import Gate, Origin, anybody
 from zmav.verbs import Access, Verb
 from zmav.waiting import within
@@ -102,11 +103,12 @@ class Agent:
         self.on_alive: Callable[[], object] = lambda: None
         """called on the event loop with each word of its status: not called, the loop hangs"""
         table = {**TUNING, **self.verbs}
-        self._params: zenoh.Queryable[Any] | None = None
+        answers = Answers(z.member.signer if z.member else None)
+        self._questions = Questions(z.session, answers)
         self._gate = Gate(z.member.credentials) if z.member else None
         self._orders = Orders(
             z.session, self.vehicle.fleet, vehicle, self._gate.check if self._gate else anybody,
-            Answers(z.member.signer if z.member else None), keys.AGENT_DO, table, parts={"agent": self.name},
+            answers, keys.AGENT_DO, table, parts={"agent": self.name}, questions=self._questions,
         )  # fmt: skip
         for verb in table:
             handler: Guarded = getattr(self, f"on_{verb}")
@@ -203,12 +205,11 @@ class Agent:
     def _param_key(self, name: str) -> str:
         return keys.AGENT_PARAM.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, param=name)
 
-    def _on_query(self, query: zenoh.Query) -> None:
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         """Each parameter that the asked key expression fits."""
-        with query:
-            for name in self._declared:
-                if query.key_expr.intersects(zenoh.KeyExpr(self._param_key(name))):
-                    query.reply(self._param_key(name), wire.encode(self._tunable(name)), encoding=keys.JSON)
+        for name in self._declared:
+            if query.key_expr.intersects(zenoh.KeyExpr(self._param_key(name))):
+                yield Reply(self._param_key(name), wire.encode(self._tunable(name)))
 
     # Its life.
 
@@ -222,8 +223,7 @@ class Agent:
             refused = on_loop(asyncio.get_running_loop(), self._on_refused)
             self._gate.on_refused = refused
         self._orders.start()
-        loop = asyncio.get_running_loop()
-        self._params = self.z.session.declare_queryable(self._param_key("*"), on_loop(loop, self._on_query))
+        self._questions.declare(self._param_key("*"), self._answer)
         self._heart = asyncio.create_task(self._beat())
         return self
 
@@ -233,8 +233,7 @@ class Agent:
         if self._heart is not None:
             self._heart.cancel()
             await asyncio.gather(self._heart, return_exceptions=True)
-        if self._params is not None:
-            self._params.undeclare()
+        self._questions.close()
         await self._orders.close()
         self.status("ended", str(error) if isinstance(error, ZmavError) else "")
         self._speak()

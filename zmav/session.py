@@ -25,6 +25,8 @@ from zmav.trust.credentials import Credentials
 DEFAULT_PORT = 7447
 DEFAULT_ROUTER = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 CONNECT = "ZMAV_CONNECT"
+BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+"""Zenoh's setting of how long a link that is full may hold up what goes through a router, in µs"""
 """environment variable: the routers that clients look for where nothing else is said, between blanks"""
 PATIENCE = 1.0
 """s for a router to answer a client: it may just be starting"""
@@ -78,6 +80,8 @@ def defaults(mode: str) -> dict[str, Any]:
         values["connect/exit_on_failure"] = False
         values["connect/retry"] = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}
     if mode == "router":
+        # A neighbour that does not read what it asked for holds up everybody's orders for so long, and is then cut off.
+        values[BLOCKED] = 200_000
         values["adminspace/enabled"] = True
         values["adminspace/permissions"] = {"read": True, "write": False}
     return values

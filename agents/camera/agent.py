@@ -7,7 +7,7 @@ import contextlib
 import math
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any
 
@@ -19,8 +19,10 @@ from agents.camera.ladder import Ladder, Step
 from agents.camera.settings import Calibration, Settings, camera_info
 from zmav import keys, wire
 from zmav.client import Client
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput
 from zmav.services.port import on_loop
+from zmav.services.proven import Answers
+from zmav.services.questions import Questions, Reply
 from zmav.session import SessionSettings, open_session
 from zmav.vision.chunks import MOST_JPEG, count_of, split
 from zmav.vision.opencv import decode, encode, opencv
@@ -76,6 +78,7 @@ class CameraAgent:
         self._wanted, self._news = asyncio.Event(), asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._held: list[Any] = []
+        self._questions: Questions | None = None
         self._session: zenoh.Session | None = None
         self._capture: Capture | None = None
         self._full_size = settings.size
@@ -93,8 +96,9 @@ class CameraAgent:
             publisher.declare_matching_listener(on_match),
             publisher,
             self._z.session.declare_subscriber(reports, on_loop(loop, self._on_report)),
-            self._z.session.declare_queryable(info, on_loop(loop, self._on_query)),
         ]
+        self._questions = Questions(self._z.session, Answers(None))
+        self._questions.declare(info, lambda query: self._answer(info))
         self._on_match(publisher.matching_status)
         self._capture = Capture(self._source, on_loop(loop, self._news.set), self._say)
         self._tasks = [loop.create_task(self._send_all(publisher)), loop.create_task(self._look_after())]
@@ -106,6 +110,8 @@ class CameraAgent:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._questions is not None:
+            self._questions.close()
         for each in self._held:
             with contextlib.suppress(zenoh.ZError):  # the session has gone
                 each.undeclare()
@@ -153,13 +159,8 @@ class CameraAgent:
             return
         self.budget.report(reader, report, time.monotonic())
 
-    def _on_query(self, query: zenoh.Query) -> None:
-        key = keys.CAMERA.key(self._z.fleet_name, self.settings.vehicle, camera=self.settings.camera)
-        with query, contextlib.suppress(zenoh.ZError):  # the asker has gone
-            try:
-                query.reply(key, wire.encode(self.info()), encoding=keys.JSON)
-            except BadConfig as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
+    def _answer(self, key: str) -> Iterator[Reply]:
+        yield Reply(key, wire.encode(self.info()))
 
     # Pictures.
 

@@ -26,7 +26,7 @@ from mesh.plan import RouterPlan, Setting
 from zmav.config import FleetConfig, Radio
 from zmav.errors import BadConfig
 from zmav.process import free_port
-from zmav.session import SessionSettings
+from zmav.session import BLOCKED, SessionSettings
 
 LISTEN, CONNECT = "listen/endpoints", "connect/endpoints"
 ABOVE = 1
@@ -151,6 +151,7 @@ def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: 
     settings.update(_scouting(plan, {r.interface for r in radios if r.budget}))
     if "transport/link/tx/batch_size" not in settings:
         settings["transport/link/tx/batch_size"] = Setting(BATCH, "QoS")
+    settings.setdefault(BLOCKED, Setting(5_000_000, "bearers"))  # a slow radio is full for longer than a wire
     return replace(plan, settings=settings)
 
 

@@ -13,7 +13,8 @@ import contextlib
 import random
 import re
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
+from concurrent.futures import Future
 from typing import Any
 
 import msgspec
@@ -25,7 +26,10 @@ from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.process import log
+from zmav.services.intake import Intake
 from zmav.services.port import on_loop
+from zmav.services.proven import Answers
+from zmav.services.questions import Questions, Reply
 from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
@@ -37,6 +41,8 @@ SHORTEST, LONGEST = 1.0, 64.0
 """s: Trickle's interval"""
 ENOUGH = 1
 """of others' that are like ours within an interval, and we need not speak"""
+MOST_WAITING = 64
+"""rosters that have come and were not looked at yet: the newest"""
 MOST_CHECKED = 200.0
 """signatures checked in a second: what is forged costs no more than that"""
 NUMBER = re.compile(r"[0-9]{1,18}\Z")
@@ -62,12 +68,13 @@ class RosterWatch:
 
     async def __aenter__(self) -> RosterWatch:
         loop = asyncio.get_running_loop()
-        take, answer = on_loop(loop, self._on_sample), on_loop(loop, self._on_query)
+        self._questions = Questions(self._session, Answers(None))
+        self._questions.declare(self._key, lambda query: self._answer(query, loop))
+        take = on_loop(loop, self._on_samples)  # a batch at a time: anybody may put them, as fast as he likes
         self._declared = [
-            self._session.declare_subscriber(self._key, take),
-            self._session.declare_queryable(self._key, answer),
             self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True),
         ]
+        self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)
         self._tasks = [loop.create_task(self._tell())]
         if not self._plan.vehicle:  # which says it as an event
             self._tasks.append(loop.create_task(warn_of_end(self._credentials.certificate, self._say)))
@@ -77,6 +84,8 @@ class RosterWatch:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._intake.close()
+        self._questions.close()
         for declared in self._declared:
             declared.undeclare()
 
@@ -132,9 +141,10 @@ class RosterWatch:
     def _rules_by(self, roster: Roster) -> dict[str, Any]:
         return access_control(self._plan.file, self._credentials.fleet, self._credentials.name, roster)
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(BadInput):
-            self._take(sample.payload.to_bytes())
+    def _on_samples(self, samples: list[zenoh.Sample]) -> None:
+        for sample in samples:
+            with contextlib.suppress(BadInput):
+                self._take(sample.payload.to_bytes())
 
     def _take(self, data: bytes) -> None:
         try:
@@ -143,21 +153,18 @@ class RosterWatch:
             self._say_once(e.message.partition(":")[0], f"a roster was not taken: {e}")
             raise
 
-    def _on_query(self, query: zenoh.Query) -> None:
-        with query:
-            try:
-                if query.payload:
-                    self._take(query.payload.to_bytes())
-                newer = query.parameters.get("newer")
-                wanted = newer is not None and NUMBER.match(newer) is not None and int(newer) < self.roster.number
-            except BadInput as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
-                return
-            held = HeldRoster(
-                name=self._plan.name, number=self.roster.number, t=self.roster.t,
-                newer=self._signed if wanted else None,
-            )  # fmt: skip
-            query.reply(self._key, wire.encode(held), encoding=keys.JSON)
+    def _answer(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[HeldRoster]]:
+        yield (held := asyncio.run_coroutine_threadsafe(self._held(query), loop))
+        yield Reply(self._key, wire.encode(held.result()))
+
+    async def _held(self, query: zenoh.Query) -> HeldRoster:
+        if query.payload:
+            self._take(query.payload.to_bytes())
+        newer = query.parameters.get("newer")
+        wanted = newer is not None and NUMBER.match(newer) is not None and int(newer) < self.roster.number
+        return HeldRoster(
+            name=self._plan.name, number=self.roster.number, t=self.roster.t, newer=self._signed if wanted else None
+        )
 
     def _on_link(self, event: zenoh.LinkEvent) -> None:
         """Say of each neighbour that shows a certificate and is no member, once, that it gets nothing."""

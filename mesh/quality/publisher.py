@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 
 import msgspec
 import zenoh
@@ -17,6 +17,8 @@ from mesh.quality.interface import Counters, address_of, counters, signal
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
 from zmav.config import Host
+from zmav.services.proven import Answers
+from zmav.services.questions import Questions, Reply
 
 PERIOD = 1.0
 NAMELESS = 3.0
@@ -45,15 +47,15 @@ class LinkQualities:
     async def __aenter__(self) -> LinkQualities:
         self.prober.start()
         everything = keys.LINK.key(self._fleet, self._name, link="*")
-        self._queryable = self._session.declare_queryable(everything, self._answer)
+        self._questions = Questions(self._session, Answers(None))
+        self._questions.declare(everything, self._answer)
         self._task = asyncio.get_running_loop().create_task(self._run())
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
-        with contextlib.suppress(zenoh.ZError):
-            self._queryable.undeclare()
+        self._questions.close()
         await self.prober.close()
 
     async def _run(self) -> None:
@@ -66,12 +68,11 @@ class LinkQualities:
                     data = wire.encode(quality)
                     self._session.put(key, data, encoding=keys.LINK.encoding, **keys.LINK.qos.options())
 
-    def _answer(self, query: zenoh.Query) -> None:
-        """On Zenoh's thread."""
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         for name, quality in self.latest.items():
             key = keys.LINK.key(self._fleet, self._name, link=name)
             if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                query.reply(key, wire.encode(quality), encoding=keys.LINK.encoding)
+                yield Reply(key, wire.encode(quality), keys.LINK.encoding)
 
     # What there is to tell.
 

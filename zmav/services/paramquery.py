@@ -86,7 +86,8 @@ class ParamQueries:
             return
         found = self._line(last)
         if found is None and self._params.known.complete:
-            raise unknown(last, self._params.known.entries if self._hints.take() else ())
+            hints = len(last) <= LONGEST_NAME and self._hints.take()
+            raise unknown(last, self._params.known.entries if hints else ())
         if found is None:
             yield (heard := asyncio.run_coroutine_threadsafe(self._params.find(last), loop))
             found = wire.encode(heard.result())

@@ -128,9 +128,9 @@ class Member:
     # In.
 
     def judge(self, key: str, payload: bytes, attachment: bytes | None, newest: dict[Place, float]) -> None:
-        """Raise :class:`Forbidden` for a vehicle's state or event that it did not sign; for frames and beacons, which
-        are not signed, under a name that is no vehicle's; and for a fleet's topic or an obstacle that nobody signed who may
-        put it. Other keys are not judged.
+        """Raise :class:`Forbidden` for what its name says that it did not: a vehicle's state or event that it did not
+        sign; a frame or a beacon, which are not signed, under a name that is no vehicle's; a fleet's topic or an
+        obstacle that nobody signed who may put it. Other keys are not judged.
 
         ``newest``: one reader's own, of when the newest that it believed were signed (UTC seconds). What is no newer
         was heard before, or overtaken.
