@@ -21,7 +21,6 @@ from zmav.vision.assembler import Assembler
 GRAPH_EVERY = 4.0
 PLANS_EVERY = 60.0
 """s after which a vehicle's plans are asked for anew even where no event says that they changed"""
-TOPICS_EVERY = 30.0
 PICTURES = (keys.FRAME, keys.DETECTION)
 JPEG, MOST_CAMERAS = b"\xff\xd8\xff", 250
 
@@ -48,7 +47,7 @@ class Watch:
         """Until cancelled."""
         await asyncio.gather(
             *(self._follow(channel, key) for channel, key in self._subscribed()),
-            self._graphs(), self._plans(), self._topics(),
+            self._graphs(), self._plans(),
         )  # fmt: skip
 
     def _subscribed(self) -> list[tuple[keys.Channel, str]]:
@@ -146,22 +145,6 @@ class Watch:
                     self._table.put("home", (fleet, vehicle), reply.payload)
                 else:
                     self._table.put("mission", (fleet, vehicle, name), reply.payload)
-
-    async def _topics(self) -> None:
-        """What was put before we came, where somebody keeps it."""
-        while True:
-            with contextlib.suppress(ZmavError):
-                key = keys.FLEET.key(self._z.fleet_name, topic="*")
-                for reply in await self._z.ask(key, channel=keys.FLEET):
-                    if isinstance(reply, Answer):
-                        self._take_topic(reply)
-            await asyncio.sleep(TOPICS_EVERY)
-
-    def _take_topic(self, reply: Answer) -> None:
-        with contextlib.suppress(BadKey):
-            channel, parts = keys.match(reply.key)
-            if channel is keys.FLEET and parts["topic"] != keys.ROSTER:
-                self._table.put(channel.name, tuple(parts.values()), reply.payload)
 
 
 def _pattern(vehicle: str) -> str:
