@@ -123,7 +123,7 @@ class Onboard:
         bounds = Bounds(port, self.identity, settings.origin, settings.geofence, settings.limits)
         self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
         self.payload = Payload(port, self.commander, bounds)
-        self.missions = Missions(session, port, self.identity, self.commander, self.events)
+        self.missions = Missions(session, port, self.identity, self.commander, self.events, bounds)
         self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
         rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
