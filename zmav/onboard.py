@@ -103,7 +103,7 @@ class Onboard:
         self.gate = Gate(own) if own else None
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
-            session, fleet, name, link, dialect,
+            session, fleet, name, link, dialect, admit=lambda frame: self.authority.stations.admit(frame),
             signing=_signing(settings.signing, dialect) if settings.signing else None,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )  # fmt: skip
@@ -261,7 +261,6 @@ class Onboard:
         self.identity.on_change = self.presence.on_change = changed
         self.state.extras.append(self._add_to_state)
         self.setpoints.on_segment = self.state.publish
-        adapter.admit = self.authority.stations.admit
         adapter.on_sent = lambda frame: self.authority.stations.sent(frame)
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)
