@@ -30,6 +30,7 @@ from zmav.session import SessionSettings, open_session, reason
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
+from zmav.vehicle.asktime import AskTime
 from zmav.vehicle.rates import want_key
 from zmav.waiting import within
 
@@ -147,6 +148,7 @@ class Client:
         self.member: Member | None = None
         """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
         self._met: dict[Place, float] = {}
+        self._ask_time: Callable[[Place], None] = lambda place: None
         self._newest: dict[Place, float] = {}
         self._said: set[tuple[Place, str]] = set()
 
@@ -156,6 +158,7 @@ class Client:
         self._session = session = await asyncio.to_thread(open_session, self._settings)
         loop = asyncio.get_running_loop()
         if self.member is not None:
+            self._ask_time = AskTime(session, self.member)
             roster, take = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER), self.member.take_roster
             session.declare_subscriber(roster, on_loop(loop, lambda sample: take(sample.payload.to_bytes())))
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
@@ -277,6 +280,8 @@ class Client:
             self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample), newest)
         except Forbidden as e:
             place, reason = _place(sample), str(e.detail["reason"])
+            if reason == "clock":
+                self._ask_time(place)
             if reason == "unknown":
                 self._meet(place)
             elif (place, reason) not in self._said and len(self._said) < SAID:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from zmav import keys
 from zmav.errors import BadInput, BadKey, Forbidden
-from zmav.trust.certificate import Role
+from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import EPOCH
 from zmav.trust.proof import ANSWERS, NOTHING, WINDOW, Signer
@@ -41,6 +41,10 @@ class Member:
         self._gates: dict[Place, bytes] = {}
         self._others: dict[tuple[Place, str], bytes] = {}
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
+        self._challenges: dict[str, bytes] = {}
+        """of keys on which our next proof is to answer one: the vehicle's clock and ours disagree"""
+        self._clocks: dict[Place, float] = {}
+        """s by which a vehicle's clock is ahead of ours, where it has shown that"""
         self._introduced: dict[Place, float] = {}
         self._lock = threading.Lock()
         self._rosters = Allowance(ROSTERS, monotonic)
@@ -59,7 +63,8 @@ class Member:
             return None
         place = (parts["fleet"], parts["vehicle"])
         introduce = self._introduces(place) or channel is keys.DO
-        gate = self._others.get((place, channel.name)) or self._gates.get(place, NOTHING)
+        gate = self._challenges.pop(key, None) or self._others.get((place, channel.name))
+        gate = gate or self._gates.get(place, NOTHING)
         return self._signer.sign(key, payload, introduce=introduce, answers=gate)
 
     def _introduces(self, place: Place) -> bool:
@@ -80,13 +85,17 @@ class Member:
                 self._others = {at: other for at, other in self._others.items() if at[0] != place}
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
-        """A refusal that another proof mends: the vehicle's agent has been started anew, or does not know us yet."""
+        """A refusal that another proof mends: the vehicle's agent has been started anew, does not know us yet, or has
+        another time than we have, and gives a challenge instead.
+        """
         channel, parts = keys.match(key)
         place, reason = (parts["fleet"], parts["vehicle"]), error.detail.get("reason")
         if reason == EPOCH and (gate := _gate(error.detail.get("gate"))):
             with self._lock:
                 self._others[place, channel.name] = gate
                 self._introduced.pop(place, None)
+        elif reason == "clock" and (challenge := _gate(error.detail.get("challenge"))):
+            self._challenges[key] = challenge
         elif reason == "unknown":
             with self._lock:
                 self._introduced.pop(place, None)
@@ -129,12 +138,25 @@ class Member:
     def _signed_at(
         self, channel: keys.Channel, place: Place, key: str, payload: bytes, attachment: bytes | None
     ) -> float:
-        # Events are cached and recovered, so an old one is no forgery.
-        found, certificate = self.verifier.verify(key, payload, attachment, fresh=channel is keys.STATE)
+        if channel is keys.STATE:  # events are cached and recovered, so an old one is no forgery
+            self.verifier.check_time(self.verifier.read(attachment, fresh=False), self._clocks.get(place, 0.0))
+        found, certificate = self.verifier.verify(key, payload, attachment, fresh=False)
+        self._check_speaker(certificate, place)
+        return found.t
+
+    def take_time(self, place: Place, key: str, payload: bytes, attachment: bytes | None, challenge: bytes) -> None:
+        """From the state with which a vehicle answers our challenge: its states are of now by its own clock since.
+
+        Raises :class:`Forbidden` for another's, or for no answer to it.
+        """
+        found, certificate = self.verifier.verify(key, payload, attachment, answers=challenge, fresh=False)
+        self._check_speaker(certificate, place)
+        self._clocks[place] = self.verifier.ahead(found)
+
+    def _check_speaker(self, certificate: Certificate, place: Place) -> None:
         if (certificate.name, certificate.role) != (place[1], Role.VEHICLE):
             text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {place[1]}"
             raise Forbidden(text, reason="name", origin=certificate.name)
-        return found.t
 
     def take_roster(self, data: bytes) -> None:
         """A roster that came over the network: what is none, or older than ours, changes nothing. On one thread."""
