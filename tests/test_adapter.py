@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import socket
 import threading
 from collections.abc import AsyncIterator
@@ -22,6 +23,12 @@ if TYPE_CHECKING:
     from tests.conftest import Ground, Net, Samples
 
 DIALECT = load_dialect()
+
+
+def everything(frame: Frame) -> None:
+    """Admit it."""
+
+
 PATIENCE_S = 30.0
 HEARTBEAT = {"type": 2, "autopilot": 3, "base_mode": 1, "custom_mode": 4, "system_status": 4}
 
@@ -65,7 +72,7 @@ async def rig(net: Net) -> AsyncIterator[Rig]:
     await net.linked(session, rx(1, 1, "HEARTBEAT"))
     link = open_link("udpin:127.0.0.1:0")
     assert isinstance(link, UdpInLink)
-    adapter = Adapter(session, "demo", "quad1", link, DIALECT)
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT, admit=everything)
     listening, refused = threading.Event(), list[str]()
     adapter.on_link = lambda state, text: listening.set() if "listening" in text else None
     adapter.on_refused = refused.append
@@ -219,6 +226,10 @@ async def test_nothing_passes_that_is_not_admitted(rig: Rig) -> None:
     assert [("two of one name" in said) for said in rig.refused] == [True] * 3 + [False]
 
 
+def test_it_cannot_be_made_without_what_admits() -> None:
+    assert inspect.signature(Adapter).parameters["admit"].default is inspect.Parameter.empty
+
+
 async def test_with_nobody_on_the_link_frames_are_dropped(rig: Rig) -> None:
     refused = threading.Event()
     rig.adapter.on_refused = lambda reason: refused.set()
@@ -266,14 +277,14 @@ async def test_it_speaks_with_one_row_of_sequence_numbers(rig: Rig) -> None:
 def test_names_that_cannot_stand_in_a_key(net: Net, fleet: str, name: str) -> None:
     session, _ = net.router()
     with pytest.raises(BadKey, match="cannot stand in a key"):
-        Adapter(session, fleet, name, open_link("udpin:127.0.0.1:0"), DIALECT)
+        Adapter(session, fleet, name, open_link("udpin:127.0.0.1:0"), DIALECT, admit=everything)
 
 
 async def test_closing_in_any_order(net: Net) -> None:
     session, _ = net.router()
     link: Link = open_link("udpin:127.0.0.1:0")
-    never_started = Adapter(session, "demo", "quad2", open_link("udpin:127.0.0.1:0"), DIALECT)
-    adapter = Adapter(session, "demo", "quad1", link, DIALECT)
+    never_started = Adapter(session, "demo", "quad2", open_link("udpin:127.0.0.1:0"), DIALECT, admit=everything)
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT, admit=everything)
     adapter.start()
     session.close()
     for each in (adapter, adapter, never_started):

@@ -59,8 +59,9 @@ class Adapter:
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *, component: int = 191,
-        signing: Signing | None = None, sign_forwarded: bool = False,
+        self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *,
+        admit: Callable[[Frame], None], component: int = 191, signing: Signing | None = None,
+        sign_forwarded: bool = False,
     ) -> None:  # fmt: skip
         self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
         self.link, self.dialect = link, dialect
@@ -68,7 +69,7 @@ class Adapter:
         self.tx = TxCounters()
         self.on_refused: Callable[[str], None] = lambda reason: None
         self.on_link: Callable[[LinkState, str], None] = lambda state, text: None
-        self.admit: Callable[[Frame], None] = lambda frame: None
+        self.admit = admit
         """raises a ZmavError for a frame of others that may not be sent now (a clash of ids, a lease)"""
         self.on_sent: Callable[[Frame], None] = lambda frame: None
         """told of each frame of others that was sent"""

@@ -31,6 +31,7 @@ from zmav.subscription import Subscription
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
+from zmav.vehicle.asktime import AskTime
 from zmav.vehicle.rates import want_key
 from zmav.waiting import within
 
@@ -79,6 +80,7 @@ class Client:
         self.member: Member | None = None
         """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
         self._met: dict[Place, float] = {}
+        self._ask_time: Callable[[Place], None] = lambda place: None
         self._newest: dict[Place, float] = {}
         self._said: set[tuple[Place, str]] = set()
 
@@ -88,6 +90,7 @@ class Client:
         self._session = session = await asyncio.to_thread(open_session, self._settings)
         loop = asyncio.get_running_loop()
         if self.member is not None:
+            self._ask_time = AskTime(session, self.member)
             roster, take = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER), self.member.take_roster
             session.declare_subscriber(roster, on_loop(loop, lambda sample: take(sample.payload.to_bytes())))
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
@@ -211,6 +214,8 @@ class Client:
         try:
             self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample), newest)
         except Forbidden as e:
+            if e.detail["reason"] == "clock" and keys.NAME.match(_place(sample)[1]):
+                self._ask_time(_place(sample))
             self._disbelieve(_place(sample), str(sample.key_expr), e)
             raise
 

@@ -108,7 +108,7 @@ class Onboard:
         self.questions = questions = Questions(session, answers)
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
-            session, fleet, name, link, dialect,
+            session, fleet, name, link, dialect, admit=lambda frame: self.authority.stations.admit(frame),
             signing=_signing(settings.signing, dialect) if settings.signing else None,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )  # fmt: skip
@@ -127,7 +127,7 @@ class Onboard:
         bounds = Bounds(port, self.identity, settings.origin, settings.geofence, settings.limits)
         self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
         self.payload = Payload(port, self.commander, bounds)
-        self.missions = Missions(questions, port, self.identity, self.commander, self.events)
+        self.missions = Missions(questions, port, self.identity, self.commander, self.events, bounds)
         self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
         rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
@@ -266,7 +266,6 @@ class Onboard:
         self.identity.on_change = self.presence.on_change = changed
         self.state.extras.append(self._add_to_state)
         self.setpoints.on_segment = self.state.publish
-        adapter.admit = self.authority.stations.admit
         adapter.on_sent = lambda frame: self.authority.stations.sent(frame)
         adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tests.services.conftest import StartBench
     from tests.services.mission_peer import MissionBench
 
+AUTO = 3
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 HEIGHT = 10.0
 SEED = 20261123
@@ -326,6 +327,78 @@ async def test_a_mission_that_leaves_the_field_is_not_begun(
     assert peer.mode == GUIDED
 
 
+@pytest.mark.parametrize(("item", "why"), BAD_ITEMS)
+async def test_a_mission_that_leaves_the_field_is_not_taken_in_flight(
+    mission_bench: MissionBench, item: dict[str, Any], why: str
+) -> None:
+    """In AUTO it would be flown as soon as it is there."""
+    b, peer = await mission_bench("ardupilot")
+    good = {"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0}
+    await b.ground.do("mission_upload", kind="mission", items=[good])
+    await b.flying()
+    peer.mode = AUTO
+    await b.state(lambda s: s["mode"] == "AUTO", "AUTO")
+    with pytest.raises(BadInput, match=why):
+        await b.ground.do("mission_upload", kind="mission", items=[good, item])
+    assert len(peer.heard("MISSION_COUNT")) == 1
+    await b.ground.do("mission_upload", kind="mission", items=[good, good])
+    await b.ground.do("mission_upload", kind="mission", items=[good, item], force=True)
+    assert len(peer.plans[0]) == 3  # home first
+
+
+HOME_AMSL = 600.0
+"""m: what the bench's autopilot says of itself"""
+
+
+def home(lat: float = HERE_X, lon: float = HERE_Y, alt: float = HOME_AMSL, here: float = 0.0) -> dict[str, Any]:
+    return {"command": "DO_SET_HOME", "params": {"param1": here, "param5": lat, "param6": lon, "param7": alt}}
+
+
+@pytest.mark.parametrize(
+    ("order", "why"),
+    [
+        (home(lat=-35.46), "pos: .* beyond the geofence's radius"),
+        (home(alt=0.0), r"by -600\.0 m"),
+        (home(alt=700.0), r"by 100\.0 m"),
+        (home(0.0, 0.0, 0.0), "beyond"),
+        (home(alt=100.0) | {"frame": "GLOBAL_RELATIVE_ALT"}, r"by 100\.0 m"),
+        (home(here=1.0), r"by 50\.0 m"),
+    ],
+)
+async def test_a_home_beyond_the_field_or_far_above_or_below_it_is_not_set(
+    mission_bench: MissionBench, order: dict[str, Any], why: str
+) -> None:
+    """A return leads there, and all heights count from it."""
+    b, peer = await mission_bench("ardupilot")
+    await b.flying()
+    await b.ground.do("command", **home(HERE_X + 1e-4, alt=HOME_AMSL - 3.0))
+    await b.ground.do("command", **home(here=1.0))  # 10 m up
+    peer.send("GLOBAL_POSITION_INT", lat=-353600000, lon=1491600000, alt=650000, relative_alt=50000)
+    await b.state(lambda s: (s["position"] or {}).get("alt_rel") == 50.0, "a place 50 m up")
+    with pytest.raises(BadInput, match=why):
+        await b.ground.do("command", **order)
+    item = {"command": "MAV_CMD_DO_SET_HOME", "params": [0, 0, 0, 0], "x": -35.46, "y": HERE_Y, "z": HOME_AMSL}
+    with pytest.raises(BadInput, match=r"item 0: pos: .* beyond"):
+        await b.ground.do("mission_upload", kind="mission", items=[item | {"frame": "MAV_FRAME_GLOBAL"}])
+    with pytest.raises(BadInput, match="item 0: it moves home's height to where nobody knows yet"):
+        await b.ground.do("mission_upload", kind="mission", items=[item | {"params": [1, 0, 0, 0]}])
+    assert len(sets_of_home(peer)) == 2
+    await b.ground.do("command", **order, force=True)
+    assert len(sets_of_home(peer)) == 3
+
+
+def sets_of_home(peer: Any) -> list[Any]:
+    return [told for told in peer.told if told.fields.get("command") == 179]
+
+
+async def test_no_force_moves_home_s_height_where_heights_are_declared(mission_bench: MissionBench) -> None:
+    b, peer = await mission_bench("ardupilot", settings={"geofence": Geofence(ceiling=60.0)})
+    await b.flying()
+    with pytest.raises(BadInput, match=r"by 100\.0 m"):
+        await b.ground.do("command", **home(alt=700.0), force=True)
+    assert sets_of_home(peer) == []
+
+
 async def test_a_mission_that_lands_is_begun_over_a_declared_floor(mission_bench: MissionBench) -> None:
     b, peer = await mission_bench("ardupilot", settings={"geofence": Geofence(floor=2.0)})
     items = [{"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0},
@@ -373,11 +446,12 @@ async def test_a_polygon_without_an_origin_is_where_it_is_wherever_the_vehicle_i
 def test_each_class_that_moves_a_vehicle_cannot_be_made_without_its_bounds() -> None:
     from zmav.services.authority import Authority
     from zmav.services.flight import Flight
+    from zmav.services.mission import Missions
     from zmav.services.mission_flight import MissionFlight
     from zmav.services.payload import Payload
     from zmav.services.separation import Separation
     from zmav.services.setpoint import Setpoints
 
-    for made in (Authority, Flight, MissionFlight, Payload, Separation, Setpoints):
+    for made in (Authority, Flight, MissionFlight, Missions, Payload, Separation, Setpoints):
         (bounds,) = [p for p in inspect.signature(made).parameters.values() if p.annotation == "Bounds"]
         assert bounds.default is inspect.Parameter.empty, made

@@ -31,6 +31,9 @@ _SPEEDS = {0: "speed", 1: "speed", 2: "climb", 3: "descend"}
 _ABOVE_THE_SEA = ("MAV_FRAME_GLOBAL", "MAV_FRAME_GLOBAL_INT")
 
 
+SET_HOME = "MAV_CMD_DO_SET_HOME"
+
+
 class Speed(NamedTuple):
     limit: str
     """speed, climb or descend"""
@@ -64,6 +67,19 @@ def leads_to(command: Command, autopilot: Autopilot, *, in_mission: bool = False
     if place is None:
         return None if height == Target() else height
     return Target(*place, height.alt_amsl, height.alt_rel)
+
+
+def home_by(command: Command, autopilot: Autopilot) -> Target | None:
+    """The home that MAV_CMD_DO_SET_HOME names, its altitude above the sea where no frame says otherwise; None: where
+    the vehicle is then.
+    """
+    p, frame = command.padded(), command.frame
+    if p[0] == 1.0:
+        return None
+    lat, lon = (p[4] / 1e7, p[5] / 1e7) if frame else (p[4], p[5])
+    if frame is None or frame in _ABOVE_THE_SEA or autopilot.ignores_frames:
+        return Target(lat, lon, alt_amsl=p[6])
+    return Target(lat, lon, alt_rel=p[6])
 
 
 def _place(command: Command, autopilot: Autopilot) -> tuple[float, float] | None:

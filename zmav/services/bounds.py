@@ -6,12 +6,13 @@ A fleet file that says nothing does not permit everything: what it leaves open i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from zmav import wire
-from zmav.autopilots import Command, Target
-from zmav.autopilots.moving import Speed, leads_to
+from zmav.autopilots import Autopilot, Command, Target
+from zmav.autopilots.moving import SET_HOME, Speed, home_by, leads_to
 from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
 from zmav.mavlink import decode
@@ -26,6 +27,8 @@ FRESH = 2.0
 NO_FIX = 1_000_000
 """1e-7 degrees: as near to 0, 0 an autopilot is that does not know where it is"""
 WIDEN = "nobody has declared more for this vehicle: [geofence] and [limits] in its fleet file do"
+HOME_STEP = 10.0
+"""m by which home may be raised or lowered: heights, the bounds' too, count from it"""
 FORCE = "; an operator's order with force (--force) passes once"
 
 
@@ -82,7 +85,7 @@ class Bounds:
     def check_command(self, command: Command, *, force: bool) -> None:
         """A MAV_CMD: the place, height or speed that it leads to."""
         if self._identity.autopilot is not None:
-            self._check_lead(leads_to(command, self._identity.autopilot), force, from_here=True)
+            self._check(command, self._identity.autopilot, force, in_mission=False)
 
     def check_mission(self, plan: Sequence[Raw], *, force: bool) -> None:
         """Every place, height and speed of a mission, before it is begun; names the item."""
@@ -93,9 +96,33 @@ class Bounds:
                 continue
             item = Command(name, (*raw.params, raw.x, raw.y, raw.z), frame)
             try:
-                self._check_lead(leads_to(item, autopilot, in_mission=True), force, from_here=False)
+                self._check(item, autopilot, force, in_mission=True)
             except BadInput as e:
                 raise BadInput(f"item {index}: {e.message}", **e.detail) from None
+
+    def _check(self, command: Command, autopilot: Autopilot, force: bool, *, in_mission: bool) -> None:
+        if command.name == SET_HOME:
+            self._check_home(home_by(command, autopilot), force, in_mission)
+        else:
+            self._check_lead(leads_to(command, autopilot, in_mission=in_mission), force, from_here=not in_mission)
+
+    def _check_home(self, place: Target | None, force: bool, in_mission: bool) -> None:
+        """A new home, which a return leads to and heights count from; ``place`` None: where the vehicle is then."""
+        position = self._position()
+        if place is not None:
+            raised = 0.0 if self._flat else limit.height_of(place, self._home(position))
+        else:
+            raised = math.nan if in_mission or position is None else position["relative_alt"] / 1e3
+
+        def judge(fence: limit.Fence, limits: Limits) -> None:
+            if place is not None:
+                limit.check(Target(place.lat_deg, place.lon_deg), fence, None, None, flat=True)
+            if fence.limits_height and not self._flat and not abs(raised) <= HOME_STEP:
+                where = "to where nobody knows yet" if math.isnan(raised) else f"by {raised:.1f} m"
+                text = f"it moves home's height {where} (at most {HOME_STEP:g} m), and all heights with it"
+                raise BadInput(text, field="alt", value=raised, expected=f"within {HOME_STEP:g} m", count="fence")
+
+        self._permit(judge, position, force, place is not None)
 
     def _check_lead(self, lead: Target | Speed | None, force: bool, *, from_here: bool) -> None:
         if isinstance(lead, Speed):

@@ -20,6 +20,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Stale, ZmavError
 from zmav.mavlink import Frame, decode
+from zmav.services.bounds import Bounds
 from zmav.services.command import Commander
 from zmav.services.events import Events
 from zmav.services.identity import Identity
@@ -74,9 +75,9 @@ class Missions:
 
     def __init__(
         self, questions: Questions, port: Port, identity: Identity, commander: Commander, events: Events,
-        pace: Pace | None = None,
+        bounds: Bounds, pace: Pace | None = None,
     ) -> None:  # fmt: skip
-        self._questions, self._port, self._identity = questions, port, identity
+        self._questions, self._port, self._identity, self._bounds = questions, port, identity, bounds
         self._do, self._events, self.pace = commander, events, pace or Pace()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
@@ -116,11 +117,11 @@ class Missions:
         """Replace the whole plan of that kind, and see it there; nothing, by clearing. Refused items are named by
         their index, and whatever goes wrong, the error says which plan is in force.
         """
-        return await self._replace(args.kind, self.items().encode(args.kind, args.items), report)
+        return await self._replace(args.kind, self.items().encode(args.kind, args.items), report, force=args.force)
 
     async def clear(self, args: wire.MissionClear, report: Report) -> dict[str, Any]:
         """Leave none of that kind."""
-        return await self._replace(args.kind, [], report)
+        return await self._replace(args.kind, [], report, force=False)
 
     async def download(self, args: wire.MissionRefresh, report: Report) -> dict[str, Any]:
         """Read the plan anew into the cache."""
@@ -141,9 +142,11 @@ class Missions:
 
     # Transactions: one at a time.
 
-    async def _replace(self, kind: MissionKind, new: list[Raw], report: Report) -> dict[str, Any]:
+    async def _replace(self, kind: MissionKind, new: list[Raw], report: Report, *, force: bool) -> dict[str, Any]:
         autopilot = self._do.autopilot()
         async with self._turn(f"writing the {WORDS[kind]}", report):
+            if kind == "mission" and self._identity.armed:  # it may be flown at once; else its start is judged
+                self._bounds.check_mission(new, force=force)
             phase = functools.partial(_steps, kind, [report])
             old = self._before(kind, await self._known(kind, phase))
             replacer = self._replacer(kind, phase)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from zmav import keys
 from zmav.errors import BadInput, BadKey, Forbidden
-from zmav.trust.certificate import Role
+from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import EPOCH
 from zmav.trust.proof import ANSWERS, NONCE, NOTHING, WINDOW, Signer, challenge
@@ -51,6 +51,10 @@ class Member:
         self._gates: dict[Place, bytes] = {}
         self._others: dict[tuple[Place, str], bytes] = {}
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
+        self._challenges: dict[str, bytes] = {}
+        """of keys on which our next proof is to answer one: the vehicle's clock and ours disagree"""
+        self._clocks: dict[Place, float] = {}
+        """s by which a vehicle's clock is ahead of ours, where it has shown that"""
         self._introduced: dict[Place, float] = {}
         self._lock = threading.Lock()
         self._rosters = Allowance(ROSTERS, monotonic)
@@ -71,7 +75,8 @@ class Member:
             return None
         place = (parts["fleet"], parts.get("vehicle", _FLEET))
         introduce = self._introduces(place) or channel is keys.DO
-        gate = self._others.get((place, channel.name)) or self._gates.get(place, NOTHING)
+        gate = self._challenges.pop(key, None) or self._others.get((place, channel.name))
+        gate = gate or self._gates.get(place, NOTHING)
         return self.signer.sign(key, payload, introduce=introduce, answers=gate)
 
     def question(self, key: str, payload: bytes) -> bytes | None:
@@ -103,7 +108,7 @@ class Member:
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
         """A refusal that another proof mends: the vehicle's agent has been started anew, does not know us yet, or has
-        come to want to know who asks.
+        another time than we have, and gives a challenge instead, or has come to want to know who asks.
         """
         if error.detail.get("reason") == "unsigned" and not self._questions:
             self._questions = True
@@ -114,6 +119,8 @@ class Member:
             with self._lock:
                 self._others[place, channel.name] = gate
                 self._introduced.pop(place, None)
+        elif reason == "clock" and (challenge := _gate(error.detail.get("challenge"))):
+            self._challenges[key] = challenge
         elif reason == "unknown":
             with self._lock:
                 self._introduced.pop(place, None)
@@ -148,16 +155,17 @@ class Member:
         if channel not in SIGNED and not topic:
             return
         try:
-            # Events are cached and recovered, so an old one is no forgery.
-            fresh = channel is not keys.EVENT
-            found, certificate = self.verifier.verify(key, payload, attachment, fresh=fresh)
+            place = (key, "") if topic else (parts["fleet"], parts["vehicle"])
+            if channel is keys.STATE:  # events are cached and recovered, so an old one is no forgery
+                self.verifier.check_time(self.verifier.read(attachment, fresh=False), self._clocks.get(place, 0.0))
+            found, certificate = self.verifier.verify(key, payload, attachment, fresh=topic)
             if topic:
+                place = (key, certificate.name)
                 may(certificate.role, certificate.name, channel, parts)
-            elif (certificate.name, certificate.role) != (parts["vehicle"], Role.VEHICLE):
-                text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {parts['vehicle']}"
-                raise Forbidden(text, reason="name", origin=certificate.name)
-            if fresh:
-                place, t = (key, certificate.name) if topic else (parts["fleet"], parts["vehicle"]), found.t
+            else:
+                self._check_speaker(certificate, place)
+            if channel is not keys.EVENT:
+                t = found.t
                 # Both were fresh when they came: one that is farther ahead than that shows that the clocks were set.
                 if t <= newest.get(place, 0.0) <= t + 2 * WINDOW:
                     raise Forbidden("it was signed before the last one that came", reason="replayed")
@@ -191,6 +199,20 @@ class Member:
         reason, is_ = ("role", f"a {role}") if role else ("unknown", "not on the roster")
         self.counts[reason] += 1
         raise Forbidden(f"only a vehicle says this, and {name} is {is_}", reason=reason, origin=name)
+
+    def take_time(self, place: Place, key: str, payload: bytes, attachment: bytes | None, challenge: bytes) -> None:
+        """From the state with which a vehicle answers our challenge: its states are of now by its own clock since.
+
+        Raises :class:`Forbidden` for another's, or for no answer to it.
+        """
+        found, certificate = self.verifier.verify(key, payload, attachment, answers=challenge, fresh=False)
+        self._check_speaker(certificate, place)
+        self._clocks[place] = self.verifier.ahead(found)
+
+    def _check_speaker(self, certificate: Certificate, place: Place) -> None:
+        if (certificate.name, certificate.role) != (place[1], Role.VEHICLE):
+            text = f"{certificate.name} ({certificate.role.value}) signed it, and speaks as {place[1]}"
+            raise Forbidden(text, reason="name", origin=certificate.name)
 
     def take_roster(self, data: bytes) -> None:
         """A roster that came over the network: what is none, or older than ours, changes nothing. On one thread."""

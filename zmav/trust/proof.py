@@ -10,8 +10,9 @@ an order comes from. The attachment, numbers big-endian:
         10      8  nonce, random: makes each proof good for one use
         18      8  fingerprint of the signer's certificate: the first bytes of SHA-256 over its DER form
         26      8  what it answers: of an order the vehicle's ``gate``, which is new with each start of its agent and
-                   when its clock is set back, so that nothing recorded before can be told it again; of an answer the
-                   asker's challenge: the nonce of the order's proof, or the 8 bytes that came with a question; else 0
+                   when its clock is set back, so that nothing recorded before can be told it again, or the challenge
+                   that the vehicle gave where the clocks disagree; of an answer the asker's challenge: the nonce of
+                   the order's proof, or the 8 bytes that came with a question; else 0
         34     64  Ed25519 signature
         98      -  the certificate in DER form, where the flag says so
 

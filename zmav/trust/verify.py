@@ -157,20 +157,37 @@ class Verifier:
         if attachment is None:
             raise Forbidden("it carries no proof of origin: open the session with --credentials", reason="unsigned")
         found = proof.read(attachment)
-        if fresh and abs(ahead := found.t - self._utc()) > WINDOW:
-            way = "ahead" if ahead > 0 else "old"
-            text = f"its proof of origin is {abs(ahead):.1f} s {way} (at most {WINDOW:.0f}): set the clock that is off"
-            raise Forbidden(text, reason="clock", offset=round(ahead, 1))
+        if fresh:
+            self.check_time(found)
         return found
 
-    def certificate_of(self, found: proof.Proof) -> Certificate:
-        """The certificate a proof is by; raises :class:`Forbidden` where it is not known, or not in force."""
+    def ahead(self, found: proof.Proof) -> float:
+        """s by which the time that a proof bears is ahead of our clock."""
+        return found.t - self._utc()
+
+    def check_time(self, found: proof.Proof, ahead: float = 0.0, challenge: str = "") -> None:
+        """Raise :class:`Forbidden` for a proof that is not of now by a clock that is ``ahead`` of ours by so many s.
+
+        ``challenge``: whose answer is taken instead.
+        """
+        off = self.ahead(found) - ahead
+        if abs(off) > WINDOW:
+            way = "ahead" if off > 0 else "old"
+            text = f"its proof of origin is {abs(off):.1f} s {way} (at most {WINDOW:.0f}): set the clock that is off"
+            more = {"challenge": challenge} if challenge else {}
+            raise Forbidden(text, reason="clock", offset=round(off, 1), **more)
+
+    def certificate_of(self, found: proof.Proof, *, dated: bool = True) -> Certificate:
+        """The certificate a proof is by; raises :class:`Forbidden` where it is not known, or not in force.
+
+        ``dated`` False: our clock is not to be trusted with the dates of one that is known.
+        """
         with self._lock:
             known = self._known.get(found.fingerprint)
             if known is not None:
                 self._known.move_to_end(found.fingerprint)
         if known is not None:
-            return self._check(known)
+            return self._check(known, dated=dated)
         if not found.certificate:
             raise Forbidden("its certificate is not known here, and did not come with it", reason="unknown")
         if fingerprint(found.certificate) != found.fingerprint:
@@ -190,7 +207,7 @@ class Verifier:
         text = f"the signature is not {certificate.name}'s of this: it was changed, or is another's"
         raise Forbidden(text, reason="signature", origin=certificate.name)
 
-    def _check(self, certificate: Certificate) -> Certificate:
+    def _check(self, certificate: Certificate, *, dated: bool = True) -> Certificate:
         """Raises :class:`Forbidden` unless it is of this fleet and in force."""
         name = certificate.name
         if certificate.fleet != self.fleet:
@@ -198,7 +215,8 @@ class Verifier:
         if certificate.fingerprint in self._revoked:
             raise Forbidden(f"the certificate of {name} was revoked", reason="revoked", origin=name)
         try:
-            certificate.check_dates(self._utc(), self._grace)
+            if dated:
+                certificate.check_dates(self._utc(), self._grace)
         except BadConfig as e:
             raise Forbidden(e.message, reason="expired", origin=name) from e
         return certificate

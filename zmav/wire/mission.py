@@ -42,8 +42,10 @@ class Mission(Wire, kw_only=True):
     """MISSION_STATE without its prefix, where the autopilot tells"""
 
 
-class MissionUpload(Order, kw_only=True):
-    """``do/mission_upload``: replaces the whole plan of that kind, or leaves the old one in force and says why."""
+class MissionUpload(Forced, kw_only=True):
+    """``do/mission_upload``: replaces the whole plan of that kind, or leaves the old one in force and says why. While
+    the vehicle is armed, a mission is held to its bounds.
+    """
 
     kind: MissionKind = "mission"
     items: list[MissionItem]

@@ -1,0 +1,195 @@
+"""Clocks that disagree: what makes safe passes all the same, nothing old does, and a vehicle is believed again."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.services.conftest import GUIDED, LAND, STABILIZE
+from tests.trust.conftest import StartGuarded
+from tests.trust.test_gate import ARM, PING, Desk, desk
+from zmav import wire
+from zmav.errors import Forbidden
+from zmav.trust.gate import CHALLENGED, PANIC
+from zmav.trust.proof import WINDOW
+from zmav.trust.roster import read_signed
+
+if TYPE_CHECKING:
+    from tests.trust.conftest import Authority, Guarded
+    from zmav.trust.credentials import Credentials
+
+__all__ = ["desk"]  # the fixture, for the tests here
+
+LANDING = "zmav/demo/quad1/do/land"
+HOUR = 3600.0
+
+
+def challenge(desk: Desk, by: Credentials, key: str = LANDING, off: float = HOUR) -> bytes:
+    """What the gate gives to who is off by so many seconds."""
+    with pytest.raises(Forbidden) as e:
+        desk.check(desk.proof(by, key, now=desk.utc + off), key)
+    assert e.value.detail["reason"] == "clock"
+    return bytes.fromhex(str(e.value.detail["challenge"]))
+
+
+@pytest.mark.parametrize("off", [HOUR, -HOUR, -1e9])
+@pytest.mark.parametrize("verb", PANIC)
+def test_who_answers_the_challenge_needs_no_clock(desk: Desk, verb: str, off: float) -> None:
+    op, key = desk.authority.member("op", "operator"), f"zmav/demo/quad1/do/{verb}"
+    desk.check(desk.proof(op))
+    answers = challenge(desk, op, key, off)
+    proof = desk.proof(op, key, now=desk.utc + off, answers=answers)
+    assert desk.check(proof, key).name == "op"
+    assert desk.reason(proof, key) == "replayed"
+
+
+def test_a_challenge_is_for_one_member_one_order_and_half_a_minute(desk: Desk) -> None:
+    op, other = desk.authority.member("op", "operator"), desk.authority.member("other", "operator")
+    answers, late = challenge(desk, op), desk.utc + HOUR
+
+    def proof(by: Credentials, key: str) -> bytes:
+        return desk.proof(by, key, now=late, answers=answers)
+
+    assert desk.reason(proof(other, LANDING), LANDING) == "clock"
+    assert desk.reason(proof(op, LANDING.replace("land", "rtl")), LANDING.replace("land", "rtl")) == "clock"
+    assert desk.reason(proof(op, LANDING), LANDING, b"{ }") == "signature"
+    for _ in range(1000):  # whoever asks for many takes nobody's away
+        challenge(desk, other)
+    desk.now += CHALLENGED
+    desk.check(proof(op, LANDING), LANDING)
+    desk.now += CHALLENGED
+    assert desk.reason(proof(op, LANDING), LANDING) == "clock"
+
+
+@pytest.mark.parametrize("years", [-20, 20])
+def test_a_vehicle_whose_clock_is_years_off_halts_for_whom_it_knows(desk: Desk, years: int) -> None:
+    """No certificate is in force by such a clock."""
+    op, other, off = desk.authority.member("op", "operator"), desk.authority.member("other", "operator"), years * 3e7
+    desk.check(desk.proof(op))
+    desk.utc += off
+    for by, key in ((op, LANDING), (other, LANDING), (op, ARM)):
+        proof = desk.proof(by, key, now=desk.utc - off, answers=challenge(desk, by, off=-off))
+        if (by, key) == (op, LANDING):
+            desk.check(proof, key)
+        else:
+            assert desk.reason(proof, key) in ("expired", "clock")
+
+
+def test_what_moves_it_is_given_no_challenge(desk: Desk) -> None:
+    op = desk.authority.member("op", "operator")
+    answers = challenge(desk, op)
+    for key in (ARM, PING):
+        with pytest.raises(Forbidden) as e:
+            desk.check(desk.proof(op, key, now=desk.utc + HOUR), key)
+        assert e.value.detail["reason"] == "clock" and "challenge" not in e.value.detail
+        assert desk.reason(desk.proof(op, key, now=desk.utc + HOUR, answers=answers), key) == "clock"
+
+
+@pytest.mark.parametrize("key", [LANDING, ARM])
+def test_what_was_refused_as_early_is_not_good_when_its_time_comes(desk: Desk, key: str) -> None:
+    """Whoever relays has it, and could play it an hour later."""
+    op = desk.authority.member("op", "operator")
+    early = desk.proof(op, key, now=desk.utc + HOUR)
+    assert desk.reason(early, key) == "clock"
+    desk.utc += HOUR
+    desk.now += HOUR
+    assert desk.reason(early, key) == "epoch"
+
+
+def test_what_was_refused_as_late_is_never_good(desk: Desk) -> None:
+    op = desk.authority.member("op", "operator")
+    late = desk.proof(op, LANDING, now=desk.utc - HOUR)
+    assert desk.reason(late, LANDING) == "clock"
+    desk.utc -= HOUR  # the vehicle's clock is set back
+    assert desk.reason(late, LANDING) == "epoch"
+
+
+def test_nobody_without_a_say_voids_proofs(desk: Desk) -> None:
+    epoch = desk.gate.epoch
+    eye, op = desk.authority.member("eye", "viewer"), desk.authority.member("op", "operator")
+    desk.reason(desk.proof(eye, now=desk.utc + HOUR))
+    forged = bytearray(desk.proof(op, now=desk.utc + HOUR))
+    forged[40] ^= 1
+    desk.reason(bytes(forged))
+    assert desk.gate.epoch == epoch
+
+
+def test_a_challenge_makes_nobody_an_operator(desk: Desk, authority: Authority) -> None:
+    eye, revoked = authority.member("eye", "viewer"), authority.member("out", "operator")
+    desk.check(desk.proof(revoked))
+    assert desk.reason(desk.proof(eye, LANDING, answers=challenge(desk, eye)), LANDING) == "role"
+    authority.revoked = [revoked.certificate.fingerprint.hex()]
+    desk.gate.roster = read_signed(authority.roster()).open(authority.certificate, "demo")
+    assert desk.reason(desk.proof(revoked, LANDING, answers=challenge(desk, revoked)), LANDING) == "revoked"
+
+
+@pytest.mark.parametrize("off", [HOUR, -HOUR])
+async def test_a_vehicle_whose_clock_is_off_takes_what_makes_safe(guarded: StartGuarded, off: float) -> None:
+    g: Guarded = await guarded()
+    assert g.vehicle.gate is not None
+    await g.b.flying()
+    async with g.client("op", "operator") as z:
+        vehicle = z.vehicle("quad1")
+        g.vehicle.gate._utc = lambda: time.time() + off
+        with pytest.raises(Forbidden, match="set the clock that is off"):
+            await vehicle.set_mode("STABILIZE")
+        await vehicle.order("hold", wire.Order())
+        landing = asyncio.create_task(vehicle.land())
+        await g.b.peer.until(lambda: g.b.peer.mode == LAND, "the landing")
+        g.b.peer.armed = False
+        await landing
+        g.vehicle.gate._utc = time.time
+        await vehicle.set_mode("GUIDED")
+    assert g.b.peer.mode == GUIDED
+
+
+async def test_who_halts_it_with_a_clock_that_is_ahead_moves_it_when_that_is_right(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    await g.b.flying()
+    op, hold, mode = g.authority.member("op", "operator"), g.key(verb="hold"), g.key(verb="set_mode")
+    early = time.time() + HOUR
+    with pytest.raises(Forbidden) as e:
+        await g.ask(g.proof(op, hold, b"{}", now=early), key=hold)
+    answers = bytes.fromhex(str(e.value.detail["challenge"]))
+    await g.ask(g.proof(op, hold, b"{}", now=early, answers=answers), key=hold)
+    order = b'{"mode": "STABILIZE"}'
+    await g.ask(g.proof(op, mode, order), order, mode)
+    assert g.b.peer.mode == STABILIZE
+
+
+@pytest.mark.parametrize("off", [HOUR, -HOUR])
+async def test_a_vehicle_whose_clock_was_set_is_believed_again(guarded: StartGuarded, off: float) -> None:
+    """It answers a challenge with its time; what was recorded before stays unbelieved."""
+    g: Guarded = await guarded()
+    recorded: list[tuple[str, bytes, bytes]] = []
+
+    def record(sample: object) -> None:
+        recorded.append((str(sample.key_expr), sample.payload.to_bytes(), sample.attachment.to_bytes()))  # type: ignore[attr-defined]
+
+    tap = g.b.ground.session.declare_subscriber("zmav/demo/quad1/state", record)
+    async with g.client("eye", "viewer") as z:
+        assert z.member is not None
+        while not recorded:
+            await z.news(1.0)
+        tap.undeclare()
+        z.member.verifier._utc = lambda: time.time() + off
+        g.b.peer.mode = GUIDED
+        await z.vehicle("quad1").wait_until(lambda s: s.mode == "GUIDED", 30.0)
+        assert z.member.counts["clock"] >= 1
+        key, payload, attachment = recorded[0]
+        before = z.member.counts["replayed"]
+        g.b.ground.session.put(key, payload, attachment=attachment)
+        while z.member.counts["replayed"] == before:
+            await z.news(1.0)
+        assert z.vehicle("quad1").state.mode == "GUIDED"
+        z.member.verifier._utc = time.time
+        g.b.peer.mode = STABILIZE
+        await z.vehicle("quad1").wait_until(lambda s: s.mode == "STABILIZE", 30.0)
+
+
+def test_the_window_is_longer_than_a_challenge_is_good() -> None:
+    """Who answers one a second time is known by his nonce."""
+    assert 2 * CHALLENGED <= 2 * WINDOW
