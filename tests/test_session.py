@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 from concurrent.futures import ThreadPoolExecutor
@@ -11,9 +12,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.conftest import endpoint_of
+from tests.conftest import Net, endpoint_of
+from zmav import keys
 from zmav.errors import BadConfig, SessionError
-from zmav.session import DEFAULT_ROUTER, SessionSettings, config, open_session
+from zmav.session import DEFAULT_ROUTER, LARGEST_MESSAGE, LARGEST_PAYLOAD, SessionSettings, config, open_session
 
 
 def value(built: zenoh.Config, path: str) -> Any:
@@ -101,6 +103,20 @@ def test_without_a_router_it_is_said_what_to_do() -> None:
     with pytest.raises(SessionError, match=f"no Zenoh router answers at {nobody}.*'zmav up'.*-e") as caught:
         open_session(SessionSettings(connect=[nobody]))
     assert caught.value.detail["endpoints"] == [nobody]
+
+
+async def test_what_is_too_large_fills_nobody_s_memory(net: Net) -> None:
+    """Zenoh itself takes a gibibyte: what a member sends would lie in each router on the way, and in the vehicle."""
+    router, endpoint = net.router()
+    ground = net.ground(endpoint)
+    came = ground.samples("zmav/demo/quad1/setpoint/*")
+    await net.linked(router, "zmav/demo/quad1/setpoint/x")
+    sender = net.ground(endpoint)
+    await net.linked(sender.session, "zmav/demo/quad1/setpoint/x")
+    for size in (LARGEST_PAYLOAD, LARGEST_MESSAGE + 1000, 1):
+        await asyncio.to_thread(sender.put, keys.SETPOINT, bytes(size), agent="x")
+    await came.until(lambda: len(came.items[-1][1]) == 1, "what came last")
+    assert [len(payload) for _, payload in came.items] == [LARGEST_PAYLOAD, 1]
 
 
 def test_a_client_takes_whichever_of_its_routers_answers() -> None:

@@ -16,6 +16,7 @@ import zmav
 from zmav import keys, wire
 from zmav.errors import BadInput, BadKey, BadMessage, NoSuchVehicle, NotHolder, Refused, Stale, TimedOut
 from zmav.mavlink import describe, load_dialect, parse_frame
+from zmav.session import LARGEST_PAYLOAD
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.waiting import within
 
@@ -180,6 +181,16 @@ async def test_fleets_are_kept_apart(net: Net) -> None:
             await net.linked(session, keys.STATE.key("south", name))
             Ghost(session, "south", name).speak()
         assert [v.fleet for v in await z.wait_for("quad1", "quad2")] == ["south", "south"]
+
+
+async def test_what_no_router_would_take_is_refused_before_it_is_sent(net: Net) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z:
+        payload = bytes(LARGEST_PAYLOAD + 1)
+        with pytest.raises(BadInput, match="too much for one message"):
+            await z.ask(keys.DO.key("demo", "quad1", verb="hold"), payload)
+        with pytest.raises(BadInput, match="too much for one message"):
+            z.put(keys.FLEET, keys.FLEET.key("demo", topic="goal"), payload)
 
 
 def test_bad_names_are_refused_before_anything_is_opened() -> None:

@@ -26,7 +26,7 @@ from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_fram
 from zmav.present import Present
 from zmav.services.port import on_loop
 from zmav.services.proven import attached, proof_of_error
-from zmav.session import SessionSettings, open_session, reason
+from zmav.session import SessionSettings, check_size, open_session, reason
 from zmav.subscription import Subscription
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
@@ -320,6 +320,7 @@ class Client:
     async def _ask(
         self, key: str, payload: bytes, timeout: float, channel: keys.Channel, enough: Callable[[Answer], bool]
     ) -> list[Answer | ZmavError]:
+        check_size(key, payload)
         loop, done = asyncio.get_running_loop(), asyncio.Event()
         answers: list[Answer | ZmavError] = []
         answered = bool(keys.answerers(key))
@@ -385,6 +386,7 @@ class Client:
         if channel is keys.TX and keys.is_replay(key.split("/")[1]):
             raise Refused(f"{key}: a recording takes no frames", key=key)
         data = payload if isinstance(payload, bytes) else wire.encode(payload)
+        check_size(key, data)
         proof = attachment if attachment is not None else self._proof(key, data)
         if publisher is not None:
             publisher.put(data, attachment=proof)

@@ -18,16 +18,20 @@ from typing import Any, Literal
 import msgspec
 import zenoh
 
-from zmav.errors import BadConfig, SessionError
+from zmav.errors import BadConfig, BadInput, SessionError
 from zmav.rundir import sockets_to_call
 from zmav.trust.credentials import Credentials
 
 DEFAULT_PORT = 7447
 DEFAULT_ROUTER = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 CONNECT = "ZMAV_CONNECT"
+"""environment variable: the routers that clients look for where nothing else is said, between blanks"""
 BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 """Zenoh's setting of how long a link that is full may hold up what goes through a router, in µs"""
-"""environment variable: the routers that clients look for where nothing else is said, between blanks"""
+LARGEST_MESSAGE = 16 << 20
+"""bytes that one message may have; Zenoh leaves out what is larger as it comes in"""
+LARGEST_PAYLOAD = LARGEST_MESSAGE - 65_536
+"""and the payload in it: beside it are the key and the proof of origin"""
 PATIENCE = 1.0
 """s for a router to answer a client: it may just be starting"""
 Mode = Literal["client", "peer", "router"]
@@ -69,6 +73,7 @@ def defaults(mode: str) -> dict[str, Any]:
         "transport/shared_memory/enabled": False,
         "transport/unicast/open_timeout": 1000,
         "transport/unicast/accept_timeout": 1000,
+        "transport/link/rx/max_message_size": LARGEST_MESSAGE,
         "transport/link/tx/lease": 1000,
         "transport/link/tx/keep_alive": 4,
     }
@@ -127,6 +132,13 @@ def sources(settings: SessionSettings) -> dict[str, str]:
     found.update({path: options[path] for path in settings.given()})
     found.update({pair.partition(":")[0]: "--cfg" for pair in settings.cfg})
     return found
+
+
+def check_size(key: str, payload: bytes) -> None:
+    """Raise :class:`BadInput` for what no session of ours would take: it would be lost, and nobody told."""
+    if len(payload) > LARGEST_PAYLOAD:
+        text = f"{key}: {len(payload)} bytes are too much for one message; at most {LARGEST_PAYLOAD} go"
+        raise BadInput(text, field="payload", value=len(payload), expected=f"at most {LARGEST_PAYLOAD} bytes")
 
 
 def _from_file(file: str) -> zenoh.Config:

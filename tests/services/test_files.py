@@ -13,6 +13,7 @@ from tests.services.disk import PATIENCE_S, Disk, disk, noise
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink.ftp import Nak, Op, crc32
+from zmav.services.files import MOST_UPLOADS
 from zmav.services.store import META, Store
 from zmav.vehicle.files import PART
 from zmav.wire.files import CHUNK, MOST_CHUNKS
@@ -203,6 +204,16 @@ async def test_uploads_do_not_fill_the_memory(net: Net, onboard: StartOnboard, t
             (reply,) = await d.ground.ask(key, b"x")
             assert reply.ok is not None
         assert sorted(d.onboard.files.uploads) == ["b", "c"]
+
+
+async def test_uploads_of_nothing_do_not_either(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        for number in range(2 * MOST_UPLOADS):
+            key = keys.UPLOAD.key("demo", "quad1", file=f"a{number}", offset=0)
+            (reply,) = await d.ground.ask(key, b"")
+            assert reply.ok is not None
+        assert list(d.onboard.files.uploads)[-1] == f"a{2 * MOST_UPLOADS - 1}"
+        assert len(d.onboard.files.uploads) == MOST_UPLOADS
 
 
 # The store alone.

@@ -31,7 +31,7 @@ from zmav.trust.gate import Prove
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 T = TypeVar("T")
-MOST_UPLOADED = 1 << 24
+MOST_UPLOADS, MOST_UPLOADED = 16, 1 << 24
 """bytes of all uploads that are kept in memory"""
 UPLOAD_NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
 ATTEMPTS = 2
@@ -273,6 +273,8 @@ class Files:
         upload = self.uploads.setdefault(name, Upload())
         upload.touched = time.monotonic()
         upload.put(offset, data)
+        if len(self.uploads) > MOST_UPLOADS:
+            del self.uploads[min(self.uploads, key=lambda each: self.uploads[each].touched)]
         return upload
 
     def _uploaded(self, args: wire.FilePut) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tests.fuzz.engine import Target
-from tests.fuzz.targets import datagrams, files, frames, payloads, trust
+from tests.fuzz.targets import datagrams, files, frames, live, payloads, trust
 
-MODULES = (frames, datagrams, files, payloads, trust)
+MODULES = (frames, datagrams, files, payloads, trust, live)
 TARGETS: dict[str, Target] = {target.name: target for module in MODULES for target in module.TARGETS}

@@ -103,7 +103,7 @@ def payloads() -> list[bytes]:
     found = []
     for name, kind in _kinds().items():
         for whole in (True, False):
-            found.append(name.encode() + b"\n" + json.dumps(_example(inspect.type_info(kind), whole)).encode())
+            found.append(name.encode() + b"\n" + json.dumps(example(kind, whole)).encode())
     segment = [{"t": NOW + t, "pos": [3.0 * t, 0.0, -8.0], "yaw": 0.1 * t} for t in range(4)]
     seconds = {"lease": "a", "seq": 1, "deadline": NOW + 9}
     for more in (
@@ -113,6 +113,11 @@ def payloads() -> list[bytes]:
     ):
         found.append(b"Setpoint\n" + json.dumps({**seconds, **more}).encode())
     return found
+
+
+def example(kind: type[msgspec.Struct], whole: bool) -> Any:
+    """One of a type, with all its fields or with those that it must have, as JSON has it."""
+    return _example(inspect.type_info(kind), whole)
 
 
 def _example(kind: inspect.Type, whole: bool) -> Any:
