@@ -272,6 +272,8 @@ class Onboard:
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
         adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
         self.timesync.on_restart = self.rates.restarted
+        say = functools.partial(self.events.emit, "questions", "notice", limit="questions")
+        self.questions.on_dropped = lambda: say("questions were dropped: they come faster than they can be answered")
         self.identity.start()
         self.presence.start()
         self.state.start()

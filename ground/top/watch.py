@@ -149,8 +149,9 @@ class Watch:
 
             handler: Any = handlers.Callback(on_reply, on_end, indirect=False)
             with contextlib.suppress(zenoh.ZError):  # no router at present: what is shown grows old
+                key, member = keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), self._z.member
                 self._z.session.get(
-                    keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), handler, timeout=ANSWER,
+                    key, handler, timeout=ANSWER, attachment=member.question(key, b"") if member else None,
                     target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE, **keys.LINK.qos.options(),
                 )  # fmt: skip
                 with contextlib.suppress(asyncio.TimeoutError):

@@ -1,8 +1,8 @@
 """What a viewer's floods of every channel that answers cost an operator's `land`: the second table of ``hostile.py``.
 
 ``zmav up`` with credentials, before an autopilot of one UDP socket with 1,354 parameters; an operator over QUIC says
-``land`` again and again, and the time is taken until the word is on the autopilot's link. The viewer is a process of its
-own at a low priority, linked over QUIC (who does not read: over TLS through a proxy that lets nothing back).
+``land`` again and again, and the time is taken until the word is on the autopilot's link. The viewer is a process of
+its own at a low priority, linked over QUIC (who does not read: over TLS through a proxy that lets nothing back).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import itertools
 import json
 import os
 import socket
@@ -32,7 +33,7 @@ import zmav
 from mesh.credentials.ca import Authority
 from tests.services.conftest import GUIDED, LAND, SET_MODE, Told
 from tests.services.param_peer import ParamPeer, many
-from zmav import keys, wire
+from zmav import wire
 from zmav.errors import SessionError, ZmavError
 from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
@@ -110,7 +111,7 @@ def rosters(folder: Path, quic: int, tls: int) -> None:
 
 
 def unread(folder: Path, quic: int, tls: int) -> None:
-    """Asks for all parameters so that answers may not be dropped, and reads none; its link is closed, and it comes again."""
+    """Asks for all parameters so that no answer may be dropped, and reads none; is cut off, and comes again."""
     gate = threading.Event()
     listener = socket.create_server(("127.0.0.1", 0))
 
@@ -139,16 +140,18 @@ def unread(folder: Path, quic: int, tls: int) -> None:
     threading.Thread(target=accept, daemon=True).start()
     while True:
         gate.set()
-        with contextlib.suppress(SessionError, zenoh.ZError):
-            with viewer(folder, TLS.format(listener.getsockname()[1])) as session:
-                time.sleep(0.2)
-                gate.clear()
-                begun = time.monotonic()
-                for _ in paced(RATE):
-                    ask(session, f"{SPACE}param/*", congestion_control=zenoh.CongestionControl.BLOCK)
-                    if time.monotonic() - begun > 3.0:
-                        break
-                gate.set()
+        with (
+            contextlib.suppress(SessionError, zenoh.ZError),
+            viewer(folder, TLS.format(listener.getsockname()[1])) as session,
+        ):
+            time.sleep(0.2)
+            gate.clear()
+            begun = time.monotonic()
+            for _ in paced(RATE):
+                ask(session, f"{SPACE}param/*", congestion_control=zenoh.CongestionControl.BLOCK)
+                if time.monotonic() - begun > 3.0:
+                    break
+            gate.set()
 
 
 FLOODS: dict[str, Flood] = {
@@ -188,14 +191,14 @@ class Autopilot(ParamPeer):
         self.params = many(PARAMETERS)
         self.mode, self.armed, self.place = GUIDED, True, (47.0, 8.0)
         self.told_to_land: asyncio.Future[float] | None = None
-        own = self.on_told
-        self.on_told = lambda told: (self._see(told), own(told), None)[-1]
+        self._answer_as_usual, self.on_told = self.on_told, self._see
 
     def _see(self, told: Told) -> None:
+        self._answer_as_usual(told)
         waiting = self.told_to_land
-        if told.name == "COMMAND_LONG" and (told.fields["command"], told.fields["param2"]) == (SET_MODE, LAND):
-            if waiting is not None and not waiting.done():
-                waiting.set_result(time.monotonic())
+        lands = told.name == "COMMAND_LONG" and (told.fields["command"], told.fields["param2"]) == (SET_MODE, LAND)
+        if lands and waiting is not None and not waiting.done():
+            waiting.set_result(time.monotonic())
 
 
 class Scene:
@@ -229,7 +232,7 @@ class Scene:
             pilot.heartbeat()
             await asyncio.sleep(BETWEEN)
         heard = [begun, *(at for at in self._states if at > begun), time.monotonic()]
-        return delays, max(after - before for before, after in zip(heard, heard[1:]))
+        return delays, max(after - before for before, after in itertools.pairwise(heard))
 
 
 @contextlib.asynccontextmanager

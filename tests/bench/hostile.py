@@ -1,10 +1,12 @@
 """What attacks on a router's ports and through its door cost those who may be there.
 
     python tests/bench/hostile.py [--rounds 3] [--seconds 2]
+    python tests/bench/hostile.py --floods [--seconds 8] [--only param]
 
 A router with credentials; a vehicle's program beside it that publishes telemetry and answers queries; an operator that
 is linked over QUIC and measures both. Each attack is a process of its own (at a low priority: it would have a computer
-of its own), switched on and off in one run, so that the ratio holds on a busy machine, too.
+of its own), switched on and off in one run, so that the ratio holds on a busy machine, too. ``--floods`` is the other
+table: a vehicle's agent with an autopilot, and a viewer's floods of every channel that answers (``_floods.py``).
 """
 
 from __future__ import annotations
@@ -29,7 +31,10 @@ from typing import Any
 
 import zenoh
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 from mesh.credentials.ca import Authority
+from tests.bench import _floods
 from zmav.errors import SessionError
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
@@ -290,5 +295,7 @@ if __name__ == "__main__":
         home(int(sys.argv[2]))
     elif sys.argv[1:2] == ["--attack"]:
         ATTACKS[sys.argv[2]](Path(sys.argv[3]), *map(int, sys.argv[4:7]))
+    elif sys.argv[1:2] == ["--floods"]:
+        _floods.main(sys.argv[2:])
     else:
         main()

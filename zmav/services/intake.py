@@ -7,6 +7,7 @@ there. Here a ring in Zenoh keeps the newest and lets the oldest go, whatever Py
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import RingChannel
 
+logger = logging.getLogger(__name__)
 NAP = 0.005
 """s between two batches: a flood is looked at in batches of the ring's size, and no faster"""
 
@@ -43,6 +45,9 @@ class Intake:
                 batch = [ring.recv()]
                 while (more := ring.try_recv()) is not None:
                     batch.append(more)
-                self._take(batch)
+                try:
+                    self._take(batch)
+                except Exception:
+                    logger.exception("not taken")  # what comes next is: an order may be behind it
                 del batch
                 self._closed.wait(NAP)

@@ -122,10 +122,10 @@ class Questions:
                 channel.waiting.append(_Question(query, now))
             self.counts["dropped"] += len(dropped)
             self._news.notify()
-        for question in dropped:
-            _end(question)
         if dropped:
             self.on_dropped()
+        for question in dropped:
+            _end(question)
 
     def close(self) -> None:
         """Answer no more."""
