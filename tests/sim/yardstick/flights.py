@@ -127,7 +127,8 @@ def px4() -> list[Message]:
     step(0.57)
     companion.mode(4, 2)
     companion.until(lambda: companion.flying == "HOLD")
-    # The real one refused here. A stream that it has seen it takes at once: 64 of 64, the first setpoint 0 to 0.5 s before.
+    # The real one refused here. A stream that it has seen it takes at once: 64 of 64, the first setpoint 0 to 0.5 s
+    # before.
     step(0.3)
     companion.mode(6)
     companion.stream(1.5, lambda: companion.position(0.0, 0.0, -5.0))
