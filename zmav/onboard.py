@@ -75,6 +75,7 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     limits: config.Limits = config.Limits()
     body: config.BodyConfig | None = None
     separation: config.Separation = config.Separation()
+    rights: config.Rights = config.Rights()
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
     credentials: str | None = None
@@ -100,7 +101,7 @@ class Onboard:
             raise _other_fleet(link, fleet)
         self.settings = settings
         own = _credentials(settings)
-        self.gate = Gate(own) if own else None
+        self.gate = Gate(own, given=settings.rights.planner) if own else None
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
             session, fleet, name, link, dialect,
