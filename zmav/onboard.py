@@ -48,6 +48,7 @@ from zmav.services.separation import Separation
 from zmav.services.state import StateService
 from zmav.services.store import Store, default_directory
 from zmav.services.timesync import TimeSync
+from zmav.systemd import state_directory
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
@@ -386,8 +387,10 @@ def _other_fleet(link: Link, fleet: str) -> BadConfig:
 
 
 def _signing(settings: config.Signing, dialect: Dialect) -> Signing:
-    """Raises :class:`BadConfig` where the key cannot be used; the last timestamp is kept beside it."""
-    clock = Clock(Path(settings.key_file).with_suffix(".time"))
+    """Raises :class:`BadConfig` where the key cannot be used; the last timestamp is kept beside it, or in the service's
+    state directory."""
+    file = Path(settings.key_file).with_suffix(".time")
+    clock = Clock((state_directory() or file.parent) / file.name)
     key = read_key(settings.key_file)
     return Signing(key, dialect, link_id=settings.link_id, clock=clock, unsigned=settings.unsigned)
 
