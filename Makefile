@@ -57,7 +57,7 @@ lint: $(VENV)/.dev ## check style, format and types
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
 
-docs: $(VENV)/.dev ## write docs/keys.md and docs/cli.md anew
+docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/credentials.md anew
 	@$(BIN)/python docs/generate.py
 
 kernels: $(VENV)/.dev ## compile the planner for this machine (a minute, once; else its first run does)

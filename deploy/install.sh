@@ -10,6 +10,7 @@ STATE="/var/lib/zmav /var/lib/zmav-agent"
 UNITS=/etc/systemd/system
 RULES=/etc/udev/rules.d/70-zmav-autopilot.rules
 COMMAND=/usr/local/bin/zmav
+LOCK=/run/zmav-install  # not in /run/lock, where anybody may put a link of that name
 VEHICLE=zmav-vehicle.service
 MARK="zmav service"     # in the users' comment: those that have it are ours to remove
 SETTLE=15               # s that a new service must run on in one process: longer than its watchdog
@@ -40,7 +41,8 @@ booted() { [ -d /run/systemd/system ]; }
 is_user() { getent passwd "$1" >/dev/null; }
 is_group() { getent group "$1" >/dev/null; }
 current() { [ ! -e "$OPT/current" ] || readlink -f "$OPT/current"; }
-version_in() { "$1/bin/python" -c 'from importlib.metadata import version; print(version("zmav"))'; }
+# Nothing of an environment is run by root: it would have root's rights over whatever it is tricked into.
+version_in() { as zmav "$1/bin/python" -c 'from importlib.metadata import version; print(version("zmav"))'; }
 as() { local who=$1; shift; (cd / && runuser -u "$who" -- env -u ZMAV_CREDENTIALS -u ZMAV_FLEET HOME=/ "$@"); }
 setting() { [ ! -f "$ETC/vehicle.env" ] || sed -n "s/^$1=//p" "$ETC/vehicle.env" | tail -n 1; }
 
@@ -55,7 +57,7 @@ check_machine() {
     for each in useradd runuser flock getent; do
         command -v "$each" >/dev/null || fail "there is no $each: apt-get install passwd util-linux libc-bin"
     done
-    exec 9>/run/lock/zmav-install
+    exec 9>"$LOCK"
     flock -n 9 || fail "another install.sh is at work: wait for it to end"
 }
 
@@ -89,19 +91,31 @@ make_user() {
     done
 }
 
-# Only what the user it is for may read; the newer roster that a running service has taken over is kept by its backup.
+# A folder that only root writes to and only that user reads. A newer roster is kept in the service's state directory.
+# What root wrote where somebody else may make links would be written wherever those point.
 put_credentials() {
-    local from=$1 to=$2 owner=$3 each
+    local from=$1 to=$2 owner=$3 each new odd
     if [ -n "$from" ]; then
         for each in ca.pem cert.pem key.pem roster.json; do
             [ -f "$from/$each" ] || fail "$from lacks $each: give the folder that 'zmav mesh ca issue' made"
         done
     fi
+    [ ! -L "$to" ] || fail "$to is a link: remove it, and say it again"
     mkdir -p "$to"
-    if [ -n "$from" ]; then cp "$from"/{ca.pem,cert.pem,key.pem,roster.json} "$to/"; fi
-    chown -R "$owner:$owner" "$to"
-    chmod 700 "$to"
-    find "$to" -type f -exec chmod 600 {} +
+    chown "root:$owner" "$to"
+    chmod 750 "$to"
+    # From here on nobody else can put anything there.
+    odd=$(find "$to" -mindepth 1 ! \( -type f -links 1 \) -print -quit)
+    [ -z "$odd" ] || fail "$odd is no plain file of its own, and root would follow it: look at it, and remove it"
+    if [ -n "$from" ]; then
+        for each in ca.pem cert.pem key.pem roster.json; do
+            new=$(mktemp "$to/.new-XXXXXX")
+            cat "$from/$each" >"$new"
+            mv -T "$new" "$to/$each"
+        done
+    fi
+    # A key is taken only by its owner, and only where nobody else may read it: of the service, who cannot replace it.
+    find "$to" -mindepth 1 -exec chown "$owner:$owner" {} + -exec chmod 400 {} +
 }
 
 set_in() { # FILE NAME VALUE
@@ -159,24 +173,39 @@ put_settings() {
 
 # Sets NEW. What is not compiled here would be compiled at each start: the service cannot write there.
 build() {
-    local extras=$EXTRAS pip
+    local extras=$EXTRAS work each
     if [ -z "$extras" ] && [ -f "$OPT/current/extras" ]; then extras=$(cat "$OPT/current/extras"); fi
     mkdir -p "$OPT"
     NEW=$OPT/env-$(date -u +%Y%m%dT%H%M%S)-$$
     say "making $NEW with $("$PYTHON" -V), versions as in requirements.lock (a minute or some)"
     "$PYTHON" -m venv "$NEW" || fail "$PYTHON cannot make an environment: see above; or name another with --python"
-    pip="$NEW/bin/python -m pip --disable-pip-version-check --no-input --quiet"
-    # Built from a copy: nothing is left behind in the tree, which is somebody else's.
-    mkdir "$NEW/tree"
-    cp -r "$TREE"/{zmav,agents,mesh,ground,pyproject.toml,README.md,LICENSE,requirements.lock} "$NEW/tree/"
-    (umask 022; $pip install --no-compile -c "$NEW/tree/requirements.lock" "$NEW/tree${extras:+[$extras]}") ||
+    # Built by the service's user, from a copy: what a build runs is not root's, and leaves nothing behind in the tree.
+    work=$(mktemp -d "$OPT/.build-XXXXXX")
+    WORK=$work
+    mkdir "$work/deploy"
+    cp -r "$TREE"/{zmav,agents,mesh,ground,pyproject.toml,README.md,LICENSE,requirements.lock} "$work/"
+    cp "$TREE/deploy/needed.py" "$work/deploy/"
+    chown -R zmav:zmav "$work"
+    # Without word splitting 'a,b' would be one extra.
+    # shellcheck disable=SC2086
+    { as zmav "$NEW/bin/python" "$work/deploy/needed.py" ${extras//,/ } >"$NEW/needed.txt" &&
+        as zmav "$NEW/bin/python" "$work/deploy/needed.py" --only build >"$NEW/tools.txt"; } || fail "see --extras"
+    for each in needed tools; do chmod 644 "$NEW/$each.txt"; done
+    # Wheels that the lock has a hash of, and nothing else: they are unpacked, and run nothing. Ours comes first, so that
+    # pip, which is root's, never starts in an environment where others' packages are.
+    as zmav "$PYTHON" -m venv "$work/env" &&
+        as zmav "$work/env/bin/python" -m pip "${PIP[@]}" --require-hashes --only-binary :all: -r "$NEW/tools.txt" &&
+        as zmav "$work/env/bin/python" -m pip --disable-pip-version-check --no-input --quiet wheel --no-cache-dir \
+            --no-deps --no-build-isolation --wheel-dir "$work/made" "$work" &&
+        (umask 022; "$NEW/bin/python" -m pip "${PIP[@]}" --no-compile --no-deps --no-index "$work"/made/zmav-*.whl) &&
+        (umask 022; "$NEW/bin/python" -m pip "${PIP[@]}" --no-compile --require-hashes --only-binary :all: -r "$NEW/needed.txt") ||
         fail "pip could not install zmav: see above; it needs the network, and room in $OPT ($(df -Ph "$OPT" | awk 'END { print $4 }') are free)"
-    rm -rf "$NEW/tree"
+    rm -rf "$work" "$NEW/tools.txt"
     printf '%s' "$extras" >"$NEW/extras"
     mkdir -p "$NEW/share/zmav"
     cp "$TREE"/deploy/systemd/*.service "$TREE"/deploy/udev/*.rules "$NEW/share/zmav/"
-    "$NEW/bin/python" -m compileall -q -j 0 -x 'pymavlink/(dialects|generator|tools)' "$NEW/lib" >/dev/null || true
-    "$NEW/bin/python" -c 'import pymavlink.dialects.v20.ardupilotmega, pymavlink.dialects.v20.common'
+    "$PYTHON" -m compileall -q -j 0 -x 'pymavlink/(dialects|generator|tools)' "$NEW/lib" >/dev/null || true
+    "$PYTHON" -m compileall -q "$NEW"/lib/python3*/site-packages/pymavlink/dialects/v20/{ardupilotmega,common}.py >/dev/null || true
     chmod -R go=rX "$NEW"
 }
 
@@ -208,7 +237,7 @@ put_units() {
 
 is_armed() {
     [ -n "$1" ] && booted && systemctl is-active --quiet "$VEHICLE" &&
-        "$1/bin/zmav" ls --fleet '*' --json --wait 2 2>/dev/null | grep "\"name\": \"$(setting ZMAV_NAME)\"" | grep -q '"armed": true'
+        as zmav "$1/bin/zmav" ls --fleet '*' --json --wait 2 2>/dev/null | grep "\"name\": \"$(setting ZMAV_NAME)\"" | grep -q '"armed": true'
 }
 
 # It has said that it is ready, keeps to one process for longer than its watchdog, and its state is heard.
@@ -222,7 +251,7 @@ is_healthy() {
         [ "$(systemctl show --property=MainPID,ActiveState --value "$VEHICLE" | sort | paste -sd' ')" = "$pid active" ] ||
             return 1
     done
-    "$1/bin/zmav" ls --fleet '*' --json --wait 3 2>&1 | grep -q "\"name\": \"$NAME\"" ||
+    as zmav "$1/bin/zmav" ls --fleet '*' --json --wait 3 2>&1 | grep -q "\"name\": \"$NAME\"" ||
         { warn "$VEHICLE runs, but 'zmav ls' does not hear $NAME"; return 1; }
 }
 
@@ -272,7 +301,7 @@ do_install() {
     as zmav "$PYTHON" -c '' 2>/dev/null ||
         fail "the service's user cannot run $PYTHON (is it in somebody's home?): name another with --python"
     if [ -z "$FORCE" ] && is_armed "$old"; then fail "$(setting ZMAV_NAME) is armed: land it first (or say --force)"; fi
-    trap 'rm -rf "$NEW"; take_back_settings' EXIT
+    trap 'rm -rf "$NEW" "$WORK"; take_back_settings' EXIT
     save_settings "$old"
     put_settings
     build
@@ -311,7 +340,7 @@ do_uninstall() {
     for each in zmav zmav-agent; do
         if is_user "$each" && getent passwd "$each" | cut -d: -f5 | grep -qx "$MARK"; then userdel "$each"; fi
     done
-    rm -f /run/lock/zmav-install
+    rm -f "$LOCK"
     say "zmav is removed; the journal keeps what it said, and packages that it had installed (python3-venv) stay"
 }
 
@@ -326,13 +355,14 @@ do_check() {
     local env name credentials
     env=$(current); name=$(setting ZMAV_NAME); credentials=$(setting ZMAV_CREDENTIALS)
     [ -n "$env" ] || fail "zmav is not installed here: sudo $0"
-    look "$env runs" "install again" "$env/bin/zmav" --version
+    look "$env runs" "install again" as zmav "$env/bin/zmav" --version
     look "user zmav" "install again" is_user zmav
     look "user zmav-agent" "install again" is_user zmav-agent
     look "zmav may use serial ports" "usermod --append --groups dialout zmav" eval 'id -nG zmav | grep -qw dialout'
     look "$ETC/vehicle.toml has $name" "zmav mesh config --file $ETC/vehicle.toml --name $name says what is wrong" \
         as zmav "$env/bin/zmav" mesh config --file "$ETC/vehicle.toml" --name "$name" ${credentials:+--credentials "$credentials"}
-    look "only zmav reads $ETC/credentials" "install again" eval "[ \"\$(stat -c %U:%a $ETC/credentials)\" = zmav:700 ]"
+    look "only zmav reads $ETC/credentials, and only root writes there" "install again" \
+        eval "[ \"\$(stat -c %U:%G:%a $ETC/credentials)\" = root:zmav:750 ]"
     if [ -f "$ETC/credentials/key.pem" ]; then
         look "the credentials are used" "echo ZMAV_CREDENTIALS=$ETC/credentials >>$ETC/vehicle.env" [ -n "$credentials" ]
     fi
@@ -340,12 +370,13 @@ do_check() {
     if booted; then
         look "$VEHICLE begins with the computer" "systemctl enable $VEHICLE" systemctl is-enabled --quiet "$VEHICLE"
         look "$VEHICLE runs" "journalctl -u $VEHICLE says why not" systemctl is-active --quiet "$VEHICLE"
-        look "$name is heard" "journalctl -u $VEHICLE" eval "$env/bin/zmav ls --fleet '*' --json --wait 3 | grep -q '\"name\": \"$name\"'"
+        look "$name is heard" "journalctl -u $VEHICLE" eval "as zmav $env/bin/zmav ls --fleet '*' --json --wait 3 | grep -q '\"name\": \"$name\"'"
     fi
     exit "$WRONG"
 }
 
-DO=do_install NEW="" NAME="" FLEET="" LINK="" FLEET_FILE="" CREDENTIALS="" AGENT_CREDENTIALS="" EXTRAS="" NO_START="" FORCE="" PURGE=""
+PIP=(--disable-pip-version-check --no-input --quiet install --no-cache-dir)
+DO=do_install NEW="" WORK="" NAME="" FLEET="" LINK="" FLEET_FILE="" CREDENTIALS="" AGENT_CREDENTIALS="" EXTRAS="" NO_START="" FORCE="" PURGE=""
 PYTHON=${PYTHON:-}
 while [ $# -gt 0 ]; do
     case $1 in

@@ -1,6 +1,7 @@
-"""Write docs/keys.md and docs/cli.md anew, from the registry and from the commands: ``make docs``.
+"""Write docs/keys.md, docs/cli.md and the orders in docs/credentials.md anew, from the registry and from the commands:
+``make docs``.
 
-Nothing in these two pages is typed by hand: channels are :data:`zmav.keys.CHANNELS`, orders :data:`zmav.verbs.VERBS`,
+Nothing of these is typed by hand: channels are :data:`zmav.keys.CHANNELS`, orders :data:`zmav.verbs.VERBS`,
 payloads the Structs of :mod:`zmav.wire` with what stands beside each field, and the command line is click's own tree,
 entry points included. A test compares the pages with what this gives.
 """
@@ -8,6 +9,7 @@ entry points included. A test compares the pages with what this gives.
 from __future__ import annotations
 
 import ast
+import contextlib
 import inspect
 import re
 import sys
@@ -20,8 +22,11 @@ import msgspec
 from zmav import errors, keys, verbs, wire
 from zmav.cli import zmav
 from zmav.cli.common import zenoh_options
+from zmav.trust.certificate import Role
+from zmav.trust.rights import may
 
 DOCS = Path(__file__).resolve().parent
+ORDERS, END = "<!-- orders by role: 'make docs' writes them anew -->", "<!-- end of the orders -->"
 NOTE = "<!-- written by docs/generate.py: 'make docs' writes it anew -->"
 
 
@@ -270,7 +275,35 @@ def cli_page() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-PAGES = {"keys.md": keys_page, "cli.md": cli_page}
+# docs/credentials.md: one table of it
+
+
+def may_order(table_of: dict[str, verbs.Verb], channel: keys.Channel) -> Iterator[str]:
+    """Every order by role, as the vehicle's gate judges it: of any vehicle, and of a vehicle's own programs."""
+
+    def word(verb: verbs.Verb, role: Role, name: str) -> str:
+        parts = {"vehicle": "quad1", "verb": verb.name}
+        for given, yes in (((), "yes"), (verbs.GRANTABLE, "if given")):
+            with contextlib.suppress(errors.Forbidden):
+                may(role, name, channel, parts, given)
+                return yes
+        return ""
+
+    who = ((Role.VIEWER, "lab"), (Role.PLANNER, "plan"), (Role.VEHICLE, "quad1"), (Role.OPERATOR, "alice"))
+    rows = ((code(verb.name), *(word(verb, *one) for one in who)) for verb in table_of.values())
+    yield from table(("order", "viewer", "planner", "quad1's own programs", "operator"), rows)
+
+
+def credentials_page() -> str:
+    """docs/credentials.md as it is, with the table of orders between its two marks made anew."""
+    page = (DOCS / "credentials.md").read_text(encoding="utf-8")
+    before, rest = page.split(f"{ORDERS}\n")
+    orders_of = "Of quad1, `do/{verb}`:\n", *may_order(verbs.VERBS, keys.DO)
+    swarm_of = "Of the planner on quad1, `swarm/{verb}`:\n", *may_order(verbs.SWARM_VERBS, keys.SWARM)
+    return "\n".join((before + ORDERS, "", *orders_of, *swarm_of, END + rest.split(END)[1]))
+
+
+PAGES = {"keys.md": keys_page, "cli.md": cli_page, "credentials.md": credentials_page}
 
 
 def main() -> None:

@@ -226,9 +226,48 @@ def project() -> dict[str, Any]:
     return table
 
 
-def test_the_lock_pins_every_dependency(project: dict[str, Any]) -> None:
+def lock_blocks() -> list[str]:
+    """Each package of the lock with its hashes, without comments."""
     lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
-    pins = [Requirement(line) for line in lines if line and not line.lstrip().startswith("#")]
+    return re.split(r"\n(?=\S)", "\n".join(line for line in lines if not line.lstrip().startswith("#")).strip())
+
+
+def test_the_lock_has_hashes_of_everything_and_of_what_builds_us() -> None:
+    """pip refuses all of it for one without; what builds us is the same as pyproject.toml asks for."""
+    for block in lock_blocks():
+        assert re.search(r"--hash=sha256:[0-9a-f]{64}", block), block
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        whole = tomllib.load(file)
+    assert set(whole["build-system"]["requires"]) <= set(whole["project"]["optional-dependencies"]["build"])
+
+
+@pytest.mark.parametrize("extras", [(), ("planner",), ("ground", "vision"), ("build", "dev"), ("--only", "build")])
+def test_what_extras_need_is_picked_from_the_lock(extras: tuple[str, ...]) -> None:
+    """All that installed packages say they require is among it, so that pip's --require-hashes lacks none."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "deploy" / "needed.py", *extras], capture_output=True, text=True, check=True
+    )
+    names = {canonicalize_name(Requirement(line.split("\\")[0]).name)
+             for line in done.stdout.splitlines() if re.match(r"[a-z0-9]", line)}  # fmt: skip
+    assert ("numpy" in names) == ("--only" not in extras) and ("hatchling" in names) == ("build" in extras)
+    assert ("ompl" in names) == bool({"planner", "dev"} & set(extras))
+    for name in names:
+        try:
+            required = importlib.metadata.requires(name) or []
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        for requirement in map(Requirement, required):
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                assert canonicalize_name(requirement.name) in names, f"{name} needs {requirement}"
+
+
+def test_an_extra_that_there_is_not_is_told() -> None:
+    done = subprocess.run([sys.executable, ROOT / "deploy" / "needed.py", "nonsense"], capture_output=True, text=True)
+    assert done.returncode == 1 and "no extra nonsense; there are planner, vision" in done.stderr
+
+
+def test_the_lock_pins_every_dependency(project: dict[str, Any]) -> None:
+    pins = [Requirement(block.split("\\")[0]) for block in lock_blocks()]
     loose = [str(pin) for pin in pins if pin.url or [each.operator for each in pin.specifier] != ["=="]]
     assert not loose, "the lock holds exact versions and nothing else"
     here = {canonicalize_name(pin.name): pin for pin in pins if not pin.marker or pin.marker.evaluate()}

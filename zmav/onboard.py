@@ -50,6 +50,7 @@ from zmav.services.separation import Separation
 from zmav.services.state import StateService
 from zmav.services.store import Store, default_directory
 from zmav.services.timesync import TimeSync
+from zmav.systemd import state_directory
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
@@ -77,6 +78,7 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     limits: config.Limits = config.Limits()
     body: config.BodyConfig | None = None
     separation: config.Separation = config.Separation()
+    rights: config.Rights = config.Rights()
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
     credentials: str | None = None
@@ -102,7 +104,7 @@ class Onboard:
             raise _other_fleet(link, fleet)
         self.settings = settings
         own = _credentials(settings)
-        self.gate = Gate(own) if own else None
+        self.gate = Gate(own, given=settings.rights.planner) if own else None
         signer = Signer(own) if own else None
         prove, answers = self.gate.check if self.gate else anybody, Answers(signer)
         self.questions = questions = Questions(session, answers)
@@ -388,8 +390,10 @@ def _other_fleet(link: Link, fleet: str) -> BadConfig:
 
 
 def _signing(settings: config.Signing, dialect: Dialect) -> Signing:
-    """Raises :class:`BadConfig` where the key cannot be used; the last timestamp is kept beside it."""
-    clock = Clock(Path(settings.key_file).with_suffix(".time"))
+    """Raises :class:`BadConfig` where the key cannot be used; the last timestamp is kept beside it, or in the service's
+    state directory."""
+    file = Path(settings.key_file).with_suffix(".time")
+    clock = Clock((state_directory() or file.parent) / file.name)
     key = read_key(settings.key_file)
     return Signing(key, dialect, link_id=settings.link_id, clock=clock, unsigned=settings.unsigned)
 

@@ -20,6 +20,12 @@ def runs() -> bool:
     return RUNS.is_dir()
 
 
+def state_directory() -> Path | None:
+    """Where a service keeps what it is to know when it starts again (``StateDirectory=``); None: it is no service."""
+    found = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return Path(found) if found else None
+
+
 def journals() -> bool:
     """Whether standard error goes into the journal, as systemd.exec(5) has it told: ``$JOURNAL_STREAM`` is inherited by
     programs whose output goes elsewhere, too.

@@ -28,6 +28,8 @@ class Access(enum.Enum):
 FLYING = (keys.OPERATOR, keys.PLANNER, keys.AGENT)
 CONFIGURING = (keys.OPERATOR,)
 """changes the autopilot itself or its files, or can: ``command`` carries any MAV_CMD"""
+GIVEN = (keys.PLANNER, keys.AGENT)
+"""who gets what ``[rights]`` of a fleet file gives"""
 LOOKING = (*FLYING, keys.VIEWER)
 """a word or two over the autopilot's link; what occupies it for longer is not for viewers"""
 
@@ -40,6 +42,8 @@ class Verb:
     doc: str
     writers: tuple[str, ...] = FLYING
     """the roles that may give it, where the vehicle has credentials"""
+    grantable: bool = False
+    """a fleet file may give it to planners and to a vehicle's own programs: see :class:`zmav.config.Rights`"""
 
 
 VERBS: dict[str, Verb] = {
@@ -56,16 +60,30 @@ VERBS: dict[str, Verb] = {
         Verb("set_mode", wire.SetMode, Access.MOVE, "enter a flight mode by name"),
         Verb("command", wire.RunCommand, Access.MOVE, "any MAV_CMD by name", CONFIGURING),
         Verb("reboot", wire.Reboot, Access.CHANGE, "restart the autopilot", CONFIGURING),
-        Verb("servo", wire.SetServo, Access.CHANGE, "one output to a PWM"),
-        Verb("relay", wire.SetRelay, Access.CHANGE, "a relay on or off"),
+        Verb("servo", wire.SetServo, Access.CHANGE, "one output to a PWM", CONFIGURING, True),
+        Verb("relay", wire.SetRelay, Access.CHANGE, "a relay on or off", CONFIGURING, True),
         Verb("gimbal", wire.Gimbal, Access.CHANGE, "point the gimbal"),
         Verb("trigger", wire.Trigger, Access.CHANGE, "take pictures"),
         Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back", CONFIGURING),
         Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters", CONFIGURING),
         Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters anew"),
-        Verb("mission_upload", wire.MissionUpload, Access.CHANGE, "replace the mission, fence or rally points"),
+        Verb(
+            "mission_upload",
+            wire.MissionUpload,
+            Access.CHANGE,
+            "replace the mission, fence or rally points",
+            CONFIGURING,
+            True,
+        ),
         Verb("mission_download", wire.MissionRefresh, Access.READ, "read the mission, fence or rally points anew"),
-        Verb("mission_clear", wire.MissionClear, Access.CHANGE, "clear the mission, fence or rally points"),
+        Verb(
+            "mission_clear",
+            wire.MissionClear,
+            Access.CHANGE,
+            "clear the mission, fence or rally points",
+            CONFIGURING,
+            True,
+        ),
         Verb("mission_start", wire.MissionStart, Access.MOVE, "fly the mission"),
         Verb("mission_current", wire.MissionJump, Access.MOVE, "go on with another item"),
         Verb("file_list", wire.FilePath, Access.READ, "list a directory of the autopilot", LOOKING),
@@ -89,6 +107,7 @@ VERBS: dict[str, Verb] = {
     )
 }
 
+GRANTABLE = frozenset(verb.name for verb in VERBS.values() if verb.grantable)
 PLANNING = (keys.OPERATOR, keys.PLANNER)
 SWARM_VERBS: dict[str, Verb] = {
     verb.name: verb

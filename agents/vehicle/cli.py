@@ -68,6 +68,7 @@ def up(
         limits=(table.limits if table else None) or file.limits,
         body=(table.body if table else None) or file.body,
         separation=file.separation,
+        rights=file.rights,
         pilot_switch=table.pilot_switch if table else None,
         cache=cache,
         credentials=settings.credentials,

@@ -9,7 +9,7 @@ passes only where one rule holds all of it, so names are written out wherever a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 from mesh.credentials.exposure import GUARDED
@@ -79,12 +79,12 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
                 relays.append(member)
                 continue
             subjects.append({"id": f"member-{member}", "cert_common_names": [member]})
-            own = list(_leaf(fleet, role, member))
+            own = list(_leaf(fleet, role, member, file.rights.planner))
             rules += own
             policies.append({"rules": ["hear", "read", *_ids(own)], "subjects": [f"member-{member}"]})
     if relays:
         subjects.append({"id": "relays", "cert_common_names": sorted(relays)})
-        theirs = list(_relay(fleet, name, others))
+        theirs = list(_relay(fleet, name, others, file.rights.planner))
         rules += theirs
         policies.append({"rules": ["hear", "read", *_ids(theirs)], "subjects": ["relays"]})
     return {
@@ -98,8 +98,13 @@ def relaying(file: FleetConfig, role: Role, name: str) -> bool:
     return role not in NOT_RELAYING and (host is None or host.mesh.relay)
 
 
-def granted(role: Role, name: str, fleet: str, vehicle: str = STRANGER) -> dict[str, list[str]]:
-    """What a member may put (``put``), ask (``query``) and declare (``token``) of ``vehicle`` or of the whole fleet."""
+def granted(
+    role: Role, name: str, fleet: str, vehicle: str = STRANGER, given: Collection[str] = ()
+) -> dict[str, list[str]]:
+    """What a member may put (``put``), ask (``query``) and declare (``token``) of ``vehicle`` or of the whole fleet.
+
+    ``given``: the verbs that the fleet file gives to planners.
+    """
     found: dict[str, list[str]] = {"put": [], "query": [], "token": []}
     for channel in CHANNELS.values():
         for parts in _cases(channel):
@@ -107,7 +112,7 @@ def granted(role: Role, name: str, fleet: str, vehicle: str = STRANGER) -> dict[
             key = channel.key(fleet, **parts)
             if channel.kind == "pub":
                 found["query"].append(key)  # its last value, or what was missed of it
-            if _may(role, name, channel, parts):
+            if _may(role, name, channel, parts, given):
                 found["put" if channel.kind == "pub" else channel.kind].append(key)
     return found
 
@@ -132,10 +137,10 @@ def _names(template: str) -> Iterator[str]:
     return (chunk.strip("{}") for chunk in template.split("/")[1:] if chunk.startswith("{"))
 
 
-def _may(role: Role, name: str, channel: Channel, parts: dict[str, str]) -> bool:
+def _may(role: Role, name: str, channel: Channel, parts: dict[str, str], given: Collection[str]) -> bool:
     held = parts if "{vehicle}" in channel.template else {k: v for k, v in parts.items() if k != "vehicle"}
     try:
-        may(role, name, channel, held)
+        may(role, name, channel, held, given)
     except Forbidden:
         return False
     return True
@@ -179,17 +184,17 @@ def _loopback(fleet: str, name: str, role: Role) -> Iterator[Rule]:
     yield _rule("loopback-token", ("ingress",), ("liveliness_token",), (*found["token"], *detected, replay))
 
 
-def _leaf(fleet: str, role: Role, name: str) -> Iterator[Rule]:
+def _leaf(fleet: str, role: Role, name: str, given: Collection[str]) -> Iterator[Rule]:
     """For a neighbour that brings only what is its own: what its role may, under its own name, too."""
     yield _rule(f"answer-{name}", ("ingress",), ANSWERING, (*_under(fleet, name), *_answers(fleet)))
-    own = granted(role, name, fleet, name)
+    own = granted(role, name, fleet, name, given)
     detected = [f"{key}/@adv/**" for key in own["put"]]  # by which readers know that they missed something
     more = {"query": [f"{ROOT}/{fleet}/**/@adv/**", *ADMIN_ASKED], "put": detected, "liveliness_token": detected}
-    for message, keys_ in _by_message(_both(granted(role, name, fleet), own)):
+    for message, keys_ in _by_message(_both(granted(role, name, fleet, given=given), own)):
         yield _rule(f"{message}-{name}", ("ingress",), (message,), (*keys_, *more[message]))
 
 
-def _relay(fleet: str, name: str, others: Iterable[str]) -> Iterator[Rule]:
+def _relay(fleet: str, name: str, others: Iterable[str], given: Collection[str]) -> Iterator[Rule]:
     """For neighbours that bring others' words: all but those that only ``name``, our own vehicle, can say."""
     theirs = [key for other in others for key in _under(fleet, other)]
     yield _rule("relay-say", ("ingress",), SAYING, (*theirs, *_fleetwide(fleet), *_answers(fleet)))
@@ -197,7 +202,7 @@ def _relay(fleet: str, name: str, others: Iterable[str]) -> Iterator[Rule]:
     ours: dict[str, list[str]] = {"put": [], "query": [], "token": []}
     for role in Role:
         if role is not Role.VEHICLE:
-            ours = _both(ours, granted(role, "", fleet, name))
+            ours = _both(ours, granted(role, "", fleet, name, given))
     for message, keys_ in _by_message({**ours, "query": []}):
         yield _rule(f"relay-{message}-ours", ("ingress",), (message,), keys_)
 

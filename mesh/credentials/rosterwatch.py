@@ -54,7 +54,7 @@ class RosterWatch:
     def __init__(self, session: zenoh.Session, plan: RouterPlan, held: Credentials, say: Callable[[str], None]) -> None:
         self._session, self._plan, self._credentials, self._say = session, plan, held, say
         self._key = keys.FLEET.key(held.fleet, topic=keys.ROSTER)
-        self._signed = read_signed((held.folder / credentials.ROSTER).read_bytes())
+        self._signed = credentials.newest_roster(held.folder, held.authority, held.fleet)
         self.roster = self._signed.open(held.authority, held.fleet)
         self._rules = self._rules_by(self.roster)
         self._outdated = asyncio.Event()
@@ -132,7 +132,7 @@ class RosterWatch:
     def _is_kept(self, signed: SignedRoster) -> bool:
         """On a read-only disk it is forgotten at the next start and heard again: to start anew would have no end."""
         try:
-            files.write(self._credentials.folder / credentials.ROSTER, msgspec.json.encode(signed))
+            files.write(credentials.roster_place(self._credentials.folder), msgspec.json.encode(signed))
         except BadConfig as e:
             self._say_once("write", f"{e}; the rules between routers stay as they are until it can be written")
             return False

@@ -12,13 +12,16 @@ import pytest
 CONTAINERS = Path(__file__).resolve().parents[2] / "deploy" / "containers"
 FILES = {"compose.yaml": "fleet.toml", "compose.sitl.yaml": "sitl.toml"}
 """compose file -> the fleet file that its services read"""
+GIVEN = {"ZMAV_HTTP_TOKEN": "a-token-of-the-tests"}
+"""what has no default, and must be set before anything starts"""
+_REQUIRED = re.compile(r"\$\{(\w+):\?[^}]*\}")
 _VARIABLE = re.compile(r"\$\{(\w+):-([^}]*)\}")
 
 
 def load(name: str) -> dict[str, Any]:
     """A compose file with its defaults in place of variables; skips without PyYAML, which zmav does not need."""
     yaml = pytest.importorskip("yaml", reason="needs PyYAML")
-    text = (CONTAINERS / name).read_text(encoding="utf-8")
+    text = _REQUIRED.sub(lambda match: GIVEN[match[1]], (CONTAINERS / name).read_text(encoding="utf-8"))
     found: dict[str, Any] = yaml.safe_load(_VARIABLE.sub(lambda match: match[2], text))
     return found
 

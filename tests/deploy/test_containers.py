@@ -76,7 +76,27 @@ def test_what_is_copied_is_there_and_is_what_the_package_is_made_of() -> None:
     for path in copied:
         assert (ROOT / path).exists()
         assert f"!{path}" in ignored, f"the build would not see {path}"
-    assert "--constraint requirements.lock" in first
+
+
+def test_what_is_installed_is_in_the_lock_by_hash_and_built_by_no_root() -> None:
+    first = DOCKERFILE[: DOCKERFILE.rindex("\nFROM ")].replace("\\\n", " ")
+    commands = [part.split() for part in first.split("&&") if "-m pip " in part]
+    assert len(commands) == 4
+    for command in commands:
+        if "-r" in command:
+            assert {"--require-hashes", "--only-binary"} <= set(command)
+        else:
+            assert "--no-deps" in command, "ours alone"
+            assert ("--no-index" in command) != ("--no-build-isolation" in command)
+    assert first.index("\nUSER build\n") < first.index(" pip ")
+
+
+@composed
+def test_no_secret_is_written_in_the_file(name: str) -> None:
+    """Whoever reads this repository would know it."""
+    text = (CONTAINERS / name).read_text(encoding="utf-8")
+    for line in re.findall(r"^.*(?:TOKEN|SECRET|PASSWORD|KEY)\w*:.*$", text, re.MULTILINE):
+        assert re.search(r": \$\{\w+:\?", line), f"it starts without one being given: {line}"
 
 
 def test_nothing_is_downloaded_but_from_the_package_index() -> None:

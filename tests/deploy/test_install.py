@@ -119,7 +119,8 @@ INSTALL = """
 say() { echo "## $1"; }
 run() { say "$1"; shift; (cd / && exec_in "$*") 2>&1 && echo "rc 0" || echo "rc $?"; }
 run install "$TREE/deploy/install.sh --python $PYTHON --name rover1 --fleet alpha --link tcp:127.0.0.1:5760"
-run modes "cd /etc/zmav && stat -c '%n %U %a' . vehicle.toml vehicle.env agents.d credentials agent-credentials"
+run modes "cd /etc/zmav && stat -c '%n %U %G %a' . vehicle.toml vehicle.env agents.d credentials agent-credentials"
+run owners "find -H /opt/zmav ! -user root; ls -A /opt/zmav | grep -vE '^(env-|current)'; ls -d /run/*/zmav* /run/zmav*"
 run users "id -nG zmav; id -nG zmav-agent; getent passwd zmav zmav-agent"
 run linked "readlink /usr/local/bin/zmav; readlink /opt/zmav/current; ls /etc/systemd/system/multi-user.target.wants"
 run program "zmav --version && cd / && runuser -u zmav -- zmav agent about ev1"
@@ -145,7 +146,7 @@ def test_it_installs_and_leaves_nothing(copy: Copy) -> None:
         pytest.skip("no Python here that has venv and that other users can run")
     done = copy.run(f"PYTHON={python}\n{INSTALL}")
     parts = dict(part.split("\n", 1) for part in done.stdout.split("## ")[1:])
-    assert len(parts) == 13, done.stdout + done.stderr
+    assert len(parts) == 14, done.stdout + done.stderr
 
     def told(step: str, code: int = 0) -> list[str]:
         *lines, last = parts[step].rstrip("\n").split("\n")
@@ -155,13 +156,14 @@ def test_it_installs_and_leaves_nothing(copy: Copy) -> None:
     assert "systemd does not run here" in parts["install"]
     assert "is installed for rover1" in told("install")[-2]
     assert told("modes") == [
-        ". root 755",
-        "vehicle.toml root 644",
-        "vehicle.env root 644",
-        "agents.d root 755",
-        "credentials zmav 700",
-        "agent-credentials zmav-agent 700",
+        ". root root 755",
+        "vehicle.toml root root 644",
+        "vehicle.env root root 644",
+        "agents.d root root 755",
+        "credentials root zmav 750",
+        "agent-credentials root zmav-agent 750",
     ]
+    assert told("owners", 2)[0] == "/run/zmav-install", "no file that was built by another is left, nor a lock for all"
     users = told("users")
     assert "dialout" in users[0].split()
     assert "dialout" not in users[1].split()  # the autopilot's port is not theirs
@@ -176,8 +178,42 @@ def test_it_installs_and_leaves_nothing(copy: Copy) -> None:
     assert 'agent = "ev1"' in told("agent")
     assert any(line.startswith("WRONG /etc/zmav/vehicle.toml has rover1: zmav mesh config") for line in told("bad", 1))
     told("uninstall")
-    assert told("kept", 2)[:3] == ["/etc/zmav root 755", "/etc/zmav/credentials root 700", "ev1.toml"]
+    assert told("kept", 2)[:3] == ["/etc/zmav root 755", "/etc/zmav/credentials root 750", "ev1.toml"]
     told("purge")
     # What was there before and is noted here was written to: useradd's and userdel's files, and folders.
     new = [line for line in parts["left"].splitlines() if not (Path("/") / line).exists()]
     assert [line for line in new if "/.cache" not in line and not line.startswith(OTHERS)] == []
+
+
+PUT = """
+say() { echo "## $1"; }
+run() { say "$1"; shift; (cd / && exec_in "$*") 2>&1 && echo "rc 0" || echo "rc $?"; }
+# The functions of the installer, and nothing that it does by itself.
+sed '/^DO=do_install/,$d' "$TREE/deploy/install.sh" >"$TOP/root/tmp/functions.sh"
+exec_in 'useradd --system --user-group zmav; mkdir -p /etc/zmav/credentials /tmp/made; cd /tmp/made
+    for each in ca.pem cert.pem key.pem roster.json; do echo "new $each" >$each; done
+    echo precious >/etc/precious; chown zmav:zmav /etc/zmav/credentials'
+put="source /tmp/functions.sh; put_credentials /tmp/made /etc/zmav/credentials zmav"
+exec_in 'runuser -u zmav -- ln -s /etc/precious /etc/zmav/credentials/cert.pem'
+run linked "$put"
+run spared "cat /etc/precious; stat -c %U:%a /etc/precious"
+exec_in 'rm /etc/zmav/credentials/cert.pem; echo old >/etc/zmav/credentials/cert.pem'
+run put "$put"
+run there "cd /etc/zmav/credentials; stat -c '%n %U %G %a' . *; cat cert.pem key.pem; runuser -u zmav -- cat key.pem"
+run shut "runuser -u zmav -- sh -c 'echo x >/etc/zmav/credentials/x; rm -f /etc/zmav/credentials/cert.pem'"
+run folder "mv /etc/zmav/credentials /etc/away; ln -s /etc/away /etc/zmav/credentials; $put"
+"""
+
+
+def test_credentials_are_written_where_nobody_else_can_put_a_link(copy: Copy) -> None:
+    """A link of the service's user there once had root write over whatever it pointed at."""
+    done = copy.run(PUT)
+    parts = {part.split("\n", 1)[0]: part.split("\n")[1:-1] for part in done.stdout.split("## ")[1:]}
+    assert len(parts) == 6, done.stdout + done.stderr
+    assert "cert.pem is no plain file of its own" in parts["linked"][0] and parts["linked"][-1] == "rc 1"
+    assert parts["spared"] == ["precious", "root:644", "rc 0"]
+    assert parts["put"] == ["rc 0"]
+    files = [f"{name} zmav zmav 400" for name in ("ca.pem", "cert.pem", "key.pem", "roster.json")]
+    assert parts["there"] == [". root zmav 750", *files, "new cert.pem", "new key.pem", "new key.pem", "rc 0"]
+    assert parts["shut"][-1] == "rc 1" and all("Permission denied" in line for line in parts["shut"][:-1])
+    assert "is a link" in parts["folder"][0] and parts["folder"][-1] == "rc 1"

@@ -73,6 +73,17 @@ def test_a_serial_port_that_comes_later_is_not_hidden(unit: Path) -> None:
     assert not hiding & {name for name, _ in settings(unit)}
 
 
+def test_a_vehicle_s_agent_is_started_for_ever_and_writes_to_its_own_folder_only() -> None:
+    """A limit of starts would leave a vehicle in flight without its agent for good; a service that can write where root
+    copies credentials can lead root elsewhere.
+    """
+    found = dict(settings(DEPLOY / "systemd" / "zmav-vehicle.service"))
+    assert (found["Restart"], found["StartLimitIntervalSec"]) == ("always", "0")
+    assert "StartLimitBurst" not in found
+    assert 0.0 < float(found["RestartSec"]) <= 2.0
+    assert found["StateDirectory"] == "zmav" and "ReadWritePaths" not in found
+
+
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
 def test_what_it_runs_there_is(unit: Path) -> None:
     (command,) = [value for name, value in settings(unit) if name == "ExecStart"]

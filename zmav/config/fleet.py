@@ -30,6 +30,9 @@ speed = 5.0
 [separation]                    # vehicles move aside for each other by themselves, as a last resort
 on = true
 
+[rights]                        # orders that are the operators' unless they are given away here
+planner = ["servo"]             # and relay, mission_upload, mission_clear
+
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
@@ -141,6 +144,13 @@ class Separation(Table, frozen=True):
     """m from what it was told to be at, from which on a vehicle is taken to be on its way there"""
 
 
+class Rights(Table, frozen=True):
+    """What the fleet's operators give away, where it has credentials. The same in the files of all its routers."""
+
+    planner: list[Literal["servo", "relay", "mission_upload", "mission_clear"]] = []
+    """orders that planners, and programs on board for their own vehicle, may give besides their own"""
+
+
 class PilotSwitch(Table, frozen=True):
     """A switch of the pilot's radio: while ``channel`` is from ``low`` to ``high`` µs, no agent has the vehicle."""
 
@@ -200,6 +210,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits = Limits()
     body: BodyConfig | None = None
     separation: Separation = Separation()
+    rights: Rights = Rights()
     mesh: Mesh = Mesh()
     vehicles: dict[str, VehicleConfig] = {}
     stations: dict[str, StationConfig] = {}

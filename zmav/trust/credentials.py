@@ -1,11 +1,13 @@
 """A member's folder: what ``zmav mesh ca issue`` wrote for it.
 
 ``ca.pem`` the authority's certificate, ``cert.pem`` the member's own, ``key.pem`` its private key, which only its owner
-may read, ``roster.json`` the newest roster seen. The folder is named by ``--credentials`` or ``$ZMAV_CREDENTIALS``.
+may read, ``roster.json`` the newest roster seen. The folder is named by ``--credentials`` or ``$ZMAV_CREDENTIALS``. A
+service of systemd keeps newer rosters in its own state directory.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +18,9 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from zmav.errors import BadConfig
+from zmav.systemd import state_directory
 from zmav.trust.certificate import Certificate, Role
-from zmav.trust.roster import Roster, read_signed
+from zmav.trust.roster import Roster, SignedRoster, read_signed
 
 CA, CERT, KEY, ROSTER = "ca.pem", "cert.pem", "key.pem", "roster.json"
 VARIABLE = "ZMAV_CREDENTIALS"
@@ -44,7 +47,7 @@ class Credentials:
         key = _key(folder / KEY)
         if key.public_key() != certificate.key:
             raise BadConfig(f"{folder / KEY} is not the key of {folder / CERT}", field="key", value=str(folder / KEY))
-        roster = read_signed(_bytes(folder / ROSTER)).open(authority, certificate.fleet)
+        roster = newest_roster(folder, authority, certificate.fleet).open(authority, certificate.fleet)
         return cls(folder, authority, certificate, key, roster)
 
     @property
@@ -74,6 +77,21 @@ class Credentials:
             "transport/link/tls/enable_mtls": True,
             "transport/link/tls/verify_name_on_connect": False,
         }
+
+
+def roster_place(folder: Path) -> Path:
+    """Where a newer roster is kept: a service's folder of credentials is not its own to write."""
+    return (state_directory() or folder) / ROSTER
+
+
+def newest_roster(folder: Path, authority: x509.Certificate, fleet: str) -> SignedRoster:
+    """The one in the folder, or that which was kept since where it is newer; raises :class:`BadConfig`."""
+    found, kept = read_signed(_bytes(folder / ROSTER)), roster_place(folder)
+    with contextlib.suppress(BadConfig):  # none is kept yet, or one of another authority, before this folder came
+        later = read_signed(_bytes(kept))
+        if later.open(authority, fleet).number > found.open(authority, fleet).number:
+            return later
+    return found
 
 
 def _bytes(path: Path) -> bytes:

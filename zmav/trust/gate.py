@@ -10,7 +10,7 @@ import os
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from zmav import keys
@@ -58,13 +58,15 @@ def anybody(key: str, payload: bytes, attachment: bytes | None) -> Origin | None
 class Gate(Verifier):
     """One vehicle's. Thread-safe.
 
-    ``on_refused(error)`` is told of every refusal, in the thread that asked; ``counts`` counts them by reason.
+    ``given`` are the verbs that the fleet file gives to planners. ``on_refused(error)`` is told of every refusal, in
+    the thread that asked; ``counts`` counts them by reason.
     """
 
     def __init__(
         self, credentials: Credentials, utc: Callable[[], float] = time.time,
-        monotonic: Callable[[], float] = time.monotonic,
+        monotonic: Callable[[], float] = time.monotonic, given: Collection[str] = (),
     ) -> None:  # fmt: skip
+        self._given = given
         super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic)
         self.name = credentials.name
         self._shut_out = frozenset(credentials.roster.revoked)
@@ -131,7 +133,7 @@ class Gate(Verifier):
         if once in self._used:
             raise Forbidden("it was heard before", reason="replayed")
         certificate = self.certificate_of(found, dated=not challenged)
-        may(certificate.role, certificate.name, channel, parts)
+        may(certificate.role, certificate.name, channel, parts, self._given)
         self.check_signature(found, certificate, key, payload)
         if channel is not keys.UPLOAD:  # a chunk that comes again stands where it stood, and there are many
             self._use(once, certificate.name)

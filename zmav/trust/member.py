@@ -6,7 +6,7 @@ import collections
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from zmav import keys
 from zmav.errors import BadInput, BadKey, Forbidden
@@ -128,9 +128,12 @@ class Member:
             return False
         return True
 
-    def check_role(self, key: str) -> None:
-        """Raise :class:`Forbidden` where our own role may not use that key: the routers between drop it in silence."""
-        may(self.credentials.role, self.credentials.name, *keys.match(key))
+    def check_role(self, key: str, given: Collection[str] = ()) -> None:
+        """Raise :class:`Forbidden` where our own role may not use that key: the routers between drop it in silence.
+
+        ``given``: verbs that the vehicle's fleet file may have given us; we do not know it.
+        """
+        may(self.credentials.role, self.credentials.name, *keys.match(key), given)
 
     # In.
 

@@ -6,25 +6,28 @@ A vehicle's certificate speaks under the vehicle's own name, and its own program
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from zmav import keys
 from zmav.errors import Forbidden
 from zmav.trust.certificate import Role
-from zmav.verbs import SWARM_VERBS, VERBS
+from zmav.verbs import GIVEN, SWARM_VERBS, VERBS
 
 SPEAKERS = {keys.VEHICLE: (Role.VEHICLE,), keys.PLANNER: (Role.PLANNER, Role.OPERATOR), keys.OPERATOR: (Role.OPERATOR,)}
 """who may have a token that says so; others are anybody's"""
 
 
-def writers(channel: keys.Channel, parts: Mapping[str, str]) -> tuple[str, ...]:
+def writers(channel: keys.Channel, parts: Mapping[str, str], given: Collection[str] = ()) -> tuple[str, ...]:
     """Who may put on, or ask, a key of ``channel`` with these parts (as :func:`zmav.keys.match` gives them).
 
-    An order that does not exist is everybody's: whoever gives it is told which ones there are.
+    An order that does not exist is everybody's: whoever gives it is told which ones there are. ``given``: verbs that
+    the fleet file gives to planners.
     """
     if channel in (keys.DO, keys.SWARM):
         verb = (VERBS if channel is keys.DO else SWARM_VERBS).get(parts["verb"])
-        return verb.writers if verb else (keys.ANYONE,)
+        if verb is None:
+            return (keys.ANYONE,)
+        return (*verb.writers, *GIVEN) if verb.grantable and verb.name in given else verb.writers
     if channel is keys.FLEET:
         return keys.TOPICS.get(parts["topic"], channel.writers)
     return channel.writers
@@ -38,9 +41,11 @@ def acts_as(role: Role, name: str, vehicle: str | None) -> frozenset[str]:
     return frozenset({*own, keys.ANYONE})
 
 
-def may(role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str]) -> None:
+def may(
+    role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str], given: Collection[str] = ()
+) -> None:  # fmt: skip
     """Raise :class:`Forbidden` unless the member ``name`` may put on, or ask, that key of ``channel``."""
-    vehicle, allowed = parts.get("vehicle"), writers(channel, parts)
+    vehicle, allowed = parts.get("vehicle"), writers(channel, parts, given)
     if not acts_as(role, name, vehicle) & set(allowed):
         raise _forbidden(role, name, channel, parts, allowed)
     if channel is keys.ALIVE and (vehicle != name or role not in SPEAKERS.get(parts["role"], tuple(Role))):

@@ -20,6 +20,7 @@ from zmav.vehicle.lease import Lease, held
 from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
+from zmav.verbs import GRANTABLE
 
 if TYPE_CHECKING:
     from zmav.client import Answer, Client
@@ -306,7 +307,7 @@ class Vehicle:
                         raise answer
                     return answer.payload
                 if self._client.member is not None:
-                    self._client.member.check_role(key)
+                    self._client.member.check_role(key, GRANTABLE)
                 waited = time.monotonic() - start
                 if self.age is None and not self.present and waited > APPEAR:
                     raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self.fleet}", vehicle=self.name)
@@ -317,6 +318,8 @@ class Vehicle:
             for task in asked:
                 task.cancel()
             await asyncio.gather(*asked, return_exceptions=True)
+        if self._client.member is not None:
+            self._client.member.check_role(key)
         if not self.present:
             raise Stale(f"{self.name} was last heard {self.age or 0.0:.1f} s ago", vehicle=self.name, age=self.age)
         doubts = f"; not believed: {', '.join(self.disbelieved)}" if self.disbelieved else ""

@@ -312,7 +312,7 @@ def orders() -> Iterator[Run]:
                 said = [reply.err.payload.to_bytes() for reply in replies if reply.err is not None]
                 for each in said:
                     assert b"inside the agent" not in each, each
-                for operation in list(vehicle.orders._operations.values()):
+                for operation in list(vehicle.orders._operations._operations.values()):
                     task = operation.task
                     error = task.exception() if task.done() and not task.cancelled() else None
                     assert error is None or isinstance(error, ZmavError), (operation.verb, error)
