@@ -46,7 +46,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "rotation": set(),
     },
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
-    {"session": set()},
+    {"session": set(), "present": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
     {"services": set()},
