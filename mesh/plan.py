@@ -165,12 +165,12 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
         (list(table.listen), [f"fleet file: {where}.listen"]) if table.listen else ([DEFAULT_ROUTER], ["zmav"])
     )
     called, guarded = _is_called(plan, rules), plan.credentials is not None
-    if guarded and (socket := _socket(listen)) is not None:
-        listen.append(socket)
-        why.append("for programs of this computer")
     for radio in called:
         listen.append(between(str(radio.radio.address), radio.radio.port or plan.file.mesh.port, guarded))
         why.append(f"{radio.name}{'' if radio.present else ' (waited for)'}")
+    if guarded and (socket := _socket(listen)) is not None:
+        listen.append(socket)
+        why.append("for programs of this computer")
     found = {LISTEN: Setting(list(dict.fromkeys(listen)), ", ".join(dict.fromkeys(why)))}
     if any(not radio.present for radio in called):
         found.update(_patience(plan))

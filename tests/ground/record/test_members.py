@@ -41,7 +41,7 @@ async def test_any_member_may_record_and_answer(fleet: Fleet, tmp_path: Path, ro
     """Behind quad1's door: it hears all, believes the states that quad1 signed, and is heard when it answers."""
     fleet.issue(quad1=Role.VEHICLE, gs=role)
     door = fleet.router("quad1")
-    home = fleet.open(None, door.local)
+    home = fleet.open(None, door.unix)
     quad1 = Credentials.load(str(fleet.members["quad1"]))
     signer, key = Signer(quad1), keys.STATE.key("alpha", "quad1")
 

@@ -87,7 +87,7 @@ class Liar:
 
 @pytest.fixture
 def liar(fleet: Fleet, door: Door) -> Liar:
-    return Liar(fleet.open(None, door.local))
+    return Liar(fleet.open(None, door.unix))
 
 
 async def test_frames_under_a_name_that_is_no_vehicles_reach_no_reader(
