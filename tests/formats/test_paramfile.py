@@ -112,14 +112,6 @@ def test_what_is_no_text() -> None:
         read(b"A,1\n\xff\xfe,2\n")
 
 
-@given(st.binary(max_size=300))
-def test_any_bytes_are_read_or_refused(data: bytes) -> None:
-    try:
-        assert read(data).params
-    except BadInput as e:
-        assert str(e)
-
-
 def test_the_format_is_told_by_the_ending_or_by_name() -> None:
     assert [format_of(p) for p in ("a.params", "x/B.PARM", "c.param")] == ["qgc", "planner", "planner"]
     assert format_of("a.txt", "qgc") == "qgc"

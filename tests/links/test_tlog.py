@@ -67,12 +67,6 @@ def test_torn_end_words() -> None:
     assert reader.skipped == 15
 
 
-@given(st.binary(max_size=3000))
-def test_any_bytes_are_read_without_an_exception(data: bytes) -> None:
-    found, reader = read(data)
-    assert reader.skipped + sum(8 + len(one) for _, one in found) == len(data)
-
-
 def series(count: int) -> list[tuple[int, bytes]]:
     return [(START_US + 1000 * n, frame(1 + n % 2, n.to_bytes(4, "big") * (n % 9), n % 4 == 1)) for n in range(count)]
 

@@ -150,12 +150,3 @@ def test_frames_between_garbage_without_magic_bytes_are_all_found(
     assert frames == [frame for frame, _ in pairs]
     assert splitter.counters.garbage == sum(map(len, noise))
     assert splitter.counters.bad_crc == splitter.counters.bad_flags == splitter.counters.bad_length == 0
-
-
-@given(st.lists(st.binary(max_size=400), max_size=10))
-@settings(max_examples=150)
-def test_random_bytes_never_raise(parts: list[bytes]) -> None:
-    splitter = Splitter(DIALECT)
-    found = sum(len(frame.data) for part in parts for frame in splitter.feed(part))
-    assert splitter.counters.bytes == sum(map(len, parts))
-    assert found + splitter.counters.garbage + len(splitter._partial) == splitter.counters.bytes

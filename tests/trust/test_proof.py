@@ -81,17 +81,6 @@ def test_every_cut_of_it_is_refused(signed: Signed) -> None:
             Verifier.of(signed.by).verify(KEY, PAYLOAD, signed.attachment[:length])
 
 
-@given(st.binary(max_size=3000))
-def test_any_bytes_are_read_or_refused(data: bytes) -> None:
-    try:
-        found = proof.read(data)
-    except Forbidden as e:
-        assert e.detail["reason"] == "malformed"
-    else:
-        assert data[0] == proof.VERSION
-        assert found.head + found.signature + found.certificate == data
-
-
 @pytest.fixture(scope="module")
 def verifier(tmp_path_factory: pytest.TempPathFactory) -> Verifier:
     return Verifier.of(Authority(tmp_path_factory.mktemp("authority")).member("op", "operator"))

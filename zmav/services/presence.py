@@ -15,7 +15,7 @@ from typing import Any
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import Clash, ZmavError
+from zmav.errors import BadKey, Clash, ZmavError
 from zmav.present import Present
 from zmav.services.events import Events
 from zmav.services.identity import Identity
@@ -96,7 +96,10 @@ class Presence:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        _, parts = keys.match(key)
+        try:
+            parts = keys.match(key)[1]
+        except BadKey:
+            return  # anybody can declare a token: no vehicle has such a name
         if parts["instance"] == self.instance:
             return
         believed = self._is_believed(parts)

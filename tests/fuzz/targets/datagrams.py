@@ -37,7 +37,7 @@ def pictures() -> list[bytes]:
 
 def probe(data: bytes) -> None:
     found = stamp.unpack(data)
-    found.pack()
+    assert found.pack()[:12] == data[:12]
     if isinstance(found, stamp.Stamp):
         found.rtt(stamp.clock(1e6))
 

@@ -241,8 +241,10 @@ def packed_event_files() -> list[bytes]:
 
 def fields(data: bytes) -> None:
     """A frame made of its fields in JSON, as zenoh's own command line gives them; and anything shown."""
-    zenoh_codec.decode(TX, data)
-    zenoh_codec.decode("zmav/demo/quad1/state", data)
+    for key in (TX, "zmav/demo/quad1/state", "@/x/router", ""):
+        shown = zenoh_codec.decode(key, data)
+        assert "\n" not in shown
+        json.loads(shown)
     zenoh_codec.encode_text(TX, data.decode("utf-8", "replace"))
 
 

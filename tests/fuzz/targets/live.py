@@ -23,6 +23,7 @@ import zenoh
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+import zmav
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
 from ground.http import guard, server
@@ -334,6 +335,57 @@ async def _begun(session: zenoh.Session, settings: OnboardSettings) -> Onboard:
     return await Onboard(session, settings).__aenter__()
 
 
+@contextlib.contextmanager
+def tokens() -> Iterator[Run]:
+    """Liveliness tokens, whatever their keys say, beside a vehicle's agent and a client; each comes and goes."""
+    net = Net()
+    with watched() as faults, World([VehicleSpec(name="quad1")], endpoint="tcp:0") as world, Loop() as loop:
+        session, endpoint = net.router()
+        stranger = net.ground(endpoint).session
+        vehicle = loop.call(_begun(session, OnboardSettings(link=world.urls[0], name="quad1", origin=ORIGIN)))
+        client = zmav.open(fleet="*", connect=[endpoint])
+        try:
+            z = loop.call(client.__aenter__())
+
+            def run(data: bytes) -> None:
+                try:
+                    token = stranger.liveliness().declare_token(data.decode("utf-8", "replace"))
+                except zenoh.ZError as e:
+                    raise ZmavError("no key") from e
+                loop.call(asyncio.sleep(0.002))
+                token.undeclare()
+                loop.call(asyncio.sleep(0.002))
+                z.fleet()
+                faults.check()
+
+            yield run
+        finally:
+            loop.call(client.__aexit__(None, None, None))
+            loop.call(vehicle.__aexit__(None, None, None))
+            for each in reversed(net.sessions):
+                each.close()
+
+
+def token_keys() -> list[bytes]:
+    about = {"sys": 1, "autopilot": "ardupilot", "uid": "none", "instance": "a1"}
+    found = [keys.ALIVE.key("demo", name, role=role, **about) for name in ("quad1", "quad2") for role in ROLES]
+    found += [keys.WANT.key("demo", "quad1", msg=msg, hz=5, instance="a1") for msg in ("ATTITUDE", "UNKNOWN_410")]
+    tokens = [each for each in keys.CHANNELS.values() if each.kind == "token"]
+    found += [re.sub(r"{(\w+)}", "a1", each.template) for each in tokens]
+    return [each.encode() for each in found]
+
+
+ROLES = (keys.VEHICLE, keys.OPERATOR, keys.PLANNER, keys.REPLAY)
+
+
+def key_chunk(rng: random.Random, data: bytes) -> bytes:
+    """One part of the key becomes another's, or something odd."""
+    parts = data.split(b"/")
+    odd = rng.choice(TOKENS)[:60].replace(b"/", b"")
+    parts[rng.randrange(len(parts))] = rng.choice((odd, b"QUAD1", b"a b", b"", rng.choice(parts)))
+    return b"/".join(parts)
+
+
 def _told(arguments: bytes, number: int) -> bytes:
     """With an id of its own, so that the answer comes at once; as they are where they are no object."""
     try:
@@ -363,5 +415,6 @@ TARGETS = (
     Target("http", http, requests, 150, request),
     Target("websockets", websockets, messages, 150, json_words),
     Target("bridge", bridge, from_stations, 500, stream),
+    Target("tokens", tokens, token_keys, 100, key_chunk),
     Target("orders", orders, order_texts, 60, json_words),
 )

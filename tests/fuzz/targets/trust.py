@@ -22,6 +22,7 @@ from zmav.errors import Forbidden
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import Signer
+from zmav.trust.proof import read as read_proof
 from zmav.trust.roster import Member, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Verifier
 
@@ -58,6 +59,11 @@ def certificates() -> list[bytes]:
 def proof(data: bytes) -> None:
     """Anything but the signer's own attachment is refused."""
     verifier = Verifier.of(fleet().member)
+    try:
+        apart = read_proof(data)
+        assert apart.head + apart.signature + apart.certificate == data
+    except Forbidden as e:
+        assert e.detail["reason"] == "malformed"
     with contextlib.suppress(Forbidden):
         verifier.learn(data[98:])
     found, of = verifier.verify(KEY, PAYLOAD, data)

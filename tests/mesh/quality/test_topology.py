@@ -124,12 +124,6 @@ def test_whose_answer_it_is(key: str, zid: str | None) -> None:
     assert linkstate.zid_of(key) == zid
 
 
-@given(st.binary(max_size=300) | st.text(alphabet='{}[]"sesionpr:,a', max_size=300).map(str.encode))
-def test_any_answer_is_survived(data: bytes) -> None:
-    links = linkstate.read({"aa": router("bb"), "bb": data})
-    linkstate.ways(links, "aa")
-
-
 # What hosts say.
 
 
