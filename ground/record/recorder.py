@@ -123,7 +123,7 @@ class Recorder:
                 take(sample)
 
     def _take(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
+        if sample.kind == zenoh.SampleKind.PUT and keys.hears(f"{keys.ROOT}/{self._fleet}", str(sample.key_expr)):
             self.storage.put(str(sample.key_expr), sample.payload.to_bytes())
 
     def _token(self, instance: str) -> str:
