@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from zmav import wire
+from zmav.doctor.rules import loss_level
 
 Grade = Literal["good", "fair", "poor", "down", "unknown"]
-FAIR_LOSS, POOR_LOSS = 0.05, 0.20
 FAIR_COST, POOR_COST = 3_000, 15_000
 """of :func:`mesh.quality.cost.cost`: 30 ms and 150 ms a kilobyte one way"""
 LOSS_STEP, RTT_STEP = 0.02, 1e-3
@@ -97,14 +97,14 @@ class Link:
     @property
     def grade(self) -> Grade:
         """In a word, for a colour."""
-        loss, cost = self.worst_loss or 0.0, self.cost
+        loss, cost = loss_level(self.worst_loss or 0.0), self.cost
         if self.state in ("down", "silent"):
             return "down"
         if cost is None:
             return "unknown"
-        if loss >= POOR_LOSS or cost >= POOR_COST:
+        if loss == "bad" or cost >= POOR_COST:
             return "poor"
-        return "fair" if loss >= FAIR_LOSS or cost >= FAIR_COST else "good"
+        return "fair" if loss == "warn" or cost >= FAIR_COST else "good"
 
     def badness(self) -> tuple[float, ...]:
         """By which the weakest hop is found: first a link that is down, then loss, then round trip, then throughput."""

@@ -331,6 +331,8 @@ class Client:
             if reply.ok is not None:
                 answer, proof = Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes()), attached(reply.ok)
                 said = answer.payload
+                if not keys.hears(key, answer.key):
+                    return
             elif reply.err is not None and (said := reply.err.payload.to_bytes()) != OVER:
                 answer = wire.error_from(said)
                 proof = proof_of_error(reply.err, answer)

@@ -362,6 +362,19 @@ def replay_of(fleet: str) -> str:
     return fleet if is_replay(fleet) else f"{fleet}-{REPLAY}"
 
 
+def hears(listening: str, key: str) -> bool:
+    """Whether who listens to (or asks) a key expression is meant by what came on ``key``: of a recording only who names
+    its fleet is. Vehicles that are flown and those that were flown never come together.
+    """
+    return is_replay(_fleet_of(listening)) or not is_replay(_fleet_of(key))
+
+
+def _fleet_of(key: str) -> str:
+    """The chunk after the root; empty where there is none."""
+    root, _, rest = key.partition("/")
+    return rest.partition("/")[0] if root == ROOT else ""
+
+
 def check_message(name: str) -> str:
     """``name`` itself where it can be a MAVLink message's or ``UNKNOWN_44000``; raises :class:`BadKey` otherwise."""
     if not MESSAGE.match(name):

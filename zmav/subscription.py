@@ -21,6 +21,7 @@ class Subscription(Generic[T]):
     """Samples of a key expression, newest wins: a reader that is slow loses the oldest, and nobody else waits for it.
 
     Of events none is lost on the way, nor is their order: what went out while a link was down comes when it is back.
+    Recordings are heard by who names their fleet (:func:`zmav.keys.hears`).
     Use it with ``async with`` and iterate; it lasts until it is left, and goes on when a lost router is found again.
     """
 
@@ -65,6 +66,8 @@ class Subscription(Generic[T]):
             self._subscriber = None
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
+        if not keys.hears(self._key, str(sample.key_expr)):
+            return
         if len(self._samples) == self._samples.maxlen:
             self.dropped += 1
         self._samples.append(sample)

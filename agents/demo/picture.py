@@ -22,7 +22,7 @@ APART = 1 / 60
 """of the time shown, between two numbers that have room beside each other"""
 COLUMNS, KEY_LINE = 4, 0.14
 """of the key to the steps; inches"""
-LONGEST = 38
+LONGEST = 50
 """characters of a step that a column has room for"""
 LEAST = 12.0
 """m that is seen from above at least, north and east: a way along a line is no line"""

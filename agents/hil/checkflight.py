@@ -19,6 +19,7 @@ from agents.hil.steps import STEPS, Failed, LeftOut, distance, station_frame
 from zmav import geo, keys, wire
 from zmav.autopilots import autopilot_named
 from zmav.config import FleetConfig
+from zmav.doctor.rules import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
 from zmav.services.limits import Fence
 from zmav.vehicle.params import values
@@ -26,7 +27,6 @@ from zmav.vehicle.params import values
 FOUND_S, PARAMS_S = 60.0, 120.0
 SILENT_S = 3.0
 """s without the autopilot after which the flight is over: it was unplugged"""
-MOST_LOSS = 0.02
 PACE, HURRY = 1.0, 5.0
 """times real time, where the simulator is ours: the checks, and ways up and home"""
 FORCE = 21196.0
@@ -135,7 +135,7 @@ class CheckFlight:
         rtts = sorted(each.rtt for each in self._links if each.rtt is not None)
         rtt = f", round trip {1e3 * rtts[len(rtts) // 2]:.1f} ms, {1e3 * rtts[-1]:.1f} ms at most" if rtts else ""
         found = f"{lost} of {frames + lost} frames lost{rtt}"
-        self.say("link", found, "ok" if lost <= MOST_LOSS * (frames + lost) else "BAD")
+        self.say("link", found, "ok" if lost == 0 or lost < LINK_LOSS * (frames + lost) else "BAD")
 
     async def _heard(self) -> None:
         """Until the autopilot has been silent for too long: raises."""

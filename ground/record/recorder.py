@@ -126,7 +126,8 @@ class Recorder:
 
     def _take(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        if sample.kind == zenoh.SampleKind.PUT and self._is_worth_it(key):
+        heard = keys.hears(f"{keys.ROOT}/{self._fleet}", key)
+        if sample.kind == zenoh.SampleKind.PUT and heard and self._is_worth_it(key):
             self.storage.put(key, sample.payload.to_bytes())
 
     def _is_worth_it(self, key: str) -> bool:

@@ -18,6 +18,8 @@ from zmav.mavlink.frame import MAGIC_V2
 END = (1 << 63) - 1
 _RECORDED = re.compile(r"(?:[a-z0-9_-]+\.)?(?P<vehicle>[a-z0-9_-]+)\.\d{3,}\Z")
 """how the recorder calls a .tlog, but for its ending"""
+SESSION = re.compile(r"(?P<time>\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)(?:\.(?P<number>\d+))?")
+"""and a session's folder, of several within a second all but the first with a number"""
 
 
 class Record(NamedTuple):
@@ -115,9 +117,10 @@ class Mcap:
 
 
 def open_all(paths: Sequence[Path]) -> list[Source]:
-    """The recordings in these files and folders: of a folder the .mcap, if it has one, else the .tlog files, and else
-    those of its newest session. A pattern that the shell left as it is, is looked for there, too: the recorder gives
-    each session a folder. Raises :class:`BadConfig` for what is none of these.
+    """The recordings in these files and folders: of a folder its newest session, else its own; of either the .mcap, if
+    there is one, else the .tlog files. A pattern that the shell left as it is is looked for in its folder, and then in
+    the newest session that has some: the recorder gives each session a folder. Raises :class:`BadConfig` for what is
+    none of these, and for a pattern that cannot be.
     """
     tlogs: dict[str, list[Path]] = {}
     sources: list[Source] = []
@@ -132,22 +135,35 @@ def open_all(paths: Sequence[Path]) -> list[Source]:
 
 
 def _files(path: Path) -> list[Path]:
-    if path.is_dir():
-        found = _in(path, "*.mcap") or _in(path, "*.tlog")
-    else:
-        found = [path] if path.is_file() else _in(path.parent, path.name)
+    try:
+        found = _found(path)
+    except (ValueError, NotImplementedError, OSError) as e:
+        text = f"{path}: this cannot be looked for: {e}"
+        raise BadConfig(text, field="file", value=str(path), expected="a file, a folder, or a pattern") from e
     if found:
         return found
     text = f"{path}: no .mcap and no .tlog there: give a file, a session's folder, or the recorder's (--out)"
     raise BadConfig(text, field="file", value=str(path), expected="recordings")
 
 
-def _in(folder: Path, pattern: str) -> list[Path]:
-    """What fits in a folder; where nothing does, in its newest folder that has some: they are called by time."""
-    if found := sorted(folder.glob(pattern)):
-        return found
-    within = sorted(folder.glob(f"*/{pattern}"))
-    return [file for file in within if file.parent == within[-1].parent]
+def _found(path: Path) -> list[Path]:
+    if path.is_dir():
+        return next(filter(None, map(_recordings, (*_sessions(path), path))), [])
+    if path.is_file():
+        return [path]
+    if not any(c in path.name for c in "*?["):
+        return []  # a name means that file: one in a session's folder is another
+    return next(filter(None, (sorted(each.glob(path.name)) for each in (path.parent, *_sessions(path.parent)))), [])
+
+
+def _recordings(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap")) or sorted(folder.glob("*.tlog"))
+
+
+def _sessions(folder: Path) -> list[Path]:
+    """The recorder's folders in its folder, the newest first: they are called by time."""
+    named = [(found, each) for each in folder.glob("*") if (found := SESSION.fullmatch(each.name)) and each.is_dir()]
+    return [each for _, each in sorted(named, key=lambda n: (n[0]["time"], int(n[0]["number"] or 1)), reverse=True)]
 
 
 def _vehicle(file: Path, several: bool) -> str:

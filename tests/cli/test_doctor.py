@@ -288,6 +288,15 @@ def test_losses_count_where_they_are_the_autopilots_own(
     assert (" 0 lost," in traffic["found"]) is well
 
 
+def test_a_link_that_loses_some_is_told_of_and_is_no_fault(here: type[Here]) -> None:
+    """By the thresholds of the rules that 'zmav top' shows: from 5 % amber, from 20 % red."""
+    some = [heartbeat(9, 2, 3, seq) for seq in range(250) if seq % 12]
+    with Station(heartbeat(1, 2, 3), *some) as station:
+        traffic = findings(here()("doctor", "--link", station.url, "--for", "0.6", "--json").lines)["traffic"]
+    assert (traffic["level"], traffic["ok"]) == ("advice", True)
+    assert traffic["advice"]
+
+
 @pytest.mark.parametrize(
     ("url", "words"),
     [("pigeon:coop", "link: "), ("tcp:127.0.0.1:1", "link: "), ("/dev/no-such-tty,57600", "device: ")],

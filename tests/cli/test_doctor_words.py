@@ -77,7 +77,6 @@ def test_a_way_by_the_worse_of_its_ends(here: dict[str, Any], there: dict[str, A
 
 
 def test_ways_are_judged_as_the_graph_colours_them() -> None:
-    assert (netcheck.FAIR_LOSS, netcheck.POOR_LOSS) == (topology.FAIR_LOSS, topology.POOR_LOSS)
     assert (netcheck.FAIR_COST, netcheck.POOR_COST) == (topology.FAIR_COST, topology.POOR_COST)
 
 
@@ -149,6 +148,16 @@ def test_an_agent_that_speaks_and_two_of_one_name(speaker: Speaker) -> None:
         found = told(speaker)
     assert found["agents"]["found"] == "demo/quad7 follower: waiting, no helipad in sight"
     assert found["names"]["found"] == "2 of the role planner are named demo/ground"
+
+
+@pytest.mark.parametrize("state", ["failed", "Error", "lost", "aborted"])
+def test_an_agent_that_failed(state: str) -> None:
+    """As bad as for 'zmav top', and more so than one that only says nothing."""
+    status = wire.AgentStatus(t=0.0, agent="follower", state=state, text="no helipad in sight")
+    for age, silent in ((1.0, ""), (7.0, ", silent for 7 s")):
+        (line,) = examine.check_agents(Seen(agents={"demo/quad7 follower": lookround.Told(status, age)}))
+        assert (line.level, line.found) == (Level.RED, f"demo/quad7 follower: {state}, no helipad in sight{silent}")
+        assert "zmav agent logs" in line.advice
 
 
 def test_an_agent_that_fell_silent() -> None:

@@ -19,8 +19,8 @@ from zmav.cli.netcheck import check_routers, check_ways
 from zmav.cli.safetycheck import judge
 from zmav.cli.topics import Topic
 from zmav.cli.trustcheck import judge_trust
-from zmav.doctor.facts import facts_of
-from zmav.doctor.rules import LINK_LOSS, reasons
+from zmav.doctor.facts import AgentReport, facts_of
+from zmav.doctor.rules import loss_level, of_agent, reasons
 from zmav.errors import ZmavError
 
 MAX_CLOCK_OFFSET = 0.1
@@ -101,7 +101,7 @@ def _judge_link(who: str, first: wire.LinkQuality, last: wire.LinkQuality) -> It
     frames = last.rx_frames - first.rx_frames
     bad, dropped = last.bad_crc - first.bad_crc, last.rx_dropped - first.rx_dropped
     quality = _heard([first, last])
-    ok = quality is not None and quality.loss < LINK_LOSS
+    ok = quality is not None and loss_level(quality.loss) == "ok"
     if bad > MAX_BAD_CRC * (frames + bad):
         ok = False
         advice = "look at baud rate, ground and cable; another --dialect may be spoken"
@@ -227,12 +227,16 @@ def check_names(seen: Seen) -> Iterator[Finding]:
 
 def check_agents(seen: Seen) -> Iterator[Finding]:
     for who, told in seen.agents.items():
-        said = f"{who}: {told.status.state}{', ' if told.status.text else ''}{told.status.text}"
-        if told.age > (keys.AGENT_STATUS.stale_after or 0.0):
-            agent = told.status.agent
-            yield topics.AGENTS.wrong(f"{said}, silent for {told.age:.0f} s", f"zmav agent logs {agent}; start it anew")
-        else:
-            yield topics.AGENTS.well(said)
+        status, (fleet, _, rest) = told.status, who.partition("/")
+        stale = told.age > (keys.AGENT_STATUS.stale_after or 0.0)
+        said = f"{who}: {status.state}{', ' if status.text else ''}{status.text}"
+        said += f", silent for {told.age:.0f} s" if stale else ""
+        report = AgentReport(
+            name=status.agent, fleet=fleet, host=rest.partition(" ")[0], state=status.state, text=status.text,
+            age=told.age, stale=stale,
+        )  # fmt: skip
+        found = of_agent(report)
+        yield topics.AGENTS.wrong(said, found[0].advice) if found else topics.AGENTS.well(said)
 
 
 def check_version(seen: Seen) -> Iterator[Finding]:

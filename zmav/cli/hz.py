@@ -37,7 +37,12 @@ async def measure(key: str, seconds: float, fleet: str, settings: SessionSetting
     """Listen to a key expression for ``seconds``; raises :class:`Stale` where nothing came."""
     meter, expression = Meter(), keys.expression(key, fleet)
     async with zmav.open(fleet=fleet, settings=settings) as z:
-        subscriber = z.session.declare_subscriber(expression, meter)
+
+        def take(sample: zenoh.Sample) -> None:
+            if keys.hears(expression, str(sample.key_expr)):
+                meter(sample)
+
+        subscriber = z.session.declare_subscriber(expression, take)
         await asyncio.sleep(seconds)
         subscriber.undeclare()
     if not meter.times:

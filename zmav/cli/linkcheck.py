@@ -12,13 +12,14 @@ from zmav.autopilots import autopilot_for, kind_of
 from zmav.cli import topics
 from zmav.cli.finding import Finding
 from zmav.cli.serialcheck import check_device
+from zmav.doctor.rules import loss_level
 from zmav.errors import BadInput
 from zmav.links import Link, LinkState, SerialLink, open_link
 from zmav.links.url import LossyUrl, SerialUrl, parse_url
 from zmav.mavlink import Packer, Splitter, decode, load_dialect
 from zmav.services.identity import AUTOPILOT_INVALID, NOT_AUTOPILOTS
 
-MAX_LOSS, MAX_BAD_CRC = 0.02, 0.01
+MAX_BAD_CRC = 0.01
 MENDING = "look at baud rate and cable, and at net.core.rmem_max"
 BAUD_SEARCH = 12.0
 """s that listening at one baud rate after the other may take"""
@@ -137,9 +138,12 @@ def _judge(link: Link, ear: Ear, state: LinkState, detail: str) -> Iterator[Find
         return
     (lost, came), bad, dropped = ear.lost(), counts.bad_crc, link.counters.rx_dropped
     found = f"{counts.bytes} bytes, {counts.frames} frames ({counts.unknown} unknown), {lost} lost, {bad} damaged"
-    well = lost <= MAX_LOSS * (came + lost) and bad <= MAX_BAD_CRC * (counts.frames + bad) and not dropped
     found += f", {dropped} dropped by the kernel" if dropped else ""
-    yield topics.TRAFFIC.well(found) if well else topics.TRAFFIC.wrong(found, MENDING)
+    level = loss_level(lost / (came + lost)) if lost else "ok"
+    if level == "bad" or bad > MAX_BAD_CRC * (counts.frames + bad) or dropped:
+        yield topics.TRAFFIC.wrong(found, MENDING)
+    else:
+        yield topics.TRAFFIC.well(found) if level == "ok" else topics.TRAFFIC.advise(found, MENDING)
     yield from _systems(ear)
 
 

@@ -11,8 +11,8 @@ from zmav import wire
 from zmav.cli import topics
 from zmav.cli.finding import Finding
 from zmav.cli.lookround import Seen
+from zmav.doctor.rules import loss_level
 
-FAIR_LOSS, POOR_LOSS = 0.05, 0.20
 FAIR_COST, POOR_COST = 3_000, 15_000
 """as ``zmav mesh graph`` colours them: 30 and 150 ms a kilobyte, one way"""
 STATES = ("up", "silent", "down")
@@ -53,8 +53,8 @@ class Way(msgspec.Struct, frozen=True):
         """0 good, 1 fair, 2 poor or worse."""
         if self.state == "down" or (self.state == "silent" and self.age is not None):
             return 2
-        loss, cost = self.loss or 0.0, self.cost or 0
-        poor, fair = loss >= POOR_LOSS or cost >= POOR_COST, loss >= FAIR_LOSS or cost >= FAIR_COST
+        loss, cost = loss_level(self.loss or 0.0), self.cost or 0
+        poor, fair = loss == "bad" or cost >= POOR_COST, loss == "warn" or cost >= FAIR_COST
         return 2 if poor else 1 if fair or self.state == "silent" else 0
 
     @property

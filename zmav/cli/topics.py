@@ -155,9 +155,10 @@ OPEN = Topic(
 TRAFFIC = Topic(
     "traffic", LINK,
     "what came while it was listened to",
-    "no byte, no MAVLink in the bytes, more than 2 % lost, more than 1 % damaged, or the kernel dropped datagrams",
+    "no byte, no MAVLink in the bytes, 20 % lost or more, more than 1 % damaged, or the kernel dropped datagrams",
     "baud rate, cable and ground; the autopilot's SERIALn_PROTOCOL 2 (ArduPilot), MAV_n_CONFIG (PX4); "
     "`sudo sysctl -w net.core.rmem_max=4194304`",
+    amber="5 % lost or more",
 )  # fmt: skip
 SYSTEM = Topic(
     "system", LINK,
@@ -295,7 +296,7 @@ FIRMWARE = Topic(
 AGENTS = Topic(
     "agents", FLEET,
     "programs that say their status, and in which state they are",
-    "one fell silent while we listened",
+    "one says that it failed, or fell silent while we listened",
     "`zmav agent logs NAME` (or its terminal) says why; start it anew",
 )  # fmt: skip
 DOCTOR = Topic(

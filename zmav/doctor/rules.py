@@ -14,13 +14,15 @@ from typing import Literal
 import msgspec
 
 from zmav import wire
-from zmav.doctor.facts import Facts
+from zmav.doctor.facts import AgentReport, Facts
 from zmav.doctor.words import clean, duration
 
 BATTERY_LOW, BATTERY_EMPTY = 0.25, 0.15
 SATELLITES, HDOP = 6, 2.5
 LINK_LOSS, LINK_POOR = 0.05, 0.20
-"""shares of the vehicle's frames lost on the link to its autopilot"""
+"""shares of what is sent that a link loses, between an autopilot and its companion or between two routers: see
+:func:`loss_level`
+"""
 RTT = 1.0
 """s of a query to the vehicle and back"""
 PART_OLD = 5.0
@@ -72,6 +74,16 @@ def reasons(facts: Facts) -> list[Reason]:
         if (rule.always or facts.presence == "ok") and (words := rule.says(facts))
     ]
     return sorted(found, key=lambda reason: -LEVELS.index(reason.level))
+
+
+def loss_level(share: float) -> Level:
+    """How bad it is that a link loses this share."""
+    return "bad" if share >= LINK_POOR else "warn" if share >= LINK_LOSS else "ok"
+
+
+def of_agent(agent: AgentReport) -> list[Reason]:
+    """What an agent's status alone tells."""
+    return reasons(Facts(name=agent.host, agents=(agent,)))
 
 
 # Is it there?
@@ -167,12 +179,12 @@ def _position_old(f: Facts) -> str | None:
 
 def _link_poor(f: Facts) -> str | None:
     loss = _loss(f)
-    return f"MAVLink loss {loss:.0%}" if loss is not None and loss >= LINK_POOR else None
+    return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == "bad" else None
 
 
 def _link_loss(f: Facts) -> str | None:
     loss = _loss(f)
-    return f"MAVLink loss {loss:.0%}" if loss is not None and LINK_LOSS <= loss < LINK_POOR else None
+    return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == "warn" else None
 
 
 def _loss(f: Facts) -> float | None:

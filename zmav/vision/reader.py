@@ -111,7 +111,10 @@ class Reader:
         return await camera_info(self._z, self._vehicle, self._camera, timeout)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        self._fleet = str(sample.key_expr).split("/")[1]
+        key = str(sample.key_expr)
+        if not keys.hears(f"{keys.ROOT}/{self._z.fleet_name}", key):
+            return
+        self._fleet = key.split("/")[1]
         whole = self.assembler.add(sample.payload.to_bytes(), time.monotonic())
         if whole is None:
             return

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, TypeVar
 
+from agents.planner import jit
 from agents.planner.errors import PlanError
 from agents.planner.live import jobs
 from agents.planner.plans import Plan
@@ -18,6 +19,10 @@ from zmav.errors import TimedOut, ZmavError, from_code
 from zmav.waiting import within
 
 T = TypeVar("T")
+ROOT = jit.PACKAGE.parents[1]
+"""where the process is started: in another folder Python might find other packages called agents, ours through a link
+among them, for which all kernels would be compiled again
+"""
 START_LIMIT = 600.0
 """s to load and to compile kernels on a machine that never did"""
 GRACE = 5.0
@@ -143,7 +148,7 @@ class Solver:
         start = time.monotonic()
         self._process = process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "agents.planner.live.worker", stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE, start_new_session=True, limit=2**24,
+            stdout=asyncio.subprocess.PIPE, start_new_session=True, limit=2**24, cwd=ROOT,
         )  # fmt: skip
         try:
             assert process.stdout is not None

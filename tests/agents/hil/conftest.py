@@ -52,7 +52,7 @@ def patience(monkeypatch: pytest.MonkeyPatch) -> None:
         (steps, "HOLD_SLACK", 10.0),
         (steps, "PILOT_S", 10.0),
         (checkflight, "SILENT_S", 15.0),
-        (checkflight, "MOST_LOSS", 0.5),
+        (checkflight, "LINK_LOSS", 0.5),
         (bench, "LEAST_SHARE", 0.05),
         (bench, "LEAST_SPEED", 0.1),
     ):

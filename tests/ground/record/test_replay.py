@@ -285,6 +285,42 @@ def test_a_folder_means_its_newest_session_and_so_does_a_pattern(recorded: Recor
         sources.open_all([tmp_path / "*.bin"])
 
 
+def labels(*paths: Path) -> list[str]:
+    return sorted(source.label for source in sources.open_all(paths))
+
+
+def test_the_newest_session_comes_first_whatever_it_has(recorded: Recorded, tmp_path: Path) -> None:
+    """One without an .mcap, too, and before what lies beside it; a folder of another name is no session."""
+    (tlog,) = recorded.session.glob("quad1.*.tlog")
+    for name in ("2026-11-21_10-00-00", "older", "z"):
+        shutil.copytree(recorded.session, tmp_path / name)
+    for number in ("", ".2", ".10"):
+        (tmp_path / f"2026-11-22_10-00-00{number}").mkdir()
+        shutil.copy(tlog, tmp_path / f"2026-11-22_10-00-00{number}" / tlog.name)
+    newest = str(tmp_path / "2026-11-22_10-00-00.10" / tlog.name)
+    assert labels(tmp_path) == [newest]
+    shutil.copy(tlog, tmp_path / "mine.tlog")
+    assert labels(tmp_path) == [newest]
+    assert labels(tmp_path / "z") == [str(tmp_path / "z" / "record.001.mcap")]
+    assert labels(tmp_path / "mine.tlog") == [str(tmp_path / "mine.tlog")]
+    assert labels(tmp_path / "*.mcap") == [str(tmp_path / "2026-11-21_10-00-00" / "record.001.mcap")]
+    assert labels(tmp_path / "m*.tlog") == [str(tmp_path / "mine.tlog")]
+
+
+def test_a_name_is_of_that_file_and_no_other(recorded: Recorded, tmp_path: Path) -> None:
+    shutil.copytree(recorded.session, tmp_path / "2026-11-21_10-00-00")
+    for name in ("record.001.mcap", "quad1.001.tlog"):
+        with pytest.raises(BadConfig, match=r"no \.mcap and no \.tlog there"):
+            sources.open_all([tmp_path / name])
+
+
+@pytest.mark.parametrize("name", ["**x", "a**b.mcap", "***", "x" * 300, "*" * 300 + "y"])
+def test_a_pattern_that_cannot_be_is_refused_in_words(name: str, tmp_path: Path) -> None:
+    with pytest.raises(BadConfig) as told:
+        sources.open_all([tmp_path / name])
+    assert told.value.detail["field"] == "file" and told.value.detail["value"] == str(tmp_path / name)
+
+
 async def test_a_state_says_that_it_is_a_recording(stage: Stage, tmp_path: Path) -> None:
     """... in its fleet's name, its field and its token; and what looks at the fleet says so."""
     said = wire.VehicleState(t=1.0, fleet="demo", name="quad1", instance="a", connected=True, sysid=1, armed=True)

@@ -167,18 +167,19 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
 async def test_who_is_taken_in_the_midst_of_orders_is_left_to_who_took_it(field: Field) -> None:
     """The others hold under the planner's own leases, which end as the goal does; his lease goes on."""
     names = ["quad1", "quad2"]
+    places = {name: field.me.vehicle(name).local for name in names}
     goal = await field.submit(swarm.Land(vehicles=names))
     entry = next(entry for entry in field.agent.ledger.goals if entry.id == goal)
     taken, other = (field.me.vehicle(name) for name in names)
     for vehicle in (taken, other):
         await vehicle.wait_until(lambda s: s.mode == "LAND", PATIENCE_S)
     async with taken.lease("boss", priority=50) as lease:
-        going = asyncio.create_task(taken.goto(pos=(*PLACES["quad1"], -6.0)))  # which ends the planner's landing
+        going = asyncio.create_task(taken.goto(pos=places["quad1"]))  # which ends the planner's landing
         state = await other.wait_until(lambda s: s.mode != "LAND" and s.lease is None, PATIENCE_S)
         assert (entry.state, state.lease_end and state.lease_end.reason) == ("failed", "released"), state.lease_end
         await going
         assert lease.lost is None
-    await other.goto(pos=(*PLACES["quad2"], -6.0))
+    await other.goto(pos=places["quad2"])
 
 
 async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field) -> None:

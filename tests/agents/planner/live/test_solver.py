@@ -6,6 +6,7 @@ import asyncio
 import io
 import os
 import signal
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -33,6 +34,21 @@ def scene(*goals: tuple[float, float, float]) -> Scene:
     ]
     wall = Box(min=(-10.0, 10.0, 0.0), max=(20.0, 14.0, 30.0))
     return Scene(vehicles=vehicles, obstacles=[wall], bounds=BOUNDS, downwash=1.5)
+
+
+async def test_it_is_the_planners_own_wherever_that_was_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python looks for what is run by '-m' in the folder it is started in first: nobody's 'agents' there is taken for
+    ours, and ours through a link there would have its kernels compiled again.
+    """
+    (tmp_path / "agents").mkdir()
+    (tmp_path / "agents" / "__init__.py").write_text("raise SystemExit('somebody else is called agents, too')")
+    monkeypatch.chdir(tmp_path)
+    said: list[str] = []
+    async with Solver(said.append) as solver:
+        await solver.until_ready(PATIENCE_S)
+    assert not [text for text in said if "ended" in text]
 
 
 async def test_it_plans_dies_and_plans_again() -> None:
