@@ -17,9 +17,8 @@ from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput
 from zmav.mavlink import Packer, load_dialect
-from zmav.services import demand as demand_module
 from zmav.services import rate as rate_module
-from zmav.services.demand import FASTEST, PLAIN_HZ
+from zmav.services.demand import PLAIN_HZ
 from zmav.services.rate import OWN
 from zmav.vehicle.rates import want_key
 
@@ -453,57 +452,3 @@ async def test_the_key_of_a_wish() -> None:
     ):  # fmt: skip
         with pytest.raises(BadInput):
             want_key(bad, hz)
-
-
-# Floods.
-
-
-async def test_who_comes_late_is_served_however_many_wishes_there_are(bench: StartBench, one: StreamPeer) -> None:
-    """A member that may read may wish: of each message the fastest wishes are remembered, and no others."""
-    b = await on(bench, one)
-    names = [name for name in load_dialect().by_name if name != "VFR_HUD"][:100]
-    flood = [token(b.ground, names[n % 100], 0.5 + n / 1000, f"flood-{n}") for n in range(2500)]
-    late = token(b.ground, "VFR_HUD", 20, "late-1")
-    await flows(one, "VFR_HUD", 20.0)
-    readers = b.vehicle.rates.demands.current()
-    assert sum(map(len, readers.values())) <= FASTEST * len(names) + 1
-    assert max(demand.hz for demand in readers[names[0]]) == 0.5 + 2.4, "the fastest is among them"
-    for held in (*flood, late):
-        held.undeclare()
-
-
-async def test_who_was_left_out_is_found_again_when_faster_readers_have_gone(
-    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(demand_module, "ASK_AGAIN", 0.4)
-    b = await on(bench, one)
-    slow = token(b.ground, "VFR_HUD", 7, "slow-1")
-    await flows(one, "VFR_HUD", 7.0)
-    fast = [token(b.ground, "VFR_HUD", 30, f"fast-{n}") for n in range(2 * FASTEST)]
-    await flows(one, "VFR_HUD", 30.0)
-    for held in fast:
-        held.undeclare()
-    await flows(one, "VFR_HUD", 7.0)
-    slow.undeclare()
-
-
-async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(
-    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each plan looks at all that is wanted, so not every wish may cause one."""
-    monkeypatch.setattr(demand_module, "QUIET", 3600.0)
-    b = await on(bench, one)
-    demands, told = b.vehicle.rates.demands, 0
-    plan = demands.on_change
-
-    def count() -> None:
-        nonlocal told
-        told += 1
-        plan()
-
-    demands.on_change = count
-    held = [token(b.ground, "VFR_HUD", n, f"flood-{n}") for n in range(1, 201)]
-    await flows(one, "VFR_HUD", 200.0)
-    assert told <= 1
-    for each in held:
-        each.undeclare()
