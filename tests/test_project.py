@@ -36,7 +36,7 @@ BELOW = {
 # The layers within zmav, lowest first. A unit imports from lower layers, and from those named beside it in its own.
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
-    {"errors": set(), "process": {"errors", "systemd"}, "waiting": set(), "systemd": set()},
+    {"errors": set(), "process": {"errors", "systemd"}, "waiting": set(), "systemd": set(), "present": set()},
     {
         "wire": set(),
         "keys": {"wire"},

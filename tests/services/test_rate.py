@@ -452,6 +452,3 @@ async def test_the_key_of_a_wish() -> None:
     ):  # fmt: skip
         with pytest.raises(BadInput):
             want_key(bad, hz)
-
-
-# Floods.

@@ -1,20 +1,20 @@
-# ruff: noqa: F811
-"""Of wishes for messages there may be thousands: the fastest count, and planning has its pace."""
+"""Wishes for messages by the thousand: the fastest of each are kept, and nobody is shut out."""
 
+# ruff: noqa: F811 (fixtures of another file)
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.services.rate_peer import StreamPeer
-from tests.services.test_rate import flows, on, one, quick, token  # noqa: F401  (two are fixtures)
+from tests.services.test_rate import flows, on, one, quick, token  # noqa: F401  (fixtures)
 from zmav.mavlink import load_dialect
 from zmav.services import demand as demand_module
 from zmav.services.demand import FASTEST
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench
+    from tests.services.rate_peer import StreamPeer
 
 
 async def test_who_comes_late_is_served_however_many_wishes_there_are(bench: StartBench, one: StreamPeer) -> None:
@@ -32,9 +32,7 @@ async def test_who_comes_late_is_served_however_many_wishes_there_are(bench: Sta
 
 
 async def test_who_was_left_out_is_found_again_when_faster_readers_have_gone(
-    bench: StartBench,
-    one: StreamPeer,
-    monkeypatch: pytest.MonkeyPatch,
+    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(demand_module, "ASK_AGAIN", 0.4)
     b = await on(bench, one)
@@ -49,9 +47,7 @@ async def test_who_was_left_out_is_found_again_when_faster_readers_have_gone(
 
 
 async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(
-    bench: StartBench,
-    one: StreamPeer,
-    monkeypatch: pytest.MonkeyPatch,
+    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each plan looks at all that is wanted, so not every wish may cause one."""
     monkeypatch.setattr(demand_module, "QUIET", 3600.0)
