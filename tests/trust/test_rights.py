@@ -12,7 +12,7 @@ from zmav.verbs import SWARM_VERBS, VERBS, Access
 
 CONFIGURES = {
     "command", "reboot", "param_set", "param_load", "file_put", "file_remove", "file_mkdir", "file_rmdir",
-    "file_rename", "log_erase", "revoke",
+    "file_rename", "log_erase", "revoke", "servo", "relay", "mission_upload", "mission_clear",
 }  # fmt: skip
 LOOKS = {"ping", "file_list", "file_crc", "log_list"}
 
