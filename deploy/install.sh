@@ -175,10 +175,11 @@ put_settings() {
 build() {
     local extras=$EXTRAS work each
     if [ -z "$extras" ] && [ -f "$OPT/current/extras" ]; then extras=$(cat "$OPT/current/extras"); fi
+    umask 022    # the service's user reads what is made here
     mkdir -p "$OPT"
     NEW=$OPT/env-$(date -u +%Y%m%dT%H%M%S)-$$
     say "making $NEW with $("$PYTHON" -V), versions as in requirements.lock (a minute or some)"
-    "$PYTHON" -m venv "$NEW" || fail "$PYTHON cannot make an environment: see above; or name another with --python"
+    "$PYTHON" -I -m venv "$NEW" || fail "$PYTHON cannot make an environment: see above; or name another with --python"
     # Built by the service's user, from a copy: what a build runs is not root's, and leaves nothing behind in the tree.
     work=$(mktemp -d "$OPT/.build-XXXXXX")
     WORK=$work
@@ -197,8 +198,8 @@ build() {
         as zmav "$work/env/bin/python" -m pip "${PIP[@]}" --require-hashes --only-binary :all: -r "$NEW/tools.txt" &&
         as zmav "$work/env/bin/python" -m pip --disable-pip-version-check --no-input --quiet wheel --no-cache-dir \
             --no-deps --no-build-isolation --wheel-dir "$work/made" "$work" &&
-        (umask 022; "$NEW/bin/python" -m pip "${PIP[@]}" --no-compile --no-deps --no-index "$work"/made/zmav-*.whl) &&
-        (umask 022; "$NEW/bin/python" -m pip "${PIP[@]}" --no-compile --require-hashes --only-binary :all: -r "$NEW/needed.txt") ||
+        "$NEW/bin/python" -I -m pip "${PIP[@]}" --no-compile --no-deps --no-index "$work"/made/zmav-*.whl &&
+        "$NEW/bin/python" -I -m pip "${PIP[@]}" --no-compile --require-hashes --only-binary :all: -r "$NEW/needed.txt" ||
         fail "pip could not install zmav: see above; it needs the network, and room in $OPT ($(df -Ph "$OPT" | awk 'END { print $4 }') are free)"
     rm -rf "$work" "$NEW/tools.txt"
     printf '%s' "$extras" >"$NEW/extras"
@@ -258,6 +259,8 @@ is_healthy() {
 switch() {
     local old=$1 was=inactive
     if booted && systemctl is-active --quiet "$VEHICLE"; then was=active; fi
+    # The build took a while.
+    if [ -z "$FORCE" ] && is_armed "$old"; then fail "$(setting ZMAV_NAME) was armed meanwhile: land it first (or say --force)"; fi
     trap '' HUP INT TERM    # from here to the end: a terminal that is lost leaves nothing half switched
     trap 'rm -rf "$SAVED"' EXIT
     put_units "$NEW"
@@ -270,7 +273,7 @@ switch() {
     say "starting $VEHICLE and watching it for $SETTLE s"
     if is_healthy "$NEW"; then
         # Of an earlier upgrade that was cut short, too.
-        find "$OPT" -mindepth 1 -maxdepth 1 -name 'env-*' ! -path "$NEW" -exec rm -rf {} +
+        find "$OPT" -mindepth 1 -maxdepth 1 \( -name 'env-*' -o -name '.build-*' \) ! -path "$NEW" -exec rm -rf {} +
         if [ -n "$old" ] && [ "$was" = inactive ]; then systemctl stop "$VEHICLE"; say "stopped again, as it was"; fi
         systemctl try-restart 'zmav-agent@*.service'
         return

@@ -91,7 +91,8 @@ class Router:
             session = self._session = await asyncio.to_thread(open_session, self.bearers.session(self._settings))
             stack.push_async_callback(asyncio.to_thread, _close, session)
             for path in sockets:
-                path.chmod(0o660)  # who may enter the folder may use it
+                if path.exists():  # where Zenoh tries listeners again it may come later, for its owner alone
+                    path.chmod(0o660)  # who may enter the folder may use it
             for part in self._parts:
                 entered = await stack.enter_async_context(part(session, self.plan))
                 self.running.append(entered)

@@ -269,6 +269,21 @@ async def test_a_later_order_is_not_overruled() -> None:
         assert s.vehicles[0].verbs == ["hold"]
 
 
+async def test_a_lease_that_our_own_hold_has_ended_is_nobodys_later_word() -> None:
+    """Its end is told after the hold was done: each returns all the same."""
+    async with scene("planning") as s:
+        task = asyncio.create_task(s.order.run())
+        await asyncio.gather(s.planner.told("submit"), *(vehicle.ordered("hold") for vehicle in s.vehicles))
+        s.vehicles[0].state.lease_end = wire.LeaseEnd(
+            t=time.time() + 1.0, number=3, holder="boss", reason="revoked", text="lease of boss revoked"
+        )  # fmt: skip
+        await asyncio.wait_for(_until(lambda: bool(s.order._vehicles[0].state.lease_end)), PATIENCE_S)
+        s.planner.entry = "failed"
+        told = await asyncio.wait_for(task, PATIENCE_S)
+        assert [each.status for each in told] == ["done", "done"]
+        assert s.vehicles[0].verbs == ["hold", "rtl"]
+
+
 async def test_who_cancels_the_return_is_obeyed() -> None:
     async with scene("flying") as s:
         task = asyncio.create_task(s.order.run())

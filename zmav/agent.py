@@ -36,7 +36,7 @@ from zmav.services.orders import Guarded, Orders
 from zmav.services.port import on_loop
 from zmav.services.proven import Answers
 from zmav.services.questions import Questions, Reply
-from zmav.trust.gate import Gate, Origin, anybody
+from zmav.trust.gate import Origin, anybody
 from zmav.verbs import Access, Verb
 from zmav.waiting import within
 
@@ -105,7 +105,7 @@ class Agent:
         table = {**TUNING, **self.verbs}
         answers = Answers(z.member.signer if z.member else None)
         self._questions = Questions(z.session, answers)
-        self._gate = Gate(z.member.credentials) if z.member else None
+        self._gate = z.member.make_gate() if z.member else None
         self._orders = Orders(
             z.session, self.vehicle.fleet, vehicle, self._gate.check if self._gate else anybody,
             answers, keys.AGENT_DO, table, parts={"agent": self.name}, questions=self._questions,

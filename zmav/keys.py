@@ -123,7 +123,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "msg", "{fleet}/{vehicle}/msg/{msg}", "query", wire.LastMessage, Qos.MUST_ARRIVE,
-            "the last such message, decoded, with its age", (ANYONE,),
+            "the last such message, decoded, with its age", (ANYONE,), answerers=(VEHICLE,),
         ),
         Channel(
             "do", "{fleet}/{vehicle}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
@@ -137,7 +137,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "body", "{fleet}/{vehicle}/body", "query", wire.swarm.BodyReport, Qos.MUST_ARRIVE,
-            "how much room the vehicle needs and what it can do, for planners", (ANYONE,),
+            "how much room the vehicle needs and what it can do, for planners", (ANYONE,), answerers=(VEHICLE,),
         ),
         Channel(
             "beacon", "{fleet}/{vehicle}/beacon", "pub", wire.swarm.Beacon, Qos.LATEST_WINS,

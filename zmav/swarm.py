@@ -79,8 +79,10 @@ class FleetOrder:
         self._progress = progress
         self.told = {(v.fleet, v.name): Told(vehicle=v.name, fleet=v.fleet) for v in vehicles}
         self.notes: list[str] = []
-        self._held: dict[str, float] = {}
+        self._held: dict[tuple[str, str], float] = {}
         """when each was told to hold and did, by its own clock: what takes it later is somebody's later order"""
+        self._planners: dict[str, str] = {}
+        """by fleet: who was asked"""
         self._dropping: asyncio.Task[None] | None = None
 
     async def run(self) -> list[Told]:
@@ -173,21 +175,23 @@ class FleetOrder:
             self._note(f"{vehicle.name} was told to hold until it is brought home, and did not: {e.message}")
         else:
             state = vehicle.last_state
-            self._held[vehicle.name] = state.t if state else time.time()
+            self._held[vehicle.fleet, vehicle.name] = state.t if state else time.time()
 
     def _taken(self, vehicle: Vehicle) -> bool:
         """Somebody has ordered otherwise while the planner had it: that is the later word, and is not overruled."""
-        state, held = vehicle.last_state, self._held.get(vehicle.name)
+        state, held = vehicle.last_state, self._held.get((vehicle.fleet, vehicle.name))
         end = state.lease_end if state is not None else None
         if held is None or end is None or end.t <= held or end.reason not in TAKEN:
             return False
+        if end.holder != self._planners.get(vehicle.fleet):
+            return False  # another's lease, which our own hold has ended
         self._end(vehicle, "failed", f"not brought home: {end.text}", error="refused")
         return True
 
     async def _return_planned(self, vehicles: list[Vehicle], stops: Sequence[asyncio.Task[None]]) -> None:
         """Raises :class:`ZmavError` where nobody flies it in time or to its end; who has landed by then is told of."""
         fleet, names = vehicles[0].fleet, [vehicle.name for vehicle in vehicles]
-        planner = await self._planner(fleet)
+        planner = self._planners[fleet] = await self._planner(fleet)
         key = keys.FLEET.key(fleet, topic="goal")
         async with self._z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.Book, key)) as books:
             submit = swarm.Submit(goal=swarm.Return(vehicles=names), id=uuid.uuid4().hex)
@@ -197,7 +201,7 @@ class FleetOrder:
             begun = False
             while True:
                 silent = heard + (SILENCE if state else BEGIN)
-                until = min(silent, began + PLAN) if state in ("queued", "planning") and not begun else silent
+                until = min(silent, began + PLAN) if state and not begun else silent
                 try:
                     book = await within(until - time.monotonic(), books.get())
                 except asyncio.TimeoutError:

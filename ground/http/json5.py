@@ -6,6 +6,7 @@ https://spec.json5.org
 
 from __future__ import annotations
 
+import collections
 import json
 import re
 from typing import Any
@@ -52,8 +53,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """What others may have read is what is sent: no name twice."""
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{next(name for name in names if names.count(name) > 1)} is given twice")
+        raise ValueError(f"{collections.Counter(name for name, _ in pairs).most_common(1)[0][0]} is given twice")
     return found
 
 

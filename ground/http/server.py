@@ -46,10 +46,11 @@ class _Protocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._wait_for_next()
-        idle = [each for each in self.connections if isinstance(each, _Protocol) and each._is_idle()]
+        others = (each for each in self.connections if isinstance(each, _Protocol) and each is not self)
+        idle = [each for each in others if each._is_idle()]
         mine = [each for each in idle if each.client and self.client and each.client[0] == self.client[0]]
         for those, most in ((mine, IDLE_EACH), (idle, IDLE)):
-            if len(those) > most:
+            if len(those) >= most:
                 min(those, key=lambda each: (each._admitted, each._since)).transport.close()
                 return
 

@@ -114,6 +114,8 @@ def test_nobody_without_a_say_voids_proofs(desk: Desk) -> None:
     forged = bytearray(desk.proof(op, now=desk.utc + HOUR))
     forged[40] ^= 1
     desk.reason(bytes(forged))
+    other = desk.authority.member("quad2", "vehicle")  # relays, and orders nothing of us
+    desk.reason(desk.proof(other, LANDING, now=desk.utc + HOUR), LANDING)
     assert desk.gate.epoch == epoch
 
 

@@ -104,3 +104,13 @@ def test_tokens_say_what_their_giver_is(role: Role) -> None:
         else:
             with pytest.raises(Forbidden):
                 may(role, "x1", keys.ALIVE, parts)
+
+
+def test_a_gate_of_a_members_program_hears_who_is_turned_out(authority: Authority) -> None:
+    """A planner's, or another agent's: it runs on while the fleet turns somebody out."""
+    member = Member(authority.member("plan", "planner"))
+    out = authority.member("out", "operator")
+    gate = member.make_gate()
+    authority.revoked = [out.certificate.fingerprint.hex()]
+    member.take_roster(authority.roster())
+    assert gate.roster.is_revoked(out.certificate.fingerprint)

@@ -185,7 +185,8 @@ class Px4(Autopilot):
         """OFFBOARD is accepted while disarmed, and arming then refused until the mode changes. In MISSION and TAKEOFF
         it takes off as soon as it is armed: a mission flown to its end leaves the mode at MISSION.
         """
-        return "HOLD" if mode in ("OFFBOARD", "LAND", "RTL", "PRECLAND", "MISSION", "TAKEOFF") else None
+        unnamed = mode is not None and mode.startswith("MODE_4/")  # of its own doing: a VTOL's takeoff is one
+        return "HOLD" if unnamed or mode in ("OFFBOARD", "LAND", "RTL", "PRECLAND", "MISSION", "TAKEOFF") else None
 
     arming_needs = (_NO_GROUND_STATION,)
 

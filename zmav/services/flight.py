@@ -321,6 +321,8 @@ class Flight:
                 name, fields = await self._do.next(
                     inbox, deadline, f"not home {RETURN_TIMEOUT / 60:.0f} minutes after {mode}"
                 )
+                if not self._identity.armed:
+                    return {}
                 if name == "HEARTBEAT":
                     self._do.check_mode(mode)
                 elif name == "GLOBAL_POSITION_INT":

@@ -29,7 +29,7 @@ class Intake:
     def __init__(
         self, declare: Callable[..., Any], key: str, take: Callable[[list[Any]], object], most: int
     ) -> None:  # fmt: skip
-        self._take, self._closed = take, threading.Event()
+        self._take, self._most, self._closed = take, most, threading.Event()
         self._declared = declare(key, RingChannel(most))
         threading.Thread(target=self._run, name=f"intake {key}", daemon=True).start()
 
@@ -43,7 +43,7 @@ class Intake:
         with contextlib.suppress(zenoh.ZError):  # undeclared
             while not self._closed.is_set():
                 batch = [ring.recv()]
-                while (more := ring.try_recv()) is not None:
+                while len(batch) < self._most and (more := ring.try_recv()) is not None:
                     batch.append(more)
                 try:
                     self._take(batch)

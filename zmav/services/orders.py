@@ -13,12 +13,12 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Forbidden, Refused, ZmavError
+from zmav.errors import BadInput, Refused, ZmavError
 from zmav.services.intake import Intake
 from zmav.services.port import on_loop
 from zmav.services.proven import Answers, attached
@@ -32,7 +32,9 @@ MOST_KEPT, MOST_IDS = 1000, 10_000
 """finished orders whose outcome is kept, and ids of older ones: those are not done again either"""
 MOST_WAITING = 256
 """orders that have come and were not looked at yet, but for those that make it safe"""
-MOST_LOOKING = 8
+MOST_URGENT = 256
+"""and of those that do: all of them are proven"""
+MOST_LOOKING = 4
 """orders under way of one member that a viewer may give, too"""
 MOST_BYTES = 4_000_000
 """of an order: a mission of 15,000 items"""
@@ -43,6 +45,15 @@ Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
 Guarded = Callable[[Any, Report, "Origin | None"], Awaitable[dict[str, Any]]]
 """is told who asks, too, where that is proven"""
+
+
+class Given(NamedTuple):
+    """An order as it came, and who gives it."""
+
+    query: zenoh.Query
+    key: str
+    payload: bytes
+    origin: Origin | None
 
 
 @dataclass
@@ -152,7 +163,7 @@ class Orders:
         self._operations = Operations()
         self._answers: set[asyncio.Task[None]] = set()
         self._intake: Intake | None = None
-        self._urgent, self._waiting = collections.deque[zenoh.Query](), collections.deque[zenoh.Query]()
+        self._urgent, self._waiting = collections.deque[Given](), collections.deque[Given]()
         """that have come and were not looked at yet: those that make it safe, and others"""
         self._closed = False
 
@@ -167,17 +178,18 @@ class Orders:
 
         def sort(queries: list[zenoh.Query]) -> None:
             for query in queries:
-                verb = self._known.get(str(query.key_expr).rpartition("/")[2])
-                if verb is not None and self._only_looks(verb.name):
+                asked = str(query.key_expr)
+                verb = self._known.get(asked.rpartition("/")[2])
+                if self._closed or "*" in asked:
+                    query.drop()  # somebody looks around with a wildcard: that is no order
+                elif verb is not None and self._only_looks(verb.name):
                     self._questions.put(lane, query)
-                    continue
-                if verb is not None and verb.access is Access.OPEN:
-                    self._urgent.append(query)
-                elif len(self._waiting) < MOST_WAITING:
-                    self._waiting.append(query)
-                else:
-                    continue  # it is asked again, as any order is that gets no answer
-                wake()
+                elif (order := self._proven(query, asked)) is not None:
+                    urgent = verb is not None and verb.access is Access.OPEN
+                    line, most = (self._urgent, MOST_URGENT) if urgent else (self._waiting, MOST_WAITING)
+                    if len(line) < most:  # else it is asked again, as any order is that gets no answer
+                        line.append(order)
+                        wake()
 
         self._intake = Intake(self._session.declare_queryable, key, sort, MOST_WAITING)
 
@@ -198,6 +210,20 @@ class Orders:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
 
+    def _proven(self, query: zenoh.Query, asked: str) -> Given | None:
+        """An order and who gives it; None: refused. On the intake's thread, so that no flood reaches the event loop."""
+        size = 0 if query.payload is None else len(query.payload)
+        try:
+            if size > self._most:
+                text = f"{size} bytes are too much for an order; at most {self._most} are read"
+                raise BadInput(text, field="payload", value=size, expected=f"at most {self._most} bytes")
+            payload = query.payload.to_bytes() if query.payload else b""
+            return Given(query, asked, payload, self._prove(asked, payload, attached(query)))
+        except ZmavError as e:
+            with query:
+                self._answering.refuse(query, e)
+            return None
+
     def _next(self) -> None:
         self._accept((self._urgent or self._waiting).popleft())
 
@@ -207,19 +233,12 @@ class Orders:
         origin = self._prove(asked, payload, attached(query))
         yield asyncio.run_coroutine_threadsafe(self._answer(query, asked.rpartition("/")[2], payload, origin), loop)
 
-    def _accept(self, query: zenoh.Query) -> None:
-        asked = str(query.key_expr)
-        if self._closed or "*" in asked:
-            query.drop()  # somebody looks around with a wildcard: that is no order
+    def _accept(self, order: Given) -> None:
+        if self._closed:
+            order.query.drop()
             return
-        payload = query.payload.to_bytes() if query.payload else b""
-        try:
-            origin = self._prove(asked, payload, attached(query))
-        except Forbidden as e:
-            with query:
-                self._answering.refuse(query, e)
-            return
-        answer = asyncio.get_running_loop().create_task(self._answer(query, asked.rpartition("/")[2], payload, origin))
+        verb = order.key.rpartition("/")[2]
+        answer = asyncio.get_running_loop().create_task(self._answer(order.query, verb, order.payload, order.origin))
         self._answers.add(answer)
         answer.add_done_callback(self._answers.discard)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +26,7 @@ from zmav.services.intake import Intake
 from zmav.services.proven import Answers, attached
 from zmav.trust.gate import Prove, anybody
 
+log = logging.getLogger(__name__)
 MOST = 32
 """questions of one channel that wait"""
 GIVEN_UP = 2.0
@@ -36,6 +38,8 @@ SHARE, CREDIT = 0.25, 0.05
 PENDING = 8
 """questions of one channel whose answer something else is to bring: the autopilot, the event loop"""
 
+LARGEST = 65_536
+"""bytes of a question; orders that a viewer may give are among them"""
 ENDING = 1.0
 """s that its thread may take to end, where it speaks to who does not read"""
 
@@ -117,6 +121,9 @@ class Questions:
         now, dropped = time.monotonic(), list[_Question]()
         with self._news:
             for query in queries:
+                if query.payload is not None and len(query.payload) > LARGEST:
+                    dropped.append(_Question(query, now))
+                    continue
                 if len(channel.waiting) >= MOST:
                     dropped.append(channel.waiting.popleft())
                 channel.waiting.append(_Question(query, now))
@@ -149,6 +156,9 @@ class Questions:
             try:
                 self._serve(*turn)
             except zenoh.ZError:  # who asked is gone, or the session is closed
+                _end(turn[1])
+            except Exception:  # the others are answered nevertheless
+                log.exception("a question was not answered")
                 _end(turn[1])
             self._pay(time.thread_time() - began)
 
@@ -237,5 +247,5 @@ class Questions:
 
 
 def _end(question: _Question) -> None:
-    with contextlib.suppress(zenoh.ZError, ValueError):  # it was ended already, or its asker is gone
+    with contextlib.suppress(zenoh.ZError, ValueError, RuntimeError):  # ended already or just now, or its asker is gone
         question.query.drop()

@@ -39,7 +39,7 @@ class StateService:
 
     def start(self) -> None:
         self._last_told = wire.encode(self.build())
-        self._questions.declare(self._key, self._answer)
+        self._questions.declare(self._key, self._answer, admit=anybody)  # it is published, too
         if self._signer is not None:
             key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
             introduction = Reply(key, der, keys.CERTIFICATE.encoding)

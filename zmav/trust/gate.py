@@ -147,6 +147,7 @@ class Gate(Verifier):
                 with contextlib.suppress(Forbidden):
                     certificate = self.certificate_of(found)
                     self.check_signature(found, certificate, key, payload)
+                    may(certificate.role, certificate.name, channel, keys.match(key)[1], self._given)
                     if certificate.role is not Role.VIEWER:  # who moves nothing voids nobody's proofs
                         self.epoch = os.urandom(proof.ANSWERS)  # or it would be good when its time comes
             raise

@@ -12,7 +12,7 @@ from zmav import keys
 from zmav.errors import BadInput, BadKey, Forbidden
 from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials
-from zmav.trust.gate import EPOCH
+from zmav.trust.gate import EPOCH, Gate
 from zmav.trust.proof import ANSWERS, NONCE, NOTHING, WINDOW, Signer, challenge
 from zmav.trust.rights import acts_as, may
 from zmav.trust.roster import read_signed
@@ -48,6 +48,7 @@ class Member:
     def __init__(self, credentials: Credentials, monotonic: Callable[[], float] = time.monotonic) -> None:
         self.credentials, self._monotonic = credentials, monotonic
         self.verifier, self.signer = Verifier.of(credentials, GRACE), Signer(credentials)
+        self._made: list[Gate] = []
         self._gates: dict[Place, bytes] = {}
         self._others: dict[tuple[Place, str], bytes] = {}
         """of channels on which somebody else answers than the vehicle's agent: it has a gate of its own"""
@@ -113,8 +114,11 @@ class Member:
         if error.detail.get("reason") == "unsigned" and not self._questions:
             self._questions = True
             return True
-        channel, parts = keys.match(key)
-        place, reason = (parts["fleet"], parts["vehicle"]), error.detail.get("reason")
+        try:
+            channel, parts = keys.match(key)
+        except BadKey:
+            return False
+        place, reason = (parts["fleet"], parts.get("vehicle", _FLEET)), error.detail.get("reason")
         if reason == EPOCH and (gate := _gate(error.detail.get("gate"))):
             with self._lock:
                 self._others[place, channel.name] = gate
@@ -127,6 +131,11 @@ class Member:
         else:
             return False
         return True
+
+    def make_gate(self) -> Gate:
+        """One for orders to a program of ours: it hears of who is turned out as we do."""
+        self._made.append(gate := Gate(self.credentials))
+        return gate
 
     def check_role(self, key: str, given: Collection[str] = ()) -> None:
         """Raise :class:`Forbidden` where our own role may not use that key: the routers between drop it in silence.
@@ -223,7 +232,9 @@ class Member:
             return
         try:
             signed = read_signed(data)
-            self.verifier.roster = signed.open(self.verifier.authority, self.verifier.fleet)
+            roster = signed.open(self.verifier.authority, self.verifier.fleet)
+            for verifier in (self.verifier, *self._made):
+                verifier.roster = roster
         except BadInput:
             self.counts["roster"] += 1
 

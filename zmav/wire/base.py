@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import json
 import re
@@ -60,7 +61,7 @@ def refuse_repeated(data: bytes, what: str) -> None:
     def look(pairs: list[tuple[str, Any]]) -> None:
         names = [name for name, _ in pairs]
         if len(set(names)) < len(names):
-            field = next(name for name in names if names.count(name) > 1)
+            field = collections.Counter(names).most_common(1)[0][0]
             raise BadInput(f"{what}: {field} is given twice", field=field, value=_clip(data), expected="one value")
 
     with contextlib.suppress(ValueError, RecursionError):

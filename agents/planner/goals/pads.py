@@ -151,7 +151,7 @@ def home(views: Sequence[VehicleView], downwash: float = 1.0) -> list[Step]:
     Planes circle above their homes, at heights of their own; rovers drive there. Raises :class:`Refused` for a vehicle
     whose home is not known.
     """
-    lost = [view.name for view in views if view.home_ned is None and view.flies]
+    lost = [view.name for view in views if view.home_ned is None and (view.flies or view.armed)]
     if lost:
         raise Refused(f"the home of {', '.join(lost)} is not known", vehicles=lost)
     steps: list[Step] = []

@@ -15,8 +15,7 @@ from zmav.errors import Refused, ZmavError
 from zmav.services.orders import Guarded, Orders, Report
 from zmav.services.proven import Answers
 from zmav.trust.credentials import Credentials
-from zmav.trust.gate import Gate, Origin, anybody
-from zmav.trust.proof import Signer
+from zmav.trust.gate import Origin, anybody
 from zmav.verbs import SWARM_VERBS, Access
 from zmav.wire import swarm
 
@@ -35,10 +34,11 @@ class Desk:
         self._agent = agent
         self._previews = 0
         settings = agent.settings
-        self.gate = Gate(credentials) if credentials else None
+        member = agent.z.member
+        self.gate = member.make_gate() if member else None
         self.orders = Orders(
             agent.z.session, settings.fleet, settings.name, self.gate.check if self.gate else anybody,
-            Answers(Signer(credentials) if credentials else None), keys.SWARM, SWARM_VERBS, most=MOST_BYTES,
+            Answers(member.signer if member else None), keys.SWARM, SWARM_VERBS, most=MOST_BYTES,
         )  # fmt: skip
         if self.gate is not None:
             self.gate.on_refused = lambda error: agent.say_from_thread("refused", "warning", f"refused: {error}")
