@@ -154,7 +154,7 @@ class Verifier:
 
     def read(self, attachment: bytes | None, *, fresh: bool = True) -> proof.Proof:
         """The proof in an attachment; raises :class:`Forbidden` where there is none, or where its time is wrong."""
-        if attachment is None:
+        if attachment is None or len(attachment) == proof.NONCE:  # a challenge alone: who asks has credentials
             raise Forbidden("it carries no proof of origin: open the session with --credentials", reason="unsigned")
         found = proof.read(attachment)
         if fresh:
