@@ -13,9 +13,11 @@ import logging
 import socket
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import Protocol, runtime_checkable
 
+import msgspec
 import zenoh
 
 from mesh.bearer.bearers import Bearers
@@ -28,7 +30,7 @@ from mesh.presence import say_name
 from mesh.quality import link_qualities
 from mesh.radiowatch import watch_radios
 from zmav.errors import SessionError
-from zmav.rundir import path_of
+from zmav.rundir import is_held, path_of
 from zmav.session import SessionSettings, open_session
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
@@ -85,10 +87,8 @@ class Router:
             _check_free(self.plan)
         async with contextlib.AsyncExitStack() as stack:
             await stack.enter_async_context(self.bearers)
-            sockets = [path for each in self.plan.listens if (path := path_of(each)) is not None]
-            for path in sockets:
-                path.parent.mkdir(mode=0o750, exist_ok=True)
-            session = self._session = await asyncio.to_thread(open_session, self.bearers.session(self._settings))
+            settings, sockets = _with_sockets(self.plan, self.bearers.session(self._settings))
+            session = self._session = await asyncio.to_thread(open_session, settings)
             stack.push_async_callback(asyncio.to_thread, _close, session)
             for path in sockets:
                 if path.exists():  # where Zenoh tries listeners again it may come later, for its owner alone
@@ -120,6 +120,22 @@ def _close(session: zenoh.Session) -> None:
     thread = threading.Thread(target=close, name="close", daemon=True)
     thread.start()
     thread.join(CLOSING_S)
+
+
+def _with_sockets(plan: RouterPlan, settings: SessionSettings) -> tuple[SessionSettings, list[Path]]:
+    """Make the folders of the unix sockets that it listens on; without those that another process holds: what flies
+    something does not stay away for the sake of a second router's door.
+    """
+    sockets = [(each, path) for each in plan.listens if (path := path_of(each)) is not None]
+    held = [each for each, path in sockets if is_held(path)]
+    for each in held:
+        log.warning("%s is another router's: programs of this computer come in by TCP", each)
+    if held:
+        listen = [each for each in plan.listens if each not in held]
+        settings = msgspec.structs.replace(settings, values={**settings.values, "listen/endpoints": listen})
+    for _, path in sockets:
+        path.parent.mkdir(mode=0o750, exist_ok=True)
+    return settings, [path for each, path in sockets if each not in held]
 
 
 def _check_free(plan: RouterPlan) -> None:

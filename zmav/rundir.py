@@ -6,6 +6,7 @@ loopback, open to every program of the computer, gets less (:mod:`mesh.credentia
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,6 +32,18 @@ def sockets_to_call(port: int) -> list[str]:
     """The endpoints of that router's sockets which are there and which we may use."""
     paths = (_path(folder, port) for folder in _folders())
     return [f"{PROTOCOL}/{path}" for path in paths if os.access(path, os.R_OK | os.W_OK)]
+
+
+def is_held(path: Path) -> bool:
+    """Another process listens there: Zenoh locks a file beside the socket."""
+    try:
+        with path.with_name(f"{path.name}.lock").open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
 
 
 def path_of(endpoint: str) -> Path | None:

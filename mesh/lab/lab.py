@@ -35,6 +35,7 @@ from mesh.lab.mobility import Mobility
 from mesh.lab.network import LabError, Network, exit_of
 from mesh.lab.programs import Program
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
+from zmav import rundir
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
 from zmav.trust.certificate import Role
@@ -173,6 +174,7 @@ class Lab:
             "ZMAV_FLEET": self.fleet,
             "ZMAV_CREDENTIALS": str(self.credentials(host)) if host is not None and has else "",
             "XDG_CACHE_HOME": str(self.directory / "cache"),
+            rundir.VARIABLE: os.devnull,  # hosts share the file system, and a unix socket would be everybody's
         }
 
     # ---- its programs

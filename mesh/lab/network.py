@@ -32,6 +32,7 @@ from mesh.lab.channel import Conditions, Counters
 from mesh.lab.scenario import Scenario, check
 from mesh.lab.values import Ask, ask_from, conditions
 from mesh.lab.wiring import Edge, Wiring, wire
+from zmav import rundir
 from zmav.errors import BadConfig, ZmavError
 
 T = TypeVar("T")
@@ -172,7 +173,9 @@ class Network:
 
     def popen(self, host: str | None, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """Start a program in the host's namespace (None: in ours) that ends with the lab; ``options`` are Popen's."""
-        options = {"stdin": subprocess.DEVNULL, "start_new_session": True, **options}
+        # Hosts share the file system: a unix socket of one host's router is not there for the others.
+        env = {**(options.pop("env", None) or os.environ), rundir.VARIABLE: os.devnull}
+        options = {"stdin": subprocess.DEVNULL, "start_new_session": True, "env": env, **options}
 
         def start() -> subprocess.Popen[Any]:
             with _opened(Path(f"/proc/{self.pid}/ns/pid")) as processes:

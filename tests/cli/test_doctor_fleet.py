@@ -311,6 +311,7 @@ def liars(fleet: Fleet) -> None:
 def credentials(fleet: Fleet, tmp_path: Path) -> None:
     """Ours end soon, and the fleet runs without any."""
     authority = Authority.create(tmp_path / "ca", "alpha")
+    authority.issue("quad1", Role.VEHICLE)
     folder = authority.issue("ops", Role.OPERATOR, days=10)
     found = fleet.red("--credentials", str(folder))
     assert "soon" in found["credentials"]["found"]

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 
 from tests.docs.commands import ROOT
+from zmav import rundir
 
 PATIENCE_S = 90.0
 """how long a command may take, or a program to say that it is ready"""
@@ -121,6 +122,7 @@ class Stage:
         self.network = Network()
         self.programs: list[Program] = []
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
+        self.environment[rundir.VARIABLE] = os.devnull  # namespaces share the file system
         path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
         self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")
         self.environment |= {

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from typing import Any
 
 import zenoh
@@ -18,6 +21,8 @@ from zmav.trust.proof import ANSWERS, NOTHING, Signer
 
 FRESH = 3.0
 """seconds after which a message no longer counts for readiness"""
+ANSWERED_ANEW = 0.02
+"""s that a state which was built for one question is good for others: a flood of them costs fifty a second"""
 
 
 class StateService:
@@ -35,11 +40,13 @@ class StateService:
         """what the autopilot's own report of its checks has against arming now"""
         self._key = keys.STATE.key(port.fleet, port.name)
         self._publisher = session.declare_publisher(self._key, **keys.STATE.publishing())
-        self._last_told = b""
+        self._last, self._last_at = b"", -math.inf
 
     def start(self) -> None:
-        self._last_told = wire.encode(self.build())
-        self._questions.declare(self._key, self._answer, admit=anybody)  # it is published, too
+        loop = asyncio.get_running_loop()
+        self._questions.declare(
+            self._key, lambda query: self._answer(query, loop), admit=anybody
+        )  # it is published, too
         if self._signer is not None:
             key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
             introduction = Reply(key, der, keys.CERTIFICATE.encoding)
@@ -49,14 +56,20 @@ class StateService:
         self._publisher.undeclare()
 
     def publish(self) -> None:
-        self._last_told = data = wire.encode(self.build())
+        data = self._encode()
         self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
 
-    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
-        """What was published last: that is never old. With a challenge of 8 bytes, the answer is proven to be of now,
-        and introduces who gives it.
-        """
-        data, proof = self._last_told, None
+    def _encode(self) -> bytes:
+        self._last, self._last_at = wire.encode(self.build()), time.monotonic()
+        return self._last
+
+    async def _now(self) -> bytes:
+        return self._last if time.monotonic() - self._last_at < ANSWERED_ANEW else self._encode()
+
+    def _answer(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:
+        """As it is now. With a challenge of 8 bytes, the answer is proven to be of now, and introduces who gives it."""
+        yield (told := asyncio.run_coroutine_threadsafe(self._now(), loop))
+        data, proof = told.result(), None
         if self._signer is not None:
             asked = query.payload.to_bytes() if query.payload else b""
             answers = asked if len(asked) == ANSWERS else NOTHING

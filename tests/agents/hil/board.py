@@ -34,7 +34,7 @@ class Px4Board:
         self._udp.bind(("127.0.0.1", 0))
         self._udp.settimeout(0.05)
         port = self._udp.getsockname()[1]
-        endpoints, params = (f"onboard:0:{port}",), {"SYS_HITL": float(hitl), **params}
+        endpoints, params = (f"udp:127.0.0.1:{port}",), {"SYS_HITL": float(hitl), **params}
         spec = VehicleSpec(autopilot="px4", endpoints=endpoints, params=params)
         self.world = World([spec], home=home, speed=speed)
         self._in_hil = hitl == 1

@@ -65,7 +65,7 @@ def test_a_program_reads_everything_and_answers_for_nobody_else(fleet: Fleet) ->
     program.liveliness().declare_token(token)
     reached(home.session, "zmav/alpha/quad2/state")
     home.session.put("zmav/alpha/quad2/state", b"", congestion_control=BLOCK)
-    (reply,) = program.get("zmav/alpha/quad2/do/ping", timeout=20.0)
+    (reply,) = fleet.open(None, door.local).get("zmav/alpha/quad2/do/ping", timeout=20.0)
     assert reply.ok is not None
     assert reply.ok.payload.to_bytes() == b"home"
     every: dict[str, Any] = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
@@ -99,6 +99,19 @@ async def test_the_sockets_owner_and_group_alone_use_it(fleet: Fleet, monkeypatc
         with open_session(SessionSettings()) as session:  # nothing is at the usual port of TCP
             assert [str(zid) for zid in session.info.routers_zid()]
     assert sockets_to_call(port) == []
+
+
+async def test_a_socket_that_another_router_holds_keeps_none_from_starting(fleet: Fleet) -> None:
+    fleet.issue(ops=Role.OPERATOR)
+    port = free_port(socket.SOCK_STREAM)
+    endpoint = socket_to_listen(port)
+    assert endpoint is not None
+    fleet.open(None, mode="router", listen=[endpoint])
+    file = FleetConfig(fleet="alpha", stations={"ops": StationConfig(listen=[f"tcp/127.0.0.1:{port}"])})
+    base = SessionSettings(credentials=str(fleet.members["ops"]))
+    async with Router(plan_router(file, "ops", base), base, parts=()):
+        with open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{port}"])) as session:
+            assert [str(zid) for zid in session.info.routers_zid()]
 
 
 def test_without_credentials_there_is_none() -> None:
