@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from zmav import keys
-from zmav.errors import Forbidden, Refused, ZmavError
+from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.intake import Intake
 from zmav.services.proven import Answers, attached
 from zmav.trust.gate import Prove, anybody
@@ -119,11 +119,9 @@ class Questions:
     def put(self, channel: Channel, *queries: zenoh.Query) -> None:
         """Have them answered, in their turn."""
         now, dropped = time.monotonic(), list[_Question]()
+        fits = [query for query in queries if self._fits(query)]
         with self._news:
-            for query in queries:
-                if query.payload is not None and len(query.payload) > LARGEST:
-                    dropped.append(_Question(query, now))
-                    continue
+            for query in fits:
                 if len(channel.waiting) >= MOST:
                     dropped.append(channel.waiting.popleft())
                 channel.waiting.append(_Question(query, now))
@@ -133,6 +131,17 @@ class Questions:
             self.on_dropped()
         for question in dropped:
             _end(question)
+
+    def _fits(self, query: zenoh.Query) -> bool:
+        """Too large a question is refused in words, before it waits."""
+        size = 0 if query.payload is None else len(query.payload)
+        if size <= LARGEST:
+            return True
+        text = f"{size} bytes are too much for a question; at most {LARGEST} are read"
+        with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
+            error = BadInput(text, field="payload", value=size, expected=f"at most {LARGEST} bytes")
+            self._answering.refuse(query, error)
+        return False
 
     def close(self) -> None:
         """Answer no more."""
