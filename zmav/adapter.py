@@ -23,6 +23,7 @@ from zmav.errors import BadKey, BadMessage, Forbidden, ZmavError
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
+from zmav.services.intake import Intake
 from zmav.services.port import Flow, Heard, Listener, TxCounters
 from zmav.services.proven import attached
 from zmav.trust.gate import Prove, anybody
@@ -31,6 +32,8 @@ MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
 MAX_UNKNOWN = 256
 """... of which the dialect lacks the message: invented ids must not take the place of the vehicle's own."""
+MOST_WAITING = 512
+"""Others' frames that are looked at in 5 ms, the newest: a burst of a ground station's fits."""
 ADDRESS = re.compile(r"0|[1-9]\d{0,2}", re.ASCII)
 
 
@@ -86,19 +89,19 @@ class Adapter:
         self._listening = threading.Lock()
         """a stream that begins while somebody begins to listen must not miss it"""
         self._publishers: list[zenoh.Publisher] = []
-        self._subscriber: zenoh.Subscriber[None] | None = None
+        self._intake: Intake | None = None
 
     def start(self) -> None:
         """Begin to carry; the link keeps itself open from now on."""
         if not self.link.recorded:
             tx = keys.TX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
-            self._subscriber = self.session.declare_subscriber(tx, self._on_tx)
+            self._intake = Intake(self.session.declare_subscriber, tx, self._take_all, MOST_WAITING)
         self.link.start(self._on_data, self._on_link_state)
 
     def close(self) -> None:
-        if self._subscriber is not None:
-            self._subscriber.undeclare()
-            self._subscriber = None
+        if self._intake is not None:
+            self._intake.close()
+            self._intake = None
         self.link.close()
         if self.signing is not None:
             self.signing.close()
@@ -164,7 +167,11 @@ class Adapter:
             self.splitter.reset()
         self.on_link(state, text)
 
-    # From the keys to the link: a Zenoh thread.
+    # From the keys to the link: the intake's thread.
+
+    def _take_all(self, samples: list[zenoh.Sample]) -> None:
+        for sample in samples:
+            self._on_tx(sample)
 
     def _on_tx(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)

@@ -151,7 +151,7 @@ class Onboard:
         self.setpoints.accept = self.needs.check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
-        self.files = Files(session, questions, port, ftp, Store(cache / fleet / name), prove, answers)
+        self.files = Files(questions, port, ftp, Store(cache / fleet / name), prove)
         self.event_texts = EventTexts(self.identity, self.commander, self.events, self.files)
         self.state.checks = self.event_texts.against_arming
         self.host = HostService(questions, instance, fleet, name, (cache,))
@@ -283,7 +283,6 @@ class Onboard:
         self.rates.start()
         self.params.start()
         self.missions.start()
-        self.files.start()
         if not adapter.link.recorded:  # a recording takes no orders, and gives no files
             self.event_texts.start()
             self.orders.start()
@@ -311,7 +310,7 @@ class Onboard:
         await self.missions.close()
         await asyncio.to_thread(self.adapter.close)
         for service in (
-            self.identity, self.presence, self.state, self.timesync, self.quality, self.files, self.events,
+            self.identity, self.presence, self.state, self.timesync, self.quality, self.events,
         ):  # fmt: skip
             service.close()
 

@@ -10,20 +10,19 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator, Callable
-from typing import Any
 
 import zenoh
-from zenoh import handlers
 
 from mesh.bench.run import Run, check
 from mesh.bench.units import bits_per_second
 from mesh.plan import RouterPlan
 from zmav import keys, wire
-from zmav.errors import BadInput, Refused, ZmavError
-from zmav.services.port import on_loop
-from zmav.services.proven import attached
+from zmav.errors import BadInput, Refused
+from zmav.services.intake import Intake
+from zmav.services.proven import Answers, attached
+from zmav.services.questions import Channel, Questions, Reply, Steps
 from zmav.trust.credentials import ROSTER
-from zmav.trust.gate import Gate
+from zmav.trust.gate import Gate, Origin, Prove, anybody
 from zmav.trust.roster import read_signed
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 
@@ -31,6 +30,9 @@ ROSTER_AGE = 1.0
 """s for which the roster in our folder is not read again"""
 KEPT, KEPT_FOR = 4, 120.0
 """runs that are over whose reports can be had, and s for which they can"""
+MOST_WAITING = 64
+"""questions that are looked at in 5 ms, the newest"""
+Work = Callable[[str, bytes], BenchReport]
 
 
 @contextlib.asynccontextmanager
@@ -45,28 +47,48 @@ async def responder(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[R
 
 
 class Responder:
-    """One host's runs. On the event loop; pings are answered on Zenoh's thread."""
+    """One host's runs. On the event loop; what is asked waits in a lane of its own, bounded, and is proven there, so
+    that no flood of it reaches the loop. Pings have a thread: their answer is part of what is timed.
+    """
 
     def __init__(self, session: zenoh.Session, plan: RouterPlan) -> None:
         self._session, self._plan = session, plan
         self._fleet, self._host, self._zid = plan.fleet, plan.name, str(session.info.zid())
         self._runs: dict[str, Run] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._queryable: Any = None
-        self._on_query: Callable[[zenoh.Query, str], None] = lambda query, asked: None
+        self._questions = Questions(session, Answers(None))
+        self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
         self._looked = 0.0
         self._budget = budget_of(plan)
 
     def start(self) -> None:
-        self._on_query = on_loop(asyncio.get_running_loop(), self._answer)
-        # On Zenoh's own thread: a ping's answer is part of what is timed. One queryable is cheaper than three.
-        handler: Any = handlers.Callback(self._asked, indirect=False)
-        self._queryable = self._session.declare_queryable(f"{keys.ROOT}/{self._fleet}/{self._host}/bench/**", handler)
+        loop = asyncio.get_running_loop()
+
+        def channel(prove: Prove, work: Work) -> Channel:
+            return self._questions.channel(lambda query: _answer(query, prove, work, loop))
+
+        lanes = {"order": channel(self._prove, self._ordered), "report": channel(anybody, self._reported)}
+
+        def sort(queries: list[zenoh.Query]) -> None:
+            came = time.monotonic_ns()
+            for query in queries:
+                *_, what, name = str(query.key_expr).split("/")
+                if name == "ping":
+                    self._pong(query, came)
+                elif what in lanes and "*" not in name:
+                    self._questions.put(lanes[what], query)
+                else:
+                    query.drop()  # somebody looks around with a wildcard: that is no order
+
+        # One queryable is cheaper than three.
+        key = f"{keys.ROOT}/{self._fleet}/{self._host}/bench/**"
+        self._intake = Intake(self._session.declare_queryable, key, sort, MOST_WAITING)
 
     async def close(self) -> None:
-        with contextlib.suppress(zenoh.ZError):  # the session may be gone before us
-            self._queryable.undeclare()
+        self._questions.close()
+        if self._intake is not None:
+            self._intake.close()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -76,52 +98,25 @@ class Responder:
         """The run under way."""
         return next((run for run in tuple(self._runs.values()) if not run.over), None)
 
-    def _asked(self, query: zenoh.Query) -> None:
-        came, asked = time.monotonic_ns(), str(query.key_expr)
-        if asked.endswith("/bench/ping"):
-            self._pong(query, came)
-        elif "*" in asked:
-            query.drop()  # somebody looks around with a wildcard: that is no order
-        else:
-            self._on_query(query, asked)
-
     def _pong(self, query: zenoh.Query, came: int) -> None:
-        with query:
-            busy = self.busy
-            pong = Pong(
-                host=self._host, zid=self._zid, came_ns=came, left_ns=time.monotonic_ns(), t=time.time(),
-                busy=busy.describe() if busy else "", budget=self._budget,
-            )  # fmt: skip
+        busy = self.busy
+        pong = Pong(
+            host=self._host, zid=self._zid, came_ns=came, left_ns=time.monotonic_ns(), t=time.time(),
+            busy=busy.describe() if busy else "", budget=self._budget,
+        )  # fmt: skip
+        with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
             query.reply(keys.BENCH_PING.key(self._fleet, self._host), wire.encode(pong), encoding=keys.JSON)
 
-    def _answer(self, query: zenoh.Query, asked: str) -> None:
-        """Orders and questions about a run; on the event loop."""
-        with query:
-            payload = query.payload.to_bytes() if query.payload else b""
-            try:
-                channel, parts = keys.match(asked)
-                if channel is keys.BENCH:
-                    self._prove(asked, payload, attached(query))
-                    report = self._ordered(parts["order"], payload)
-                elif channel is keys.BENCH_REPORT:
-                    report = self._reported(parts["run"], payload)
-                else:
-                    return
-            except ZmavError as e:
-                query.reply_err(wire.error_body(e), encoding=keys.JSON)
-            else:
-                query.reply(asked, wire.encode(report), encoding=keys.JSON)
-
-    def _prove(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+    def _prove(self, key: str, payload: bytes, attachment: bytes | None) -> Origin | None:
         """Raise :class:`~zmav.errors.Forbidden` for an order that is not an operator's, where we can tell."""
         gate, held = self._gate, self._plan.credentials
         if gate is None or held is None:
-            return
+            return None
         if time.monotonic() - self._looked > ROSTER_AGE:
             self._looked = time.monotonic()
             with contextlib.suppress(OSError, BadInput):  # the one that we have is good until there is a newer one
                 gate.roster = read_signed((held.folder / ROSTER).read_bytes()).open(held.authority, held.fleet)
-        gate.check(key, payload, attachment)
+        return gate.check(key, payload, attachment)
 
     def _ordered(self, name: str, payload: bytes) -> BenchReport:
         if name == "start":
@@ -165,6 +160,18 @@ class Responder:
         for number, name in enumerate(over):
             if number < len(over) - KEPT or self._runs[name].age > KEPT_FOR:
                 del self._runs[name]
+
+
+def _answer(query: zenoh.Query, prove: Prove, work: Work, loop: asyncio.AbstractEventLoop) -> Steps:
+    """In the lane; ``work`` is done on the event loop."""
+    asked, payload = str(query.key_expr), query.payload.to_bytes() if query.payload else b""
+    prove(asked, payload, attached(query))
+
+    async def done() -> BenchReport:
+        return work(asked.rpartition("/")[2], payload)
+
+    yield (report := asyncio.run_coroutine_threadsafe(done(), loop))
+    yield Reply(asked, wire.encode(report.result()))
 
 
 def budget_of(plan: RouterPlan) -> float | None:

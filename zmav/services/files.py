@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import re
+import threading
 import time
 from collections.abc import Awaitable, Coroutine, Iterator
 from typing import Any, TypeVar
@@ -17,17 +18,17 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, crc32
 from zmav.services.ftp import Ftp, generated
 from zmav.services.ftp_read import Memory, Sink
 from zmav.services.gaps import UNKNOWN
 from zmav.services.orders import Handler, Report
-from zmav.services.port import Port, on_loop
-from zmav.services.proven import Answers, attached
+from zmav.services.port import Port
+from zmav.services.proven import attached
 from zmav.services.questions import Questions, Reply
 from zmav.services.store import Meta, Part, Store
-from zmav.trust.gate import Prove
+from zmav.trust.gate import Prove, anybody
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 T = TypeVar("T")
@@ -46,24 +47,25 @@ class Upload(Memory):
 
 
 class Files:
-    """Orders ``file_*`` and the keys ``file/**`` and ``upload/**``. Lives on the event loop.
+    """Orders ``file_*``, on the event loop, and the keys ``file/**`` and ``upload/**``, in the lane of questions.
 
     ``prove`` raises :class:`~zmav.errors.Forbidden` for a chunk that does not come from who may upload.
     """
 
     def __init__(
-        self, session: zenoh.Session, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove,
-        answers: Answers,
+        self, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove
     ) -> None:  # fmt: skip
-        self._session, self._port = session, port
+        self._port = port
         key = {"fleet": port.fleet, "vehicle": port.name, "file": "*"}
         questions.declare(keys.FILE.key(**key), self._on_info)
         questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
+        # Its proof is looked at with the answer, so that no refusal waits for the event loop either.
+        questions.declare(keys.UPLOAD.key(**key, offset="*"), self._on_upload, anybody)
         self.ftp, self.store = ftp, store
         self.uploads: dict[str, Upload] = {}
-        self._prove, self._answering = prove, answers
+        self._uploading = threading.Lock()
+        self._prove = prove
         self._under_way: asyncio.Task[Any] | None = None
-        self._queryable: Any = None
 
     @property
     def handlers(self) -> dict[str, Handler]:
@@ -79,14 +81,6 @@ class Files:
             "file_crc": self.crc,
             "file_cancel": self.cancel,
         }
-
-    def start(self) -> None:
-        key = keys.UPLOAD.key(self._port.fleet, self._port.name, file="*", offset="*")
-        upload = on_loop(asyncio.get_running_loop(), self._on_upload)
-        self._queryable = self._session.declare_queryable(key, upload)
-
-    def close(self) -> None:
-        self._queryable.undeclare()
 
     # Orders.
 
@@ -116,7 +110,8 @@ class Files:
                 why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
                 raise Refused(why, path=args.path)
             verified = found is not None
-        self.uploads.pop(args.file, None)
+        with self._uploading:
+            self.uploads.pop(args.file, None)
         return {"path": args.path, "size": len(data), "verified": verified, "rate": round(meter.rate)}
 
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
@@ -241,23 +236,18 @@ class Files:
             raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
         return asked
 
-    # What is to be written: on the loop.
+    # What is to be written: in the lane, too, which bounds what waits and what its proofs cost.
 
-    def _on_upload(self, query: zenoh.Query) -> None:
-        with query:
-            key = str(query.key_expr)
-            if "*" in key:
-                return
-            *_, name, offset = key.split("/")
-            data = query.payload.to_bytes() if query.payload else b""
-            try:
-                self._prove(key, data, attached(query))
-                upload = self._take(name, _offset(offset), data)
-            except ZmavError as e:
-                self._answering.refuse(query, e)
-            else:
-                there = UNKNOWN - upload.gaps.total
-                self._answering.give(query, key, wire.encode(wire.Uploaded(file=name, bytes=there)), introduce=False)
+    def _on_upload(self, query: zenoh.Query) -> Iterator[Reply]:
+        key = str(query.key_expr)
+        if "*" in key:
+            return
+        *_, name, offset = key.split("/")
+        data = query.payload.to_bytes() if query.payload else b""
+        self._prove(key, data, attached(query))
+        with self._uploading:
+            there = UNKNOWN - self._take(name, _offset(offset), data).gaps.total
+        yield Reply(key, wire.encode(wire.Uploaded(file=name, bytes=there)), introduce=False)
 
     def _take(self, name: str, offset: int, data: bytes) -> Upload:
         if not UPLOAD_NAME.match(name):
@@ -278,8 +268,9 @@ class Files:
         return upload
 
     def _uploaded(self, args: wire.FilePut) -> bytes:
-        upload = self.uploads.get(args.file)
-        data = bytes(upload.data) if upload is not None else b""
+        with self._uploading:
+            upload = self.uploads.get(args.file)
+            data = bytes(upload.data) if upload is not None else b""
         if len(data) != args.size or crc32(data) != args.crc32:
             there = "nothing" if upload is None else f"{len(data)} bytes, or others"
             raise BadInput(

@@ -49,6 +49,8 @@ class Reply(NamedTuple):
     data: bytes
     encoding: zenoh.Encoding = keys.JSON
     attachment: bytes | None = None
+    introduce: bool = True
+    """with our certificate, where it is signed"""
 
 
 Steps = Iterator["Reply | Future[Any]"]
@@ -222,7 +224,7 @@ class Questions:
                 self._wait_for(step, channel, question)
                 return True
             if channel.signed and "*" not in str(question.query.key_expr):
-                self._answering.give(question.query, step.key, step.data)
+                self._answering.give(question.query, step.key, step.data, introduce=step.introduce)
             else:
                 question.query.reply(step.key, step.data, encoding=step.encoding, attachment=step.attachment)
             if time.thread_time() > until:

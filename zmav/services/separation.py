@@ -26,6 +26,7 @@ from zmav.services.avoid import STEP, STEPS, Motion, Other, Track
 from zmav.services.bounds import Bounds
 from zmav.services.events import Events
 from zmav.services.identity import Identity
+from zmav.services.intake import Intake
 from zmav.services.port import Port
 
 AHEAD = (1.0, 2.0, 3.0, 4.0)
@@ -45,6 +46,8 @@ AROUND = 25.0
 """m within which a neighbour counts for the way out"""
 MOST, NEAREST = 500, 12
 """neighbours that are kept, and of them those that the way out is looked for among"""
+MOST_WAITING = 128
+"""beacons that are looked at in 5 ms, the newest"""
 LARGEST = 20.0
 """m: nobody's radius is larger, whatever a beacon says: one that lies must not hold a whole fleet off"""
 
@@ -69,7 +72,7 @@ class Separation:
         """by name: our monotonic time less its clock's, by the beacon that came soonest of all, and the last beacon"""
         self._moving = False
         """it moves aside at present"""
-        self._held: list[Any] = []
+        self._intake: Intake | None = None
         self._said: wire.swarm.Beacon | None = None
         self._publisher: zenoh.Publisher | None = None
 
@@ -82,12 +85,13 @@ class Separation:
         if self.on:
             ours, all_of_them = (keys.BEACON.key(self._port.fleet, name) for name in (self._port.name, "*"))
             self._publisher = self._session.declare_publisher(ours, **keys.BEACON.publishing())
-            self._held.append(self._publisher)
-            self._held.append(self._session.declare_subscriber(all_of_them, self._on_beacon))
+            self._intake = Intake(self._session.declare_subscriber, all_of_them, self._take_all, MOST_WAITING)
 
     def close(self) -> None:
-        for each in self._held:
-            each.undeclare()
+        if self._intake is not None:
+            self._intake.close()
+        if self._publisher is not None:
+            self._publisher.undeclare()
 
     # Telling the others.
 
@@ -110,6 +114,10 @@ class Separation:
         if self._said is None or abs(beacon.t - self._said.t) > quiet or _differ(self._said, beacon) > DIFFERS:
             self._said = beacon
             publisher.put(wire.encode(beacon))
+
+    def _take_all(self, samples: list[zenoh.Sample]) -> None:
+        for sample in samples:
+            self._on_beacon(sample)
 
     def _on_beacon(self, sample: zenoh.Sample) -> None:
         name = str(sample.key_expr).split("/")[2]

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple
 
 import zenoh
-from zenoh import handlers
 
 from zmav import keys, wire
 from zmav.autopilots import Autopilot, Target
@@ -22,6 +22,7 @@ from zmav.services.bounds import Bounds
 from zmav.services.events import Events
 from zmav.services.flown import Flown
 from zmav.services.identity import Identity
+from zmav.services.intake import Intake
 from zmav.services.ladder import Ladder
 from zmav.services.lease import Leases
 from zmav.services.pilot import Pilot
@@ -35,10 +36,23 @@ MAX_AHEAD = 5.0
 """s: a deadline farther away is a mistake or a clock that is off"""
 MAX_SEGMENT = 60.0
 """s: no vehicle is committed for longer"""
+MOST_HEARD, MOST_WAITING = 64, 32
+"""setpoints that are looked at in 5 ms, the newest; and of those that are to be flown, that wait for the event loop"""
+
+
+class Heard(NamedTuple):
+    """A setpoint as it came."""
+
+    agent: str
+    payload: bytes
+    secret: bytes
+    """whose seal it has; empty where nothing is proven"""
 
 
 class Setpoints:
-    """Takes setpoints from the key space to the ladder. Lives on the event loop."""
+    """Takes setpoints from the key space to the ladder. Lives on the event loop; seals are looked at before it, on a
+    thread, so that a flood of setpoints without one does not reach it.
+    """
 
     def __init__(
         self,
@@ -55,6 +69,7 @@ class Setpoints:
         self._session, self._port, self._identity, self._leases = session, port, identity, leases
         self._pilot, self._ladder, self._bounds, self._events, self._origin = pilot, ladder, bounds, events, origin
         self.counts: collections.Counter[str] = collections.Counter()
+        self._counting = threading.Lock()
         self.guard: Callable[[], None] = lambda: None
         """raises while nobody may command the vehicle (a clash of names or ids)"""
         self.busy: Callable[[], bool] = lambda: False
@@ -68,40 +83,65 @@ class Setpoints:
         self._segment: wire.swarm.SegmentInfo | None = None
         self._seq = -1
         self._lease = ""
-        self._subscriber: Any = None
+        self._waiting: collections.deque[Heard] = collections.deque(maxlen=MOST_WAITING)
+        self._intake: Intake | None = None
 
     def start(self) -> None:
         key = keys.SETPOINT.key(self._port.fleet, self._port.name, agent="*")
-        # Straight on Zenoh's thread: all it does is hand over.
-        hand_over = on_loop(asyncio.get_running_loop(), self._on_sample)
-        direct: Any = handlers.Callback(hand_over, indirect=False)
-        self._subscriber = self._session.declare_subscriber(key, direct)
+        wake = on_loop(asyncio.get_running_loop(), self._next)
+
+        def take(samples: list[zenoh.Sample]) -> None:
+            for sample in samples:
+                if (heard := self._sealed(sample)) is not None:
+                    self._waiting.append(heard)
+            if self._waiting:
+                wake()
+
+        self._intake = Intake(self._session.declare_subscriber, key, take, MOST_HEARD)
 
     def close(self) -> None:
-        self._subscriber.undeclare()
+        if self._intake is not None:
+            self._intake.close()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
+    def _sealed(self, sample: zenoh.Sample) -> Heard | None:
+        """A setpoint with a seal that we know; None: dropped. On the intake's thread."""
         key, payload = str(sample.key_expr), sample.payload.to_bytes()
         agent = key.rpartition("/")[2]
         try:
-            in_force = not self.proven or self._check_seal(key, payload, attached(sample))
-            point = wire.decode(payload, wire.Setpoint, f"setpoint of {agent}")
-            self.counts["flown" if self._fly(point, in_force) else "engaging"] += 1
-        except ZmavError as e:
-            why = str(e.detail.get("count", e.code))
-            self.counts[why] += 1
-            self._events.emit("setpoint", "warning", f"setpoint of {agent} dropped: {e}", limit=f"sp {why}", why=why)
+            return Heard(agent, payload, self._check_seal(key, payload, attached(sample)) if self.proven else b"")
+        except Forbidden as e:
+            self._drop(agent, e)
+            return None
 
-    def _check_seal(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
-        """It has the seal of the lease in force; False: of the one before, whose holder is to hear what took it.
+    def _next(self) -> None:
+        """Judge what waits."""
+        while self._waiting:
+            heard = self._waiting.popleft()
+            try:
+                point = wire.decode(heard.payload, wire.Setpoint, f"setpoint of {heard.agent}")
+                # Now and not when it came: the lease may have passed to another since.
+                in_force = not self.proven or (heard.secret != b"" and heard.secret == self._leases.secret)
+                self._count("flown" if self._fly(point, in_force) else "engaging")
+            except ZmavError as e:
+                self._drop(heard.agent, e)
+
+    def _drop(self, agent: str, error: ZmavError) -> None:
+        self._count(why := str(error.detail.get("count", error.code)))
+        self._events.emit("setpoint", "warning", f"setpoint of {agent} dropped: {error}", limit=f"sp {why}", why=why)
+
+    def _count(self, what: str) -> None:
+        with self._counting:
+            self.counts[what] += 1
+
+    def _check_seal(self, key: str, payload: bytes, attachment: bytes | None) -> bytes:
+        """The secret that it was sealed with: of the lease in force, or of the one before, whose holder is to hear what
+        took it.
 
         Raises :class:`Forbidden` for any other. Nothing in it is read before.
         """
-        now, before = self._leases.secret, self._leases.last_secret
-        if now and is_sealed(now, key, payload, attachment):
-            return True
-        if before and is_sealed(before, key, payload, attachment):
-            return False
+        for secret in (self._leases.secret, self._leases.last_secret):
+            if secret and is_sealed(secret, key, payload, attachment):
+                return secret
         why = "it has no seal" if attachment is None else "its seal is not that of the lease in force"
         raise Forbidden(f"{why}: take a lease with credentials", reason="seal", count="forged")
 

@@ -20,8 +20,10 @@ from mesh.bench.search import Limits, Trial, judge, search
 from mesh.credentials.ca import Authority
 from tests.conftest import PATIENCE_S, Net
 from tests.mesh.bench.conftest import Line, Start, idle, plan_of
+from tests.services.test_questions import FLOOD, Asker, Held
 from zmav import keys, wire
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused
+from zmav.services.questions import MOST
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.waiting import within
@@ -153,6 +155,24 @@ async def test_garbage_instead_of_an_order_is_answered_with_an_error(line: Start
     (answer,) = await bench.client.ask(unknown, b"", 30.0, keys.BENCH_REPORT)
     assert isinstance(answer, Refused)
     assert made.responders["quad2"].busy is None
+
+
+async def test_questions_about_runs_are_answered_beside_the_event_loop_and_bounded(line: Start) -> None:
+    lines, bench = await line("quad1")
+    report, ping = (f"zmav/demo/quad1/bench/{what}" for what in ("report/x", "ping"))
+    lane, session = lines.responders["quad1"]._questions, bench.client.session
+    held = Held(lane)
+    asker = Asker(session)
+    await held.hold(asker)
+    for _ in range(FLOOD):
+        asker.ask(report, b"{}")
+    await asker.until(FLOOD - MOST)
+    asker.ask(ping)
+    await asker.until(FLOOD - MOST + 1)
+    assert asker.answered() == [ping]
+    held.go.set()
+    await asker.until(FLOOD + 2)
+    assert len(asker.answered()) == MOST + 2
 
 
 async def test_one_at_a_time_and_the_second_hears_of_whom(line: Start) -> None:
