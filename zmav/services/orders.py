@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import collections
-import contextlib
 import hashlib
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
@@ -21,9 +20,10 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.services.intake import Intake
+from zmav.services.outcomes import Outcomes
 from zmav.services.port import on_loop
 from zmav.services.proven import Answers, attached
-from zmav.services.questions import Questions, Steps
+from zmav.services.questions import Questions, Reply, Steps
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
 
@@ -157,11 +157,12 @@ class Orders:
         self._session, self._fleet, self._name = session, fleet, name
         self._channel, self._known, self._most = channel, verbs, most
         self._parts = dict(parts)
-        self._prove, self._answering = prove, answers
+        self._prove = prove
         self._own = questions is None
         self._questions = questions or Questions(session, answers)
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
         self._operations = Operations()
+        self._outcomes = Outcomes(answers)
         self._answers: set[asyncio.Task[None]] = set()
         self._intake: Intake | None = None
         self._urgent, self._waiting = collections.deque[Given](), collections.deque[Given]()
@@ -175,17 +176,23 @@ class Orders:
     def start(self) -> None:
         key = self._channel.key(self._fleet, self._name, **self._parts, verb="*")
         loop = asyncio.get_running_loop()
-        lane, wake = self._questions.channel(lambda query: self._look(query, loop), anybody), on_loop(loop, self._next)
+        lane = self._questions.channel(lambda query: self._look(query, loop), anybody, signed=True)
+        refusals, wake = self._questions.channel(lambda query: iter(()), anybody), on_loop(loop, self._next)
 
         def sort(queries: list[zenoh.Query]) -> None:
             for query in queries:
                 asked = str(query.key_expr)
-                verb = self._known.get(asked.rpartition("/")[2])
+                verb = self._known.get(_verb(asked))
                 if self._closed or "*" in asked:
                     query.drop()  # somebody looks around with a wildcard: that is no order
                 elif verb is not None and self._only_looks(verb.name):
                     self._questions.put(lane, query)
-                elif (order := self._proven(query, asked)) is not None:
+                else:
+                    try:
+                        order = self._proven(query, asked)
+                    except ZmavError as e:  # said in the lane: who asked may not read
+                        self._questions.refuse(refusals, query, e)
+                        continue
                     urgent = verb is not None and verb.access is Access.OPEN
                     line, most = (self._urgent, MOST_URGENT) if urgent else (self._waiting, MOST_WAITING)
                     if len(line) < most:  # else it is asked again, as any order is that gets no answer
@@ -210,20 +217,16 @@ class Orders:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
+        await asyncio.to_thread(self._outcomes.close)
 
-    def _proven(self, query: zenoh.Query, asked: str) -> Given | None:
-        """An order and who gives it; None: refused. On the intake's thread, so that no flood reaches the event loop."""
+    def _proven(self, query: zenoh.Query, asked: str) -> Given:
+        """An order and who gives it. On the intake's thread, so that no flood reaches the event loop."""
         size = 0 if query.payload is None else len(query.payload)
-        try:
-            if size > self._most:
-                text = f"{size} bytes are too much for an order; at most {self._most} are read"
-                raise BadInput(text, field="payload", value=size, expected=f"at most {self._most} bytes")
-            payload = query.payload.to_bytes() if query.payload else b""
-            return Given(query, asked, payload, self._prove(asked, payload, attached(query)))
-        except ZmavError as e:
-            with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone: the others in the batch are not
-                self._answering.refuse(query, e)
-            return None
+        if size > self._most:
+            text = f"{size} bytes are too much for an order; at most {self._most} are read"
+            raise BadInput(text, field="payload", value=size, expected=f"at most {self._most} bytes")
+        payload = query.payload.to_bytes() if query.payload else b""
+        return Given(query, asked, payload, self._prove(asked, payload, attached(query)))
 
     def _next(self) -> None:
         self._accept((self._urgent or self._waiting).popleft())
@@ -232,26 +235,24 @@ class Orders:
         """An order that a viewer may give, in the lane of questions: so many at a time, and proven on its thread."""
         asked, payload = str(query.key_expr), query.payload.to_bytes() if query.payload else b""
         origin = self._prove(asked, payload, attached(query))
-        yield asyncio.run_coroutine_threadsafe(self._answer(query, asked.rpartition("/")[2], payload, origin), loop)
+        yield (outcome := asyncio.run_coroutine_threadsafe(self._outcome(_verb(asked), payload, origin), loop))
+        yield Reply(asked, wire.encode(outcome.result()))
 
     def _accept(self, order: Given) -> None:
         if self._closed:
             order.query.drop()
             return
-        verb = order.key.rpartition("/")[2]
-        answer = asyncio.get_running_loop().create_task(self._answer(order.query, verb, order.payload, order.origin))
+        answer = asyncio.get_running_loop().create_task(self._answer(order))
         self._answers.add(answer)
         answer.add_done_callback(self._answers.discard)
 
-    async def _answer(self, query: zenoh.Query, verb: str, payload: bytes, origin: Origin | None) -> None:
-        with query:
-            key = self._channel.key(self._fleet, self._name, **self._parts, verb=verb)
-            try:
-                outcome = await self._outcome(verb, payload, origin)
-            except ZmavError as e:
-                self._answering.refuse(query, e)
-            else:
-                self._answering.give(query, key, wire.encode(outcome))
+    async def _answer(self, order: Given) -> None:
+        outcome: wire.Outcome | ZmavError
+        try:
+            outcome = await self._outcome(_verb(order.key), order.payload, order.origin)
+        except ZmavError as e:
+            outcome = e
+        self._outcomes.tell(order.origin.name if order.origin else "", order.query, order.key, outcome)
 
     async def _outcome(self, verb: str, payload: bytes, origin: Origin | None) -> wire.Outcome:
         if verb not in self._verbs:
@@ -285,6 +286,10 @@ class Orders:
         if len(looking) >= MOST_LOOKING:
             text = f"{MOST_LOOKING} orders of yours are under way that only look: wait for one of them"
             raise Refused(text, reason="busy", verb=verb)
+
+
+def _verb(key: str) -> str:
+    return key.rpartition("/")[2]
 
 
 async def _run(handler: Guarded, args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:

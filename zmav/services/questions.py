@@ -134,6 +134,15 @@ class Questions:
         for question in dropped:
             _end(question)
 
+    def refuse(self, channel: Channel, query: zenoh.Query, error: ZmavError) -> None:
+        """Answer in words why not, in its turn."""
+        with self._news:
+            oldest = channel.waiting.popleft() if len(channel.waiting) >= MOST else None
+            channel.waiting.append(_Question(query, time.monotonic(), _refusing(error)))
+            self._news.notify()
+        if oldest is not None:
+            _end(oldest)
+
     def _fits(self, query: zenoh.Query) -> bool:
         """Too large a question is refused in words, before it waits."""
         size = 0 if query.payload is None else len(query.payload)
@@ -255,6 +264,11 @@ class Questions:
                 self._news.notify()
                 return
         _end(question)
+
+
+def _refusing(error: ZmavError) -> Steps:
+    raise error
+    yield
 
 
 def _end(question: _Question) -> None:
