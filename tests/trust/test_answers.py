@@ -53,7 +53,7 @@ async def test_an_order_arrives_and_the_vehicle_alone_says_how_it_ended(guarded:
     refusal = wire.error_body(Forbidden("sign it for me", reason="epoch", gate=bytes(8).hex()))
 
     def by(signer: Signer, answers: Callable[[zenoh.Query], bytes]) -> Callable[[zenoh.Query], bytes | None]:
-        return lambda query: signer.sign(str(query.key_expr), DONE, introduce=True, answers=answers(query))
+        return lambda query: signer.answer(str(query.key_expr), DONE, answers(query))
 
     def asked(query: zenoh.Query) -> bytes:
         found = challenge(query.attachment.to_bytes() if query.attachment else None)

@@ -150,7 +150,7 @@ async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded, mo
             assert query.payload is not None
             data = json.dumps({**lie, "instance": "ghost", "name": key.split("/")[2]}).encode()
             answers = query.payload.to_bytes() if "quad1" in key else bytes(8)
-            proof = quad2.sign(key, data, introduce=True, answers=answers)
+            proof = quad2.answer(key, data, answers)
             query.reply(key, data, attachment=proof)
 
     for name in ("quad1", "quad2"):

@@ -10,14 +10,15 @@ import pytest
 from tests.trust.conftest import Authority
 from zmav.errors import Forbidden
 from zmav.trust import gate as gates
-from zmav.trust.certificate import Certificate, Role
+from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, Origin
-from zmav.trust.proof import MOST, WINDOW, Proof, Signer
+from zmav.trust.proof import ANSWERED, MOST, UNINTRODUCED, WINDOW, Proof, Signer
 from zmav.trust.roster import read_signed
+from zmav.trust.tag import TAG
 from zmav.trust.verify import FORGERIES, MOST_KNOWN, STRANGERS
 
-PING, ARM, SET = (f"zmav/demo/quad1/do/{verb}" for verb in ("ping", "arm", "param_set"))
+PING, ARM, SET, LAND = (f"zmav/demo/quad1/do/{verb}" for verb in ("ping", "arm", "param_set", "land"))
 
 
 @dataclass
@@ -30,7 +31,7 @@ class Desk:
     refused: list[Forbidden] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        own = self.authority.member("quad1", "vehicle")
+        own = self.own = self.authority.member("quad1", "vehicle")
         self.utc = own.certificate.not_after - 43200.0
         self.gate = Gate(own, lambda: self.utc, lambda: self.now)
         self.gate.on_refused = self.refused.append
@@ -192,10 +193,10 @@ def test_forgeries_in_a_known_name_cost_so_many_checks_a_second(desk: Desk, monk
     checked = 0
     is_of = Proof.is_of
 
-    def counted(self: Proof, certificate: Certificate, key: str, payload: bytes) -> bool:
+    def counted(self: Proof, *what: Any) -> bool:
         nonlocal checked
         checked += 1
-        return is_of(self, certificate, key, payload)
+        return is_of(self, *what)
 
     monkeypatch.setattr(Proof, "is_of", counted)
     forged = desk.proof(op, ARM)
@@ -207,6 +208,33 @@ def test_forgeries_in_a_known_name_cost_so_many_checks_a_second(desk: Desk, monk
     assert desk.reason(desk.proof(op)) == "busy"
     desk.now += 0.1
     desk.check(desk.proof(op))
+
+
+def test_who_forges_a_members_name_shuts_out_no_order_with_its_tag(desk: Desk) -> None:
+    op, own = desk.authority.member("op", "operator"), desk.own
+    desk.check(desk.proof(op))
+    overheard = desk.proof(op, LAND, to=own.certificate)
+    other = desk.proof(desk.authority.member("op2", "operator"), LAND, to=own.certificate)
+    forged = desk.proof(op, ARM)  # for another key than it is put on
+    tag = other[UNINTRODUCED : UNINTRODUCED + TAG]
+    flood = [forged, overheard, overheard[:UNINTRODUCED] + tag + overheard[UNINTRODUCED + TAG :], forged[:-1] + b"x"]
+    reasons = {desk.reason(flood[number % 4]) for number in range(4 * int(FORGERIES))}
+    assert reasons == {"signature", "busy"}
+    assert desk.reason(desk.proof(op)) == "busy"
+    for key in (LAND, ARM):
+        desk.check(desk.proof(op, key, to=own.certificate), key)
+    desk.check(overheard, LAND)
+
+
+def test_an_answer_is_never_an_order_nor_an_order_an_answer(desk: Desk) -> None:
+    """An operator's program answers where it could order: whoever chose its challenge has it sign no order."""
+    op, asked = desk.authority.member("op", "operator"), desk.gate.epoch
+    answer, order = desk.proof(op, LAND, context=ANSWERED), desk.proof(op, LAND)
+    assert desk.reason(answer, LAND) == "signature"
+    with pytest.raises(Forbidden, match="the signature is not op's"):
+        desk.gate.verify_answer(LAND, b"{}", order, asked)
+    desk.check(order, LAND)
+    assert desk.gate.verify_answer(LAND, b"{}", answer, asked)[1].name == "op"
 
 
 def test_strangers_cost_so_many_checks_a_second_and_shut_no_member_out(

@@ -18,7 +18,9 @@ from zmav.errors import BadConfig, BadInput, Forbidden, Refused
 from zmav.mavlink import Packer
 from zmav.onboard import OnboardSettings, _credentials
 from zmav.session import SessionSettings
+from zmav.trust.credentials import Credentials
 from zmav.trust.proof import MOST
+from zmav.trust.verify import Allowance
 
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
@@ -200,6 +202,23 @@ async def test_a_flood_of_forgeries_leaves_it_flying(guarded: StartGuarded) -> N
             await flooding
             await g.b.state(lambda s: s["forbidden"].get("signature", 0) > 0, "refused forgeries")
             assert (await g.ask(g.proof(other, g.key(), b"{}"))).status == "done"
+
+
+async def test_a_member_in_whose_name_more_is_forged_than_is_looked_at_is_heard(guarded: StartGuarded) -> None:
+    """Its orders, frames and uploads, each at the first attempt."""
+    g: Guarded = await guarded()
+    frame = Packer(g.b.peer.dialect, 255, 190).pack("COMMAND_LONG", command=400, param1=1.0, target_system=1)
+    async with g.client("op", "operator") as z:
+        await g.b.flying()
+        gate, op = g.vehicle.gate, Credentials.load(g.authority.folder / "op").certificate
+        assert gate is not None
+        gate._forgeries[gate.learn(op.der).fingerprint, False] = Allowance(0.0, time.monotonic)  # at any time
+        await z.vehicle("quad1").hold()
+        z.put(keys.TX, g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG"), frame)
+        await g.b.peer.until(lambda: len(g.b.peer.commands(400)) == 1, "the frame")
+        (answer,) = await z.ask(g.key(keys.UPLOAD, file="x", offset=0), b"hello", channel=keys.UPLOAD)
+        assert not isinstance(answer, Exception)
+        assert gate.counts["busy"] == 0
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ class Presence:
             with contextlib.suppress(ZmavError):
                 if reply.ok is not None:
                     data = reply.ok.payload.to_bytes()
-                    _, by = verifier.verify(key, data, attached(reply.ok), answers=challenge)
+                    _, by = verifier.verify_answer(key, data, attached(reply.ok), challenge)
                     state = wire.decode(data, wire.VehicleState, f"state of {vehicle}")
                     if (by.name, by.role) == (vehicle, Role.VEHICLE):
                         proven((vehicle, state.instance))

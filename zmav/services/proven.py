@@ -46,7 +46,7 @@ class Answers:
         """``introduce``: with our certificate, for who may not know it."""
         proof, asked = None, self._challenge(query)
         if self._signer is not None and asked is not None:
-            proof = self._signer.sign(key, payload, introduce=introduce, answers=asked)
+            proof = self._signer.answer(key, payload, asked, introduce=introduce)
         query.reply(key, payload, encoding=keys.JSON, attachment=proof)
 
     def refuse(self, query: zenoh.Query, error: ZmavError) -> None:
@@ -59,7 +59,7 @@ class Answers:
             return
         certificate = base64.b64encode(self._signer.certificate.der).decode()
         body = wire.error_body(error, **{CERTIFICATE: certificate})
-        proof = self._signer.sign(str(query.key_expr), body, introduce=True, answers=asked)[:UNINTRODUCED]
+        proof = self._signer.answer(str(query.key_expr), body, asked)[:UNINTRODUCED]
         query.reply_err(body, encoding=keys.JSON.with_schema(base64.b64encode(proof).decode()))
 
     def _challenge(self, query: zenoh.Query) -> bytes | None:

@@ -17,7 +17,7 @@ from zmav.services.identity import Identity
 from zmav.services.port import Port
 from zmav.services.questions import Questions, Reply
 from zmav.trust.gate import anybody
-from zmav.trust.proof import ANSWERS, NOTHING, Signer
+from zmav.trust.proof import ANSWERS, Signer
 
 FRESH = 3.0
 """seconds after which a message no longer counts for readiness"""
@@ -72,8 +72,10 @@ class StateService:
         data, proof = told.result(), None
         if self._signer is not None:
             asked = query.payload.to_bytes() if query.payload else b""
-            answers = asked if len(asked) == ANSWERS else NOTHING
-            proof = self._signer.sign(self._key, data, introduce=True, answers=answers)
+            if len(asked) == ANSWERS:
+                proof = self._signer.answer(self._key, data, asked)
+            else:
+                proof = self._signer.sign(self._key, data, introduce=True)
         yield Reply(self._key, data, keys.STATE.encoding, proof)
 
     def latest(self, name: str) -> Mapping[str, Any] | None:

@@ -20,6 +20,7 @@ from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
 from zmav.trust.rights import may
+from zmav.trust.tag import Tags
 from zmav.trust.verify import BUSY, Verifier
 
 EPOCH = "epoch"
@@ -67,7 +68,8 @@ class Gate(Verifier):
         monotonic: Callable[[], float] = time.monotonic, given: Collection[str] = (),
     ) -> None:  # fmt: skip
         self._given = given
-        super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic)
+        tags = Tags(credentials)
+        super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic, tags=tags)
         self.name = credentials.name
         self._shut_out = frozenset(credentials.roster.revoked)
         """whom the rules of our door know to be turned out: they were made from the same roster"""

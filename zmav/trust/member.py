@@ -28,6 +28,8 @@ GRACE = 86_400.0
 """s that what a vehicle says is believed after its certificate's end: who flies it is not to lose sight of it"""
 ROSTERS = 20.0
 """rosters that are looked at in a second: anybody may bring one, and the true one comes again"""
+MOST_HEARERS = 4096
+"""places and channels of which it is remembered who answers there"""
 SIGNED = (keys.STATE, keys.EVENT)
 """what vehicles sign of what they publish"""
 _FLEET = "@fleet"
@@ -57,6 +59,8 @@ class Member:
         self._clocks: dict[Place, float] = {}
         """s by which a vehicle's clock is ahead of ours, where it has shown that"""
         self._introduced: dict[Place, float] = {}
+        self._hearers: dict[tuple[str, str, str], Certificate] = {}
+        """by fleet, vehicle and channel: who answers there, so that what we say there bears a tag for it"""
         self._lock = threading.Lock()
         self._rosters = Allowance(ROSTERS, monotonic)
         self._questions = False
@@ -78,7 +82,8 @@ class Member:
         introduce = self._introduces(place) or channel is keys.DO
         gate = self._challenges.pop(key, None) or self._others.get((place, channel.name))
         gate = gate or self._gates.get(place, NOTHING)
-        return self.signer.sign(key, payload, introduce=introduce, answers=gate)
+        to = self._hearers.get((*place, channel.name)) or self._hearers.get((*place, keys.STATE.name))
+        return self.signer.sign(key, payload, introduce=introduce, answers=gate, to=to)
 
     def question(self, key: str, payload: bytes) -> bytes | None:
         """The attachment for what is asked: a proof where the channel needs one or a vehicle wants to know who asks,
@@ -87,7 +92,10 @@ class Member:
         if (proof := self.proof(key, payload)) is not None:
             return proof
         if self._questions:
-            return self.signer.sign(key, payload, introduce=True)
+            _, fleet, vehicle, *_ = (*key.split("/"), "", "")
+            return self.signer.sign(
+                key, payload, introduce=True, to=self._hearers.get((fleet, vehicle, keys.STATE.name))
+            )  # fmt: skip
         return os.urandom(NONCE) if keys.answerers(key) else None
 
     def _introduces(self, place: Place) -> bool:
@@ -176,6 +184,8 @@ class Member:
                 may(certificate.role, certificate.name, channel, parts)
             else:
                 self._check_speaker(certificate, place)
+            if channel is keys.STATE:
+                self._hear(*place, channel, certificate)
             if channel is not keys.EVENT:
                 t = found.t
                 # Both were fresh when they came: one that is farther ahead than that shows that the clocks were set.
@@ -198,13 +208,21 @@ class Member:
         vehicle = keys.match(key)[1]["vehicle"]
         try:
             named = challenge(question) or NOTHING
-            _, certificate = self.verifier.verify(key, payload, proof, answers=named, fresh=False)
+            _, certificate = self.verifier.verify_answer(key, payload, proof, named)
             if not acts_as(certificate.role, certificate.name, vehicle) & set(allowed):
                 text = f"{certificate.name} ({certificate.role.value}) answered in the place of {vehicle}"
                 raise Forbidden(text, reason="name", origin=certificate.name)
+            channel, parts = keys.match(key)
+            self._hear(parts["fleet"], vehicle, channel, certificate)
         except Forbidden as e:
             self.counts[f"answer {e.detail['reason']}"] += 1
             raise
+
+    def _hear(self, fleet: str, vehicle: str, channel: keys.Channel, certificate: Certificate) -> None:
+        """That is who answers there."""
+        with self._lock:
+            if len(self._hearers) < MOST_HEARERS or (fleet, vehicle, channel.name) in self._hearers:
+                self._hearers[fleet, vehicle, channel.name] = certificate
 
     def _disown(self, name: str) -> None:
         role = self.verifier.role_of(name)
@@ -217,7 +235,7 @@ class Member:
 
         Raises :class:`Forbidden` for another's, or for no answer to it.
         """
-        found, certificate = self.verifier.verify(key, payload, attachment, answers=challenge, fresh=False)
+        found, certificate = self.verifier.verify_answer(key, payload, attachment, challenge)
         self._check_speaker(certificate, place)
         self._clocks[place] = self.verifier.ahead(found)
 

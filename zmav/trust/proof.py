@@ -5,7 +5,7 @@ an order comes from. The attachment, numbers big-endian:
 
     offset  bytes
          0      1  version: 1
-         1      1  flags: bit 0, the signer's certificate follows
+         1      1  flags: bit 0, the signer's certificate follows; bit 1, a tag for who it is meant for follows
          2      8  UTC in microseconds at which it was signed
         10      8  nonce, random: makes each proof good for one use
         18      8  fingerprint of the signer's certificate: the first bytes of SHA-256 over its DER form
@@ -14,9 +14,11 @@ an order comes from. The attachment, numbers big-endian:
                    that the vehicle gave where the clocks disagree; of an answer the asker's challenge: the nonce of
                    the order's proof, or the 8 bytes that came with a question; else 0
         34     64  Ed25519 signature
-        98      -  the certificate in DER form, where the flag says so
+        98     16  the tag (:mod:`zmav.trust.tag`), where the flag says so
+         -      -  the certificate in DER form, where the flag says so
 
-What is signed: the context, the length of the key (2 bytes), the key, the 34 bytes above, the payload.
+What is signed: the context, the length of the key (2 bytes), the key, the 34 bytes above, the payload. Answers have a
+context of their own, so that none is ever taken for an order or a state, and none of those for an answer.
 """
 
 from __future__ import annotations
@@ -32,10 +34,12 @@ from cryptography.exceptions import InvalidSignature
 from zmav.errors import Forbidden
 from zmav.trust.certificate import FINGERPRINT, Certificate
 from zmav.trust.credentials import Credentials
+from zmav.trust.tag import TAG, Tags
 
 VERSION = 1
-INTRODUCED = 1
-CONTEXT = b"zmav proof of origin 1"
+INTRODUCED, TAGGED = 1, 2
+TOLD, ANSWERED = b"zmav proof of origin 1", b"zmav proof of an answer 1"
+"""contexts: of what somebody says, and of what somebody answers"""
 NONCE, ANSWERS, SIGNATURE = 8, 8, 64
 NOTHING = bytes(ANSWERS)
 MOST = 2048
@@ -44,7 +48,7 @@ WINDOW = 30.0
 """s by which a proof's time may differ from the clock of who checks it"""
 _HEAD = struct.Struct(f">BBQ{NONCE}s{FINGERPRINT}s{ANSWERS}s")
 UNINTRODUCED = _HEAD.size + SIGNATURE
-"""bytes of an attachment before the certificate"""
+"""bytes of an attachment before the tag and the certificate"""
 
 
 class Proof(NamedTuple):
@@ -59,14 +63,20 @@ class Proof(NamedTuple):
     certificate: bytes
     """DER; empty where it was not sent"""
     head: bytes
+    tag: bytes = b""
+    """empty where there is none"""
 
-    def is_of(self, certificate: Certificate, key: str, payload: bytes) -> bool:
+    def is_of(self, certificate: Certificate, key: str, payload: bytes, context: bytes) -> bool:
         """The holder of ``certificate`` signed ``payload`` for ``key``."""
         try:
-            certificate.key.verify(self.signature, _signed(self.head, key, payload))
+            certificate.key.verify(self.signature, _signed(context, self.head, key, payload))
         except InvalidSignature:
             return False
         return True
+
+    def is_for(self, tags: Tags, by: Certificate, key: str, payload: bytes, context: bytes) -> bool:
+        """The holder of ``by`` made it, for who has ``tags``: its signature is worth looking at."""
+        return bool(self.tag) and tags.fits(by, _signed(context, self.head, key, payload) + self.signature, self.tag)
 
 
 def read(attachment: bytes) -> Proof:
@@ -79,11 +89,14 @@ def read(attachment: bytes) -> Proof:
     version, flags, micros, nonce, fingerprint, answers = _HEAD.unpack_from(attachment)
     if version != VERSION:
         raise malformed(f"a proof of origin of version {version}; version {VERSION} is known here")
-    if flags & ~INTRODUCED or bool(flags) != bool(rest):
+    tagged = TAG if flags & TAGGED else 0
+    if flags & ~(INTRODUCED | TAGGED) or rest < tagged or bool(flags & INTRODUCED) != (rest > tagged):
         raise malformed(f"a proof of origin with flags {flags:#x} and {rest} bytes behind it")
-    signature = attachment[_HEAD.size : _HEAD.size + SIGNATURE]
-    certificate, head = attachment[_HEAD.size + SIGNATURE :], attachment[: _HEAD.size]
-    return Proof(micros / 1e6, nonce, fingerprint, answers, signature, certificate, head)
+    signature, behind = attachment[_HEAD.size : UNINTRODUCED], attachment[UNINTRODUCED:]
+    head = attachment[: _HEAD.size]
+    return Proof(
+        micros / 1e6, nonce, fingerprint, answers, signature, behind[tagged:], head, behind[:tagged]
+    )  # fmt: skip
 
 
 def challenge(attachment: bytes | None) -> bytes | None:
@@ -107,22 +120,31 @@ class Signer:
 
     def __init__(self, credentials: Credentials) -> None:
         self.certificate, self._key = credentials.certificate, credentials.key
+        self._tags = Tags(credentials)
         self._last = 0
         self._lock = threading.Lock()
 
+    def answer(self, key: str, payload: bytes, asked: bytes, *, introduce: bool = True) -> bytes:
+        """The attachment of an answer to who sent the challenge ``asked``."""
+        return self.sign(key, payload, introduce=introduce, answers=asked, context=ANSWERED)
+
     def sign(
-        self, key: str, payload: bytes, *, introduce: bool = False, answers: bytes = NOTHING, now: float | None = None
-    ) -> bytes:
+        self, key: str, payload: bytes, *, introduce: bool = False, answers: bytes = NOTHING, now: float | None = None,
+        context: bytes = TOLD, to: Certificate | None = None,
+    ) -> bytes:  # fmt: skip
         """The attachment that goes with ``payload`` on ``key``.
 
         ``introduce``: with our certificate, for who may not know it. ``now``: UTC seconds, of the clock by default.
+        ``to``: whom it is meant for, that who forges our name cannot have it left unread.
         """
         certificate = self.certificate
         micros = self._next() if now is None else round(now * 1e6)
         nonce = os.urandom(NONCE)
-        head = _HEAD.pack(VERSION, INTRODUCED if introduce else 0, micros, nonce, certificate.fingerprint, answers)
-        signature = self._key.sign(_signed(head, key, payload))
-        return head + signature + (certificate.der if introduce else b"")
+        flags = (INTRODUCED if introduce else 0) | (TAGGED if to is not None else 0)
+        head = _HEAD.pack(VERSION, flags, micros, nonce, certificate.fingerprint, answers)
+        signature = self._key.sign(signed := _signed(context, head, key, payload))
+        tag = self._tags.make(to, signed + signature) if to is not None else b""
+        return head + signature + tag + (certificate.der if introduce else b"")
 
     def _next(self) -> int:
         """UTC in µs, each later than the last, unless the clock went back so far that nobody could believe that."""
@@ -134,6 +156,6 @@ class Signer:
             return micros
 
 
-def _signed(head: bytes, key: str, payload: bytes) -> bytes:
+def _signed(context: bytes, head: bytes, key: str, payload: bytes) -> bytes:
     name = key.encode()
-    return b"".join((CONTEXT, struct.pack(">H", len(name)), name, head, payload))
+    return b"".join((context, struct.pack(">H", len(name)), name, head, payload))

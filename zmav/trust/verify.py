@@ -20,13 +20,16 @@ from zmav.trust.certificate import Certificate, Role, fingerprint
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
 from zmav.trust.roster import Roster
+from zmav.trust.tag import Tags
 
 MOST_KNOWN = 512
 """certificates remembered; the one unused for longest goes first"""
 STRANGERS = 20.0
 """certificates that are neither known nor on the roster, and are looked at in a second"""
 FORGERIES = 300.0
-"""wrong signatures that are looked at in a second, of each certificate; one costs some 150 µs"""
+"""wrong signatures that are looked at in a second, of each certificate; one costs some 150 µs. Of those that bear its
+holder's tag, which nobody else can make, as many again
+"""
 VEHICLE = Role.VEHICLE.value
 BUSY = "busy"
 """the reason for what was not looked at for want of time: whoever asked may ask again"""
@@ -61,13 +64,15 @@ class Verifier:
     """Knows the fleet's authority and roster, and remembers the certificates it has seen. Thread-safe.
 
     ``utc`` and ``monotonic`` are clocks in seconds; a certificate that ended at most ``grace`` s ago is believed.
+    ``tags``: of who judges.
     """
 
     def __init__(
         self, authority: x509.Certificate, fleet: str, roster: Roster,
         utc: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic, grace: float = 0.0,
+        tags: Tags | None = None,
     ) -> None:  # fmt: skip
-        self._grace = grace
+        self._grace, self._tags = grace, tags
         self.authority, self.fleet, self._roster = authority, fleet, roster
         self._revoked, self._listed = _fingerprints(roster)
         self._roles, self._met = _roles(roster), set[str]()
@@ -75,12 +80,14 @@ class Verifier:
         self._lock = threading.Lock()
         self._known: collections.OrderedDict[bytes, Certificate] = collections.OrderedDict()
         self._strangers = Allowance(STRANGERS, monotonic)
-        self._forgeries: dict[bytes, Allowance] = {}
+        self._forgeries: dict[tuple[bytes, bool], Allowance] = {}
 
     @classmethod
     def of(cls, credentials: Credentials, grace: float = 0.0) -> Verifier:
         """As the member of these credentials judges others."""
-        return cls(credentials.authority, credentials.fleet, credentials.roster, grace=grace)
+        return cls(
+            credentials.authority, credentials.fleet, credentials.roster, grace=grace, tags=Tags(credentials)
+        )  # fmt: skip
 
     @property
     def roster(self) -> Roster:
@@ -125,7 +132,8 @@ class Verifier:
                 self._met.add(certificate.name)
             while len(self._known) > MOST_KNOWN:
                 gone, _ = self._known.popitem(last=False)
-                self._forgeries.pop(gone, None)
+                for tagged in (False, True):
+                    self._forgeries.pop((gone, tagged), None)
         return certificate
 
     def meet(self, der: bytes) -> Certificate:
@@ -136,8 +144,9 @@ class Verifier:
         return self.learn(der)
 
     def verify(
-        self, key: str, payload: bytes, attachment: bytes | None, *, answers: bytes = proof.NOTHING, fresh: bool = True
-    ) -> tuple[proof.Proof, Certificate]:
+        self, key: str, payload: bytes, attachment: bytes | None, *, answers: bytes = proof.NOTHING, fresh: bool = True,
+        context: bytes = proof.TOLD,
+    ) -> tuple[proof.Proof, Certificate]:  # fmt: skip
         """Who signed ``payload`` for ``key``; raises :class:`Forbidden` with a ``reason`` in its detail.
 
         ``answers``: what it must answer. ``fresh``: it is not old by our clock. Whether it comes a second time is not
@@ -147,8 +156,14 @@ class Verifier:
         if found.answers != answers:
             raise Forbidden("its proof of origin answers something else than what was asked", reason="replayed")
         certificate = self.certificate_of(found)
-        self.check_signature(found, certificate, key, payload)
+        self.check_signature(found, certificate, key, payload, context)
         return found, certificate
+
+    def verify_answer(
+        self, key: str, payload: bytes, attachment: bytes | None, asked: bytes
+    ) -> tuple[proof.Proof, Certificate]:
+        """As :meth:`verify`, of an answer to our challenge ``asked``, which says that it is new: no clock matters."""
+        return self.verify(key, payload, attachment, answers=asked, fresh=False, context=proof.ANSWERED)
 
     # The same in parts, for who has something to look at in between.
 
@@ -194,16 +209,24 @@ class Verifier:
             raise proof.malformed("its certificate is not the one that it names")
         return self.meet(found.certificate)
 
-    def check_signature(self, found: proof.Proof, certificate: Certificate, key: str, payload: bytes) -> None:
-        """Raises :class:`Forbidden` unless the holder of ``certificate`` signed just this."""
+    def check_signature(
+        self, found: proof.Proof, certificate: Certificate, key: str, payload: bytes, context: bytes = proof.TOLD
+    ) -> None:
+        """Raises :class:`Forbidden` unless the holder of ``certificate`` signed just this.
+
+        Wrong ones are looked at so many a second. Those with the holder's own tag are counted apart, so that whoever
+        forges its name, however often, shuts nobody out who tags what he says.
+        """
+        tagged = self._tags is not None and found.is_for(self._tags, certificate, key, payload, context)
+        who = (certificate.fingerprint, tagged)
         with self._lock:
-            forgeries = self._forgeries.get(certificate.fingerprint)
+            forgeries = self._forgeries.get(who)
             if forgeries is not None and forgeries.spent:
                 raise Forbidden(f"too many wrong signatures as {certificate.name} at present", reason=BUSY)
-        if found.is_of(certificate, key, payload):
+        if found.is_of(certificate, key, payload, context):
             return
         with self._lock:
-            self._forgeries.setdefault(certificate.fingerprint, Allowance(FORGERIES, self._monotonic)).take()
+            self._forgeries.setdefault(who, Allowance(FORGERIES, self._monotonic)).take()
         text = f"the signature is not {certificate.name}'s of this: it was changed, or is another's"
         raise Forbidden(text, reason="signature", origin=certificate.name)
 

@@ -21,7 +21,7 @@ from zmav import wire
 from zmav.errors import Forbidden
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
-from zmav.trust.proof import Signer
+from zmav.trust.proof import TOLD, Signer
 from zmav.trust.proof import read as read_proof
 from zmav.trust.roster import Member, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Verifier
@@ -61,19 +61,20 @@ def proof(data: bytes) -> None:
     verifier = Verifier.of(fleet().member)
     try:
         apart = read_proof(data)
-        assert apart.head + apart.signature + apart.certificate == data
+        assert apart.head + apart.signature + apart.tag + apart.certificate == data
     except Forbidden as e:
         assert e.detail["reason"] == "malformed"
     with contextlib.suppress(Forbidden):
         verifier.learn(data[98:])
     found, of = verifier.verify(KEY, PAYLOAD, data)
     assert of.name == "quad1"
-    assert found.is_of(fleet().member.certificate, KEY, PAYLOAD)
+    assert found.is_of(fleet().member.certificate, KEY, PAYLOAD, TOLD)
 
 
 def proofs() -> list[bytes]:
     signer = Signer(fleet().member)
-    return [signer.sign(KEY, PAYLOAD, introduce=True), signer.sign(KEY, PAYLOAD)]
+    tagged = signer.sign(KEY, PAYLOAD, introduce=True, to=fleet().member.certificate)
+    return [signer.sign(KEY, PAYLOAD, introduce=True), signer.sign(KEY, PAYLOAD), tagged]
 
 
 def roster(data: bytes) -> None:
