@@ -62,7 +62,7 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
         _rule("hear", ("egress",), EVERYTHING, (*_spaces(fleet), ADMIN)),
         _rule("read", ("ingress", "egress"), READING, (*_wide(), ADMIN)),
     ]
-    loopback = list(_loopback(fleet, name, role_of(roster, name)))
+    loopback = list(_loopback(fleet, name))
     rules += loopback
     subjects: list[Rule] = [SOCKET, LOOPBACK, CERTIFIED]
     policies: list[Rule] = [
@@ -146,40 +146,35 @@ def _may(role: Role, name: str, channel: Channel, parts: dict[str, str], given: 
     return True
 
 
-def role_of(roster: Roster, name: str) -> Role:
-    """A member's role; a viewer's where the roster, older than its certificate, has not heard of it yet."""
-    return next((role for role in Role if name in roster.names(role.value)), Role.VIEWER)
+def local(fleet: str, name: str) -> dict[str, list[str]]:
+    """What any program of the host ``name`` may put (``put``), ask (``query``) and declare (``token``), by plain TCP on
+    loopback: what a viewer may, and what is under the host's own name, but never what only a vehicle says.
 
-
-def local(role: Role, name: str, fleet: str) -> dict[str, list[str]]:
-    """What any program of the host ``name`` may put (``put``) and declare (``token``), by plain TCP on loopback.
-
-    What is proven or sealed is judged where it arrives, so it may be for any vehicle. Of the rest a vehicle's computer
-    speaks of its own vehicle only, as an agent does and never as the vehicle itself; a ground host speaks of any
-    vehicle, as its role may.
+    Under a vehicle's name that is what is proven or sealed, judged where it arrives, and what its agents say; under a
+    ground host's what is proven for the planner and the agents there, and what these say. No other vehicle is spoken
+    to, and nothing that plans is said to all.
     """
-    acts = {keys.ANYONE, keys.AGENT if role is Role.VEHICLE else role.value}
-    found: dict[str, list[str]] = {"put": [], "token": []}
+    acts, found = {keys.ANYONE, keys.AGENT}, granted(Role.VIEWER, name, fleet)
     for channel in CHANNELS.values():
-        for parts in _cases(channel) if channel.kind != "query" else ():
-            anywhere = role is not Role.VEHICLE or channel in (keys.SETPOINT, keys.HOLDER, keys.WANT)
+        for parts in _cases(channel) if "{vehicle}" in channel.template else ():
             if channel is keys.ALIVE:
-                allowed = anywhere = parts["role"] != keys.VEHICLE
+                allowed = parts["role"] != keys.VEHICLE
             else:
                 allowed = keys.proven(channel, parts) or bool(acts & set(writers(channel, parts)))
-            parts["vehicle"] = STRANGER if anywhere or keys.proven(channel, parts) else name
+            kind = "put" if channel.kind == "pub" else channel.kind
             if allowed:
-                found["token" if channel.kind == "token" else "put"].append(channel.key(fleet, **parts))
+                parts["vehicle"] = name
+                found[kind].append(channel.key(fleet, **parts))
     return found
 
 
-def _loopback(fleet: str, name: str, role: Role) -> Iterator[Rule]:
-    found, replay = local(role, name, fleet), f"{ROOT}/{keys.replay_of(fleet)}/**"
+def _loopback(fleet: str, name: str) -> Iterator[Rule]:
+    found, replay = local(fleet, name), f"{ROOT}/{keys.replay_of(fleet)}/**"
     detected = [f"{key}/@adv/**" for key in found["put"]]
-    agents = () if role is Role.VEHICLE else (f"{ROOT}/{fleet}/*/agent/**", keys.CAMERA.key(fleet, "*", camera="*"))
-    answered = (*_under(fleet, name), *_answers(fleet), *agents, replay)
-    yield _rule("loopback-answer", ("ingress",), ANSWERING, answered)
-    yield _rule("loopback-ask", ("ingress", "egress"), ("query",), (*_wide(), *_spaces(fleet), *ADMIN_ASKED))
+    asked = (*found["query"], f"{ROOT}/{fleet}/**/@adv/**", *_under(fleet, name), *ADMIN_ASKED)
+    yield _rule("loopback-answer", ("ingress",), ANSWERING, (*_under(fleet, name), *_answers(fleet), replay))
+    yield _rule("loopback-ask", ("ingress",), ("query",), (*asked, replay))
+    yield _rule("loopback-asked", ("egress",), ("query",), (*_wide(), *_spaces(fleet), *ADMIN_ASKED))
     yield _rule("loopback-put", ("ingress",), ("put", "delete"), (*found["put"], *detected, replay))
     yield _rule("loopback-token", ("ingress",), ("liveliness_token",), (*found["token"], *detected, replay))
 

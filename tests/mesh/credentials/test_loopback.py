@@ -42,11 +42,12 @@ def test_a_program_speaks_of_the_hosts_own_and_never_as_a_vehicle(fleet: Fleet, 
     for vehicle in vehicles:
         for word in ("state", "event", "beacon", "mav/rx/x1/x1/x1"):
             assert f"zmav/alpha/{vehicle}/{word}" not in came
-    assert {f"zmav/alpha/{vehicle}/setpoint/x1" for vehicle in ("quad1", "quad2")} <= came  # sealed under a lease
-    assert {f"zmav/alpha/{vehicle}/mav/tx/x1/x1/x1" for vehicle in ("quad1", "quad2")} <= came  # proven
-    assert {"zmav/alpha/@fleet/goal", "zmav/alpha/@obstacle/x1"} <= came  # and so are these
-    assert ("zmav/alpha/quad2/camera/x1/detection" in came) == (host == "ops")
-    allowed = [zenoh.KeyExpr(key) for key in local(MEMBERS.get(host, Role.VEHICLE), host, "alpha")["put"]]
+        for word in ("setpoint/x1", "mav/tx/x1/x1/x1", "agent/x1/out/x1", "camera/x1/detection"):
+            own = f"zmav/alpha/{vehicle}/{word}" in came
+            assert own == (vehicle == host), word
+    assert not {"zmav/alpha/@fleet/goal", "zmav/alpha/@fleet/charge", "zmav/alpha/@obstacle/x1"} & came
+    assert "zmav/alpha/@fleet/roster" in came  # the authority's, whoever brings it
+    allowed = [zenoh.KeyExpr(key) for key in local("alpha", host)["put"]]
     assert came | {end} == {key for key in tried if any(each.includes(zenoh.KeyExpr(key)) for each in allowed)}
     by_socket = fleet.open(None, door.unix)
     reached(by_socket, end)
@@ -78,6 +79,31 @@ def test_a_program_reads_everything_and_answers_for_nobody_else(fleet: Fleet) ->
     assert answers == {b"home", b"own"}
     assert heard == ["zmav/alpha/quad2/state"]
     assert token not in home.tokens.keys
+
+
+@pytest.mark.parametrize("host", ["quad1", "ops"])
+def test_a_program_orders_no_other_vehicle(fleet: Fleet, host: str) -> None:
+    """Whatever proof it has; nor does it with a wildcard. What a viewer may ask of others passes."""
+    fleet.issue(quad1=Role.VEHICLE, **MEMBERS)
+    door = fleet.router(host)
+    home, program = fleet.home(door), fleet.open(None, door.local)
+    vehicles = ("quad1", "quad2", "quad9", "ops", "*")  # quad9 is on no roster yet
+    orders = ("do/land", "do/arm", "swarm/abort", "upload/x/0", "agent/x/do/y", "bench/order/start")
+    read = ("state", "param/X", "mission/mission", "msg/X", "do/ping", "file/x/*")
+    reached(program, end := f"zmav/alpha/{host}/agent/x1/status")
+    last = f"zmav/alpha/{host}/msg/END"
+    for key in (*(f"zmav/alpha/{vehicle}/{what}" for vehicle in vehicles for what in (*orders, *read)), last):
+        program.get(key, lambda reply: None, timeout=5.0)
+    program.put(end, b"", congestion_control=BLOCK)
+    came = home.asked.until(last) - {last}
+    assert came == {
+        f"zmav/alpha/{vehicle}/{what}" for vehicle in vehicles for what in (*orders, *read)
+        if vehicle == host or what in read
+    }  # fmt: skip
+    by_socket = fleet.open(None, door.unix)
+    for key in ("zmav/alpha/quad2/do/land", last):
+        by_socket.get(key, lambda reply: None, timeout=5.0)
+    assert "zmav/alpha/quad2/do/land" in home.asked.until(last)
 
 
 async def test_the_sockets_owner_and_group_alone_use_it(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
