@@ -1,8 +1,9 @@
-"""What a viewer's floods of every channel that answers cost an operator's `land`: the second table of ``hostile.py``.
+"""What floods of every channel that can be asked or put cost an operator's `land`: the second table of ``hostile.py``.
 
 ``zmav up`` with credentials, before an autopilot of one UDP socket with 1,354 parameters; an operator over QUIC says
 ``land`` again and again, and the time is taken until the word is on the autopilot's link. The viewer is a process of
-its own at a low priority, linked over QUIC (who does not read: over TLS through a proxy that lets nothing back).
+its own at a low priority, linked over QUIC (who does not read: over TLS through a proxy that lets nothing back). What a
+viewer's door lets nobody bring comes from a program without credentials on the vehicle's own loopback.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import contextlib
 import itertools
 import json
 import os
+import re
 import socket
 import statistics
 import subprocess
@@ -22,7 +24,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 from zenoh import handlers
@@ -38,8 +40,10 @@ from zmav.errors import SessionError, ZmavError
 from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
+from zmav.trust.credentials import Credentials
+from zmav.trust.proof import Signer
 
-QUIC, TLS = "quic/127.0.0.1:{}?mixed_rel=1", "tls/127.0.0.1:{}"
+QUIC, TLS, TCP = "quic/127.0.0.1:{}?mixed_rel=1", "tls/127.0.0.1:{}", "tcp/127.0.0.1:{}"
 SPACE = "zmav/alpha/quad1/"
 PARAMETERS = 1354
 RATE = 1000.0
@@ -47,8 +51,18 @@ RATE = 1000.0
 BETWEEN = 0.15
 """s that the vehicle is in GUIDED again before the next order"""
 PATIENCE = 90.0
-Flood = Callable[[Path, int, int], None]
-"""``flood(members' folder, QUIC port, TLS port)``: for ever"""
+
+
+class Ports(NamedTuple):
+    """Where the vehicle's router listens, by protocol."""
+
+    quic: int
+    tls: int
+    tcp: int
+
+
+Flood = Callable[[Path, Ports], None]
+"""``flood(members' folder, ports)``: for ever"""
 
 
 def paced(rate: float) -> Iterator[int]:
@@ -72,8 +86,8 @@ def ask(session: zenoh.Session, key: str, payload: bytes = b"", **more: Any) -> 
 def asking(*asked: str, rate: float = RATE) -> Flood:
     """One after the other of these keys; ``{}`` is another number each time."""
 
-    def flood(folder: Path, quic: int, tls: int) -> None:
-        session = viewer(folder, QUIC.format(quic))
+    def flood(folder: Path, ports: Ports) -> None:
+        session = viewer(folder, QUIC.format(ports.quic))
         for number in paced(rate):
             ask(session, SPACE + asked[number % len(asked)].format(number))
 
@@ -83,7 +97,7 @@ def asking(*asked: str, rate: float = RATE) -> Flood:
 def ordering(verb: str, **args: Any) -> Flood:
     """An order that a viewer may give, each proven and new."""
 
-    def flood(folder: Path, quic: int, tls: int) -> None:
+    def flood(folder: Path, ports: Ports) -> None:
         async def learn(z: zmav.Client) -> None:
             async with z:
                 await z.vehicle("quad1").ping()
@@ -92,15 +106,61 @@ def ordering(verb: str, **args: Any) -> Flood:
                     assert z.member is not None
                     ask(z.session, key, payload, attachment=z.member.proof(key, payload))
 
-        settings = SessionSettings(connect=[QUIC.format(quic)], credentials=str(folder / "view"))
+        settings = SessionSettings(connect=[QUIC.format(ports.quic)], credentials=str(folder / "view"))
         asyncio.run(learn(zmav.open(fleet="alpha", settings=settings)))
 
     return flood
 
 
-def rosters(folder: Path, quic: int, tls: int) -> None:
+def local(ports: Ports) -> zenoh.Session:
+    return open_session(SessionSettings(connect=[TCP.format(ports.tcp)]))
+
+
+def putting(key: str, payload: bytes = bytes(100), attachment: bytes | None = b"\x02" + bytes(16)) -> Flood:
+    """By a local program, with a seal or a proof that is none."""
+
+    def flood(folder: Path, ports: Ports) -> None:
+        session = local(ports)
+        for _ in paced(5 * RATE):
+            session.put(SPACE + key, payload, attachment=attachment)
+
+    return flood
+
+
+def asking_locally(key: str, payload: bytes = b"{}") -> Flood:
+    """By a local program, without a proof."""
+
+    def flood(folder: Path, ports: Ports) -> None:
+        session = local(ports)
+        for number in paced(RATE):
+            ask(session, SPACE + key.format(number), payload)
+
+    return flood
+
+
+def forging(key: str, rate: float, *, put: bool = False) -> Flood:
+    """In the operator's name, by a local program: all is right but the signature."""
+
+    def flood(folder: Path, ports: Ports) -> None:
+        session, signer = local(ports), Signer(Credentials.load(folder / "ops"))
+        (state,) = (reply.ok for reply in session.get(f"{SPACE}state", timeout=5.0))
+        assert state is not None
+        gate = bytes.fromhex(json.loads(state.payload.to_bytes())["gate"])
+        forged, until = b"", 0.0
+        for _ in paced(rate):
+            if time.monotonic() > until:
+                forged, until = signer.sign("another key", b"", introduce=True, answers=gate), time.monotonic() + 10.0
+            if put:
+                session.put(SPACE + key, b"", attachment=forged)
+            else:
+                ask(session, SPACE + key, b"{}", attachment=forged)
+
+    return flood
+
+
+def rosters(folder: Path, ports: Ports) -> None:
     """Asked for and put, both."""
-    session, key = viewer(folder, QUIC.format(quic)), "zmav/alpha/@fleet/roster"
+    session, key = viewer(folder, QUIC.format(ports.quic)), "zmav/alpha/@fleet/roster"
     roster = json.dumps({"fleet": "alpha", "number": 10**6, "t": 0, "members": [], "revoked": []})
     forged = json.dumps({"roster": roster, "signature": "A" * 88}).encode()
     for number in paced(2 * RATE):
@@ -110,7 +170,7 @@ def rosters(folder: Path, quic: int, tls: int) -> None:
             ask(session, key)
 
 
-def unread(folder: Path, quic: int, tls: int) -> None:
+def unread(folder: Path, ports: Ports) -> None:
     """Asks for all parameters so that no answer may be dropped, and reads none; is cut off, and comes again."""
     gate = threading.Event()
     listener = socket.create_server(("127.0.0.1", 0))
@@ -133,7 +193,7 @@ def unread(folder: Path, quic: int, tls: int) -> None:
     def accept() -> None:
         while True:
             near, _ = listener.accept()
-            far = socket.create_connection(("127.0.0.1", tls))
+            far = socket.create_connection(("127.0.0.1", ports.tls))
             threading.Thread(target=pump, args=(near, far, False), daemon=True).start()
             threading.Thread(target=pump, args=(far, near, True), daemon=True).start()
 
@@ -180,6 +240,17 @@ FLOODS: dict[str, Flood] = {
     "do/file_list": ordering("file_list", path="/", wait=0.0),
     "roster, asked and put": rosters,
     "param/*, and reads nothing": unread,
+    "bench/report": asking("bench/report/x"),
+    "bench/ping": asking("bench/ping"),
+    "bench/order": asking_locally("bench/order/start"),
+    "upload": asking_locally("upload/x/{}"),
+    "setpoint, 5,000/s": putting("setpoint/x"),
+    "mav/tx, 5,000/s": putting("mav/tx/1/1/COMMAND_LONG"),
+    "do/land, unsigned": asking_locally("do/land"),
+    "do/land, forged": forging("do/land", RATE),
+    "do/land, forged, 5,000/s": forging("do/land", 5 * RATE),
+    "upload, forged": forging("upload/x/0", RATE),
+    "mav/tx, forged, 5,000/s": forging("mav/tx/1/1/COMMAND_LONG", 5 * RATE, put=True),
 }
 
 
@@ -204,8 +275,8 @@ class Autopilot(ParamPeer):
 class Scene:
     """The vehicle's process and the operator."""
 
-    def __init__(self, folder: Path, autopilot: Autopilot, z: zmav.Client, quic: int, tls: int) -> None:
-        self.folder, self.autopilot, self.z, self.ports = folder, autopilot, z, (quic, tls)
+    def __init__(self, folder: Path, autopilot: Autopilot, z: zmav.Client, ports: Ports) -> None:
+        self.folder, self.autopilot, self.z, self.ports = folder, autopilot, z, ports
         self._states: list[float] = []
 
     async def watch(self) -> None:
@@ -240,7 +311,7 @@ async def scene(place: Path) -> AsyncIterator[Scene]:
     authority = Authority.create(place / "ca", "alpha")
     for who, role in (("view", Role.VIEWER), ("ops", Role.OPERATOR), ("quad1", Role.VEHICLE)):
         authority.issue(who, role)
-    folder, quic, tls, tcp = place / "ca" / "members", free_port(), free_port(), free_port()
+    folder, ports = place / "ca" / "members", Ports(free_port(), free_port(), free_port())
     async with contextlib.AsyncExitStack() as stack:
         autopilot = Autopilot()
         await autopilot.open()
@@ -248,7 +319,7 @@ async def scene(place: Path) -> AsyncIterator[Scene]:
         with (place / "log").open("w") as log:
             up = subprocess.Popen(
                 [sys.executable, "-m", "zmav", "up", "--link", autopilot.url, "--fleet", "alpha", "--name", "quad1",
-                 "-l", f"tcp/127.0.0.1:{tcp}", "-l", QUIC.format(quic), "-l", TLS.format(tls),
+                 "-l", TCP.format(ports.tcp), "-l", QUIC.format(ports.quic), "-l", TLS.format(ports.tls),
                  "--credentials", str(folder / "quad1"), "--cache", str(place / "cache")],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log,
             )  # fmt: skip
@@ -256,12 +327,12 @@ async def scene(place: Path) -> AsyncIterator[Scene]:
         stack.callback(up.kill)
         for _ in range(100):
             with contextlib.suppress(SessionError):
-                viewer(folder, QUIC.format(quic)).close()
+                viewer(folder, QUIC.format(ports.quic)).close()
                 break
             await asyncio.sleep(0.2)
-        settings = SessionSettings(connect=[QUIC.format(quic)], credentials=str(folder / "ops"))
+        settings = SessionSettings(connect=[QUIC.format(ports.quic)], credentials=str(folder / "ops"))
         z = await stack.enter_async_context(zmav.open(fleet="alpha", settings=settings))
-        made = Scene(folder, autopilot, z, quic, tls)
+        made = Scene(folder, autopilot, z, ports)
         watch = asyncio.create_task(made.watch())
         stack.callback(watch.cancel)
         await z.wait_for("quad1", timeout=30.0)
@@ -298,7 +369,7 @@ async def compare(seconds: float, only: str) -> None:
         async with scene(Path(place)) as made:
             quiet, _ = await made.measure(max(seconds, 10.0))
             for name in FLOODS:
-                if only not in name:
+                if not re.search(only, name):
                     continue
                 attacker = subprocess.Popen(
                     [sys.executable, __file__, "--flood", name, str(made.folder), *map(str, made.ports)],
@@ -316,13 +387,13 @@ async def compare(seconds: float, only: str) -> None:
 def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(description="Floods of questions.")
     parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--only", default="", help="floods whose name holds this")
+    parser.add_argument("--only", default="", help="floods whose name this regular expression finds")
     given = parser.parse_args(arguments)
     asyncio.run(compare(given.seconds, given.only))
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--flood"]:
-        FLOODS[sys.argv[2]](Path(sys.argv[3]), int(sys.argv[4]), int(sys.argv[5]))
+        FLOODS[sys.argv[2]](Path(sys.argv[3]), Ports(*map(int, sys.argv[4:7])))
     else:
         main(sys.argv[1:])
