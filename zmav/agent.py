@@ -103,9 +103,9 @@ class Agent:
         self.on_alive: Callable[[], object] = lambda: None
         """called on the event loop with each word of its status: not called, the loop hangs"""
         table = {**TUNING, **self.verbs}
-        answers = Answers(z.member.signer if z.member else None)
-        self._questions = Questions(z.session, answers)
         self._gate = z.member.make_gate() if z.member else None
+        answers = Answers(z.member.signer if z.member else None, self._gate)
+        self._questions = Questions(z.session, answers)
         self._orders = Orders(
             z.session, self.vehicle.fleet, vehicle, self._gate.check if self._gate else anybody,
             answers, keys.AGENT_DO, table, parts={"agent": self.name}, questions=self._questions,

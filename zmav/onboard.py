@@ -106,8 +106,8 @@ class Onboard:
         own = _credentials(settings)
         self.gate = Gate(own, given=settings.rights.planner) if own else None
         signer = Signer(own) if own else None
-        prove, answers = self.gate.check if self.gate else anybody, Answers(signer)
-        self.questions = questions = Questions(session, Answers(signer))
+        prove, answers = self.gate.check if self.gate else anybody, Answers(signer, self.gate)
+        self.questions = questions = Questions(session, Answers(signer, self.gate))
         dialect = load_dialect(settings.dialect)
         self.adapter = port = Adapter(
             session, fleet, name, link, dialect, admit=lambda frame: self.authority.stations.admit(frame),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -15,7 +16,9 @@ from tests.trust.conftest import StartGuarded
 from zmav import keys, wire
 from zmav.errors import Forbidden, TimedOut, ZmavError
 from zmav.services.proven import proof_of_error
+from zmav.trust.credentials import Credentials
 from zmav.trust.proof import Signer, challenge
+from zmav.trust.verify import Allowance
 from zmav.vehicle import vehicle as handle
 
 if TYPE_CHECKING:
@@ -137,3 +140,17 @@ async def test_parameters_and_missions_are_the_vehicles(guarded: StartGuarded) -
                 (answer,) = await z.ask(key, timeout=20.0, channel=channel)
                 await asyncio.to_thread(asked.wait)
             assert isinstance(answer, ZmavError) or answer.payload != lie
+
+
+async def test_more_forged_answers_than_are_looked_at_shut_none_of_the_vehicles_out(guarded: StartGuarded) -> None:
+    """Neither an outcome nor a refusal."""
+    g: Guarded = await guarded()
+    async with g.client("alice", "operator") as z:
+        assert z.member is not None
+        vehicle, own = z.vehicle("quad1"), Credentials.load(g.authority.folder / "quad1").certificate
+        await vehicle.ping()
+        z.member.verifier._forgeries[own.fingerprint, False] = Allowance(0.0, time.monotonic)  # at any time
+        await vehicle.set_mode("LOITER")
+        assert g.b.peer.mode == 5
+        with pytest.raises(ZmavError, match="no order 'dance'"):
+            await vehicle.order("dance", wire.Order())

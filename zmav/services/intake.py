@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +18,9 @@ from zenoh.handlers import RingChannel
 
 logger = logging.getLogger(__name__)
 NAP = 0.005
-"""s between two batches: a flood is looked at in batches of the ring's size, and no faster"""
+"""s between two batches at least, and as long as the last one's work took: a flood is looked at in batches of the ring's
+size, and leaves the event loop its share of the interpreter
+"""
 
 
 class Intake:
@@ -45,9 +48,10 @@ class Intake:
                 batch = [ring.recv()]
                 while len(batch) < self._most and (more := ring.try_recv()) is not None:
                     batch.append(more)
+                began = time.thread_time()
                 try:
                     self._take(batch)
                 except Exception:
                     logger.exception("not taken")  # what comes next is: an order may be behind it
                 del batch
-                self._closed.wait(NAP)
+                self._closed.wait(max(NAP, time.thread_time() - began))

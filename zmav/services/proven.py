@@ -10,8 +10,10 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import Forbidden, ZmavError
-from zmav.trust.proof import UNINTRODUCED, Signer, challenge
-from zmav.trust.verify import BUSY, Allowance
+from zmav.trust.certificate import Certificate
+from zmav.trust.proof import UNINTRODUCED, Signer, challenge, speaker
+from zmav.trust.tag import TAG
+from zmav.trust.verify import BUSY, Allowance, Verifier
 
 CERTIFICATE = "certificate"
 REFUSALS = 300.0
@@ -36,17 +38,20 @@ def proof_of_error(reply: zenoh.ReplyError, error: ZmavError) -> bytes | None:
 
 
 class Answers:
-    """Answers queries: signed over the asker's challenge where we have credentials and it sent one. Thread-safe."""
+    """Answers queries: signed over the asker's challenge where we have credentials and it sent one. Thread-safe.
 
-    def __init__(self, signer: Signer | None) -> None:
-        self._signer = signer
+    ``verifier``: knows who asks, for the tag by which forged answers in our name shut out none of ours.
+    """
+
+    def __init__(self, signer: Signer | None, verifier: Verifier | None = None) -> None:
+        self._signer, self._verifier = signer, verifier
         self._refusals = Allowance(REFUSALS, time.monotonic)
 
     def give(self, query: zenoh.Query, key: str, payload: bytes, *, introduce: bool = True) -> None:
         """``introduce``: with our certificate, for who may not know it."""
         proof, asked = None, self._challenge(query)
         if self._signer is not None and asked is not None:
-            proof = self._signer.answer(key, payload, asked, introduce=introduce)
+            proof = self._signer.answer(key, payload, asked, introduce=introduce, to=self._asker(query))
         query.reply(key, payload, encoding=keys.JSON, attachment=proof)
 
     def refuse(self, query: zenoh.Query, error: ZmavError) -> None:
@@ -59,8 +64,13 @@ class Answers:
             return
         certificate = base64.b64encode(self._signer.certificate.der).decode()
         body = wire.error_body(error, **{CERTIFICATE: certificate})
-        proof = self._signer.answer(str(query.key_expr), body, asked)[:UNINTRODUCED]
+        to = self._asker(query)
+        proof = self._signer.answer(str(query.key_expr), body, asked, to=to)[: UNINTRODUCED + (TAG if to else 0)]
         query.reply_err(body, encoding=keys.JSON.with_schema(base64.b64encode(proof).decode()))
+
+    def _asker(self, query: zenoh.Query) -> Certificate | None:
+        """As the question says: a tag for another is of no use to anybody."""
+        return None if self._verifier is None else self._verifier.known(speaker(attached(query)))
 
     def _challenge(self, query: zenoh.Query) -> bytes | None:
         return challenge(attached(query))

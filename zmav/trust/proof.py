@@ -108,6 +108,11 @@ def challenge(attachment: bytes | None) -> bytes | None:
     return _HEAD.unpack_from(attachment)[3] if len(attachment) >= _HEAD.size else None
 
 
+def speaker(attachment: bytes | None) -> bytes:
+    """The fingerprint that a proof bears; empty where there is none."""
+    return _HEAD.unpack_from(attachment)[4] if attachment is not None and len(attachment) >= _HEAD.size else b""
+
+
 def malformed(text: str) -> Forbidden:
     return Forbidden(text, reason="malformed")
 
@@ -124,9 +129,11 @@ class Signer:
         self._last = 0
         self._lock = threading.Lock()
 
-    def answer(self, key: str, payload: bytes, asked: bytes, *, introduce: bool = True) -> bytes:
+    def answer(
+        self, key: str, payload: bytes, asked: bytes, *, introduce: bool = True, to: Certificate | None = None
+    ) -> bytes:
         """The attachment of an answer to who sent the challenge ``asked``."""
-        return self.sign(key, payload, introduce=introduce, answers=asked, context=ANSWERED)
+        return self.sign(key, payload, introduce=introduce, answers=asked, context=ANSWERED, to=to)
 
     def sign(
         self, key: str, payload: bytes, *, introduce: bool = False, answers: bytes = NOTHING, now: float | None = None,

@@ -136,6 +136,11 @@ class Verifier:
                     self._forgeries.pop((gone, tagged), None)
         return certificate
 
+    def known(self, fingerprint: bytes) -> Certificate | None:
+        """A certificate that is remembered."""
+        with self._lock:
+            return self._known.get(fingerprint)
+
     def meet(self, der: bytes) -> Certificate:
         """As :meth:`learn`, for what anybody may have sent: of those not on the roster, so many a second."""
         with self._lock:
