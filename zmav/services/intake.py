@@ -18,8 +18,8 @@ from zenoh.handlers import RingChannel
 
 logger = logging.getLogger(__name__)
 NAP = 0.005
-"""s between two batches at least, and as long as the last one's work took: a flood is looked at in batches of the ring's
-size, and leaves the event loop its share of the interpreter
+"""s between two batches at least, and as long as the work of the last one took: a flood is looked at in batches of the
+ring's size, and leaves the event loop its share of the interpreter
 """
 
 
