@@ -168,7 +168,7 @@ def test_only_a_stalled_machine_is_a_reason_to_try_again() -> None:
 
     for words in ("zmav ls: exit code 1", "no output for 8 cycles\nTraceback (most recent call last)"):
         begun.clear()
-        with pytest.raises(AssertionError, match="exit code|no output"):
+        with pytest.raises(AssertionError, match=r"exit code|no output"):
             tried(failing(words), race)
         assert begun == [1], words
     begun.clear()

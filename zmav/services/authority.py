@@ -79,6 +79,8 @@ class Authority:
 
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
+        self._given: dict[Origin, float] = {}
+        """monotonic s at which each member gave its last such order, however long that was under way"""
         self.made_safe = 0
         """counts the orders that make safe: one that waits since before such a one is overtaken"""
         self.taken_from = ""
@@ -131,7 +133,7 @@ class Authority:
         if isinstance(args, wire.Forced) and args.force and origin is not None and origin.role is not Role.OPERATOR:
             raise Forbidden(f"{verb.name} with force is an operator's, and {origin.name} is none", reason="role")
         if origin is not None:
-            self._keep_order(verb, origin)
+            self._keep_order(verb, args, origin)
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
         if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
@@ -157,14 +159,19 @@ class Authority:
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
         return flown
 
-    def _keep_order(self, verb: Verb, origin: Origin) -> None:
-        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since."""
-        calmed = self._calmed.get(origin, 0.0)
+    def _keep_order(self, verb: Verb, args: wire.Order, origin: Origin) -> None:
+        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since. One that
+        makes safe and waited, sent again and again, does not undo a later one: by how long it waited, and by no clock
+        that may have been set, for it must pass.
+        """
+        calmed, late = self._calmed.get(origin, 0.0), f"{verb.name} was given before the last order of {origin.name}"
         if verb.access is Access.OPEN:
-            self._calmed[origin] = max(calmed, origin.t)
+            given = time.monotonic() - max(origin.t - (args.given or origin.t), 0.0)
+            if given < self._given.get(origin, -math.inf):
+                raise Refused(f"{late} that makes it safe, and comes after it: overtaken", verb=verb.name)
+            self._calmed[origin], self._given[origin] = max(calmed, origin.t), given
         elif verb.access is Access.MOVE and origin.t < calmed <= origin.t + 2 * WINDOW:  # else its clock was set
-            text = f"{verb.name} was given before the last order of {origin.name} that makes it safe: overtaken"
-            raise Refused(text, verb=verb.name)
+            raise Refused(f"{late} that makes it safe: overtaken", verb=verb.name)
 
     def failed(self, flown: Flown | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
