@@ -145,7 +145,7 @@ class Onboard:
         )  # fmt: skip
         self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
         self.params = Params(questions, port, self.identity, self.events)
-        self.flight.param = self.params.value
+        self.flight.param = self.authority.param = self.params.value
         count = self.setpoints.counts
         self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
         self.setpoints.accept = self.needs.check

@@ -119,7 +119,7 @@ async def test_an_order_that_comes_to_nothing_does_not_end_the_action(bench: Sta
 @pytest.mark.usefixtures("hurry")
 @pytest.mark.parametrize("how", ["lease", "arm"])
 async def test_what_moves_nothing_does_not_end_the_action(bench: StartBench, how: str) -> None:
-    """It tries again and again: somebody who takes a lease and gives it back, or orders nothing that moves, is no pilot."""
+    """It tries again and again: who takes a lease and gives it back, or orders nothing that moves, flies nothing."""
     b = await stubborn(bench, RTL, LAND, settings=failsafe())
     await lost(b)
     await b.event("neither rtl nor land is taken: holding position", kind="failsafe")

@@ -217,6 +217,14 @@ class Autopilot(ABC):
             )
         return found
 
+    def mode_by(self, command: Command) -> str | None:
+        """The mode that a MAV_CMD_DO_SET_MODE enters; None: none that is known."""
+        for mode in self.modes().values():
+            given = mode.command.params
+            if mode.command.name == command.name and command.padded()[: len(given)] == tuple(given):
+                return mode.name
+        return None
+
     @abstractmethod
     def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
         """What is not ready for arming, in words; empty: ready. ``checks``: what its own report of its checks says."""
@@ -257,6 +265,9 @@ class Autopilot(ABC):
 
     stream_lost: ClassVar[tuple[str, ...]] = ()
     """modes that it enters by itself when the stream ends, its intention staying :attr:`guided`"""
+    failsafe_waits: ClassVar[tuple[str, float]] = ("", 0.0)
+    """the parameter of how long (s), and how long without it known, a failsafe waits in the mode of :meth:`hold` before
+    it acts: a change of the mode would end it, and that mode ordered is one"""
 
     @abstractmethod
     def land(self) -> str:

@@ -32,6 +32,8 @@ from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
 from zmav.verbs import Access, Verb
 
+TOLD = 1.5
+"""s in which a mode that was entered is told"""
 OTHER = "other"
 """the reason of a refusal by who is not meant"""
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
@@ -77,6 +79,8 @@ class Authority:
             session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
         )
 
+        self.param: Callable[[str], float | None] = lambda name: None
+        """the autopilot's parameter of that name, where it is known"""
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
         self._given: dict[Origin, float] = {}
@@ -205,9 +209,13 @@ class Authority:
 
     async def _hold_lost(self, flown: Flown) -> None:
         """Order the hold where the autopilot has lost the stream: it would go back to it with the next setpoint, of
-        any agent. Only it tells that from a pilot who has changed the mode, and only after the change.
+        any agent. Only it tells that from a pilot who has changed the mode, and only after the change. Where a failsafe,
+        a battery's, may wait in that hold for its pilot, it is waited for: what it enters then is not touched.
         """
-        who = self._identity
+        who, (param, usual) = self._identity, flown.autopilot.failsafe_waits
+        if who.mode == flown.autopilot.hold()[0]:
+            waits = self.param(param)
+            await asyncio.sleep((usual if waits is None else waits) + TOLD)
         with contextlib.suppress(ZmavError):
             if who.intended is None:
                 await self._commander.until_heartbeat(

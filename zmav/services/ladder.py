@@ -197,7 +197,7 @@ class Ladder:
 
     def stop(self) -> Flown | None:
         """The stream is over on purpose: an order or the pilot moves the vehicle now, or it has landed. Once this
-        returns nothing more is sent, and what was overridden is given back. Returns what was flown or held, or given up.
+        returns nothing more is sent, and what was overridden is given back. Returns what was flown, held or given up.
         """
         with self._changed:
             flown = None if self._step is Step.ENGAGING else self._flown  # nothing flies by that yet
