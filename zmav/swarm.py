@@ -327,5 +327,5 @@ def _ended(verb: str, vehicle: Vehicle, result: dict[str, Any]) -> str:
 
 def _home(vehicle: Vehicle, result: dict[str, Any]) -> str:
     state = vehicle.last_state
-    stays = "standing" if state is not None and state.kind in SURFACE else "circling"
+    stays = {"plane": "circling", "copter": "hovering"}.get(state.kind if state is not None else "plane", "standing")
     return f"done: home, {stays} in {result.get('mode')}; it stays armed"

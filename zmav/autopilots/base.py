@@ -275,6 +275,10 @@ class Autopilot(ABC):
 
     lands_after_rtl: bool = True
     """a return to launch ends on the ground, disarmed"""
+    home_circle_param: str | None = None
+    """the parameter of the radius of its circle over home, where that is not ``circle_param``'s; 0: it is that"""
+    home_height_params: tuple[str, ...] = ()
+    """parameters, one of which above 0 has it hover over home and not land"""
 
     @abstractmethod
     def rtl(self) -> str:

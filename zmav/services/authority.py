@@ -209,8 +209,8 @@ class Authority:
 
     async def _hold_lost(self, flown: Flown) -> None:
         """Order the hold where the autopilot has lost the stream: it would go back to it with the next setpoint, of
-        any agent. Only it tells that from a pilot who has changed the mode, and only after the change. Where a failsafe,
-        a battery's, may wait in that hold for its pilot, it is waited for: what it enters then is not touched.
+        any agent. Only it tells that from a pilot who has changed the mode, and only after the change. Where a
+        failsafe, a battery's, may wait in that hold for its pilot, it is waited for: what it enters then stays.
         """
         who, (param, usual) = self._identity, flown.autopilot.failsafe_waits
         if who.mode == flown.autopilot.hold()[0]:
