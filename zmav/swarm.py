@@ -327,5 +327,6 @@ def _ended(verb: str, vehicle: Vehicle, result: dict[str, Any]) -> str:
 
 def _home(vehicle: Vehicle, result: dict[str, Any]) -> str:
     state = vehicle.last_state
-    stays = {"plane": "circling", "copter": "hovering"}.get(state.kind if state is not None else "plane", "standing")
+    kind = "" if state is None else state.kind or ""
+    stays = "standing" if kind in SURFACE else "hovering" if kind == "copter" else "circling"
     return f"done: home, {stays} in {result.get('mode')}; it stays armed"

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from zmav import geo, wire
@@ -63,7 +63,7 @@ class Flight:
         self.leads: Callable[[], bool] = lambda: False
         self.param: Callable[[str], float | None] = lambda name: None
         """the autopilot's parameter of that name, where it is known"""
-        self.rally: Callable[[], Awaitable[list[Target]]] = _nowhere
+        self.rally: Callable[[], Coroutine[Any, Any, list[Target]]] = _nowhere
         """the rally points that are on the autopilot"""
 
     # Whether an order can be done: raises before anything is changed for it, a landing under way included.
