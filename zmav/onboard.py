@@ -130,6 +130,7 @@ class Onboard:
         self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
         self.payload = Payload(port, self.commander, bounds)
         self.missions = Missions(questions, port, self.identity, self.commander, self.events, bounds)
+        self.flight.rally = self.missions.rally
         self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
         rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
@@ -145,7 +146,7 @@ class Onboard:
         )  # fmt: skip
         self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
         self.params = Params(questions, port, self.identity, self.events)
-        self.flight.param = self.params.value
+        self.flight.param = self.authority.param = self.params.value
         count = self.setpoints.counts
         self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
         self.setpoints.accept = self.needs.check
@@ -230,8 +231,11 @@ class Onboard:
             self.orders.add(name, self._guarded(VERBS[name], guarded, judges.get(name)))
 
     async def _judge_command(self, args: wire.RunCommand, report: Report) -> None:
-        await self.payload.judge_command(args, report)
-        await self.mission_flight.judge_command(args, report)
+        """A MAV_CMD by its name is judged as its verb is."""
+        command = self.payload.judge_command(args)
+        if command.name == "MAV_CMD_COMPONENT_ARM_DISARM" and command.padded()[0] != 0.0:
+            await self.flight.judge_arming()
+        await self.mission_flight.judge_command(command, args.force, report)
 
     def _guarded(self, verb: Verb, handler: Guarded, judge: Judge | None) -> Guarded:
         """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one.

@@ -327,5 +327,6 @@ def _ended(verb: str, vehicle: Vehicle, result: dict[str, Any]) -> str:
 
 def _home(vehicle: Vehicle, result: dict[str, Any]) -> str:
     state = vehicle.last_state
-    stays = "standing" if state is not None and state.kind in SURFACE else "circling"
+    kind = "" if state is None else state.kind or ""
+    stays = "standing" if kind in SURFACE else "hovering" if kind == "copter" else "circling"
     return f"done: home, {stays} in {result.get('mode')}; it stays armed"

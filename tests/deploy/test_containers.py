@@ -99,6 +99,13 @@ def test_no_secret_is_written_in_the_file(name: str) -> None:
         assert re.search(r": \$\{\w+:\?", line), f"it starts without one being given: {line}"
 
 
+@composed
+def test_what_must_be_given_says_that_down_asks_for_it_too(name: str) -> None:
+    """Compose reads the whole file for every command, and would have nobody end what he began in another shell."""
+    for words in re.findall(r"\$\{\w+:\?([^}]*)\}", (CONTAINERS / name).read_text(encoding="utf-8")):
+        assert "'down'" in words and "any word will do" in words, words
+
+
 def test_nothing_is_downloaded_but_from_the_package_index() -> None:
     assert not re.search(r"^ADD |curl|wget|apt-get|git clone", DOCKERFILE, re.MULTILINE)
     assert "--no-cache-dir" in DOCKERFILE

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from tests.failsafe.conftest import Agent, agent, another, held, moves, stops
-from tests.services.conftest import GUIDED, LAND, LOITER, SET_MODE, Bench, Peer, StartBench
+from tests.services.conftest import FAILED, GUIDED, LAND, LOITER, SET_MODE, TAKEOFF, Bench, Peer, StartBench
 from zmav.config import Failsafe
+from zmav.errors import ZmavError
 from zmav.services import ladder
 
 RTL = 6
@@ -97,6 +98,53 @@ async def test_where_all_is_refused_it_says_so_and_keeps_trying(bench: StartBenc
     await b.peer.until(lambda: len(stops(b)) > holds, "the hold goes on")
     b.peer.refused = ()
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL after all")
+    await b.peer.close()
+
+
+async def test_an_order_that_comes_to_nothing_does_not_end_the_action(bench: StartBench) -> None:
+    """RTL is on its way: a takeoff is tried, and refused. Nobody flies the vehicle then, and it goes home after all."""
+    b = await stubborn(bench, RTL, settings=failsafe())
+    await lost(b)
+    await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "RTL asked for")
+    b.peer.results[TAKEOFF] = [FAILED]
+    with pytest.raises(ZmavError):
+        await b.ground.do("takeoff", alt_rel=5.0)
+    await b.event("takeoff came to nothing: holding position")
+    assert isinstance(b.peer, Stubborn)
+    b.peer.refused = ()
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL after all")
+    await b.peer.close()
+
+
+@pytest.mark.usefixtures("hurry")
+@pytest.mark.parametrize("how", ["lease", "arm"])
+async def test_what_moves_nothing_does_not_end_the_action(bench: StartBench, how: str) -> None:
+    """It tries again and again: who takes a lease and gives it back, or orders nothing that moves, flies nothing."""
+    b = await stubborn(bench, RTL, LAND, settings=failsafe())
+    await lost(b)
+    await b.event("neither rtl nor land is taken: holding position", kind="failsafe")
+    if how == "arm":
+        await b.ground.do("arm")  # it is
+    else:
+        bob = await another(b, "bob")
+        await b.ground.do("release", lease=bob.token)
+    assert isinstance(b.peer, Stubborn)
+    b.peer.refused = ()
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL after all")
+    await b.peer.close()
+
+
+async def test_a_second_panic_ends_the_action_only_by_what_it_does(bench: StartBench) -> None:
+    """A hold is an operator's, who is above the ladder; one that comes to nothing leaves the action to come."""
+    b = await stubborn(bench, RTL, settings=failsafe())
+    await lost(b)
+    await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "RTL asked for")
+    await b.ground.do("hold")
+    assert isinstance(b.peer, Stubborn)
+    b.peer.refused = ()
+    for _ in range(8):  # 5 Hz: longer than land_after
+        await b.state(lambda s: True, "a moment")
+    assert b.peer.mode == GUIDED
     await b.peer.close()
 
 

@@ -94,6 +94,26 @@ async def test_after_a_lost_stream_the_next_lease_flies(bench: StartBench, inten
     await b.state(lambda s: s["setpoints"].get("flown", 0) > flown, "another one flown")
 
 
+async def test_a_failsafe_that_waits_in_hold_is_not_ended_by_a_hold(bench: StartBench, intending: Intending) -> None:
+    """A battery's, just after a takeoff: it goes on to RTL by itself unless somebody changes the mode."""
+    b = await bench(intending, settings={"failsafe": PATIENT})
+    intending.intended = OFFBOARD
+    alice = await agent(b, mode=OFFBOARD)
+    await alice.fly()
+    if intending.tells:  # else it looks as the takeoff's end
+        b.vehicle.authority.pilot.order_begins("takeoff")
+    intending.on_told = lambda told: None
+    intending.mode, intending.status = HOLD, CRITICAL
+    intending.heartbeat()
+    await b.state(lambda s: s["lease"] is None and s["lease_end"]["reason"] == "pilot", "the lease's end")
+    await nothing_more(b)
+    intending.mode = RTL
+    intending.heartbeat()
+    await b.state(lambda s: s["mode"] == "RTL", "RTL")
+    await nothing_more(b)
+    assert intending.modes() == []
+
+
 @pytest.mark.parametrize("mode", [POSCTL, HOLD], ids=["POSCTL", "HOLD"])
 async def test_a_pilot_whose_mode_comes_by_heartbeat_first_keeps_it(
     bench: StartBench, intending: Intending, mode: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import random
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from tests.fuzz import engine
 from tests.fuzz.engine import Found, Target, fuzz, mutated, pure
 from tests.fuzz.targets import TARGETS
 from tests.fuzz.targets.frames import stream, the_dialect
+from tests.fuzz.targets.live import watched
+from zmav import wire
 from zmav.errors import BadInput
 from zmav.mavlink import Splitter
 
@@ -61,6 +64,22 @@ def test_streams_are_worth_something() -> None:
     counters = splitter.counters
     assert counters.frames > FEW / 2
     assert min(counters.unknown, counters.bad_crc, counters.bad_length, counters.bad_flags, counters.lost) > 0
+
+
+def test_of_what_is_logged_our_errors_count_and_nobody_else_s() -> None:
+    with watched() as faults:
+        logging.getLogger("somelibrary").error("of its own")
+        logging.getLogger().error("of a test before")
+        faults.check()
+        logging.getLogger("ground.http.server").error("ours")
+        with pytest.raises(AssertionError, match="ours"):
+            faults.check()
+        try:
+            wire.decode(b"?", wire.Order, "here")
+        except BadInput:
+            logging.getLogger("asyncio").exception("in a callback")
+        with pytest.raises(AssertionError, match="in a callback"):
+            faults.check()
 
 
 def test_a_splitter_that_forgets_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -248,7 +248,7 @@ FENCE_ITEMS = [
         "y": 149.02,
     },
 ]
-RALLY_ITEMS = [{"command": "MAV_CMD_NAV_RALLY_POINT", "x": -35.0, "y": 149.0, "z": 40.0}]
+RALLY_ITEMS = [{"command": "MAV_CMD_NAV_RALLY_POINT", "x": -35.361, "y": 149.161, "z": 40.0}]
 
 
 MissionBench = Callable[..., Awaitable[tuple[Bench, MissionPeer]]]

@@ -312,8 +312,17 @@ BAD_ITEMS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
+BEGINNINGS: dict[str, tuple[str, dict[str, Any]]] = {
+    "mission_start": ("mission_start", {}),
+    "set_mode": ("set_mode", {"mode": "AUTO"}),
+    "MISSION_START": ("command", {"command": "MISSION_START"}),
+    "DO_LAND_START": ("command", {"command": "DO_LAND_START"}),
+    "DO_SET_MODE": ("command", {"command": "DO_SET_MODE", "params": {"Mode": 1, "Custom Mode": AUTO}}),
+}
+
+
 @pytest.mark.parametrize(("item", "why"), BAD_ITEMS)
-@pytest.mark.parametrize("how", ["mission_start", "set_mode", "command"])
+@pytest.mark.parametrize("how", list(BEGINNINGS))
 async def test_a_mission_that_leaves_the_field_is_not_begun(
     mission_bench: MissionBench, item: dict[str, Any], why: str, how: str
 ) -> None:
@@ -321,10 +330,24 @@ async def test_a_mission_that_leaves_the_field_is_not_begun(
     good = {"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0}
     await b.ground.do("mission_upload", kind="mission", items=[good, item])
     await b.flying()
-    args = {"mission_start": {}, "set_mode": {"mode": "AUTO"}, "command": {"command": "MISSION_START"}}[how]
+    verb, args = BEGINNINGS[how]
     with pytest.raises(BadInput, match=why):
-        await b.ground.do(how, **args)
+        await b.ground.do(verb, **args)
     assert peer.mode == GUIDED
+
+
+@pytest.mark.parametrize("armed", [False, True])
+async def test_a_rally_point_beyond_the_field_is_not_taken(mission_bench: MissionBench, *, armed: bool) -> None:
+    """A return or a failsafe leads there, and nobody is asked then."""
+    b, peer = await mission_bench("ardupilot")
+    await (b.flying() if armed else b.connected())
+    point = {"command": "MAV_CMD_NAV_RALLY_POINT", "x": HERE_X, "y": HERE_Y, "z": 20.0}
+    for bad, why in (({"x": -35.46}, "beyond the geofence's radius"), ({"z": -20.0}, "under the ground"),
+                     ({"z": 500.0}, "over the ceiling")):  # fmt: skip
+        with pytest.raises(BadInput, match=f"item 1: pos: .*{why}"):
+            await b.ground.do("mission_upload", kind="rally", items=[point, point | bad])
+    assert peer.heard("MISSION_COUNT") == []
+    await b.ground.do("mission_upload", kind="rally", items=[point])
 
 
 @pytest.mark.parametrize(("item", "why"), BAD_ITEMS)

@@ -12,8 +12,9 @@ import pytest
 import zenoh
 
 import zmav
+from tests.services.conftest import GUIDED, LAND
 from tests.trust.conftest import Authority, StartGuarded
-from zmav import keys
+from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, Forbidden, Refused
 from zmav.mavlink import Packer
 from zmav.onboard import OnboardSettings, _credentials
@@ -82,6 +83,39 @@ async def test_orders_that_are_not_proven(guarded: StartGuarded, tmp_path_factor
     assert 1 <= len(said) < 20
     assert "open the session with --credentials" in said[0]["text"]
     assert sum(1 + e["detail"].get("left_out", 0) for e in said) <= 21
+
+
+async def test_what_makes_safe_and_waited_does_not_undo_what_was_ordered_since(guarded: StartGuarded) -> None:
+    """A hold to the whole fleet that does not reach this vehicle is sent again, and signed again, while it lands."""
+    g: Guarded = await guarded()
+    await g.b.connected()
+    g.b.peer.armed, g.b.peer.mode = True, GUIDED
+    await g.b.state(lambda s: s["armed"] and s["mode"] == "GUIDED", "armed")
+    op, boss, now = g.authority.member("op", "operator"), g.authority.member("boss", "operator"), time.time()
+
+    async def give(verb: str, given: float, by: Any = op) -> None:
+        payload, key = json.dumps({"given": given, "id": f"{verb} {given}", "wait": 0.0}).encode(), g.key(verb=verb)
+        await g.ask(g.proof(by, key, payload), payload, key)
+
+    await give("land", now - 2.0)
+    await g.b.peer.until(lambda: g.b.peer.mode == LAND, "LAND")
+    with pytest.raises(Refused, match="hold was given before the last order of op that makes it safe"):
+        await give("hold", now - 5.0)
+    assert g.b.peer.mode == LAND
+    await give("hold", now - 1.0)  # a later word of his, whatever took it so long
+    await g.b.peer.until(lambda: g.b.peer.mode == GUIDED, "GUIDED")
+    await give("land", now - 9.0, boss)  # another's, which nobody can order by time
+    await g.b.peer.until(lambda: g.b.peer.mode == LAND, "LAND")
+
+
+async def test_an_order_says_when_it_was_given_first(guarded: StartGuarded) -> None:
+    g: Guarded = await guarded()
+    before, told = time.time(), list[wire.Order]()
+    allow = g.vehicle.authority.allow
+    g.vehicle.authority.allow = lambda verb, args, origin=None: (told.append(args), allow(verb, args, origin))[1]  # type: ignore[method-assign]
+    async with g.client("op", "operator") as z:
+        await z.vehicle("quad1").hold()
+    assert before <= told[-1].given <= time.time()
 
 
 async def test_a_client_with_credentials_does_not_notice(guarded: StartGuarded, onboard: StartOnboard) -> None:

@@ -43,6 +43,8 @@ class ArduPilot(Autopilot):
         self.levels, self.modes_by_level = self.rules.levels, MODES_BY_LEVEL
         self.needs_by_level = self.rules.needs
         self.lands_after_rtl = self.rules.takeoff_command
+        self.home_circle_param = "RTL_RADIUS" if self.rules.circles else None
+        self.home_height_params = ("RTL_ALT_FINAL", "RTL_ALT_FINAL_M") if self.lands_after_rtl else ()
         self.missions = MissionRules(
             mode="AUTO", start_command=self.rules.takeoff_command, home_first=True, window=4, exact=False
         )
@@ -92,6 +94,9 @@ class ArduPilot(Autopilot):
         return self.rules.land
 
     def arming_mode(self, mode: str | None) -> str | None:
+        """A rover that is armed in GUIDED drives on to the target it had there before: one armed in HOLD stands."""
+        if self.on_surface:
+            return self.rules.hold if mode in (*self.rules.unarmable, self.guided) else None
         return self.guided if mode in self.rules.unarmable else None
 
     def rtl(self) -> str:

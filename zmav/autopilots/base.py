@@ -217,6 +217,14 @@ class Autopilot(ABC):
             )
         return found
 
+    def mode_by(self, command: Command) -> str | None:
+        """The mode that a MAV_CMD_DO_SET_MODE enters; None: none that is known."""
+        for mode in self.modes().values():
+            given = mode.command.params
+            if mode.command.name == command.name and command.padded()[: len(given)] == tuple(given):
+                return mode.name
+        return None
+
     @abstractmethod
     def missing(self, latest: Latest, checks: Sequence[str] = ()) -> list[str]:
         """What is not ready for arming, in words; empty: ready. ``checks``: what its own report of its checks says."""
@@ -257,6 +265,9 @@ class Autopilot(ABC):
 
     stream_lost: ClassVar[tuple[str, ...]] = ()
     """modes that it enters by itself when the stream ends, its intention staying :attr:`guided`"""
+    failsafe_waits: ClassVar[tuple[str, float]] = ("", 0.0)
+    """the parameter of how long (s), and how long without it known, a failsafe waits in the mode of :meth:`hold` before
+    it acts: a change of the mode would end it, and that mode ordered is one"""
 
     @abstractmethod
     def land(self) -> str:
@@ -264,6 +275,10 @@ class Autopilot(ABC):
 
     lands_after_rtl: bool = True
     """a return to launch ends on the ground, disarmed"""
+    home_circle_param: str | None = None
+    """the parameter of the radius of its circle over home, where that is not ``circle_param``'s; 0: it is that"""
+    home_height_params: tuple[str, ...] = ()
+    """parameters, one of which above 0 has it hover over home and not land"""
 
     @abstractmethod
     def rtl(self) -> str:

@@ -192,6 +192,7 @@ class Px4(Autopilot):
 
     # COM_OBL_RC_ACT 5, and 0 to 2: the sticks, which nobody may hold.
     stream_lost: ClassVar[tuple[str, ...]] = ("HOLD", "POSCTL", "ALTCTL", "STABILIZED")
+    failsafe_waits: ClassVar[tuple[str, float]] = ("COM_FAIL_ACT_T", 5.0)
 
     def engages_after(self, level: Level, flies: bool) -> float:
         """In flight it enters OFFBOARD as soon as there is a setpoint, and POSCTL once it has heard the sticks."""

@@ -32,6 +32,8 @@ from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
 from zmav.verbs import Access, Verb
 
+TOLD = 1.5
+"""s in which a mode that was entered is told"""
 OTHER = "other"
 """the reason of a refusal by who is not meant"""
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
@@ -77,8 +79,12 @@ class Authority:
             session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
         )
 
+        self.param: Callable[[str], float | None] = lambda name: None
+        """the autopilot's parameter of that name, where it is known"""
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
+        self._given: dict[Origin, float] = {}
+        """monotonic s at which each member gave its last such order, however long that was under way"""
         self.made_safe = 0
         """counts the orders that make safe: one that waits since before such a one is overtaken"""
         self.taken_from = ""
@@ -131,7 +137,7 @@ class Authority:
         if isinstance(args, wire.Forced) and args.force and origin is not None and origin.role is not Role.OPERATOR:
             raise Forbidden(f"{verb.name} with force is an operator's, and {origin.name} is none", reason="role")
         if origin is not None:
-            self._keep_order(verb, origin)
+            self._keep_order(verb, args, origin)
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
         if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
@@ -157,14 +163,19 @@ class Authority:
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
         return flown
 
-    def _keep_order(self, verb: Verb, origin: Origin) -> None:
-        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since."""
-        calmed = self._calmed.get(origin, 0.0)
+    def _keep_order(self, verb: Verb, args: wire.Order, origin: Origin) -> None:
+        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since. One that
+        makes safe and waited, sent again and again, does not undo a later one: by how long it waited, and by no clock
+        that may have been set, for it must pass.
+        """
+        calmed, late = self._calmed.get(origin, 0.0), f"{verb.name} was given before the last order of {origin.name}"
         if verb.access is Access.OPEN:
-            self._calmed[origin] = max(calmed, origin.t)
+            given = time.monotonic() - max(origin.t - (args.given or origin.t), 0.0)
+            if given < self._given.get(origin, -math.inf):
+                raise Refused(f"{late} that makes it safe, and comes after it: overtaken", verb=verb.name)
+            self._calmed[origin], self._given[origin] = max(calmed, origin.t), given
         elif verb.access is Access.MOVE and origin.t < calmed <= origin.t + 2 * WINDOW:  # else its clock was set
-            text = f"{verb.name} was given before the last order of {origin.name} that makes it safe: overtaken"
-            raise Refused(text, verb=verb.name)
+            raise Refused(f"{late} that makes it safe: overtaken", verb=verb.name)
 
     def failed(self, flown: Flown | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
@@ -198,9 +209,13 @@ class Authority:
 
     async def _hold_lost(self, flown: Flown) -> None:
         """Order the hold where the autopilot has lost the stream: it would go back to it with the next setpoint, of
-        any agent. Only it tells that from a pilot who has changed the mode, and only after the change.
+        any agent. Only it tells that from a pilot who has changed the mode, and only after the change. Where a
+        failsafe, a battery's, may wait in that hold for its pilot, it is waited for: what it enters then stays.
         """
-        who = self._identity
+        who, (param, usual) = self._identity, flown.autopilot.failsafe_waits
+        if who.mode == flown.autopilot.hold()[0]:
+            waits = self.param(param)
+            await asyncio.sleep((usual if waits is None else waits) + TOLD)
         with contextlib.suppress(ZmavError):
             if who.intended is None:
                 await self._commander.until_heartbeat(

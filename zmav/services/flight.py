@@ -6,11 +6,11 @@ import asyncio
 import contextlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from zmav import geo, wire
-from zmav.autopilots import Autopilot, Command, Message, Target
+from zmav.autopilots import Command, Message, Target
 from zmav.autopilots.base import reposition
 from zmav.autopilots.safety import by_command
 from zmav.errors import BadInput, Refused, TimedOut, ZmavError
@@ -22,6 +22,7 @@ from zmav.services.orders import Report
 from zmav.services.port import Inbox, Port
 from zmav.services.state import StateService
 from zmav.services.target import resolve
+from zmav.waiting import within
 
 RETRY_EVERY = 1.0
 """s between attempts to arm a vehicle that says no"""
@@ -38,6 +39,10 @@ ON_GROUND = 1
 LAND_TIMEOUT = 180.0
 RETURN_TIMEOUT = 900.0
 REBOOT_TIMEOUT = 60.0
+RALLY_TIMEOUT = 20.0
+"""s for the rally points to be read, where they are not known"""
+RESTS, LONGER = 0.3, 3.0
+"""m/s below which it stands; what is straight across a circle is two of its radii"""
 HOME_POSITION = 242.0
 """its MAVLink id"""
 STANDS = 5.0
@@ -58,6 +63,8 @@ class Flight:
         self.leads: Callable[[], bool] = lambda: False
         self.param: Callable[[str], float | None] = lambda name: None
         """the autopilot's parameter of that name, where it is known"""
+        self.rally: Callable[[], Coroutine[Any, Any, list[Target]]] = _nowhere
+        """the rally points that are on the autopilot"""
 
     # Whether an order can be done: raises before anything is changed for it, a landing under way included.
 
@@ -77,6 +84,13 @@ class Flight:
         self._place(args)
         self._check_flying()
 
+    async def judge_arming(self) -> None:
+        """By a bare command, which enters no mode first, as :meth:`arm` does."""
+        await self._do.until_mode_told()  # one entered since might set off
+        if not self._identity.armed and (mode := self._arming_mode()) is not None:
+            text = f"in {self._identity.mode} it refuses to be armed, or sets off by itself: 'arm' enters {mode} first"
+            raise Refused(text, vehicle=self._port.name, field="command")
+
     # The orders.
 
     async def arm(self, args: wire.Arm, report: Report) -> dict[str, Any]:
@@ -86,10 +100,10 @@ class Flight:
             return {"armed": True}
         async with self._do.move():  # so that whoever orders otherwise meanwhile is not surprised by it later
             if args.ready_timeout > 0:
-                await self._until_ready(autopilot, deadline, report)
+                await self._until_ready(deadline, report)
             while True:
                 await self._do.until_mode_told()  # one entered since the last HEARTBEAT might take off
-                await self._enter_arming_mode(autopilot)
+                await self._enter_arming_mode()
                 try:
                     await self._do.command(autopilot.arm(True))
                     break
@@ -204,7 +218,8 @@ class Flight:
                 text = "it is disarmed: there is nothing to bring back"
                 raise Refused(text, vehicle=self._port.name, reason=DISARMED)
             await self._do.enter(mode)
-            if autopilot.lands_after_rtl:
+            hovers = any((self.param(name) or 0.0) > 0.0 for name in autopilot.home_height_params)
+            if autopilot.lands_after_rtl and not hovers:
                 await self._until_disarmed(mode, RETURN_TIMEOUT, report)
                 home = {}
             else:
@@ -279,16 +294,19 @@ class Flight:
         fields = heard[1]
         return int(fields["tc1"] or fields["ts1"]) / 1e9  # an answer has its time in tc1, a question of its own in ts1
 
-    async def _enter_arming_mode(self, autopilot: Autopilot) -> None:
-        """Leave a mode, shown or intended, in which it cannot be armed or would set off by itself."""
-        for found in (self._identity.mode, self._identity.intended):
-            mode = autopilot.arming_mode(found)
-            if mode is not None:
-                await self._do.enter(mode)
+    def _arming_mode(self) -> str | None:
+        """What to enter before arming, by the mode that is shown or intended; None: as it is."""
+        autopilot = self._do.autopilot()
+        return autopilot.arming_mode(self._identity.mode) or autopilot.arming_mode(self._identity.intended)
 
-    async def _until_ready(self, autopilot: Autopilot, deadline: float, report: Report) -> None:
+    async def _enter_arming_mode(self) -> None:
+        """Leave a mode in which it cannot be armed or would set off by itself."""
+        if (mode := self._arming_mode()) is not None:
+            await self._do.enter(mode)
+
+    async def _until_ready(self, deadline: float, report: Report) -> None:
         while True:
-            await self._enter_arming_mode(autopilot)  # first: in such a mode it may not even become ready
+            await self._enter_arming_mode()  # first: in such a mode it may not even become ready
             missing = self._state.missing()
             if not missing:
                 return
@@ -309,27 +327,40 @@ class Flight:
                     self._do.check_mode(mode)
 
     async def _until_home(self, mode: str, report: Report) -> dict[str, Any]:
-        """How far from home it stays, where that is known: a plane circles there, a rover stands."""
-        near = max(STANDS, WIDER * self._circle())
-        with self._do.inbox("HOME_POSITION", "GLOBAL_POSITION_INT", "HEARTBEAT") as inbox:
-            home = self._state.last("HOME_POSITION") or await self._ask_home()
-            if home is None:
-                return {}
-            there = Target(lat_deg=home["latitude"] / 1e7, lon_deg=home["longitude"] / 1e7)
-            deadline = time.monotonic() + RETURN_TIMEOUT
-            while True:
-                name, fields = await self._do.next(
-                    inbox, deadline, f"not home {RETURN_TIMEOUT / 60:.0f} minutes after {mode}"
-                )
-                if not self._identity.armed:
+        """How far from home, or from the rally point it went to instead, it stays, where that is known: a plane circles
+        there, a rover stands, a copter that is to stay over it hovers.
+        """
+        near = max(STANDS, WIDER * max(self._circle(), self._circle(home=True)))
+        rallying, inside = asyncio.ensure_future(self._rally()), -math.inf
+        try:
+            with self._do.inbox("HOME_POSITION", "GLOBAL_POSITION_INT", "HEARTBEAT") as inbox:
+                home = self._state.last("HOME_POSITION") or await self._ask_home()
+                if home is None:
                     return {}
-                if name == "HEARTBEAT":
-                    self._do.check_mode(mode)
-                elif name == "GLOBAL_POSITION_INT":
-                    away = _distance(there, fields, flat=True)
-                    report({"away": away})
-                    if away <= near:
-                        return {"away": away}
+                places = [Target(lat_deg=home["latitude"] / 1e7, lon_deg=home["longitude"] / 1e7)]
+                deadline = time.monotonic() + RETURN_TIMEOUT
+                late = f"not home {RETURN_TIMEOUT / 60:.0f} minutes after {mode}"
+                while True:
+                    name, fields = await self._do.next(inbox, deadline, late)
+                    if not self._identity.armed:
+                        return {}
+                    if name == "HEARTBEAT":
+                        self._do.check_mode(mode)
+                    elif name == "GLOBAL_POSITION_INT":
+                        rally = rallying.result() if rallying.done() else []
+                        away = min(_distance(place, fields, flat=True) for place in places + rally)
+                        report({"away": away})
+                        inside = (inside if math.isfinite(inside) else time.monotonic()) if away <= near else -math.inf
+                        if away <= near and rallying.done() and (not rally or _stays(fields, near, inside)):
+                            return {"away": away}
+        finally:
+            rallying.cancel()
+
+    async def _rally(self) -> list[Target]:
+        """Where it may return to instead of home."""
+        with contextlib.suppress(ZmavError, asyncio.TimeoutError):
+            return await within(RALLY_TIMEOUT, self.rally())
+        return []
 
     async def _ask_home(self) -> Any:
         """HOME_POSITION, said again; None where the autopilot does not say it."""
@@ -376,10 +407,24 @@ class Flight:
         radius = radius or self._circle()
         return max(args.tolerance, WIDER * radius), radius > 0.0 or self._do.autopilot().on_surface
 
-    def _circle(self) -> float:
-        """Radius (m) of the circles that it flies where none is given; 0: it can stay at a place."""
-        param = self._do.autopilot().circle_param
-        return 0.0 if param is None else abs(self.param(param) or CIRCLE)
+    def _circle(self, *, home: bool = False) -> float:
+        """Radius (m) of the circles that it flies where none is given, or over home; 0: it can stay at a place, or has
+        no other over home.
+        """
+        autopilot = self._do.autopilot()
+        if home:
+            return abs(self.param(autopilot.home_circle_param or "") or 0.0)
+        return 0.0 if autopilot.circle_param is None else abs(self.param(autopilot.circle_param) or CIRCLE)
+
+
+def _stays(position: Any, near: float, since: float) -> bool:
+    """It stands, or is so near for longer than it takes to fly by: there are other places it may be on its way to."""
+    speed = math.hypot(position["vx"], position["vy"], position["vz"]) / 100.0
+    return speed < RESTS or time.monotonic() - since > LONGER * near / speed
+
+
+async def _nowhere() -> list[Target]:
+    return []
 
 
 def _distance(target: Target, position: Any, flat: bool) -> float:

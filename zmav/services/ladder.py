@@ -175,12 +175,15 @@ class Ladder:
 
     def hold_now(self, why: str, *, goes_on: bool = True, severity: wire.Severity = "warning") -> None:
         """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows, unless the end of what is
-        held already was meant. ``severity``: of saying so.
+        held already was meant. ``severity``: of saying so. What acts, or acted in vain and tries again, goes on: only
+        an order that moves the vehicle, or the pilot, ends that.
         """
         with self._changed:
             flown = self._flown
             if flown is None or not self._ours():
                 self._end()  # nothing flies by it
+                return
+            if flown.lease == self._over:
                 return
             if self._step is Step.ENGAGING and self._shown().mode != flown.mode:
                 self._flown = flown._replace(until=min(flown.until, time.monotonic()))
@@ -194,10 +197,10 @@ class Ladder:
 
     def stop(self) -> Flown | None:
         """The stream is over on purpose: an order or the pilot moves the vehicle now, or it has landed. Once this
-        returns nothing more is sent, and what was overridden is given back. Returns what was flown or held.
+        returns nothing more is sent, and what was overridden is given back. Returns what was flown, held or given up.
         """
         with self._changed:
-            flown = self._flown if self._step in (Step.FRESH, Step.HOLDING) else None
+            flown = None if self._step is Step.ENGAGING else self._flown  # nothing flies by that yet
             self._end()
             return flown
 

@@ -18,6 +18,7 @@ from typing import Any, get_args
 import zenoh
 
 from zmav import keys, wire
+from zmav.autopilots import Target
 from zmav.errors import BadInput, Stale, ZmavError
 from zmav.mavlink import Frame, decode
 from zmav.services.bounds import Bounds
@@ -140,12 +141,18 @@ class Missions:
         held = self._cached(kind)
         return (held if held and held.sure else await self._read(kind, report)).plan.items
 
+    async def rally(self) -> list[Target]:
+        """The rally points that are on the autopilot, over the ground."""
+        points = await self.plan("rally", lambda news: None)
+        return [Target(lat_deg=raw.x / 1e7, lon_deg=raw.y / 1e7) for raw in points]
+
     # Transactions: one at a time.
 
     async def _replace(self, kind: MissionKind, new: list[Raw], report: Report, *, force: bool) -> dict[str, Any]:
         autopilot = self._do.autopilot()
         async with self._turn(f"writing the {WORDS[kind]}", report):
-            if kind == "mission" and self._identity.armed:  # it may be flown at once; else its start is judged
+            # A mission may be flown at once; else its start is judged. Rally points are flown to without being asked.
+            if kind == "rally" or (kind == "mission" and self._identity.armed):
                 self._bounds.check_mission(new, force=force)
             phase = functools.partial(_steps, kind, [report])
             old = self._before(kind, await self._known(kind, phase))

@@ -32,6 +32,8 @@ LAST_WORD = 1.5
 ACTIVE, PAUSED, COMPLETE = 3, 4, 5
 """MISSION_STATE"""
 RETURN, LAND, VTOL_LAND = 20, 21, 85
+FLIES = ("MAV_CMD_MISSION_START", "MAV_CMD_DO_LAND_START")
+"""commands that fly the mission, from its beginning or from where it lands"""
 
 
 class MissionFlight:
@@ -71,10 +73,20 @@ class MissionFlight:
         if autopilot.mode(args.mode).name == autopilot.missions.mode:
             await self._judge_flown(args.force, report)
 
-    async def judge_command(self, args: wire.RunCommand, report: Report) -> None:
-        """The command that flies a mission leads where the mission does."""
-        if args.command.upper().removeprefix("MAV_CMD_") == "MISSION_START":
-            await self._judge_flown(args.force, report)
+    async def judge_command(self, command: Command, force: bool, report: Report) -> None:
+        """The commands that fly a mission, or land by it, lead where the mission does; one that enters a mode, as
+        :meth:`judge_mode` has it. Raises :class:`BadInput` for a mode that is not known.
+        """
+        if command.name in FLIES:
+            await self._judge_flown(force, report)
+        elif command.name == "MAV_CMD_DO_SET_MODE":
+            autopilot = self._do.autopilot()
+            mode = autopilot.mode_by(command)
+            if mode is not None:
+                await self.judge_mode(wire.SetMode(mode=mode, force=force), report)
+            elif autopilot.modes():
+                text = f"no mode is known that {command.params[:3]} enters: set_mode enters one by its name"
+                raise BadInput(text, field="params", value=list(command.params[:3]), expected="set_mode")
 
     async def _judge_flown(self, force: bool, report: Report) -> None:
         if self._identity.armed:

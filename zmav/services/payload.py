@@ -88,14 +88,16 @@ class Payload:
 
     async def command(self, args: wire.RunCommand, report: Report) -> dict[str, Any]:
         """Any MAV_CMD, its parameters checked against the dialect; the result holds what the acknowledgement said."""
-        command = self._built(args)
-        self._bounds.check_command(command, force=args.force)
+        command = self.judge_command(args)
         with self._do.beside():
             ack = await self._do.command(command, report)
         return {"command": command.name, "result_param2": ack.result_param2}
 
-    async def judge_command(self, args: wire.RunCommand, report: Report) -> None:
-        self._bounds.check_command(self._built(args), force=args.force)
+    def judge_command(self, args: wire.RunCommand) -> Command:
+        """The command, where the bounds permit it."""
+        command = self._built(args)
+        self._bounds.check_command(command, force=args.force)
+        return command
 
     def _built(self, args: wire.RunCommand) -> Command:
         kind = command_type(self._port.dialect, args.command)

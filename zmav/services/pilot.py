@@ -96,9 +96,10 @@ class Pilot:
             return False
         if self._commander.moving and mode in self._commander.follows:
             return True
-        if mode == self._commander.ordered or (self._under_order() and mode in by_command(autopilot, self._what)):
-            return True
         intended = self._identity.intended
+        by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
+        if mode == self._commander.ordered or by_order:
+            return True
         failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode
         return mode in ends_in(autopilot, before) and not failsafe
 

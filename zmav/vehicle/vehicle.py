@@ -241,7 +241,9 @@ class Vehicle:
 
     async def order(self, verb: str, args: wire.Order, progress: Progress | None = None) -> dict[str, Any]:
         """Give an order and see it through: sent again with the same id until the vehicle says how it ended."""
-        args = msgspec.structs.replace(args, id=uuid.uuid4().hex, lease=args.lease or self._lease)
+        args = msgspec.structs.replace(
+            args, id=uuid.uuid4().hex, lease=args.lease or self._lease, given=args.given or time.time()
+        )  # fmt: skip
         return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args), progress)
 
     async def tell(

@@ -19,6 +19,8 @@ class Order(Wire, kw_only=True):
     lease: str = ""
     uid: str = ""
     """of the autopilot that is meant, where two vehicles have one name: the other leaves the order alone"""
+    given: float = 0.0
+    """UTC seconds by its giver's clock: sent again, it is no newer than it was; 0: given when it was signed"""
 
 
 class Forced(Order, kw_only=True):

@@ -143,6 +143,11 @@ class Orders:
     def vehicles(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(order.vehicle for order in self.orders))
 
+    @property
+    def lands(self) -> bool:
+        """All of it brings down: who is lost on the way keeps nobody else in the air."""
+        return all(order.verb == "land" for order in self.orders)
+
 
 @dataclass(frozen=True)
 class Loiter:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -33,25 +34,46 @@ SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
 """s, m/s up or down, and times what the way takes: how long planes are given"""
 
 
-async def carry_out(run: Run, crew: Crew, step: Orders) -> None:
-    """Each order once those before it are done; raises what the first that fails does, and the others hold."""
-    places = {name: run.place(name) for name in step.vehicles}
+async def carry_out(run: Run, crew: Crew, step: Orders, gone: AbstractSet[str]) -> None:
+    """Each order once those before it are done. When one fails the others hold, and what it raises is raised at once;
+    of landings the others go on first, but for those that wait for a way down that the one who failed may be in.
+
+    ``gone``: vehicles that somebody else has, or that nobody hears: theirs count as failed.
+    """
+    places = {name: run.place(name) for name in step.vehicles if name not in gone}
     await speak_for(run, {name: _columns(run, name, step.orders, place) for name, place in places.items()})
-    done = [asyncio.Event() for _ in step.orders]
+    over, done, failed = [asyncio.Event() for _ in step.orders], set[int](), dict[str, str]()
 
     async def one(number: int, order: VehicleOrder) -> None:
-        for before in order.after:
-            await done[before].wait()
-        run.text(f"{order.verb} of {order.vehicle}")
-        await give(crew.vehicle(order.vehicle), order.verb, order.args)
-        done[number].set()
+        if order.vehicle not in gone:
+            for before in order.after:
+                await over[before].wait()
+            try:
+                _check_way(order, {step.orders[before].vehicle for before in order.after} & (failed.keys() | gone))
+                run.text(f"{order.verb} of {order.vehicle}")
+                await give(crew.vehicle(order.vehicle), order.verb, order.args)
+            except ZmavError as e:
+                if not step.lands:
+                    raise
+                failed[order.vehicle] = f"{order.vehicle}: {e.message}"
+                run.say("land", "warning", f"{failed[order.vehicle]}; the others land", goal=run.entry.id)
+            else:
+                done.add(number)
+        over[number].set()
 
     try:
         await together(*(one(number, order) for number, order in enumerate(step.orders)))
     except (asyncio.CancelledError, ZmavError):
-        moving = {order.vehicle for number, order in enumerate(step.orders) if not done[number].is_set()}
-        await hold_all(run, crew, [name for name in moving if _in_the_air(run, name)])
+        await halt(run, crew, {order.vehicle for number, order in enumerate(step.orders) if number not in done})
         raise
+    if failed:
+        raise Refused("; ".join(failed.values()), vehicles=sorted(failed))
+
+
+def _check_way(order: VehicleOrder, lost: AbstractSet[str]) -> None:
+    if lost:
+        text = f"it stays where it is: {', '.join(sorted(lost))} may be in its way down"
+        raise Refused(text, vehicle=order.vehicle)
 
 
 async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> None:

@@ -166,41 +166,48 @@ class Run:
         await self._goes.wait()
         steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
         self._go_without(lost)
-        missing: list[str] = []
         async with Crew(self) as crew:
             if silent := crew.left:
                 self._go_without(silent)
                 lost |= silent
                 self.say("lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer")
             await self._settled()  # from now on nobody else moves them
-            for number, step in enumerate([_left(step, lost) for step in steps]):
-                await self._goes.wait()
-                self.text(step.text or type(step).__name__)
-                share = (number / len(steps), (number + 1) / len(steps))
-                missing = await self._take(crew, step, share)
-                self.check_stopped()
-                self.progress(share[1])
-                if missing:
-                    break
-        return sorted({*missing, *lost})
+            missing = await self._take_each(crew, steps, lost, (0.0, 1.0))
+        return sorted(missing)
+
+    async def _take_each(self, crew: Crew, steps: list[Step], gone: set[str], share: tuple[float, float]) -> set[str]:
+        """Gives ``gone`` and who was lost on the way: the others go on to land, and to nothing else."""
+        begin, each = share[0], (share[1] - share[0]) / max(len(steps), 1)
+        for number, step in enumerate([_left(step, gone) for step in steps]):
+            await self._goes.wait()
+            self.text(step.text or type(step).__name__)
+            part = (begin + number * each, begin + (number + 1) * each)
+            missing = await self._take(crew, step, part, gone)
+            self.check_stopped()
+            self.progress(part[1])
+            gone = gone | set(missing)
+            self._go_without(gone)
+            if missing and not all(isinstance(later, Orders) and later.lands for later in steps[number + 1 :]):
+                break
+        return gone
 
     def _go_without(self, lost: set[str]) -> None:
         self.vehicles = tuple(name for name in self.vehicles if name not in lost)
 
-    async def _take(self, crew: Crew, step: Step, share: tuple[float, float]) -> list[str]:
+    async def _take(self, crew: Crew, step: Step, share: tuple[float, float], gone: set[str]) -> list[str]:
         if isinstance(step, PlanTo):
             return await self._plan_and_fly(crew, step, share)
         if isinstance(step, Fly):
             return await self._fly_prepared(crew, step, share)
         if isinstance(step, Orders):
             self._state("flying", step.text or "carries out orders")
-            await carry_out(self, crew, step)
+            await carry_out(self, crew, step, gone)
         elif isinstance(step, Loiter):
             self._state("flying", step.text or "planes go to their circles")
             await loiter(self, crew, step)
         elif isinstance(step, Track):
             self._state("flying", step.text or "follows")
-            await self._follow(crew, step, share)
+            return await self._follow(crew, step, share)
         else:
             assert isinstance(step, Stop)
             await halt(self, crew, step.vehicles)
@@ -273,8 +280,8 @@ class Run:
                 return missing
         return []
 
-    async def _follow(self, crew: Crew, step: Track, share: tuple[float, float]) -> None:
-        """Until the goal is cancelled, or its leader is lost for good."""
+    async def _follow(self, crew: Crew, step: Track, share: tuple[float, float]) -> list[str]:
+        """Until the goal is cancelled, or its leader is lost for good; gives who did not come home or down then."""
         while True:
             tracking = Tracking(self, crew, step)
             self._flying, self.tracks = tracking, True
@@ -291,9 +298,7 @@ class Run:
             goal: swarm.Goal = swarm.Return(vehicles=list(self.vehicles))
             if doing == "land":
                 goal = swarm.Land(vehicles=list(self.vehicles))
-            for instead in await self.planner.resolve(goal, self._view()):
-                await self._take(crew, instead, share)
-            return
+            return sorted(await self._take_each(crew, await self.planner.resolve(goal, self._view()), set(), share))
 
     async def _beside(self, crew: Crew, tracking: Tracking, share: tuple[float, float]) -> None:
         """By a plan to where the leader is now; where there is none, a little later perhaps."""
@@ -463,9 +468,13 @@ def _without(step: PlanTo, gone: set[str]) -> PlanTo:
 
 
 def _left(step: Step, lost: set[str]) -> Step:
-    """The step without those who are lost; raises :class:`TimedOut` for one that is nothing without them."""
+    """The step without those who are lost (of a landing, as it is); raises :class:`TimedOut` for one that is nothing
+    without them.
+    """
     if isinstance(step, PlanTo):
         return _without(step, lost)
+    if isinstance(step, Orders) and step.lands:
+        return step
     named = step.motions if isinstance(step, Fly) else step.vehicles
     if missing := sorted(lost & set(named)):
         raise TimedOut(f"not heard any more: {', '.join(missing)}", vehicles=missing)

@@ -164,8 +164,8 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     await field.until(queued, lambda entry: entry.state == "done")
 
 
-async def test_who_is_taken_in_the_midst_of_orders_is_left_to_who_took_it(field: Field) -> None:
-    """The others hold under the planner's own leases, which end as the goal does; his lease goes on."""
+async def test_who_is_taken_in_the_midst_of_a_landing_keeps_nobody_in_the_air(field: Field) -> None:
+    """The others land under the planner's leases; his lease goes on, and the goal says who is not there."""
     names = ["quad1", "quad2"]
     places = {name: field.me.vehicle(name).local for name in names}
     goal = await field.submit(swarm.Land(vehicles=names))
@@ -174,12 +174,39 @@ async def test_who_is_taken_in_the_midst_of_orders_is_left_to_who_took_it(field:
     for vehicle in (taken, other):
         await vehicle.wait_until(lambda s: s.mode == "LAND", PATIENCE_S)
     async with taken.lease("boss", priority=50) as lease:
-        going = asyncio.create_task(taken.goto(pos=places["quad1"]))  # which ends the planner's landing
-        state = await other.wait_until(lambda s: s.mode != "LAND" and s.lease is None, PATIENCE_S)
-        assert (entry.state, state.lease_end and state.lease_end.reason) == ("failed", "released"), state.lease_end
-        await going
+        await taken.goto(pos=places["quad1"])  # which ends the planner's landing
+        state = await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
+        assert state.lease_end is not None and state.lease_end.reason == "released"
+        assert entry.state == "failed" and entry.text.startswith("quad1: "), entry
         assert lease.lost is None
-    await other.goto(pos=places["quad2"])
+    await up_again(other, places["quad2"])
+
+
+async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field) -> None:
+    names = ["quad2", "quad3"]
+    other, taken = (field.me.vehicle(name) for name in names)
+    places = {}
+    for vehicle in (taken, other):
+        assert vehicle.local is not None
+        places[vehicle.name] = vehicle.local
+        await vehicle.goto(pos=(*vehicle.local[:2], -25.0))
+    goal = await field.submit(swarm.Return(vehicles=names))
+    await field.until(goal, lambda entry: entry.state == "flying" and entry.progress > 0.05)
+    async with taken.lease("boss", priority=50):
+        await taken.hold()
+        await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
+        entry = next(entry for entry in field.agent.ledger.goals if entry.id == goal)
+        assert entry.state == "failed" and "quad3" in entry.text, entry
+        assert field.away("quad2", (*PLACES["quad2"], 0.0)) < 2.0
+        await taken.goto(pos=places["quad3"])
+    await up_again(other, places["quad2"])
+
+
+async def up_again(vehicle: zmav.Vehicle, place: wire.Vector | None) -> None:
+    """Where the next test has it."""
+    await vehicle.arm()
+    await vehicle.takeoff(10.0)
+    await vehicle.goto(pos=place)
 
 
 async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field) -> None:

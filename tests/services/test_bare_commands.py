@@ -1,0 +1,41 @@
+"""A MAV_CMD by its name does nothing that its verb would refuse."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.services.conftest import ARM, GUIDED, SET_MODE
+from zmav.errors import BadInput, Refused
+
+if TYPE_CHECKING:
+    from tests.services.conftest import StartBench
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode", "enters"), [(2, 3, "GUIDED"), (10, 10, "HOLD"), (10, 15, "HOLD")],
+    ids=["copter in AUTO", "rover in AUTO", "rover in GUIDED"],
+)  # fmt: skip
+async def test_what_would_set_off_is_not_armed_by_a_bare_command(
+    bench: StartBench, kind: int, mode: int, enters: str
+) -> None:
+    """A rover in GUIDED drives on to the target it had there before."""
+    b = await bench(mav_type=kind)
+    await b.connected()
+    b.peer.mode = mode
+    await b.state(lambda s: s["mode"] == {3: "AUTO", 10: "AUTO", 15: "GUIDED"}[mode], "that mode")
+    with pytest.raises(Refused, match=f"'arm' enters {enters} first"):
+        await b.ground.do("command", command="COMPONENT_ARM_DISARM", params={"param1": 1.0})
+    assert (b.peer.commands(ARM), b.peer.armed) == ([], False)
+    await b.ground.do("arm", ready_timeout=0)
+    assert b.peer.armed
+    assert b.peer.mode == {"GUIDED": GUIDED, "HOLD": 4}[enters]
+    assert b.peer.commands(SET_MODE)[0].at < b.peer.commands(ARM)[0].at
+
+
+async def test_a_mode_that_nobody_knows_is_not_entered_by_a_bare_command(bench: StartBench) -> None:
+    b = await (await bench()).flying()
+    with pytest.raises(BadInput, match="set_mode enters one by its name"):
+        await b.ground.do("command", command="DO_SET_MODE", params={"param1": 1.0, "param2": 77.0})
+    assert b.peer.commands(SET_MODE) == []
