@@ -22,13 +22,10 @@ from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.services.port import on_loop
 from zmav.services.proven import attached
-from zmav.trust.credentials import ROSTER
 from zmav.trust.gate import Gate
-from zmav.trust.roster import read_signed
+from zmav.trust.roster import Roster
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 
-ROSTER_AGE = 1.0
-"""s for which the roster in our folder is not read again"""
 KEPT, KEPT_FOR = 4, 120.0
 """runs that are over whose reports can be had, and s for which they can"""
 
@@ -55,7 +52,6 @@ class Responder:
         self._queryable: Any = None
         self._on_query: Callable[[zenoh.Query, str], None] = lambda query, asked: None
         self._gate = Gate(plan.credentials) if plan.credentials else None
-        self._looked = 0.0
         self._budget = budget_of(plan)
 
     def start(self) -> None:
@@ -63,6 +59,11 @@ class Responder:
         # On Zenoh's own thread: a ping's answer is part of what is timed. One queryable is cheaper than three.
         handler: Any = handlers.Callback(self._asked, indirect=False)
         self._queryable = self._session.declare_queryable(f"{keys.ROOT}/{self._fleet}/{self._host}/bench/**", handler)
+
+    def take_roster(self, roster: Roster) -> None:
+        """The newest that our router has been told; older ones change nothing."""
+        if self._gate is not None:
+            self._gate.roster = roster
 
     async def close(self) -> None:
         with contextlib.suppress(zenoh.ZError):  # the session may be gone before us
@@ -114,14 +115,8 @@ class Responder:
 
     def _prove(self, key: str, payload: bytes, attachment: bytes | None) -> None:
         """Raise :class:`~zmav.errors.Forbidden` for an order that is not an operator's, where we can tell."""
-        gate, held = self._gate, self._plan.credentials
-        if gate is None or held is None:
-            return
-        if time.monotonic() - self._looked > ROSTER_AGE:
-            self._looked = time.monotonic()
-            with contextlib.suppress(OSError, BadInput):  # the one that we have is good until there is a newer one
-                gate.roster = read_signed((held.folder / ROSTER).read_bytes()).open(held.authority, held.fleet)
-        gate.check(key, payload, attachment)
+        if self._gate is not None:
+            self._gate.check(key, payload, attachment)
 
     def _ordered(self, name: str, payload: bytes) -> BenchReport:
         if name == "start":
