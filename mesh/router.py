@@ -21,8 +21,8 @@ import msgspec
 import zenoh
 
 from mesh.bearer.bearers import Bearers
-from mesh.bench.responder import responder
-from mesh.credentials.rosterwatch import watch_roster
+from mesh.bench.responder import Responder, responder
+from mesh.credentials.rosterwatch import RosterWatch, watch_roster
 from mesh.endpoint import host_port
 from mesh.health import tell_health
 from mesh.plan import RouterPlan
@@ -98,6 +98,10 @@ class Router:
                 self.running.append(entered)
                 if isinstance(entered, Watch):
                     self._watches.append(entered)
+            for watch in self.running:
+                for each in self.running:
+                    if isinstance(watch, RosterWatch) and isinstance(each, Responder):
+                        watch.tell(each.take_roster)
             self._stack = stack.pop_all()
         return self
 

@@ -21,13 +21,33 @@ def test_a_flood_of_one_is_bounded_and_each_costs_the_same() -> None:
     present: Present[str, int] = Present(lambda who: True)
     Counting.compared = 0
     flood = [Counting(f"token {n}") for n in range(10_000)]
-    assert sum(present.add("quad1", key, n) for n, key in enumerate(flood)) == OF_EACH
+    for n, key in enumerate(flood):
+        present.add("quad1", key, n)
+    assert len(present) == OF_EACH
     assert present.add("quad2", "token", 1) and list(present) == ["quad1", "quad2"]
     assert len(present) == OF_EACH + 1
     for key in flood:
         present.remove("quad1", key)
     assert list(present) == ["quad2"] and present.of("quad1") == []
     assert Counting.compared <= 2 * len(flood), "looked up, and not looked for"
+
+
+def test_the_true_one_is_seen_among_many_that_came_before() -> None:
+    """And after it, where it is worth more: who floods us may begin whenever he likes."""
+    present: Present[str, str] = Present(lambda who: True, lambda what: what == "true")
+    for n in range(100):
+        present.add("quad1", f"before {n}", "forged")
+    assert present.crowded() == ["quad1"]
+    assert present.add("quad1", "token", "true") and "true" in present.of("quad1")
+    for n in range(100):
+        present.add("quad1", f"after {n}", "forged")
+    assert "true" in present.of("quad1") and len(present) == OF_EACH
+    present.settle("quad1")
+    assert present.crowded() == []
+    alike: Present[str, int] = Present(lambda who: True)
+    for n in range(100):
+        alike.add("quad1", f"{n}", n)
+    assert alike.of("quad1") == list(range(100 - OF_EACH, 100)), "of equals the newest"
 
 
 def test_names_nobody_knows_have_little_room_and_take_none_from_the_known() -> None:

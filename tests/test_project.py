@@ -36,7 +36,14 @@ BELOW = {
 # The layers within zmav, lowest first. A unit imports from lower layers, and from those named beside it in its own.
 # "zmav" itself is the public face: everything below is gathered there, so nothing but the command line imports it.
 LAYERS: tuple[dict[str, set[str]], ...] = (
-    {"errors": set(), "process": {"errors", "systemd"}, "waiting": set(), "systemd": set(), "present": set()},
+    {
+        "errors": set(),
+        "process": {"errors", "systemd"},
+        "waiting": set(),
+        "systemd": set(),
+        "present": set(),
+        "seldom": set(),
+    },
     {
         "wire": set(),
         "keys": {"wire"},
@@ -46,7 +53,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "rotation": set(),
     },
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
-    {"session": set(), "present": set()},
+    {"session": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
     {"services": set()},

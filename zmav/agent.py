@@ -32,6 +32,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
+from zmav.seldom import Seldom
 from zmav.services.orders import Guarded, Orders
 from zmav.services.port import on_loop
 from zmav.services.proven import Answers
@@ -48,6 +49,8 @@ ALONE = 1.0
 """s for another one of the name to answer, where there is one"""
 HEARTBEAT = 1.0
 """s between two words of its status, where nothing changes"""
+SELDOM, KINDS = 1.0, 64
+"""s between two words on refusals of one kind, and kinds that are told apart"""
 EVENTS = 10
 """what happened last, told with the status"""
 TUNING: dict[str, Verb] = {
@@ -98,6 +101,7 @@ class Agent:
             self.tune(name, value)
         self._state, self._text, self._detail = "starting", "", dict[str, Any]()
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
+        self._refusals: Seldom[str] = Seldom(SELDOM, KINDS)
         self._changed = asyncio.Event()
         self._heart: asyncio.Task[None] | None = None
         self.on_alive: Callable[[], object] = lambda: None
@@ -220,8 +224,8 @@ class Agent:
             text = f"an agent {self.name} runs for {self.vehicle.name} already: end that one first"
             raise Clash(text, vehicle=self.vehicle.name, agent=self.name)
         if self._gate is not None:
-            refused = on_loop(asyncio.get_running_loop(), self._on_refused)
-            self._gate.on_refused = refused
+            self._say_soon = on_loop(asyncio.get_running_loop(), self.say)
+            self._gate.on_refused = self._on_refused
         self._orders.start()
         self._questions.declare(self._param_key("*"), self._answer)
         self._heart = asyncio.create_task(self._beat())
@@ -239,4 +243,8 @@ class Agent:
         self._speak()
 
     def _on_refused(self, error: ZmavError) -> None:
-        self.say("refused", "warning", f"refused: {error}")
+        """From any thread: one a second for each reason, and the next says how many were left out."""
+        left_out = self._refusals.take(str(error.detail.get("reason")))
+        if left_out is not None:
+            more = f" (and {left_out} more before)" if left_out else ""
+            self._say_soon("refused", "warning", f"refused: {error}{more}")

@@ -24,6 +24,9 @@ from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.present import Present
+from zmav.seldom import Seldom
+from zmav.services.everybody import ask_everybody
+from zmav.services.intake import Intake
 from zmav.services.port import on_loop
 from zmav.services.proven import attached, proof_of_error
 from zmav.session import SessionSettings, check_size, open_session, reason
@@ -41,6 +44,10 @@ OVER = b"Timeout"
 logger = logging.getLogger(__name__)
 MEET_EVERY = 1.0
 """s between two times that one vehicle is asked for its certificate"""
+STRANGERS = 20
+"""names that are nobody's as far as we know, and are asked within that time: they are soon invented"""
+ROSTERS_WAITING = 64
+"""rosters that have come and were not looked at yet: the newest"""
 SAID = 1000
 """vehicles and reasons that are told apart in what is said once"""
 FORGET = 30.0
@@ -79,7 +86,9 @@ class Client:
         self._session: zenoh.Session | None = None
         self.member: Member | None = None
         """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
-        self._met: dict[Place, float] = {}
+        self._met: Seldom[Place] = Seldom(MEET_EVERY, SAID)
+        self._strangers: Seldom[Place] = Seldom(MEET_EVERY, STRANGERS)
+        self._rosters: Intake | None = None
         self._ask_time: Callable[[Place], None] = lambda place: None
         self._newest: dict[Place, float] = {}
         self._said: set[tuple[Place, str]] = set()
@@ -91,8 +100,8 @@ class Client:
         loop = asyncio.get_running_loop()
         if self.member is not None:
             self._ask_time = AskTime(session, self.member)
-            roster, take = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER), self.member.take_roster
-            session.declare_subscriber(roster, on_loop(loop, lambda sample: take(sample.payload.to_bytes())))
+            roster = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER)
+            self._rosters = Intake(session.declare_subscriber, roster, self._on_rosters, ROSTERS_WAITING)
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
         role = keys.REPLAY if keys.is_replay(self.fleet_name) else keys.VEHICLE
         alive = keys.ALIVE.key(self.fleet_name, "*", role=role, sys="*", autopilot="*", uid="*", instance="*")
@@ -102,6 +111,8 @@ class Client:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:
+        if self._rosters is not None:
+            self._rosters.close()
         if self._session is not None:
             await asyncio.to_thread(self._session.close)
 
@@ -184,6 +195,12 @@ class Client:
             return False
         return True
 
+    def _on_rosters(self, samples: list[zenoh.Sample]) -> None:
+        """In a thread of their own: anybody may bring them, as fast as he likes."""
+        assert self.member is not None
+        for sample in samples:
+            self.member.take_roster(sample.payload.to_bytes())
+
     def _on_state(self, sample: zenoh.Sample) -> None:
         place = _place(sample)
         if keys.is_replay(place[0]) != keys.is_replay(self.fleet_name):
@@ -221,19 +238,16 @@ class Client:
 
     def _meet(self, place: Place) -> None:
         """Ask a vehicle for its certificate, unless it was just asked; what it says from then on can be judged."""
-        member, now = self.member, time.monotonic()
-        if member is None or now - self._met.get(place, -MEET_EVERY) < MEET_EVERY or self._session is None:
+        member, met = self.member, self._met if self.is_vehicle(*place) else self._strangers
+        if member is None or self._session is None or met.take(place) is None:
             return
-        if len(self._met) > SAID:
-            self._met.clear()
-        self._met[place] = now
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 with contextlib.suppress(Forbidden):
                     member.verifier.meet(reply.ok.payload.to_bytes())
 
-        self._session.get(keys.CERTIFICATE.key(*place), on_reply, timeout=2.0, **keys.CERTIFICATE.qos.options())
+        ask_everybody(self._session, keys.CERTIFICATE.qos, keys.CERTIFICATE.key(*place), on_reply, timeout=2.0)
 
     # The key space.
 
@@ -346,11 +360,16 @@ class Client:
         # Straight on Zenoh's thread: all it does is hand over, and a thread for each query would cost more.
         handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)
         try:
-            self.session.get(
-                key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
-                attachment=question, target=zenoh.QueryTarget.ALL if answered else None,
-                consolidation=zenoh.ConsolidationMode.NONE if answered or channel.qos is keys.Qos.BULK else None,
-            )  # fmt: skip
+            if answered:
+                ask_everybody(
+                    self.session, channel.qos, key, handler, timeout=timeout, payload=payload, attachment=question
+                )  # fmt: skip
+            else:
+                self.session.get(
+                    key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
+                    attachment=question,
+                    consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
+                )  # fmt: skip
         except zenoh.ZError as e:
             raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):

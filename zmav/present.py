@@ -16,14 +16,16 @@ STRANGERS = 64
 class Present(Generic[Who, What]):
     """What each token says, by whom it is about and by its key.
 
-    ``is_known(who)``: there is always room for them; of others there is room for :data:`STRANGERS`. What is beyond the
-    bounds is as if it had not come. Not thread-safe.
+    ``is_known(who)``: there is always room for them; of others there is room for :data:`STRANGERS`. Of one's tokens the
+    newest are kept, for who floods us may have come first; but none gives way to one of less ``worth(what)``. What is
+    beyond the bounds is as if it had not come. Not thread-safe.
     """
 
-    def __init__(self, is_known: Callable[[Who], bool]) -> None:
-        self._is_known = is_known
+    def __init__(self, is_known: Callable[[Who], bool], worth: Callable[[What], float] = lambda what: 0.0) -> None:
+        self._is_known, self._worth = is_known, worth
         self._tokens: dict[Who, dict[str, What]] = {}
         self._strangers: set[Who] = set()
+        self._crowded: set[Who] = set()
 
     def add(self, who: Who, key: str, what: What) -> bool:
         """It is there; False where there was no room, or it was there before."""
@@ -35,8 +37,15 @@ class Present(Generic[Who, What]):
                     return False
                 self._strangers.add(who)
             held = self._tokens[who] = {}
-        if key in held or len(held) >= OF_EACH:
+        if key in held:
             return False
+        if len(held) >= OF_EACH:
+            if self._is_known(who):
+                self._crowded.add(who)
+            least = min(held, key=lambda each: self._worth(held[each]))  # the oldest of equals
+            if self._worth(held[least]) > self._worth(what):
+                return False
+            del held[least]
         held[key] = what
         return True
 
@@ -57,6 +66,14 @@ class Present(Generic[Who, What]):
     def strangers(self) -> list[Who]:
         """Who is present, and not known."""
         return [who for who in self._strangers if not self._is_known(who)]
+
+    def crowded(self) -> list[Who]:
+        """Who is known, and had more tokens than are remembered: the true one may be among those that gave way."""
+        return sorted(self._crowded, key=str)
+
+    def settle(self, who: Who) -> None:
+        """The true one of a crowd was found."""
+        self._crowded.discard(who)
 
     def __iter__(self) -> Iterator[Who]:
         """Who is known and present."""

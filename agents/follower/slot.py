@@ -38,7 +38,9 @@ class Slot:
         self._session, self._fleet, self._vehicle, self._on_lost = session, fleet, vehicle, on_lost
         self._target, self._slot = keys.check_name(target, "target"), keys.check_name(slot, "slot")
         self._claim: Claim = (int(1e3 * time.time()), uuid.uuid4().hex)
-        self._others: Present[str, tuple[Claim, str]] = Present(lambda who: is_vehicle(fleet, who))
+        self._others: Present[str, tuple[Claim, str]] = Present(
+            lambda who: is_vehicle(fleet, who), lambda claim: -claim[0][0]
+        )
         self._token: zenoh.LivelinessToken | None = None
         self._subscriber: Any = None
 

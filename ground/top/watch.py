@@ -21,6 +21,7 @@ from zmav.client import Client
 from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_of
 from zmav.doctor.rules import PROOF
 from zmav.errors import BadInput, ZmavError
+from zmav.services.everybody import ask_everybody
 from zmav.services.port import on_loop
 from zmav.trust.member import Place
 from zmav.vehicle import Vehicle
@@ -150,10 +151,8 @@ class Watch:
             handler: Any = handlers.Callback(on_reply, on_end, indirect=False)
             with contextlib.suppress(zenoh.ZError):  # no router at present: what is shown grows old
                 key, member = keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), self._z.member
-                self._z.session.get(
-                    key, handler, timeout=ANSWER, attachment=member.question(key, b"") if member else None,
-                    target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE, **keys.LINK.qos.options(),
-                )  # fmt: skip
+                question = member.question(key, b"") if member else None
+                ask_everybody(self._z.session, keys.LINK.qos, key, handler, timeout=ANSWER, attachment=question)
                 with contextlib.suppress(asyncio.TimeoutError):
                     await within(ANSWER + 0.5, ended.wait())
             self._first["trips"].set()

@@ -21,13 +21,10 @@ from zmav.errors import BadInput, Refused
 from zmav.services.intake import Intake
 from zmav.services.proven import Answers, attached
 from zmav.services.questions import Channel, Questions, Reply, Steps
-from zmav.trust.credentials import ROSTER
 from zmav.trust.gate import Gate, Origin, Prove, anybody
-from zmav.trust.roster import read_signed
+from zmav.trust.roster import Roster
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 
-ROSTER_AGE = 1.0
-"""s for which the roster in our folder is not read again"""
 KEPT, KEPT_FOR = 4, 120.0
 """runs that are over whose reports can be had, and s for which they can"""
 MOST_WAITING = 64
@@ -59,7 +56,6 @@ class Responder:
         self._questions = Questions(session, Answers(None))
         self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
-        self._looked = 0.0
         self._budget = budget_of(plan)
 
     def start(self) -> None:
@@ -85,6 +81,11 @@ class Responder:
         key = f"{keys.ROOT}/{self._fleet}/{self._host}/bench/**"
         self._intake = Intake(self._session.declare_queryable, key, sort, MOST_WAITING)
 
+    def take_roster(self, roster: Roster) -> None:
+        """The newest that our router has been told; older ones change nothing."""
+        if self._gate is not None:
+            self._gate.roster = roster
+
     async def close(self) -> None:
         self._questions.close()
         if self._intake is not None:
@@ -109,14 +110,7 @@ class Responder:
 
     def _prove(self, key: str, payload: bytes, attachment: bytes | None) -> Origin | None:
         """Raise :class:`~zmav.errors.Forbidden` for an order that is not an operator's, where we can tell."""
-        gate, held = self._gate, self._plan.credentials
-        if gate is None or held is None:
-            return None
-        if time.monotonic() - self._looked > ROSTER_AGE:
-            self._looked = time.monotonic()
-            with contextlib.suppress(OSError, BadInput):  # the one that we have is good until there is a newer one
-                gate.roster = read_signed((held.folder / ROSTER).read_bytes()).open(held.authority, held.fleet)
-        return gate.check(key, payload, attachment)
+        return None if self._gate is None else self._gate.check(key, payload, attachment)
 
     def _ordered(self, name: str, payload: bytes) -> BenchReport:
         if name == "start":

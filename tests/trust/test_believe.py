@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,12 @@ import zenoh
 
 from tests.trust.conftest import Authority, StartGuarded
 from zmav import keys, wire
+from zmav.client import STRANGERS
 from zmav.errors import Clash, Forbidden
+from zmav.present import OF_EACH
+from zmav.trust.credentials import Credentials
 from zmav.trust.member import ROSTERS, Member
-from zmav.trust.proof import Signer
+from zmav.trust.proof import Signer, read
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -122,12 +126,84 @@ async def test_events_are_its_vehicles_and_may_be_old(guarded: StartGuarded) -> 
 def test_forged_rosters_cost_so_many_checks_a_second(authority: Authority) -> None:
     now = 0.0
     member = Member(authority.member("eye", "viewer"), lambda: now)
-    for _ in range(30):
+    for _ in range(int(ROSTERS) + 100):
         member.take_roster(authority.roster().replace(b"demo", b"omed"))
-    assert member.counts["roster"] == ROSTERS
+    assert (member.counts["roster"], member.counts["roster busy"]) == (ROSTERS, 100)
     now = 1.0
     member.take_roster(authority.roster())
     assert member.verifier.roster.number == authority.number
+
+
+def test_a_flood_of_old_rosters_costs_the_new_one_nothing(authority: Authority) -> None:
+    """Who forges an older number, or says a true one again and again, is not looked at."""
+    member = Member(authority.member("eye", "viewer"), lambda: 0.0)
+    old = authority.roster()
+    member.take_roster(old)
+    forged = old.replace(b"demo", b"omed")
+    for _ in range(5000):
+        member.take_roster(old)
+        member.take_roster(forged)
+    member.take_roster(authority.roster())
+    assert member.verifier.roster.number == authority.number
+    assert not member.counts
+
+
+async def test_a_client_judges_rosters_beside_its_event_loop(guarded: StartGuarded) -> None:
+    """A hundred forged ones at once held up all that it heard, and the true one among them was not looked at."""
+    g: Guarded = await guarded()
+    async with g.client("eye", "viewer") as z:
+        assert z.member is not None
+        threads, take, loop = set[int](), z.member.take_roster, threading.get_ident()
+
+        def taken(data: bytes) -> None:
+            threads.add(threading.get_ident())
+            take(data)
+
+        z.member.take_roster = taken  # type: ignore[method-assign]
+        key = keys.FLEET.key("demo", topic=keys.ROSTER)
+        for _ in range(50):
+            g.b.ground.session.put(key, g.authority.roster().replace(b"demo", b"omed"), **BLOCK)
+        g.b.ground.session.put(key, g.authority.roster(), **BLOCK)
+        while z.member.verifier.roster.number != g.authority.number:
+            await asyncio.sleep(0.01)
+        assert loop not in threads
+
+
+async def test_a_client_asks_no_invented_names(guarded: StartGuarded) -> None:
+    """States in names that nobody has, of an hour ago: each had a question sent through the whole fleet."""
+    g: Guarded = await guarded()
+    asked: list[str] = []
+    for channel in (keys.STATE, keys.CERTIFICATE):
+        g.b.ground.session.declare_queryable(channel.key("demo", "*"), lambda query: asked.append(str(query.key_expr)))
+    viewer = Signer(g.authority.member("view", "viewer"))
+    async with g.client("eye", "viewer") as z:
+        assert z.member is not None
+        for n in range(200):
+            key = keys.STATE.key("demo", f"ghost{n}")
+            for age in (0.0, 3600.0):
+                g.b.ground.session.put(key, b"{}", attachment=viewer.sign(key, b"{}", now=time.time() - age), **BLOCK)
+        while z.member.counts["clock"] + z.member.counts["unknown"] < 400:
+            await asyncio.sleep(0.01)
+        g.b.ground.session.put(STATE, b"{}", attachment=viewer.sign(STATE, b"{}", now=time.time() - 3600.0), **BLOCK)
+        while STATE not in asked:  # what was asked before has come before
+            await asyncio.sleep(0.01)
+    ghosts = [key for key in asked if "ghost" in key]
+    assert not [key for key in ghosts if key.endswith("/state")]
+    assert len(ghosts) <= 3 * STRANGERS
+
+
+def test_who_speaks_to_all_introduces_himself_on_each_topic(authority: Authority) -> None:
+    """One topic that is said often took the introductions of all: who heard but another never came to believe it."""
+    now = 0.0
+    member = Member(authority.member("plan", "planner"), lambda: now)
+    sent: dict[str, int] = {"charge": 0, "goal": 0}
+    for n in range(40):
+        now = n * 0.3
+        for topic in sent if n % 4 == 1 else ("charge",):
+            proof = member.proof(keys.FLEET.key("demo", topic=topic), b"{}")
+            assert proof is not None
+            sent[topic] += bool(read(proof).certificate)
+    assert sent == {"charge": 10, "goal": 10}
 
 
 def token(g: Guarded, name: str, sysid: int, instance: str) -> zenoh.LivelinessToken:
@@ -165,6 +241,38 @@ async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded, mo
     assert len(g.vehicle.presence.others) == 2
     for one in tokens:
         one.undeclare()
+
+
+async def test_a_namesake_is_seen_among_forged_tokens(
+    guarded: StartGuarded, net: Net, onboard: StartOnboard, peer: StartPeer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A relay's flood of quad2's tokens came before the true one, and goes on after it: nobody saw that quad2 had our
+    system id.
+    """
+    monkeypatch.setattr("zmav.services.presence.ASK_EVERY", 0.3)
+    g: Guarded = await guarded()
+    g.authority.issue("quad2", "vehicle")
+    assert g.vehicle.gate is not None
+    g.vehicle.gate.learn(Credentials.load(g.authority.folder / "quad2").certificate.der)
+    tokens = [token(g, "quad2", 9, f"before{n}") for n in range(OF_EACH + 4)]
+    while g.vehicle.presence.others.crowded() != ["quad2"]:
+        await asyncio.sleep(0.01)
+    session, _ = net.router(g.b.endpoint)
+    other = await peer(1, uid=2)
+    twin = await onboard(session, other.url, "quad2", credentials=str(g.authority.folder / "quad2"))
+
+    async def flood() -> None:
+        for n in range(100_000):
+            tokens.append(token(g, "quad2", 9, f"after{n}"))
+            await asyncio.sleep(0.005)
+
+    flooding = asyncio.create_task(flood())
+    await g.b.event("quad2 and quad1 both have system id 1", kind="clash")
+    flooding.cancel()
+    for one in tokens:
+        one.undeclare()
+    await onboard.close(twin)
+    await g.b.event("the clash is over", kind="clash")
 
 
 async def test_a_namesake_that_proves_it_is_a_clash(

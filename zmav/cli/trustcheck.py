@@ -14,8 +14,9 @@ import zenoh
 from zmav import keys, wire
 from zmav.cli import topics
 from zmav.cli.finding import Finding
-from zmav.client import OVER, Answer, Client
+from zmav.client import OVER, Client
 from zmav.errors import BadInput, ZmavError
+from zmav.services.everybody import ask_everybody
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import SOON
@@ -39,7 +40,7 @@ async def look_at_trust(z: Client, own: Credentials | None, vehicles: Iterable[s
         return None
     names = list(vehicles)
     held = await rosters(z, own.fleet)
-    shown = await asyncio.gather(*(_certificate(z, own.fleet, name) for name in names))
+    shown = await asyncio.gather(*(_certificate(z, own, name) for name in names))
     return Trust(own, held, dict(zip(names, shown, strict=True)))
 
 
@@ -65,10 +66,7 @@ async def rosters(
 
 
 def _all_replies(z: Client, key: str, payload: bytes, timeout: float) -> list[zenoh.Reply]:
-    """All have the same key: the usual consolidation would keep one of them."""
-    every = zenoh.ConsolidationMode.NONE
-    options = keys.Qos.MUST_ARRIVE.options()
-    return list(z.session.get(key, payload=payload, timeout=timeout, consolidation=every, **options))
+    return list(ask_everybody(z.session, keys.Qos.MUST_ARRIVE, key, None, timeout=timeout, payload=payload))
 
 
 def _decoded(data: bytes) -> HeldRoster | ZmavError:
@@ -80,13 +78,21 @@ def _decoded(data: bytes) -> HeldRoster | ZmavError:
         return e
 
 
-async def _certificate(z: Client, fleet: str, name: str) -> Certificate | ZmavError:
-    for answer in await z.ask(keys.CERTIFICATE.key(fleet, name), channel=keys.CERTIFICATE):
+async def _certificate(z: Client, own: Credentials, name: str) -> Certificate | ZmavError:
+    """The vehicle's, of all that are shown in its place; else what is wrong with the first."""
+    found: list[Certificate | ZmavError] = []
+    for reply in await asyncio.to_thread(_all_replies, z, keys.CERTIFICATE.key(own.fleet, name), b"", 2.0):
+        if reply.ok is None:
+            continue
         try:
-            return Certificate.read(answer.payload) if isinstance(answer, Answer) else answer
+            found.append(shown := Certificate.read(reply.ok.payload.to_bytes()))
+            shown.check_issuer(own.authority)
         except BadInput as e:
-            return e
-    return ZmavError(f"{name} shows no certificate")
+            found.append(e)
+        else:
+            if shown.name == name:
+                return shown
+    return found[0] if found else ZmavError(f"{name} shows no certificate")
 
 
 def check_folder(folder: str | None, now: float | None = None) -> tuple[list[Finding], Credentials | None]:

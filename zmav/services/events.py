@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import threading
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from zmav import keys, wire
 from zmav.mavlink import Frame
 from zmav.mavlink.event import Event, read_event
 from zmav.mavlink.statustext import Text, TextJoiner
+from zmav.seldom import Seldom
 from zmav.trust.proof import Signer
 
 SEVERITIES: tuple[wire.Severity, ...] = (
@@ -28,6 +28,10 @@ SEVERITIES: tuple[wire.Severity, ...] = (
     "info",
     "debug",
 )
+
+
+LIMITS = 256
+"""names of limits that are told apart within a second"""
 
 
 class Told(NamedTuple):
@@ -53,8 +57,7 @@ class Events:
             publisher_detection=True,
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
         )
-        self._lock = threading.Lock()
-        self._limits: dict[str, tuple[float, int]] = {}
+        self._limits: Seldom[str] = Seldom(1.0, LIMITS)
         self._texts: collections.deque[tuple[float, str]] = collections.deque(maxlen=50)
         self._joiner = TextJoiner()
         self._sequences: dict[tuple[int, int], int] = {}
@@ -67,7 +70,7 @@ class Events:
     def emit(self, kind: str, severity: wire.Severity, text: str, *, limit: str = "", **detail: Any) -> None:
         """Publish one event. With ``limit``: one a second of that name, and the next says how many were left out."""
         if limit:
-            left_out = self._admit(limit)
+            left_out = self._limits.take(limit)
             if left_out is None:
                 return
             if left_out:
@@ -76,16 +79,6 @@ class Events:
         with contextlib.suppress(zenoh.ZError):  # a closed session hears nothing: no reason to stop watching over it
             data = wire.encode(event)
             self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
-
-    def _admit(self, limit: str) -> int | None:
-        now = time.monotonic()
-        with self._lock:
-            last, left_out = self._limits.get(limit, (-1.0, 0))
-            if now - last < 1.0 and last >= 0.0:
-                self._limits[limit] = (last, left_out + 1)
-                return None
-            self._limits[limit] = (now, 0)
-            return left_out
 
     def statustext(self, frame: Frame) -> None:
         """Pass on a STATUSTEXT once it is whole, and remember it as a reason for a refusal that may follow."""

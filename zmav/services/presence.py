@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -18,11 +17,11 @@ from zmav import keys, wire
 from zmav.errors import BadKey, Clash, ZmavError
 from zmav.present import Present
 from zmav.services.events import Events
+from zmav.services.everybody import challenge_vehicle
 from zmav.services.identity import Identity
 from zmav.services.port import on_loop
-from zmav.services.proven import attached
 from zmav.trust.certificate import Role
-from zmav.trust.proof import ANSWERS, Signer
+from zmav.trust.proof import Signer
 from zmav.trust.verify import Verifier
 
 NOBODY = "-"
@@ -46,8 +45,8 @@ class Presence:
         self.on_change: Callable[[], None] = lambda: None
         self._token: zenoh.LivelinessToken | None = None
         self._token_key = ""
-        self.others: Present[str, dict[str, str]] = Present(self._is_known)
-        """the parts of other vehicles' tokens"""
+        self.others: Present[str, dict[str, str]] = Present(self._is_known, lambda token: _who(token) in self._proven)
+        """the parts of other vehicles' tokens; no flood takes the place of one that is proven"""
         self._proven: set[tuple[str, str]] = set()
         """(vehicle, instance) of others that have proven to be who their tokens say"""
         self._asked, self._turn = 0.0, 0
@@ -154,28 +153,24 @@ class Presence:
         if self._verifier is None or now - self._asked < ASK_EVERY:
             return
         # Who is not on our roster may be on a newer one, and comes after those who are.
-        suspects = self._suspects(self.others) or self._suspects(self.others.strangers())
+        # Whose tokens are a crowd may have a true one that gave way to others.
+        suspects = [who for who, _ in self._suspects(self.others)] + self.others.crowded()
+        suspects = suspects or [who for who, _ in self._suspects(self.others.strangers())]
         if not suspects:
             return
         self._asked, self._turn = now, self._turn + 1
-        vehicle = suspects[self._turn % len(suspects)][0]
-        key, challenge, verifier = keys.STATE.key(self._fleet, vehicle), os.urandom(ANSWERS), self._verifier
+        vehicle, verifier = suspects[self._turn % len(suspects)], self._verifier
         proven = on_loop(asyncio.get_running_loop(), self._on_proven)
 
-        def on_reply(reply: zenoh.Reply) -> None:
+        def on_state(key: str, payload: bytes, proof: bytes | None, challenge: bytes) -> None:
             with contextlib.suppress(ZmavError):
-                if reply.ok is not None:
-                    data = reply.ok.payload.to_bytes()
-                    _, by = verifier.verify_answer(key, data, attached(reply.ok), challenge)
-                    state = wire.decode(data, wire.VehicleState, f"state of {vehicle}")
-                    if (by.name, by.role) == (vehicle, Role.VEHICLE):
-                        proven((vehicle, state.instance))
+                _, by = verifier.verify_answer(key, payload, proof, challenge)
+                state = wire.decode(payload, wire.VehicleState, f"state of {vehicle}")
+                if (by.name, by.role) == (vehicle, Role.VEHICLE) and state.instance != self.instance:
+                    proven((vehicle, state.instance))
 
-        self._session.get(
-            key, on_reply, payload=challenge, timeout=ASK_EVERY, target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE, **keys.STATE.qos.options(),
-            attachment=self._signer.sign(key, challenge, introduce=True) if self._signer else None,
-        )  # fmt: skip
+        place = (self._fleet, vehicle)
+        challenge_vehicle(self._session, place, on_state, timeout=ASK_EVERY, signer=self._signer)
 
     def _suspects(self, vehicles: Iterable[str]) -> list[tuple[str, str]]:
         found = ((_who(token), token) for token in self._tokens(vehicles))
@@ -183,8 +178,28 @@ class Presence:
 
     def _on_proven(self, who: tuple[str, str]) -> None:
         if self._is_there(who):
+            self.others.settle(who[0])
             self._proven.add(who)
             self._judge()
+        elif who[0] in self.others.crowded():
+            self._find(*who)
+
+    def _find(self, vehicle: str, instance: str) -> None:
+        """Look for the token of who has proven to be there, among those that gave way to a flood."""
+        found = on_loop(asyncio.get_running_loop(), self._on_found)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                found(str(reply.ok.key_expr), (vehicle, instance))
+
+        key = keys.ALIVE.key(self._fleet, vehicle, role=self._role, sys="*", autopilot="*", uid="*", instance=instance)
+        self._session.liveliness().get(key, on_reply, timeout=ASK_EVERY)
+
+    def _on_found(self, key: str, who: tuple[str, str]) -> None:
+        with contextlib.suppress(BadKey):
+            self._proven.add(who)
+            self.others.add(who[0], key, keys.match(key)[1])
+            self._on_proven(who)
 
     def check(self) -> None:
         """Raise :class:`Clash` while nobody may command this vehicle."""

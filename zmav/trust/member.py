@@ -21,13 +21,13 @@ from zmav.trust.verify import Allowance, Verifier
 INTRODUCE_EVERY = 5.0
 """s between two puts to a vehicle that carry our certificate; orders always do"""
 INTRODUCE_TO_ALL = 1.0
-"""s between two puts to the whole fleet that carry it: who begins to listen must believe a planner well before its
-silence would count
+"""s between two puts on one of the fleet's topics that carry it: who begins to listen, to that alone, must believe a
+planner well before its silence would count
 """
 GRACE = 86_400.0
 """s that what a vehicle says is believed after its certificate's end: who flies it is not to lose sight of it"""
-ROSTERS = 20.0
-"""rosters that are looked at in a second: anybody may bring one, and the true one comes again"""
+ROSTERS = 200.0
+"""signatures of rosters that are checked in a second: anybody may bring one, and the true one comes again"""
 MOST_HEARERS = 4096
 """places and channels of which it is remembered who answers there"""
 SIGNED = (keys.STATE, keys.EVENT)
@@ -58,7 +58,8 @@ class Member:
         """of keys on which our next proof is to answer one: the vehicle's clock and ours disagree"""
         self._clocks: dict[Place, float] = {}
         """s by which a vehicle's clock is ahead of ours, where it has shown that"""
-        self._introduced: dict[Place, float] = {}
+        self._introduced: dict[tuple[Place, str], float] = {}
+        """by place, and of the whole fleet by topic"""
         self._hearers: dict[tuple[str, str, str], Certificate] = {}
         """by fleet, vehicle and channel: who answers there, so that what we say there bears a tag for it"""
         self._lock = threading.Lock()
@@ -79,7 +80,8 @@ class Member:
         if not keys.proven(channel, parts):
             return None
         place = (parts["fleet"], parts.get("vehicle", _FLEET))
-        introduce = self._introduces(place) or channel is keys.DO
+        topic = parts.get("topic", channel.name) if place[1] == _FLEET else ""
+        introduce = self._introduces(place, topic) or channel is keys.DO
         gate = self._challenges.pop(key, None) or self._others.get((place, channel.name))
         gate = gate or self._gates.get(place, NOTHING)
         to = self._hearers.get((*place, channel.name)) or self._hearers.get((*place, keys.STATE.name))
@@ -98,12 +100,12 @@ class Member:
             )  # fmt: skip
         return os.urandom(NONCE) if keys.answerers(key) else None
 
-    def _introduces(self, place: Place) -> bool:
-        now, every = self._monotonic(), INTRODUCE_TO_ALL if place[1] == _FLEET else INTRODUCE_EVERY
+    def _introduces(self, place: Place, topic: str) -> bool:
+        now, every = self._monotonic(), INTRODUCE_TO_ALL if topic else INTRODUCE_EVERY
         with self._lock:
-            if now - self._introduced.get(place, -every) < every:
+            if now - self._introduced.get((place, topic), -every) < every:
                 return False
-            self._introduced[place] = now
+            self._introduced[place, topic] = now
             return True
 
     def answers(self, place: Place, gate: object) -> None:
@@ -112,7 +114,7 @@ class Member:
         if found and self._gates.get(place) != found:
             with self._lock:
                 self._gates[place] = found
-                self._introduced.pop(place, None)
+                self._introduced.pop((place, ""), None)
                 self._others = {at: other for at, other in self._others.items() if at[0] != place}
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
@@ -130,12 +132,12 @@ class Member:
         if reason == EPOCH and (gate := _gate(error.detail.get("gate"))):
             with self._lock:
                 self._others[place, channel.name] = gate
-                self._introduced.pop(place, None)
+                self._introduced.pop((place, ""), None)
         elif reason == "clock" and (challenge := _gate(error.detail.get("challenge"))):
             self._challenges[key] = challenge
         elif reason == "unknown":
             with self._lock:
-                self._introduced.pop(place, None)
+                self._introduced.pop((place, ""), None)
         else:
             return False
         return True
@@ -245,11 +247,17 @@ class Member:
             raise Forbidden(text, reason="name", origin=certificate.name)
 
     def take_roster(self, data: bytes) -> None:
-        """A roster that came over the network: what is none, or older than ours, changes nothing. On one thread."""
-        if not self._rosters.take():
-            return
+        """A roster that came over the network: what is none, or no newer than ours, changes nothing. On one thread.
+
+        The number that it says it has is looked at first, so that what is old costs those that are new no room.
+        """
         try:
             signed = read_signed(data)
+            if signed.number <= self.verifier.roster.number:
+                return
+            if not self._rosters.take():
+                self.counts["roster busy"] += 1
+                return
             roster = signed.open(self.verifier.authority, self.verifier.fleet)
             for verifier in (self.verifier, *self._made):
                 verifier.roster = roster

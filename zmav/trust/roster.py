@@ -17,6 +17,9 @@ from zmav import wire
 from zmav.errors import BadConfig
 from zmav.wire.base import Wire
 
+MOST = 4 * 2**20
+"""bytes of a roster: some 20,000 members"""
+
 
 class Member(Wire, kw_only=True):
     """One certificate the authority has signed."""
@@ -73,6 +76,21 @@ class SignedRoster(Wire, kw_only=True):
             raise BadConfig(text, field="roster.fleet", value=roster.fleet, expected=fleet)
         return roster
 
+    @property
+    def number(self) -> int:
+        """What it says its number is: cheap to see, and to be believed only once its signature was checked.
+
+        Raises :class:`BadConfig`.
+        """
+        try:
+            return msgspec.json.decode(self.roster, type=_Numbered).number
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:
+            raise BadConfig(f"not a roster: {e}", field="roster") from e
+
+
+class _Numbered(msgspec.Struct):
+    number: int
+
 
 class HeldRoster(Wire, kw_only=True):
     """What a router answers on the fleet's topic ``roster``: which one it has."""
@@ -88,6 +106,8 @@ class HeldRoster(Wire, kw_only=True):
 
 def read_signed(data: bytes) -> SignedRoster:
     """Raises :class:`BadConfig` for what is no roster."""
+    if len(data) > MOST:
+        raise BadConfig(f"not a roster: {len(data)} bytes (at most {MOST})", field="roster")
     try:
         return msgspec.json.decode(data, type=SignedRoster)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as e:

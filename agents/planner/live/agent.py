@@ -31,13 +31,14 @@ from agents.planner.live.press import Press
 from agents.planner.live.run import Run
 from agents.planner.live.settings import FENCE, Settings, check
 from agents.planner.live.solver import Solver
-from agents.planner.live.tokens import Tokens
+from agents.planner.live.tokens import Tokens, plans
 from agents.planner.live.tubes import Tubes
 from agents.planner.live.world import World
 from agents.planner.problem import Mover
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.process import say as log
+from zmav.seldom import Seldom
 from zmav.services.port import on_loop
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -49,8 +50,10 @@ MAPS = 8
 """maps of planners that are kept: one that dies may come again before its standby takes over"""
 EVENTS = 30
 """what happened last, and is told in the status"""
-SELDOM = 1.0
-"""s between two words on obstacles that come by themselves, and on faults, however many there are"""
+SELDOM, KINDS = 1.0, 64
+"""s between two words on what comes by itself (obstacles, faults, refusals), however many there are, and kinds that are
+told apart
+"""
 LEAST = 0.1
 """s between two looks at what is flown in a world that has changed"""
 
@@ -65,7 +68,8 @@ class Agent:
         check(settings)
         self.z, self.settings = z, settings
         self.instance = uuid.uuid4().hex
-        self.charge = Charge(settings.name, self.instance, settings.patience * (2.0 if settings.standby else 1.0))
+        patience = settings.patience * (2.0 if settings.standby else 1.0)
+        self.charge = Charge(settings.name, self.instance, lambda name: plans(z.member, name), patience)
         self.fleet = Fleet(z, settings.downwash)
         self.clocks = Clocks(z, settings.clock_error)
         self.world = World()
@@ -93,13 +97,11 @@ class Agent:
         self._looked = self._asked = 0.0
         self._homes = 0
         """how often somebody was asked for its home"""
-        self._told: dict[str, tuple[float, int]] = {}
-        """by kind: when something was last said of what comes by itself, and how often nothing was since"""
+        self._told: Seldom[str] = Seldom(SELDOM, KINDS)
         self.fence()
 
     async def __aenter__(self) -> Agent:
-        self._loop = asyncio.get_running_loop()
-        self.say_from_thread = on_loop(self._loop, self.say)
+        self._say_soon = on_loop(asyncio.get_running_loop(), self.say)
         await self.solver.__aenter__()
         self._tokens.start()
         self._desk.orders.start()
@@ -242,12 +244,9 @@ class Agent:
                 self.say_seldom("world", "info", text)
 
     def say_seldom(self, kind: str, severity: wire.Severity, text: str) -> None:
-        (last, unsaid), now = self._told.get(kind, (-SELDOM, 0)), time.monotonic()
-        if now - last < SELDOM:
-            self._told[kind] = (last, unsaid + 1)
-            return
-        self._told[kind] = (now, 0)
-        self.say(kind, severity, text + (f" (and {unsaid} more before)" if unsaid else ""))
+        """From any thread: one a second of a kind, and the next says how many were left out."""
+        if (left_out := self._told.take(kind)) is not None:
+            self._say_soon(kind, severity, text + (f" (and {left_out} more before)" if left_out else ""))
 
     def on_map(self, data: bytes) -> None:
         """What the planner in charge keeps clear of: whoever stands by keeps it, too."""

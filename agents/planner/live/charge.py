@@ -8,8 +8,11 @@ they hear of it. Nobody relies on that alone: a vehicle is commanded by who hold
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+from zmav.present import Present
 from zmav.wire import swarm
 
 HEARTBEAT, BEAT = 1.0, 0.3
@@ -24,12 +27,23 @@ longer waits, too, who has no book to go on from, while there are others: one of
 """
 
 
+class Token(NamedTuple):
+    """What a planner's token says: which process it is of, and that it is in charge, or stands by."""
+
+    instance: str
+    in_charge: bool
+
+
 @dataclass
 class Charge:
-    """One planner's view. ``now`` is in monotonic seconds; ``instance`` tells its process from every other."""
+    """One planner's view. ``now`` is in monotonic seconds; ``instance`` tells its process from every other.
+
+    ``is_planner(name)``: whose tokens count. So many of each are remembered, that of the planner in charge always.
+    """
 
     name: str
     instance: str
+    is_planner: Callable[[str], bool]
     patience: float = PATIENCE
     term: int = 0
     """0: stands by"""
@@ -40,24 +54,29 @@ class Charge:
     """there are some in our book, while we are in charge"""
     _heard: float = -1e9
     _since: float | None = None
-    _tokens: set[str] = field(default_factory=set)
-    """the instances of those whose token says that they are in charge"""
-    _others: set[str] = field(default_factory=set)
-    """and of those who stand by"""
+    _tokens: Present[str, Token] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._tokens = Present(self.is_planner, lambda token: token == self._held)
 
     @property
     def in_charge(self) -> bool:
         return self.term > 0
 
-    def token(self, instance: str, present: bool, in_charge: bool = True) -> None:
-        """Another's token came or went: of being in charge, or of standing by."""
-        if instance == self.instance:
+    @property
+    def _held(self) -> Token | None:
+        """The token of the planner in charge."""
+        return Token(self.book.instance, True) if self.book is not None else None
+
+    def token(self, name: str, token: Token, present: bool) -> None:
+        """Another's token came or went."""
+        if token.instance == self.instance:
             return
-        tokens = self._tokens if in_charge else self._others
+        key = f"{token.instance} {token.in_charge}"
         if present:
-            tokens.add(instance)
+            self._tokens.add(name, key, token)
         else:
-            tokens.discard(instance)
+            self._tokens.remove(name, key)
 
     def hear(self, book: swarm.Book, now: float) -> bool:
         """Another's book came. True: it is in charge and we are not any more."""
@@ -91,8 +110,10 @@ class Charge:
         """Nobody is in charge as far as we hear: no word for a while, and no token either, or not for long."""
         self._since = now if self._since is None else self._since
         silent = now - max(self._heard, self._since)
-        held = self.book is not None and self.book.instance in self._tokens
-        somebody = held if self.book is not None else bool(self._tokens or self._others)
+        if self.book is not None:
+            somebody = self._held in self._tokens.of(self.book.planner)
+        else:
+            somebody = any(True for _ in self._tokens)
         return silent > (self.patience + SILENCE if somebody else self.patience)
 
     def take(self) -> swarm.Book | None:

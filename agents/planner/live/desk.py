@@ -41,7 +41,7 @@ class Desk:
             Answers(member.signer if member else None), keys.SWARM, SWARM_VERBS, most=MOST_BYTES,
         )  # fmt: skip
         if self.gate is not None:
-            self.gate.on_refused = lambda error: agent.say_from_thread("refused", "warning", f"refused: {error}")
+            self.gate.on_refused = lambda error: agent.say_seldom("refused", "warning", f"refused: {error}")
         handlers: dict[str, Guarded] = {
             "submit": self._submit,
             "preview": self._preview,

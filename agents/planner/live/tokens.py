@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
+from agents.planner.live.charge import Token
 from zmav import keys
 from zmav.errors import BadKey, Forbidden
 from zmav.services.port import on_loop
 from zmav.services.proven import attached
-from zmav.trust.member import Place
+from zmav.trust.member import Member, Place
+from zmav.trust.rights import SPEAKERS
 from zmav.trust.verify import BUSY
 
 if TYPE_CHECKING:
@@ -24,6 +26,11 @@ ROLE, CHIEF, STANDBY = "planner", "planner", "standby"
 
 def token_key(fleet: str, name: str, word: str, instance: str) -> str:
     return keys.ALIVE.key(fleet, name, role=ROLE, sys=0, autopilot=word, uid="-", instance=instance)
+
+
+def plans(member: Member | None, name: str) -> bool:
+    """Whether who has that name may be present as a planner: by the roster where we have credentials, else anybody."""
+    return member is None or member.verifier.role_of(name) in {role.value for role in SPEAKERS[keys.PLANNER]}
 
 
 class Tokens:
@@ -89,4 +96,4 @@ class Tokens:
         except BadKey:
             return
         present = sample.kind == zenoh.SampleKind.PUT
-        self._agent.charge.token(parts["instance"], present, parts["autopilot"] == CHIEF)
+        self._agent.charge.token(parts["vehicle"], Token(parts["instance"], parts["autopilot"] == CHIEF), present)

@@ -11,19 +11,25 @@ from typing import Any
 import msgspec
 import pytest
 
+import zmav
 from mesh.bench import datagram
-from mesh.bench.asker import HERE
+from mesh.bench.asker import HERE, Bench
 from mesh.bench.flow import Flow, Stream, StreamResult
+from mesh.bench.responder import responder
 from mesh.bench.route import named, route
 from mesh.bench.run import check
 from mesh.bench.search import Limits, Trial, judge, search
 from mesh.credentials.ca import Authority
-from tests.conftest import PATIENCE_S, Net
+from mesh.credentials.rosterwatch import watch_roster
+from mesh.router import Router
+from tests.conftest import PATIENCE_S, Net, endpoint_of
 from tests.mesh.bench.conftest import Line, Start, idle, plan_of
 from tests.services.test_questions import FLOOD, Asker, Held
 from zmav import keys, wire
+from zmav.cli.trustcheck import rosters
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused
 from zmav.services.questions import MOST
+from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.waiting import within
@@ -382,12 +388,28 @@ async def test_only_an_operator_may_start_one(line: Start, net: Net, tmp_path: P
         assert (await ann.tell("quad2", "start", ORDER_BACK)).state == "waiting"
         viewer = await made.ask("quad1", str(folders["vic"]))
         assert (await viewer.report("quad2", "one")).host == "quad2"
+
+
+async def test_who_was_turned_out_starts_none(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the newest roster that the router was told, which a service does not keep in its folder of credentials."""
+    (tmp_path / "state").mkdir()
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    authority = Authority.create(tmp_path / "ca", "demo")
+    folders = {n: authority.issue(n, r, out=tmp_path / n) for n, r in (("quad2", Role.VEHICLE), ("ann", Role.OPERATOR))}
+    settings = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
+    plan = plan_of("quad2", Credentials.load(folders["quad2"]))
+    async with contextlib.AsyncExitStack() as stack:
+        router = await stack.enter_async_context(Router(plan, settings, (watch_roster, responder)))
+        client = zmav.open(fleet="demo", connect=[endpoint_of(router.session)], credentials=str(folders["ann"]))
+        z = await stack.enter_async_context(client)
+        ann = Bench(z)
+        assert (await ann.tell("quad2", "start", ORDER_BACK)).state == "waiting"
         authority.revoke("ann")
-        roster = (folders["quad2"] / "roster.json", authority.roster())
-        roster[0].write_bytes(wire.encode(roster[1]))
+        told = wire.encode(authority.roster())
+        await rosters(z, "demo", payload=told)
 
         async def refused() -> None:
-            while True:  # the same order again changes nothing, and the newest roster is read once a second
+            while True:  # the same order again changes nothing
                 await ann.tell("quad2", "start", ORDER_BACK)
 
         with pytest.raises(Forbidden, match="revoked"):

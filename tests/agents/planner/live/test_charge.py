@@ -7,9 +7,14 @@ import random
 
 import pytest
 
-from agents.planner.live.charge import PATIENCE, SILENCE, Charge
+from agents.planner.live.charge import PATIENCE, SILENCE, Charge, Token
 from agents.planner.live.partition import Hearing
+from zmav.present import OF_EACH, STRANGERS
 from zmav.wire import swarm
+
+
+def anybody(name: str) -> bool:
+    return True
 
 
 def book(who: Charge, now: float) -> swarm.Book:
@@ -17,7 +22,7 @@ def book(who: Charge, now: float) -> swarm.Book:
 
 
 def test_nobody_heard_for_a_while_and_it_takes_charge() -> None:
-    one = Charge("a", "1")
+    one = Charge("a", "1", anybody)
     assert not one.lost(100.0)
     assert not one.lost(100.0 + PATIENCE)
     assert one.lost(100.1 + PATIENCE)
@@ -27,7 +32,7 @@ def test_nobody_heard_for_a_while_and_it_takes_charge() -> None:
 
 
 def test_the_book_alone_keeps_a_standby_waiting() -> None:
-    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
     chief.take()
     for now in range(10):
         assert not other.hear(book(chief, now), float(now))
@@ -37,19 +42,37 @@ def test_the_book_alone_keeps_a_standby_waiting() -> None:
 
 
 def test_a_token_without_a_book_is_believed_for_a_while() -> None:
-    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
     chief.take()
     assert not other.lost(0.0)
-    other.token("1", True)
+    other.token("a", Token("1", True), True)
     other.hear(book(chief, 0.0), 0.0)
     assert not other.lost(PATIENCE + SILENCE)
     assert other.lost(PATIENCE + SILENCE + 0.1)
-    other.token("1", False)
+    other.token("a", Token("1", True), False)
     assert other.lost(PATIENCE + 0.1)
 
 
+def test_a_flood_of_tokens_is_bounded_and_takes_none_from_the_planner_in_charge() -> None:
+    """A relay forges them, under names that may plan and names that may not."""
+    chief, other = Charge("a", "1", anybody), Charge("b", "2", {"a", "b", "c"}.__contains__)
+    chief.take()
+    for n in range(5000):
+        other.token(f"ghost{n}", Token("1", True), True)
+    assert not other.lost(0.0) and other.lost(PATIENCE + 0.1), "nobody who may plan is there"
+    other.token("a", Token("1", True), True)
+    other.hear(book(chief, 0.0), 0.0)
+    for n in range(5000):
+        other.token("a", Token(f"forged{n}", True), True)
+        other.token("c", Token(f"forged{n}", False), True)
+    assert len(other._tokens) <= STRANGERS + 2 * OF_EACH
+    assert not other.lost(PATIENCE + SILENCE), "the true one is known among them"
+    other.token("a", Token("1", True), False)
+    assert other.lost(PATIENCE + 0.1), "and what is forged beside it holds nobody off when it is gone"
+
+
 def test_its_word_alone_keeps_a_standby_waiting_and_what_it_has_of_the_book() -> None:
-    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
     chief.take()
     told = book(chief, 0.0)
     other.hear(told, 0.0)
@@ -68,13 +91,13 @@ def with_goals(who: Charge) -> swarm.Book:
 
 def test_one_that_comes_again_with_nothing_does_not_displace_the_book_of_who_stands_by() -> None:
     """Killed and started anew at once, it may hear of nobody, and take charge with an empty book of the same term."""
-    dead, other = Charge("a", "1"), Charge("b", "2")
+    dead, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
     dead.take()
     told = with_goals(dead)
     other.hear(told, 0.0)
     assert not other.lost(0.0)
     for instance in ("0", "3"):
-        again = Charge("a", instance)
+        again = Charge("a", instance, anybody)
         again.take()
         other.hear(book(again, 1.0), 1.0)
         other.beat(swarm.Charge(t=1.0, planner="a", instance=instance, term=1), 1.0)
@@ -88,24 +111,24 @@ def test_one_that_comes_again_with_nothing_does_not_displace_the_book_of_who_sta
 
 
 def test_of_two_with_the_same_term_the_one_with_goals_stays() -> None:
-    one, two = Charge("a", "1", goals=True), Charge("b", "2")
+    one, two = Charge("a", "1", anybody, goals=True), Charge("b", "2", anybody)
     one.take(), two.take()
     assert not one.hear(book(two, 0.0), 0.1)
     assert two.hear(with_goals(one), 0.1)
 
 
 def test_who_has_no_book_waits_for_those_who_may_have_it() -> None:
-    newcomer = Charge("c", "3")
+    newcomer = Charge("c", "3", anybody)
     assert not newcomer.lost(0.0)
-    newcomer.token("2", True, in_charge=False)
+    newcomer.token("b", Token("2", False), True)
     assert not newcomer.lost(PATIENCE + SILENCE)
     assert newcomer.lost(PATIENCE + SILENCE + 0.1)
-    newcomer.token("2", False, in_charge=False)
+    newcomer.token("b", Token("2", False), False)
     assert newcomer.lost(PATIENCE + 0.1)
 
 
 def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
-    chief, other = Charge("a", "1"), Charge("b", "2")
+    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
     chief.take()
     told = book(chief, 0.0)
     other.hear(told, 0.0)
@@ -117,7 +140,7 @@ def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
 
 
 def test_of_two_with_the_same_term_one_stands_by() -> None:
-    one, two = Charge("a", "1"), Charge("b", "2")
+    one, two = Charge("a", "1", anybody), Charge("b", "2", anybody)
     one.take(), two.take()
     first, second = book(one, 0.0), book(two, 0.0)
     assert one.hear(second, 0.1) != two.hear(first, 0.1)
@@ -125,7 +148,7 @@ def test_of_two_with_the_same_term_one_stands_by() -> None:
 
 
 def test_an_overtaken_book_of_a_lower_term_changes_nothing() -> None:
-    old, new, third = Charge("a", "1"), Charge("b", "2", highest=1), Charge("c", "3")
+    old, new, third = Charge("a", "1", anybody), Charge("b", "2", anybody, highest=1), Charge("c", "3", anybody)
     old.take(), new.take()
     third.hear(book(new, 0.0), 0.0)
     third.hear(book(old, 0.5), 0.5)
@@ -136,7 +159,7 @@ def test_an_overtaken_book_of_a_lower_term_changes_nothing() -> None:
 def test_any_history_ends_with_exactly_one(seed: int) -> None:
     """Books and tokens are lost, planners die and come; then the network is whole, and one is in charge of all."""
     chance = random.Random(seed)
-    planners = [Charge(name, name * 3) for name in "abcd"]
+    planners = [Charge(name, name * 3, anybody) for name in "abcd"]
     alive = set(range(4))
     for step in range(400):
         now = step * 0.5
@@ -146,7 +169,7 @@ def test_any_history_ends_with_exactly_one(seed: int) -> None:
         if not good and chance.random() < 0.05:
             newcomer = chance.randrange(4)
             if newcomer not in alive:
-                planners[newcomer] = Charge(planners[newcomer].name, f"{planners[newcomer].instance}x")
+                planners[newcomer] = Charge(planners[newcomer].name, f"{planners[newcomer].instance}x", anybody)
                 alive.add(newcomer)
         for i, j in itertools.permutations(sorted(alive), 2):
             if (good or chance.random() < 0.5) and planners[i].in_charge:

@@ -10,7 +10,7 @@ import pytest
 
 import zmav
 from agents.planner.cli.counter import find
-from agents.planner.live.agent import Agent
+from agents.planner.live.agent import EVENTS, Agent
 from agents.planner.live.settings import Settings
 from mesh.credentials.ca import Authority
 from tests.conftest import Net
@@ -56,6 +56,30 @@ async def test_operators_give_goals_and_viewers_look(net: Net, tmp_path: Path) -
         assert any("by ops" in event.text for event in agent.events)
     async with zmav.open(fleet="alpha", connect=[endpoint]) as stranger:
         assert stranger.member is None  # and nobody is in charge of anything any more
+
+
+async def test_a_flood_of_refused_orders_leaves_what_happened_in_sight(net: Net, tmp_path: Path) -> None:
+    """Each was an event of its own, and pushed all others out of the status that keeps the last thirty."""
+    authority = Authority.create(tmp_path / "ca", "alpha")
+    folders = {n: authority.issue(n, r, out=tmp_path / n) for n, r in (("ground", Role.PLANNER), ("eye", Role.VIEWER))}
+    _, endpoint = net.router()
+
+    def member(name: str) -> zmav.Client:
+        return zmav.open(fleet="alpha", settings=SessionSettings(connect=[endpoint], credentials=str(folders[name])))
+
+    async with member("ground") as z, member("eye") as eye, Agent(z, Settings(name="ground", fleet="alpha")) as agent:
+        gate, key = agent._desk.gate, keys.SWARM.key("alpha", "ground", verb="abort")
+        assert gate is not None
+        await within(PATIENCE_S, find(eye))
+        agent.say("goal", "notice", "the true news")
+        while gate.counts.total() < 2 * EVENTS:
+            await asyncio.gather(*(eye.ask(key, wire.encode(swarm.GoalId()), channel=keys.SWARM) for _ in range(20)))
+        said = [event.text for event in agent.events if event.kind == "refused"]
+        assert "the true news" in [event.text for event in agent.events]
+        assert 0 < len(said) <= EVENTS / 2
+        while not any("more before" in text for text in said):
+            await eye.ask(key, wire.encode(swarm.GoalId()), channel=keys.SWARM)
+            said = [event.text for event in agent.events if event.kind == "refused"]
 
 
 async def test_nobody_takes_charge_without_a_proof(net: Net, tmp_path: Path) -> None:
