@@ -20,8 +20,10 @@ from zmav.mavlink import Packer
 from zmav.onboard import OnboardSettings, _credentials
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
+from zmav.trust.gate import Origin
 from zmav.trust.proof import MOST
 from zmav.trust.verify import Allowance
+from zmav.verbs import Verb
 
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
@@ -112,7 +114,12 @@ async def test_an_order_says_when_it_was_given_first(guarded: StartGuarded) -> N
     g: Guarded = await guarded()
     before, told = time.time(), list[wire.Order]()
     allow = g.vehicle.authority.allow
-    g.vehicle.authority.allow = lambda verb, args, origin=None: (told.append(args), allow(verb, args, origin))[1]  # type: ignore[method-assign]
+
+    def heard(verb: Verb, args: wire.Order, origin: Origin | None = None) -> None:
+        told.append(args)
+        allow(verb, args, origin)
+
+    g.vehicle.authority.allow = heard  # type: ignore[method-assign]
     async with g.client("op", "operator") as z:
         await z.vehicle("quad1").hold()
     assert before <= told[-1].given <= time.time()
