@@ -360,9 +360,7 @@ def p99(delays: list[float]) -> float:
 
 
 async def compare(seconds: float, only: str) -> None:
-    print(
-        "land, ms from the operator's word to the autopilot's link, quiet and under a viewer's flood; then the longest"
-    )
+    print("land, ms from the operator's word to the autopilot's link, quiet and under the flood; then the longest")
     print("time without a state, s, and orders measured under the flood")
     print(f"{'':28}      p50      p99      p50      p99    state     n")
     with tempfile.TemporaryDirectory() as place:
