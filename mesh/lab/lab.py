@@ -174,7 +174,7 @@ class Lab:
             "ZMAV_FLEET": self.fleet,
             "ZMAV_CREDENTIALS": str(self.credentials(host)) if host is not None and has else "",
             "XDG_CACHE_HOME": str(self.directory / "cache"),
-            rundir.VARIABLE: os.devnull,  # hosts share the file system, and a unix socket would be everybody's
+            rundir.VARIABLE: self.network.sockets(host),
         }
 
     # ---- its programs
@@ -230,8 +230,13 @@ class Lab:
                     await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def endpoint(self, host: str) -> str:
-        """An endpoint on our own loopback that leads to the host's router as the host's own programs reach it."""
+        """An endpoint here that leads to the host's router as the host's own programs reach it.
+
+        It is the router's unix socket where the lab has credentials, else a port of our loopback.
+        """
         self.network.namespace(host)
+        if self.scenario.credentials:
+            return f"{rundir.PROTOCOL}/{self.network.sockets(host)}/{PORT}.sock"
         if host not in self._doors:
             self._doors[host] = await self._stack.enter_async_context(Door(self.network, host))
         return self._doors[host].endpoint

@@ -19,6 +19,7 @@ import select
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -80,11 +81,13 @@ class Network:
         self._socket: socket.socket | None = None
         self._begun = messages.Begun(0, [])
         self._started: list[subprocess.Popen[Any]] = []
+        self._sockets: tempfile.TemporaryDirectory[str] | None = None
 
     # ---- its life
 
     def __enter__(self) -> Network:
         check_able()
+        self._sockets = tempfile.TemporaryDirectory(prefix="zmav-run-")  # a socket's path is short
         self._socket, theirs = socket.socketpair()
         self._socket.settimeout(ANSWER_S)
         with theirs:
@@ -112,6 +115,14 @@ class Network:
             process.wait()
         if self._relay is not None:
             self._relay.wait()
+        if self._sockets is not None:
+            self._sockets.cleanup()
+
+    def sockets(self, host: str | None) -> str:
+        """The folder of a host's unix sockets: hosts share the file system, and each has its own. None: nobody's."""
+        if host is None or self._sockets is None:
+            return os.devnull
+        return str(Path(self._sockets.name, host))
 
     @property
     def pid(self) -> int:
@@ -173,8 +184,7 @@ class Network:
 
     def popen(self, host: str | None, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """Start a program in the host's namespace (None: in ours) that ends with the lab; ``options`` are Popen's."""
-        # Hosts share the file system: a unix socket of one host's router is not there for the others.
-        env = {**(options.pop("env", None) or os.environ), rundir.VARIABLE: os.devnull}
+        env = {**(options.pop("env", None) or os.environ), rundir.VARIABLE: self.sockets(host)}
         options = {"stdin": subprocess.DEVNULL, "start_new_session": True, "env": env, **options}
 
         def start() -> subprocess.Popen[Any]:

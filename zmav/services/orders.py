@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.intake import Intake
 from zmav.services.outcomes import Outcomes
 from zmav.services.port import on_loop
@@ -55,6 +55,8 @@ class Given(NamedTuple):
     key: str
     payload: bytes
     origin: Origin | None
+    repeated: Forbidden | None = None
+    """its very proof has come before, and this is why it is refused where it is not known any more"""
 
 
 @dataclass
@@ -93,6 +95,10 @@ class Operations:
     def under_way(self) -> list[Operation]:
         """Those that have not ended."""
         return [operation for operation in self._operations.values() if not operation.task.done()]
+
+    def knows(self, name: str) -> bool:
+        """The order of that id is under way, or its outcome is kept."""
+        return name != "" and name in self._operations
 
     def once(
         self, verb: str, name: str, payload: bytes, origin: Origin | None,
@@ -162,6 +168,8 @@ class Orders:
         self._questions = questions or Questions(session, answers)
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
         self._operations = Operations()
+        self._proofs: collections.OrderedDict[bytes, Origin] = collections.OrderedDict()
+        """digests of the last orders and their proofs; of the intake's thread"""
         self._outcomes = Outcomes(answers)
         self._answers: set[asyncio.Task[None]] = set()
         self._intake: Intake | None = None
@@ -225,8 +233,21 @@ class Orders:
         if size > self._most:
             text = f"{size} bytes are too much for an order; at most {self._most} are read"
             raise BadInput(text, field="payload", value=size, expected=f"at most {self._most} bytes")
-        payload = query.payload.to_bytes() if query.payload else b""
-        return Given(query, asked, payload, self._prove(asked, payload, attached(query)))
+        payload, proof = query.payload.to_bytes() if query.payload else b"", attached(query)
+        digest = hashlib.sha256(b"\0".join((asked.encode(), proof or b"", payload))).digest()
+        try:
+            origin = self._prove(asked, payload, proof)
+        except Forbidden as e:
+            # A relay may bring a copy before the order itself arrives: its giver is to hear what became of it.
+            known = self._proofs.get(digest)
+            if known is None or e.detail.get("reason") != "replayed":
+                raise
+            return Given(query, asked, payload, known, repeated=e)
+        if origin is not None:
+            self._proofs[digest] = origin
+            if len(self._proofs) > MOST_KEPT:
+                self._proofs.popitem(last=False)
+        return Given(query, asked, payload, origin)
 
     def _next(self) -> None:
         self._accept((self._urgent or self._waiting).popleft())
@@ -249,12 +270,14 @@ class Orders:
     async def _answer(self, order: Given) -> None:
         outcome: wire.Outcome | ZmavError
         try:
-            outcome = await self._outcome(_verb(order.key), order.payload, order.origin)
+            outcome = await self._outcome(_verb(order.key), order.payload, order.origin, order.repeated)
         except ZmavError as e:
             outcome = e
         self._outcomes.tell(order.origin.name if order.origin else "", order.query, order.key, outcome)
 
-    async def _outcome(self, verb: str, payload: bytes, origin: Origin | None) -> wire.Outcome:
+    async def _outcome(
+        self, verb: str, payload: bytes, origin: Origin | None, repeated: Forbidden | None = None
+    ) -> wire.Outcome:
         if verb not in self._verbs:
             known = ", ".join(sorted(self._verbs))
             raise BadInput(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
@@ -264,6 +287,8 @@ class Orders:
             raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
         args = wire.decode(payload, arguments, what := f"{self._channel.name}/{verb}")
         wire.refuse_repeated(payload, what)
+        if repeated is not None and not self._operations.knows(args.id):
+            raise repeated
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
             if self._only_looks(verb):
