@@ -62,7 +62,7 @@ docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/cre
 
 kernels: $(VENV)/.dev ## compile the planner for this machine (a minute, once; else its first run does)
 	@echo "==> compiling the planner's kernels where they are not yet"
-	@$(BIN)/python -c 'from agents.planner.warm import warm; warm()'
+	@$(BIN)/python -c 'from agents.planner.solve.warm import warm; warm()'
 
 conformance: $(VENV)/.dev ## fly the conformance suite: LINK=tcp:127.0.0.1:5760 (default: the simulator)
 	@echo "==> conformance of $(or $(LINK),the simulated autopilots)"

@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator
 import zenoh
 
 from mesh.plan import RouterPlan
-from zmav.services.host import HostService
-from zmav.services.proven import Answers
-from zmav.services.questions import Questions
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions
+from zmav.services.status.host import HostService
 
 
 @contextlib.asynccontextmanager

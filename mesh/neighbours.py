@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mesh.profiles import PROFILES, Rules
-from mesh.radios import Standing, stand
+from mesh.radios import FoundRadio, stand
 from zmav.config import FleetConfig, Host, Radio, StationConfig, VehicleConfig
 from zmav.errors import BadConfig
 
@@ -37,7 +37,7 @@ class Neighbour:
 
 
 def neighbours(
-    file: FleetConfig, name: str, host: Host, radios: Sequence[Standing], rules: Rules
+    file: FleetConfig, name: str, host: Host, radios: Sequence[FoundRadio], rules: Rules
 ) -> tuple[Neighbour, ...]:
     """Those that ``host`` names, or those on its radios' networks where the profile calls all: a few of a large fleet.
 
@@ -48,7 +48,7 @@ def neighbours(
     return tuple(_named(file, name, each, radios) for each in host.neighbours if "/" not in each)
 
 
-def _some(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[Neighbour]:
+def _some(file: FleetConfig, name: str, radios: Sequence[FoundRadio]) -> Iterator[Neighbour]:
     seen = {each.name: each for each in _all(file, name, radios)}
     for other in few(seen, name):
         # It calls us if its own file, which is ours, tells it so; its radios are taken to be as they are written.
@@ -77,7 +77,7 @@ def few(others: Collection[str], name: str) -> list[str]:
     return [other for other in others if other in linked]
 
 
-def _named(file: FleetConfig, name: str, other: str, radios: Sequence[Standing]) -> Neighbour:
+def _named(file: FleetConfig, name: str, other: str, radios: Sequence[FoundRadio]) -> Neighbour:
     table = file.host(other)
     ways = _ways(file, table, radios)
     waiting = [radio.name for radio in radios if radio.address is None]
@@ -93,7 +93,7 @@ def _named(file: FleetConfig, name: str, other: str, radios: Sequence[Standing])
     return Neighbour(other, ways, tuple(table.listen), calls=name < other or not _calls(file, other, name))
 
 
-def _all(file: FleetConfig, name: str, radios: Sequence[Standing]) -> Iterator[Neighbour]:
+def _all(file: FleetConfig, name: str, radios: Sequence[FoundRadio]) -> Iterator[Neighbour]:
     for place, table in file.hosts().items():
         other = place.partition(".")[2]
         if other == name:
@@ -116,7 +116,7 @@ def _calls(file: FleetConfig, name: str, other: str) -> bool:
     return bool(far.listen and not any(ours)) or any(a and b and b.ip in a.network for a in theirs for b in ours)
 
 
-def _ways(file: FleetConfig, table: VehicleConfig | StationConfig, radios: Sequence[Standing]) -> tuple[Way, ...]:
+def _ways(file: FleetConfig, table: VehicleConfig | StationConfig, radios: Sequence[FoundRadio]) -> tuple[Way, ...]:
     found = []
     for mine in radios:
         for theirs in table.mesh.radios:

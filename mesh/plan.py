@@ -15,7 +15,7 @@ from mesh.credentials.exposure import check_opened
 from mesh.endpoint import between, bound, bracketed, host_port, place
 from mesh.neighbours import Neighbour, Way, neighbours
 from mesh.profiles import PROFILES, Rules
-from mesh.radios import Interfaces, Standing, interfaces, stand
+from mesh.radios import FoundRadio, Interfaces, interfaces, stand
 from mesh.shaping import downsampling, thinned
 from zmav import keys
 from zmav.config import FleetConfig, Host, Profile, StationConfig, VehicleConfig
@@ -56,7 +56,7 @@ class RouterPlan:
     credentials: Credentials | None = None
     vehicle: bool = False
     """it is a vehicle's, and not a ground host's"""
-    radios: tuple[Standing, ...] = ()
+    radios: tuple[FoundRadio, ...] = ()
     """the host's radios and whether they are there"""
 
     def session(self, base: SessionSettings) -> SessionSettings:
@@ -203,7 +203,7 @@ def _socket(listen: list[str]) -> str | None:
     return None
 
 
-def _is_called(plan: RouterPlan, rules: Rules) -> list[Standing]:
+def _is_called(plan: RouterPlan, rules: Rules) -> list[FoundRadio]:
     """The radios on which the router listens: in the cloud, those whose address is a rendezvous."""
     known = [radio for radio in plan.radios if radio.address is not None]
     return known if rules.listens else [radio for radio in known if is_rendezvous(plan, str(radio.radio.address))]

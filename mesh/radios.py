@@ -33,7 +33,7 @@ def interfaces() -> dict[str, list[Address]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class FoundRadio:
     """One radio and what was found of it."""
 
     radio: Radio
@@ -51,7 +51,7 @@ class Standing:
         return self.radio.interface or str(self.radio.address)
 
 
-def stand(radio: Radio, there: Interfaces) -> Standing:
+def stand(radio: Radio, there: Interfaces) -> FoundRadio:
     """What there is of a radio on a host with those interfaces.
 
     Raises :class:`BadConfig` where the interface that has the radio's address is another than the file says.
@@ -76,6 +76,6 @@ def stand(radio: Radio, there: Interfaces) -> Standing:
     return _standing(radio, wanted, present=False, fixed=True)
 
 
-def _standing(radio: Radio, address: Address | None, *, present: bool, fixed: bool) -> Standing:
+def _standing(radio: Radio, address: Address | None, *, present: bool, fixed: bool) -> FoundRadio:
     plain = msgspec.structs.replace(radio, address=str(address.ip)) if address else radio
-    return Standing(plain, address, present, fixed)
+    return FoundRadio(plain, address, present, fixed)

@@ -10,7 +10,7 @@ import zenoh
 
 from mesh.plan import RouterPlan, is_rendezvous
 from mesh.profiles import PROFILES
-from mesh.radios import Interfaces, Standing, interfaces
+from mesh.radios import FoundRadio, Interfaces, interfaces
 
 PERIOD_S = 1.0
 
@@ -21,7 +21,7 @@ class RadioWatch:
     def __init__(self, plan: RouterPlan, look: Callable[[], Interfaces] = interfaces, period: float = PERIOD_S) -> None:
         self._plan, self._radios, self._look, self._period = plan, plan.radios, look, period
         self._scouts = PROFILES[plan.profile].scouting and plan.host.neighbours is None
-        self._gone: set[Standing] = set()
+        self._gone: set[FoundRadio] = set()
 
     async def outdated(self) -> str:
         """Return when the plan is out of date, with the reason."""
@@ -41,7 +41,7 @@ class RadioWatch:
         """
         return next(filter(None, (self._judge(radio, there) for radio in self._radios)), None)
 
-    def _judge(self, radio: Standing, there: Interfaces) -> str | None:
+    def _judge(self, radio: FoundRadio, there: Interfaces) -> str | None:
         interface = radio.radio.interface
         if interface is not None and interface not in there:
             self._gone.add(radio)

@@ -20,7 +20,7 @@ from mesh.bearer.budget import parse_budget
 from zmav import keys
 from zmav.config import FleetConfig, Radio
 from zmav.mavlink import load_dialect
-from zmav.services.demand import NOT_STREAMED
+from zmav.services.rates.demand import NOT_STREAMED
 
 READ = 12
 """messages of a vehicle that are read at once: those of a ground station's usual picture"""

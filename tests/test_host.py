@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from zmav import host, wire
-from zmav.cli import hostcheck
-from zmav.cli.finding import Level
+from zmav.doctor import computer
+from zmav.doctor.findings import Level
 
 MB, GB = 1 << 20, 1 << 30
 
@@ -72,7 +72,7 @@ def healthy(**changes: Any) -> wire.HostReport:
 
 
 def test_a_computer_that_is_well() -> None:
-    (line,) = hostcheck.check_host(healthy(), "alpha/pi")
+    (line,) = computer.check_host(healthy(), "alpha/pi")
     assert (line.level, line.subject) == (Level.OK, "alpha/pi computer")
     assert line.found == "Linux, / 10 GB free, memory 2 GB free, load 1.0 of 4, 50 °C, clock kept within 2 ms"
 
@@ -94,7 +94,7 @@ def test_a_computer_that_is_well() -> None:
     ],
 )
 def test_a_computer_in_trouble(changes: dict[str, Any], topic: str, level: Level, words: str) -> None:
-    _, line = hostcheck.check_host(healthy(**changes))
+    _, line = computer.check_host(healthy(**changes))
     assert (line.topic, line.level) == (topic, level)
     assert words in line.found
     assert line.advice
@@ -103,10 +103,10 @@ def test_a_computer_in_trouble(changes: dict[str, Any], topic: str, level: Level
 
 def test_versions_of_a_fleet() -> None:
     ours = host.versions()
-    assert [line.level for line in hostcheck.check_versions({"a": ours})] == [Level.OK, Level.OK]
+    assert [line.level for line in computer.check_versions({"a": ours})] == [Level.OK, Level.OK]
     other = {**ours, "eclipse-zenoh": ours["eclipse-zenoh"] + "1"}
-    assert [line.level for line in hostcheck.check_versions({"a": other})] == [Level.OK, Level.ADVICE]
+    assert [line.level for line in computer.check_versions({"a": other})] == [Level.OK, Level.ADVICE]
     other = {"zmav": "9.0", "eclipse-zenoh": "0.11.0"}
-    zmav, zenoh = hostcheck.check_versions({f"a{n}": other for n in range(9)})
+    zmav, zenoh = computer.check_versions({f"a{n}": other for n in range(9)})
     assert (zmav.level, zenoh.level) == (Level.RED, Level.RED)
     assert "9.0: a0, a1, a2, a3, a4 and 4 more" in zmav.found

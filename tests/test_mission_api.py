@@ -13,7 +13,7 @@ from zmav.errors import BadInput, Refused
 from zmav.formats import plans
 from zmav.formats.items import Plan
 from zmav.mavlink import load_dialect
-from zmav.services.mission_transfer import Pace
+from zmav.services.missions.transfer import Pace
 from zmav.sim import VehicleSpec, World
 from zmav.wire import Mission, MissionItem
 

@@ -21,7 +21,7 @@ from zmav import wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
-from zmav.swarm import FleetOrder, Told
+from zmav.swarm import FleetOrder, VehicleProgress
 from zmav.wire.swarm import GoalState
 
 PLACES = [(0.0, 0.0), (0.0, 7.0), (7.0, 0.0)]
@@ -42,8 +42,8 @@ class Modes:
                 self.modes[name].add(sim.status().mode)
             await asyncio.sleep(0.02)
 
-    def tell(self, news: str | Told) -> None:
-        if isinstance(news, Told):
+    def tell(self, news: str | VehicleProgress) -> None:
+        if isinstance(news, VehicleProgress):
             sim = self.fleet.world.vehicles[self.fleet.names.index(news.vehicle)]
             self.told.append((news.vehicle, news.status, sim.status().armed))
 

@@ -20,7 +20,7 @@ from tests.swarm import TAKEN, FakePlanner, FakeVehicle
 from zmav import keys, wire
 from zmav.errors import NotHolder, Refused
 from zmav.session import SessionSettings, open_session
-from zmav.swarm import FleetOrder, Told
+from zmav.swarm import FleetOrder, VehicleProgress
 from zmav.wire.swarm import GoalState
 
 
@@ -30,7 +30,7 @@ class Scene(NamedTuple):
     planner: FakePlanner
     vehicles: list[FakeVehicle]
     order: FleetOrder
-    news: list[str | Told]
+    news: list[str | VehicleProgress]
     changed: asyncio.Event
 
     def status(self, name: str) -> str:
@@ -62,9 +62,9 @@ async def scene(
             stack.callback(vehicle.close)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint_of(session)]))
         known = await z.wait_for(*(fake.name for fake in vehicles), timeout=PATIENCE_S)
-        news, changed = list[str | Told](), asyncio.Event()
+        news, changed = list[str | VehicleProgress](), asyncio.Event()
 
-        def hear(what: str | Told) -> None:
+        def hear(what: str | VehicleProgress) -> None:
             news.append(what)
             changed.set()
 

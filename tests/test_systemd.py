@@ -92,7 +92,7 @@ def test_a_manager_that_does_not_read_holds_nobody_up(manager: Manager) -> None:
 async def test_the_ladder_and_the_loop_feed_the_watchdog(
     bench: StartBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zmav.services.ladder.ROUND", 0.05)
+    monkeypatch.setattr("zmav.services.authority.watchdog.ROUND", 0.05)
     manager = Manager(str(tmp_path / "notify"))
     monkeypatch.setenv("NOTIFY_SOCKET", manager.address)
     with manager.socket:

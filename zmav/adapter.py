@@ -23,9 +23,9 @@ from zmav.errors import BadKey, BadMessage, Forbidden, ZmavError
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
-from zmav.services.intake import Intake
-from zmav.services.port import Flow, Heard, Listener, TxCounters
-from zmav.services.proven import attached
+from zmav.services.link.port import Flow, LastFrame, Listener, TxCounters
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import attached
 from zmav.trust.gate import Prove, anybody
 
 MAX_STREAMS = 1024
@@ -247,22 +247,22 @@ class Adapter:
             self.tx.dropped += 1
         return sent
 
-    def latest(self, name: str, source: tuple[int, int]) -> Heard | None:
+    def latest(self, name: str, source: tuple[int, int]) -> LastFrame | None:
         """The last such message of that (system, component), ``UNKNOWN_44000`` included; None: never heard."""
         stream = self._streams.get((*source, self._msgid(name)))
         return None if stream is None else self._heard(stream)
 
-    def newest(self, name: str) -> Heard | None:
+    def newest(self, name: str) -> LastFrame | None:
         """As :meth:`latest`, of whichever source spoke last."""
         msgid = self._msgid(name)
         found = filter(None, (self._heard(s) for place, s in list(self._streams.items()) if place[2] == msgid))
         return min(found, key=lambda heard: heard.age, default=None)
 
     @staticmethod
-    def _heard(stream: Stream) -> Heard | None:
+    def _heard(stream: Stream) -> LastFrame | None:
         if stream.frame is None:
             return None
-        return Heard(stream.frame, time.monotonic() - stream.heard, stream.count)
+        return LastFrame(stream.frame, time.monotonic() - stream.heard, stream.count)
 
     def names(self) -> list[str]:
         """The messages heard on this link, by name."""

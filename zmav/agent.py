@@ -33,10 +33,10 @@ from zmav import keys, wire
 from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
 from zmav.seldom import Seldom
-from zmav.services.orders import Guarded, Orders
-from zmav.services.port import on_loop
-from zmav.services.proven import Answers
-from zmav.services.questions import Questions, Reply
+from zmav.services.link.port import on_loop
+from zmav.services.orders.orders import Guarded, Orders
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.gate import Origin, anybody
 from zmav.verbs import Access, Verb
 from zmav.waiting import within
@@ -80,7 +80,7 @@ class Agent:
     parameters to begin with. Raises :class:`~zmav.errors.BadInput` for one that is unknown or out of bounds.
 
     Subclasses give :attr:`name`, :meth:`run`, and for each of their :attr:`verbs` a handler ``on_VERB(args, report,
-    origin)`` as of :class:`~zmav.services.orders.Orders`.
+    origin)`` as of :class:`~zmav.services.orders.orders.Orders`.
     """
 
     name: str

@@ -25,10 +25,10 @@ from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, R
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.present import Present
 from zmav.seldom import Seldom
-from zmav.services.everybody import ask_everybody
-from zmav.services.intake import Intake
-from zmav.services.port import on_loop
-from zmav.services.proven import attached, proof_of_error
+from zmav.services.link.port import on_loop
+from zmav.services.queries.everybody import ask_everybody
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import attached, proof_of_error
 from zmav.session import SessionSettings, check_size, open_session, reason
 from zmav.subscription import Subscription
 from zmav.trust.credentials import VARIABLE, Credentials
@@ -68,7 +68,7 @@ class Received(NamedTuple):
     message: MavMessage
 
 
-class Heard(NamedTuple):
+class LastState(NamedTuple):
     """A vehicle's last state and when it came (monotonic seconds)."""
 
     state: wire.VehicleState
@@ -80,7 +80,7 @@ class Client:
 
     def __init__(self, settings: SessionSettings, fleet: str, dialect: str) -> None:
         self._settings, self.fleet_name, self._dialect_name = settings, fleet, dialect
-        self._heard: dict[Place, Heard] = {}
+        self._heard: dict[Place, LastState] = {}
         self._tokens: Present[Place, None] = Present(lambda place: self.is_vehicle(*place))
         self._news = asyncio.Event()
         self._session: zenoh.Session | None = None
@@ -140,7 +140,7 @@ class Client:
         recent = {place for place, heard in self._heard.items() if now - heard.at < FORGET}
         return [Vehicle(self, name, fleet) for fleet, name in sorted(recent.union(self._tokens))]
 
-    def heard(self, name: str, fleet: str) -> Heard | None:
+    def heard(self, name: str, fleet: str) -> LastState | None:
         """The last state of a vehicle, the newest of its namesakes' where ``fleet`` is ``*``; None: never heard."""
         found = [heard for place, heard in self._heard.items() if _is(place, name, fleet)]
         return max(found, key=lambda heard: heard.at, default=None)
@@ -212,7 +212,7 @@ class Client:
             return  # a newer or a broken peer: it is listed by its token, and 'zmav echo' shows what it says
         if self.member is not None:
             self.member.answers(place, state.gate)
-        self._heard[place] = Heard(state, time.monotonic())
+        self._heard[place] = LastState(state, time.monotonic())
         self._news.set()
 
     def _on_token(self, sample: zenoh.Sample) -> None:

@@ -21,35 +21,35 @@ from zmav.errors import BadConfig, Forbidden, Refused
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
-from zmav.services.authority import Authority, Rules
-from zmav.services.body import BodyService
-from zmav.services.bounds import Bounds
-from zmav.services.command import Commander
-from zmav.services.event_words import EventTexts
-from zmav.services.events import Events
-from zmav.services.files import Files
-from zmav.services.flight import Flight
-from zmav.services.ftp import Ftp
-from zmav.services.host import HostService
-from zmav.services.identity import Identity
-from zmav.services.logs import Logs
-from zmav.services.messages import Messages
-from zmav.services.mission import Missions
-from zmav.services.mission_flight import MissionFlight
-from zmav.services.needs import Needs
-from zmav.services.orders import Guarded, Handler, Orders, Report
-from zmav.services.param import Params
-from zmav.services.payload import Payload
-from zmav.services.port import on_loop
-from zmav.services.presence import Presence
-from zmav.services.proven import Answers
-from zmav.services.quality import Quality
-from zmav.services.questions import Questions
-from zmav.services.rate import Rates
-from zmav.services.separation import Separation
-from zmav.services.state import StateService
-from zmav.services.store import Store, default_directory
-from zmav.services.timesync import TimeSync
+from zmav.services.authority.authority import Authority, Rules
+from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.preconditions import ParamPreconditions
+from zmav.services.authority.separation import Separation
+from zmav.services.files.files import Files
+from zmav.services.files.ftp import Ftp
+from zmav.services.files.logs import Logs
+from zmav.services.files.store import Store, default_directory
+from zmav.services.link.command import Commander
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import on_loop
+from zmav.services.link.quality import Quality
+from zmav.services.link.timesync import TimeSync
+from zmav.services.missions.flight import MissionFlight
+from zmav.services.missions.missions import Missions
+from zmav.services.orders.flight import Flight
+from zmav.services.orders.orders import Guarded, Handler, Orders, Report
+from zmav.services.orders.payload import Payload
+from zmav.services.params.params import Params
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions
+from zmav.services.rates.rates import Rates
+from zmav.services.status.body import BodyService
+from zmav.services.status.events import Events
+from zmav.services.status.host import HostService
+from zmav.services.status.messages import Messages
+from zmav.services.status.presence import Presence
+from zmav.services.status.px4_events import EventTexts
+from zmav.services.status.state import StateService
 from zmav.systemd import state_directory
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
@@ -148,7 +148,9 @@ class Onboard:
         self.params = Params(questions, port, self.identity, self.events)
         self.flight.param = self.authority.param = self.params.value
         count = self.setpoints.counts
-        self.needs = Needs(port, self.params, self.identity, self.events, lambda why: count.update({why: 1}))
+        self.needs = ParamPreconditions(
+            port, self.params, self.identity, self.events, lambda why: count.update({why: 1})
+        )
         self.setpoints.accept = self.needs.check
         ftp = Ftp(port, self.identity)
         cache = Path(settings.cache) if settings.cache else default_directory()

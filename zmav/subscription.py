@@ -12,7 +12,7 @@ import zenoh
 
 from zmav import keys
 from zmav.errors import BadInput, Forbidden
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 T = TypeVar("T")
 

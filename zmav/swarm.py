@@ -22,7 +22,7 @@ import msgspec
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import Refused, TimedOut, ZmavError
-from zmav.services.flight import DISARMED
+from zmav.services.orders.flight import DISARMED
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -49,7 +49,7 @@ TAKEN = ("revoked", "preempted", "pilot")
 """how the planner's lease ends where somebody has ordered otherwise since"""
 
 
-class Told(msgspec.Struct, kw_only=True):
+class VehicleProgress(msgspec.Struct, kw_only=True):
     """How it stands with one vehicle."""
 
     vehicle: str
@@ -72,12 +72,12 @@ class FleetOrder:
 
     def __init__(
         self, z: Client, vehicles: Sequence[Vehicle], verb: str, args: wire.Order,
-        on_change: Callable[[str | Told], None] = lambda news: None,
+        on_change: Callable[[str | VehicleProgress], None] = lambda news: None,
         progress: Callable[[Vehicle], Callable[[dict[str, Any]], None] | None] = lambda vehicle: None,
     ) -> None:  # fmt: skip
         self._z, self._vehicles, self.verb, self._args, self._say = z, list(vehicles), verb, args, on_change
         self._progress = progress
-        self.told = {(v.fleet, v.name): Told(vehicle=v.name, fleet=v.fleet) for v in vehicles}
+        self.told = {(v.fleet, v.name): VehicleProgress(vehicle=v.name, fleet=v.fleet) for v in vehicles}
         self.notes: list[str] = []
         self._held: dict[tuple[str, str], float] = {}
         """when each was told to hold and did, by its own clock: what takes it later is somebody's later order"""
@@ -85,7 +85,7 @@ class FleetOrder:
         """by fleet: who was asked"""
         self._dropping: asyncio.Task[None] | None = None
 
-    async def run(self) -> list[Told]:
+    async def run(self) -> list[VehicleProgress]:
         """See it through; the vehicles see to themselves where nobody waits any longer."""
         goes = list[Vehicle]()
         for vehicle in self._vehicles:
@@ -128,13 +128,15 @@ class FleetOrder:
         self._end(vehicle, "done", _ended(self.verb, vehicle, result), result=result)
 
     def _returning(self, vehicle: Vehicle, how: str) -> None:
-        self.told[vehicle.fleet, vehicle.name] = Told(
+        self.told[vehicle.fleet, vehicle.name] = VehicleProgress(
             vehicle=vehicle.name, fleet=vehicle.fleet, status="returning", text=f"on its way home, {how}"
         )
 
     def _end(self, vehicle: Vehicle, status: Literal["done", "left_out", "failed"], text: str, **more: Any) -> None:
         place = (vehicle.fleet, vehicle.name)
-        self.told[place] = told = Told(vehicle=vehicle.name, fleet=vehicle.fleet, status=status, text=text, **more)
+        self.told[place] = told = VehicleProgress(
+            vehicle=vehicle.name, fleet=vehicle.fleet, status=status, text=text, **more
+        )
         self._say(told)
 
     def _note(self, text: str) -> None:

@@ -15,14 +15,14 @@ import zenoh
 
 from agents.camera.budget import Budget
 from agents.camera.capture import Capture, Shot, Source
-from agents.camera.ladder import Ladder, Step
+from agents.camera.ladder import QualitySteps, Step
 from agents.camera.settings import Calibration, Settings, camera_info
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput
-from zmav.services.port import on_loop
-from zmav.services.proven import Answers
-from zmav.services.questions import Questions, Reply
+from zmav.services.link.port import on_loop
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions, Reply
 from zmav.session import SessionSettings, open_session
 from zmav.vision.chunks import MOST_JPEG, count_of, split
 from zmav.vision.opencv import decode, encode, opencv
@@ -62,7 +62,7 @@ class CameraAgent:
         source.check()
         self.settings = settings.check()
         self.budget = Budget(settings)
-        self.ladder = Ladder(settings)
+        self.ladder = QualitySteps(settings)
         self.size = (0, 0)
         """width and height of the pictures sent now; 0: none was"""
         self.bad = 0

@@ -39,7 +39,7 @@ class Step(NamedTuple):
         return f"{'half' if self.half else 'full'} size, quality {self.quality}, {self.rate:.3g} Hz"
 
 
-class Ladder:
+class QualitySteps:
     """The steps from best to least, what a picture of each takes, and on which one we are."""
 
     def __init__(self, settings: Settings) -> None:

@@ -16,7 +16,7 @@ from agents.controllers.types import Level, Reference, State, plain
 from zmav import wire
 from zmav.errors import BadInput
 from zmav.rotation import from_euler
-from zmav.services.trajectory import MAX_STEP, Segment
+from zmav.services.authority.trajectory import MAX_STEP, Segment
 
 BRAKE = 3.0
 """m/s² at which a vehicle that is taken over in motion is brought to rest"""

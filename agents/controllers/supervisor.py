@@ -31,7 +31,7 @@ from agents.controllers.workshop import Workshop
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
 from zmav.errors import BadConfig, BadInput, NotHolder, Refused, ZmavError
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
 from zmav.verbs import Access, Verb

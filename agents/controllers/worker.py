@@ -20,7 +20,7 @@ from agents.controllers import packets
 from agents.controllers.packets import Answer
 from zmav.agent import Tunable
 from zmav.errors import BadConfig, TimedOut
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.waiting import within
 
 logger = logging.getLogger(__name__)

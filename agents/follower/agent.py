@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import msgspec
 
 import zmav
-from agents.follower.guide import Guide, Told
+from agents.follower.guide import Guide, TargetFix
 from agents.follower.slot import Slot
 from agents.follower.tracker import Tracker
 from zmav import keys, wire
@@ -295,7 +295,7 @@ class Follower(zmav.Agent):
         north, east, down = (x + age * v for x, v in zip(state.local, state.velocity or (0.0,) * 3, strict=True))
         return north, east, down
 
-    def _told(self) -> Told | None:
+    def _told(self) -> TargetFix | None:
         """Where the target says that it is, where that is not old."""
         if not self.target:
             return None
@@ -304,7 +304,7 @@ class Follower(zmav.Agent):
         if state is None or state.local is None or age is None:
             return None
         age += state.ages.get("position", 0.0)
-        return Told(time.time() - age, state.local, state.velocity or (0.0, 0.0, 0.0)) if age < OLD else None
+        return TargetFix(time.time() - age, state.local, state.velocity or (0.0, 0.0, 0.0)) if age < OLD else None
 
     def _plane(self, state: wire.VehicleState) -> float:
         """How far down the pad is: by the target's own height, also when it is silent now; else as our home is."""

@@ -44,7 +44,7 @@ TOO_LATE = 0.2
 
 
 @dataclass(frozen=True)
-class Told:
+class TargetFix:
     """Where the target says that it is, by its own positioning; old or wrong by metres, perhaps."""
 
     t: float
@@ -92,7 +92,7 @@ class Guide:
     # What is seen.
 
     def see(
-        self, now: float, t: float, found: Sequence[Detection], me: Vector, told: Told | None, least: float
+        self, now: float, t: float, found: Sequence[Detection], me: Vector, told: TargetFix | None, least: float
     ) -> bool:  # fmt: skip
         """A picture of ``t`` was looked at; whether something in it was believed. Of several pads the one counts that
         is nearest to what is predicted, or to where the target says that it is; none that is far from that counts.
@@ -112,14 +112,14 @@ class Guide:
                 return True
         return False
 
-    def _may_be(self, each: Detection, t: float, me: Vector, told: Told | None) -> bool:
+    def _may_be(self, each: Detection, t: float, me: Vector, told: TargetFix | None) -> bool:
         if each.pos is None or not all(map(math.isfinite, each.pos)):
             return False
         if _away(each, (me[0], me[1])) > WIDE * max(each.pos[2] - me[2], 1.0):
             return False
         return told is None or _away(each, told.at(t)) <= TRUST
 
-    def _about(self, t: float, told: Told | None) -> tuple[tuple[float, float] | None, float]:
+    def _about(self, t: float, told: TargetFix | None) -> tuple[tuple[float, float] | None, float]:
         """Where a sight may be, None for anywhere, and within how many metres."""
         estimate = self.tracker.at(t)
         if estimate is not None and self.phase not in ("approach", "search"):
@@ -129,7 +129,7 @@ class Guide:
     # What is flown.
 
     def step(
-        self, now: float, me: Vector, told: Told | None, plane: float, late: float = 0.0,
+        self, now: float, me: Vector, told: TargetFix | None, plane: float, late: float = 0.0,
         vel: Vector = (0.0, 0.0, 0.0),
     ) -> Command:  # fmt: skip
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
@@ -152,7 +152,7 @@ class Guide:
         assert estimate is not None
         return self._above(estimate, dt, me, now, plane, late, vel)
 
-    def _turn(self, now: float, me: Vector, told: Told | None, late: float) -> None:
+    def _turn(self, now: float, me: Vector, told: TargetFix | None, late: float) -> None:
         """To the phase that follows from what is known now; a sight comes as late as everything else."""
         before = self.phase
         if self.wanted == "hold":
@@ -182,14 +182,14 @@ class Guide:
             if self.phase not in ("track", "coast", "descend", "touch"):
                 self._trim = (0.0, 0.0)
 
-    def _place(self, now: float, told: Told | None) -> tuple[float, float] | None:
+    def _place(self, now: float, told: TargetFix | None) -> tuple[float, float] | None:
         """Where to look: where it says that it is, else where it was seen last."""
         if told is not None:
             return told.at(now)
         estimate = None if self.tracker.t is None else self.tracker.at(self.tracker.t + self.tuned("coast"))
         return None if estimate is None else (float(estimate.pos[0]), float(estimate.pos[1]))
 
-    def _look(self, now: float, dt: float, me: Vector, told: Told | None, plane: float) -> Command:
+    def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> Command:
         """On the way there, or in a growing spiral about it, rising for a wider view."""
         place = self._place(now, told) or self._held_place(me)
         top = max(self.height, self.tuned("search_top"))

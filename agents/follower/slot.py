@@ -18,7 +18,7 @@ import zenoh
 from zmav import keys
 from zmav.errors import BadKey, Refused
 from zmav.present import Present
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""

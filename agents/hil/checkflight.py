@@ -21,7 +21,7 @@ from zmav.autopilots import autopilot_named
 from zmav.config import FleetConfig
 from zmav.doctor.rules import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
-from zmav.services.limits import Fence
+from zmav.services.authority.limits import Fence
 from zmav.vehicle.params import values
 
 FOUND_S, PARAMS_S = 60.0, 120.0

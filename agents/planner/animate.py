@@ -12,10 +12,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from agents.planner.model.plans import Plan
+from agents.planner.model.scene import Box, Cylinder, NoFly, Scene
+from agents.planner.model.verify import Report
 from agents.planner.picture import colours, place_of
-from agents.planner.plans import Plan
-from agents.planner.scene import Box, Cylinder, NoFly, Scene
-from agents.planner.verify import Report
 from zmav.errors import BadConfig
 
 RATE = 10.0

@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from agents.planner.bound import least_makespan
-from agents.planner.plans import Plan
-from agents.planner.problem import Motion
-from agents.planner.scene import Box, Cylinder, NoFly, Scene
-from agents.planner.verify import Report
+from agents.planner.model.plans import Plan
+from agents.planner.model.problem import Motion
+from agents.planner.model.scene import Box, Cylinder, NoFly, Scene
+from agents.planner.model.verify import Report
+from agents.planner.solve.bound import least_makespan
 from zmav.figures import save
 
 SOLID, ZONE, FENCE = "#9aa0a6", "#e8710a", "#188038"

@@ -34,7 +34,7 @@ from ground.gcs.words import TOLD, Limiter, Words
 from zmav import keys, wire
 from zmav.errors import BadInput, Clash, NoSuchVehicle
 from zmav.mavlink import Dialect, Frame, Packer, decode
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 TICK = 0.2
 """s between two looks at who is there"""

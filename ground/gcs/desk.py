@@ -18,7 +18,7 @@ from ground.gcs.words import Words
 from zmav import wire
 from zmav.errors import ZmavError
 from zmav.mavlink import Frame
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 logger = logging.getLogger(__name__)
 MOST_ASKED = 4096
@@ -33,7 +33,7 @@ AGAIN = 0.02
 STUCK = 30.0
 """s without its taking anything after which it is owed nothing any more: it may ask again"""
 
-Handler = Callable[["Desk", Frame], None]
+Handler = Callable[["RequestHandlers", Frame], None]
 
 
 class Owed(NamedTuple):
@@ -43,7 +43,7 @@ class Owed(NamedTuple):
     frame: Callable[[str], bytes | None]
 
 
-class Desk:
+class RequestHandlers:
     """:meth:`ask` may be called from any thread, the rest on the event loop."""
 
     def __init__(self, client: GcsClient, ground: Ground, words: Words) -> None:
@@ -156,14 +156,14 @@ class Desks:
 
     def __init__(self, ground: Ground) -> None:
         self._ground, self._words = ground, Words(ground.dialect)
-        self._desks: dict[GcsClient, Desk] = {}
-        self.forget: list[Callable[[Desk], None]] = []
+        self._desks: dict[GcsClient, RequestHandlers] = {}
+        self.forget: list[Callable[[RequestHandlers], None]] = []
         """called on the event loop with the desk of a client that has left"""
 
-    def of(self, client: GcsClient) -> Desk:
+    def of(self, client: GcsClient) -> RequestHandlers:
         desk = self._desks.get(client)
         if desk is None:
-            desk = Desk(client, self._ground, self._words)
+            desk = RequestHandlers(client, self._ground, self._words)
             if not client.gone:  # or it would be kept for ever
                 desk = self._desks.setdefault(client, desk)
         return desk
@@ -173,7 +173,7 @@ class Desks:
         if desk is not None:
             on_loop(self._ground.loop, self._close)(desk)
 
-    def _close(self, desk: Desk) -> None:
+    def _close(self, desk: RequestHandlers) -> None:
         for forget in self.forget:
             forget(desk)
         desk.close()

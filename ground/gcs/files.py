@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.desk import Desk, Desks
+from ground.gcs.desk import Desks, RequestHandlers
 from ground.gcs.params import Params, System
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav.errors import ZmavError
@@ -52,7 +52,7 @@ class Files:
         self._ground, self._desks, self._params = ground, desks, params
         self._sessions: dict[tuple[GcsClient, int], int] = {}
         """whose reads are ours: session numbers by client and system"""
-        self._open: dict[tuple[Desk, int], Opened] = {}
+        self._open: dict[tuple[RequestHandlers, int], Opened] = {}
         desks.forget.append(self._forget)
 
     # On the carrying threads.
@@ -87,10 +87,10 @@ class Files:
 
     # From here on: on the event loop.
 
-    def _forget(self, desk: Desk) -> None:
+    def _forget(self, desk: RequestHandlers) -> None:
         self._open = {key: opened for key, opened in self._open.items() if key[0] is not desk}
 
-    def _serve(self, desk: Desk, frame: Frame) -> None:
+    def _serve(self, desk: RequestHandlers, frame: Frame) -> None:
         packet = unpack(decode(frame, self._ground.dialect)["payload"])
         for system in self._params.meant(desk, frame):
             key = desk, system.sysid
@@ -109,7 +109,7 @@ class Files:
             else:
                 self._burst(desk, frame, system, packet, opened)
 
-    async def _begin(self, desk: Desk, frame: Frame, system: System, packet: Packet) -> None:
+    async def _begin(self, desk: RequestHandlers, frame: Frame, system: System, packet: Packet) -> None:
         """Open the file, once the set is known; where it cannot be had in a file, let the autopilot do it."""
         try:
             await system.copy.refresh()
@@ -129,14 +129,14 @@ class Files:
         opened.part(0, MOST_DATA)
         self._answer(desk, frame, system, packet, Op.ACK, struct.pack("<I", len(opened.data)))
 
-    def _read(self, desk: Desk, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
+    def _read(self, desk: RequestHandlers, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
         data = opened.part(packet.offset, _size(packet))
         if data:
             self._answer(desk, frame, system, packet, Op.ACK, data)
         else:
             self._answer(desk, frame, system, packet, Op.NAK, bytes((Nak.EOF,)))
 
-    def _burst(self, desk: Desk, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
+    def _burst(self, desk: RequestHandlers, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
         """All that is left of it, in turns with the client's other lists."""
         size = _size(packet)
         if not opened.part(packet.offset, size):
@@ -156,7 +156,9 @@ class Files:
 
     # Answers.
 
-    def _answer(self, desk: Desk, frame: Frame, system: System, asked: Packet, op: Op, data: bytes = b"") -> None:
+    def _answer(
+        self, desk: RequestHandlers, frame: Frame, system: System, asked: Packet, op: Op, data: bytes = b""
+    ) -> None:
         said = Packet(asked.seq + 1, asked.session, op, 0, asked.opcode, False, asked.offset, data)
         desk.answer(self._frame(frame, system, said))
 

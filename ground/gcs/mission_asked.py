@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import zmav
 from ground.gcs.answerer import Ground
-from ground.gcs.desk import Desk
+from ground.gcs.desk import RequestHandlers
 from zmav import wire
 from zmav.autopilots import autopilot_named
 from zmav.errors import BadInput, Forbidden, NotHolder, Refused, Unsupported, ZmavError
 from zmav.mavlink import Frame
-from zmav.services.mission_items import HOME, KINDS, Items, Raw, raw_from
+from zmav.services.missions.items import HOME, KINDS, Items, Raw, raw_from
 from zmav.wire import MissionKind
 
 ACCEPTED, ERROR, UNSUPPORTED, INVALID, BAD_SEQUENCE, DENIED, CANCELLED = 0, 1, 3, 5, 13, 14, 15
@@ -25,7 +25,7 @@ BEYOND = 2**31 - 2
 class Line(NamedTuple):
     """One kind of one vehicle's plans, as one client sees it."""
 
-    desk: Desk
+    desk: RequestHandlers
     sysid: int
     kind: MissionKind
 
@@ -34,7 +34,13 @@ class Asked:
     """A frame of a client for one vehicle, and how it is answered."""
 
     def __init__(
-        self, ground: Ground, desk: Desk, frame: Frame, fields: Mapping[str, Any], sysid: int, vehicle: zmav.Vehicle
+        self,
+        ground: Ground,
+        desk: RequestHandlers,
+        frame: Frame,
+        fields: Mapping[str, Any],
+        sysid: int,
+        vehicle: zmav.Vehicle,
     ) -> None:
         self._ground = ground
         self.desk, self.frame, self.fields, self.sysid, self.vehicle = desk, frame, fields, sysid, vehicle

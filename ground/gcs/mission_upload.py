@@ -12,8 +12,8 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Protocol
 
-from ground.gcs.desk import Desk
-from zmav.services.mission_items import Raw
+from ground.gcs.desk import RequestHandlers
+from zmav.services.missions.items import Raw
 from zmav.waiting import within
 
 ASK_AGAIN = 1.0
@@ -38,7 +38,7 @@ class Silent(Exception):
 class Upload:
     """Items ``first`` to ``last`` of a plan. Lives on the event loop."""
 
-    def __init__(self, desk: Desk, say: Talk, first: int, last: int, as_float: bool) -> None:
+    def __init__(self, desk: RequestHandlers, say: Talk, first: int, last: int, as_float: bool) -> None:
         self.desk, self.first, self.last = desk, first, last
         self._say = say
         self._as_float = as_float

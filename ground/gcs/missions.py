@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.desk import Desk, Desks
+from ground.gcs.desk import Desks, RequestHandlers
 from ground.gcs.mission_asked import (
     ACCEPTED,
     BAD_SEQUENCE,
@@ -34,7 +34,7 @@ from ground.gcs.mission_upload import Silent, Upload
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode
-from zmav.services.mission_items import KINDS, WORDS, Raw
+from zmav.services.missions.items import KINDS, WORDS, Raw
 
 ALL = 255
 """MAV_MISSION_TYPE_ALL"""
@@ -71,7 +71,7 @@ class Missions:
         self._ended: dict[Line, Ended] = {}
         self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
-        self._handlers: dict[str, Callable[[Desk, Frame], None]] = {
+        self._handlers: dict[str, Callable[[RequestHandlers, Frame], None]] = {
             "MISSION_REQUEST_LIST": functools.partial(self._each, self._list),
             "MISSION_REQUEST_INT": functools.partial(self._each, self._item),
             "MISSION_REQUEST": functools.partial(self._each, self._item),
@@ -110,7 +110,7 @@ class Missions:
 
     # From here on: on the event loop.
 
-    def _forget(self, desk: Desk) -> None:
+    def _forget(self, desk: RequestHandlers) -> None:
         self._shown = {line: shown for line, shown in self._shown.items() if line.desk is not desk}
         self._ended = {line: ended for line, ended in self._ended.items() if line.desk is not desk}
         for line in [line for line in self._uploads if line.desk is desk]:
@@ -118,7 +118,7 @@ class Missions:
             if not upload.complete and upload.task is not None:  # what it sent whole is done, who would undo it?
                 upload.task.cancel()
 
-    def _each(self, handle: Callable[[Asked], None], desk: Desk, frame: Frame) -> None:
+    def _each(self, handle: Callable[[Asked], None], desk: RequestHandlers, frame: Frame) -> None:
         """Handle a frame for each vehicle that it is for."""
         fields = decode(frame, self._dialect)
         for sysid, vehicle in vehicles(self._ground, desk.client, frame):

@@ -16,7 +16,7 @@ from zmav.errors import Forbidden, ZmavError
 from zmav.mavlink import Dialect, paramvalue
 from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V2, build_frame
 from zmav.mavlink.paramvalue import ParamEncoding
-from zmav.services.paramset import NO_INDEX
+from zmav.services.params.values import NO_INDEX
 
 FRESH = 2.0
 """s after which the vehicle is asked again whether its set is still the same: a line, where it is"""
@@ -26,7 +26,7 @@ LAYOUT = struct.Struct("<4sHH16sB")
 """PARAM_VALUE: value, count, index, name, type"""
 
 
-class Heard(NamedTuple):
+class ParamValue(NamedTuple):
     """What a PARAM_VALUE says."""
 
     name: str
@@ -36,12 +36,12 @@ class Heard(NamedTuple):
     of: int
 
 
-def read_value(data: bytes) -> Heard:
+def read_value(data: bytes) -> ParamValue:
     """Of a frame that is one; of what is cut short, zeros."""
     start = HEADER_V2 if data[0] == MAGIC_V2 else HEADER_V1
     payload = data[start : start + data[1]][: LAYOUT.size].ljust(LAYOUT.size, b"\0")
     raw, count, index, name, kind = LAYOUT.unpack(payload)
-    return Heard(name.partition(b"\0")[0].decode("ascii", "replace"), raw, kind, index, count)
+    return ParamValue(name.partition(b"\0")[0].decode("ascii", "replace"), raw, kind, index, count)
 
 
 class ParamCopy:
@@ -113,7 +113,7 @@ class ParamCopy:
 
     # Changes.
 
-    def hear(self, heard: Heard) -> bool:
+    def hear(self, heard: ParamValue) -> bool:
         """Take in what the autopilot said; True where it is news."""
         if not self._names:
             return False
@@ -132,7 +132,7 @@ class ParamCopy:
         self.vehicle.params.note(param)
         return True
 
-    def _doubt(self, heard: Heard) -> None:
+    def _doubt(self, heard: ParamValue) -> None:
         """One that is not in the set: there may be another set now."""
         if heard.place != NO_INDEX and paramvalue.type_name(heard.type) is not None:
             self._at = -math.inf

@@ -20,15 +20,15 @@ import msgspec
 
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.desk import Desk, Desks
-from ground.gcs.param_copy import Heard, ParamCopy, read_value
+from ground.gcs.desk import Desks, RequestHandlers
+from ground.gcs.param_copy import ParamCopy, ParamValue, read_value
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink import Frame, decode, encode, paramvalue, parse_frame, targets
 from zmav.mavlink.paramvalue import ParamEncoding
-from zmav.services.paramset import HASH_CHECK, is_name
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
+from zmav.services.params.values import HASH_CHECK, is_name
 
 MOST_SETS = 64
 """orders of one client under way; it repeats what gets no answer"""
@@ -53,16 +53,16 @@ class System:
 
     def __init__(self, sysid: int, copy: ParamCopy) -> None:
         self.sysid, self.copy = sysid, copy
-        self.listeners: set[Desk] = set()
+        self.listeners: set[RequestHandlers] = set()
         """who has asked for its parameters, and hears of changes"""
-        self.listing: dict[Desk, dict[str, tuple[bytes, int]]] = {}
+        self.listing: dict[RequestHandlers, dict[str, tuple[bytes, int]]] = {}
         """who waits for the list, and what it got of it meanwhile: values and types by name"""
-        self.questions: dict[Desk, list[Question]] = {}
-        self.setting: dict[tuple[Desk, str], bytes] = {}
+        self.questions: dict[RequestHandlers, list[Question]] = {}
+        self.setting: dict[tuple[RequestHandlers, str], bytes] = {}
         """what is being set for whom, as it came"""
-        self.hash_asked: dict[Desk, float] = {}
+        self.hash_asked: dict[RequestHandlers, float] = {}
 
-    def forget(self, desk: Desk) -> None:
+    def forget(self, desk: RequestHandlers) -> None:
         self.listeners.discard(desk)
         for waiting in (self.listing, self.questions, self.hash_asked):
             waiting.pop(desk, None)
@@ -116,11 +116,11 @@ class Params:
 
     # From here on: on the event loop.
 
-    def _forget(self, desk: Desk) -> None:
+    def _forget(self, desk: RequestHandlers) -> None:
         for system in self._systems.values():
             system.forget(desk)
 
-    def meant(self, desk: Desk, frame: Frame) -> Iterator[System]:
+    def meant(self, desk: RequestHandlers, frame: Frame) -> Iterator[System]:
         """The autopilots that a frame is for."""
         for sysid, vehicle in vehicles(self._ground, desk.client, frame):
             place = vehicle.fleet, vehicle.name
@@ -142,7 +142,7 @@ class Params:
 
     # Reading.
 
-    def _list(self, desk: Desk, frame: Frame) -> None:
+    def _list(self, desk: RequestHandlers, frame: Frame) -> None:
         for system in self.meant(desk, frame):
             system.listeners.add(desk)
             if targets(frame, self._dialect)[1] == 0:
@@ -151,7 +151,7 @@ class Params:
                 system.listing[desk] = {}
                 self.in_background(self._send_list(desk, system))
 
-    async def _send_list(self, desk: Desk, system: System) -> None:
+    async def _send_list(self, desk: RequestHandlers, system: System) -> None:
         try:
             await system.copy.refresh()
         except ZmavError as e:
@@ -168,7 +168,7 @@ class Params:
         copy = system.copy
         desk.owe(system, [name for name in copy.names if name not in got or not copy.is_as(name, *got[name])], frame)
 
-    def _read(self, desk: Desk, frame: Frame) -> None:
+    def _read(self, desk: RequestHandlers, frame: Frame) -> None:
         fields = decode(frame, self._dialect)
         by_name = fields["param_index"] < 0
         question = Question(frame, fields["param_id"] if by_name else "", fields["param_index"])
@@ -186,7 +186,7 @@ class Params:
             if len(waiting) == 1:
                 self.in_background(self._answer_all(desk, system))
 
-    async def _answer_all(self, desk: Desk, system: System) -> None:
+    async def _answer_all(self, desk: RequestHandlers, system: System) -> None:
         """What waits for the set to be looked at again."""
         try:
             await system.copy.refresh()
@@ -197,7 +197,7 @@ class Params:
             if not self._answer(desk, system, question):
                 await self._find(desk, system, question)
 
-    def _answer(self, desk: Desk, system: System, question: Question) -> bool:
+    def _answer(self, desk: RequestHandlers, system: System, question: Question) -> bool:
         """From the copy, where it is there."""
         copy, name = system.copy, question.name
         if not name and 0 <= question.place < len(copy.names):
@@ -207,7 +207,7 @@ class Params:
             desk.answer(frame)
         return frame is not None
 
-    async def _find(self, desk: Desk, system: System, question: Question) -> None:
+    async def _find(self, desk: RequestHandlers, system: System, question: Question) -> None:
         """One that is not in the set: hidden from it, another component's, or none at all."""
         try:
             if not is_name(question.name):
@@ -221,13 +221,15 @@ class Params:
         except ZmavError:
             pass  # as a vehicle that does not answer
 
-    def _say_there_is_none(self, desk: Desk, asker: Frame, system: System, name: str, place: int = -1) -> None:
+    def _say_there_is_none(
+        self, desk: RequestHandlers, asker: Frame, system: System, name: str, place: int = -1
+    ) -> None:
         if "PARAM_ERROR" in self._dialect.by_name:
             target = {"target_system": asker.sysid, "target_component": asker.compid}
             about = {"param_id": name[:16], "param_index": place, "error": DOES_NOT_EXIST}
             desk.answer(self._ground.pack(system.sysid, self._component(system), "PARAM_ERROR", **target, **about))
 
-    def _pass_to_others(self, desk: Desk, frame: Frame, system: System) -> bool:
+    def _pass_to_others(self, desk: RequestHandlers, frame: Frame, system: System) -> bool:
         """Give what was for all components to those that are no autopilot's; False: there are none."""
         vehicle = system.copy.vehicle
         others = [source for source in self._others.get((vehicle.fleet, vehicle.name), ()) if source[0] == system.sysid]
@@ -246,7 +248,7 @@ class Params:
 
     # Setting.
 
-    def _set(self, desk: Desk, frame: Frame) -> None:
+    def _set(self, desk: RequestHandlers, frame: Frame) -> None:
         fields = decode(frame, self._dialect)
         name, raw = fields["param_id"], frame.payload[:4].ljust(4, b"\0")
         for system in self.meant(desk, frame):
@@ -259,7 +261,9 @@ class Params:
             system.setting[desk, name] = raw
             self.in_background(self._set_one(desk, frame, system, name, raw, fields["param_type"]))
 
-    async def _set_one(self, desk: Desk, frame: Frame, system: System, name: str, raw: bytes, kind: int) -> None:
+    async def _set_one(
+        self, desk: RequestHandlers, frame: Frame, system: System, name: str, raw: bytes, kind: int
+    ) -> None:
         vehicle = system.copy.vehicle
         try:
             if desk.client.read_only:
@@ -274,7 +278,9 @@ class Params:
             if system.setting.get((desk, name)) == raw:
                 del system.setting[desk, name]
 
-    async def _answer_refused(self, desk: Desk, asker: Frame, system: System, name: str, error: ZmavError) -> None:
+    async def _answer_refused(
+        self, desk: RequestHandlers, asker: Frame, system: System, name: str, error: ZmavError
+    ) -> None:
         """With the value that it has all the same, where that can be had."""
         try:
             held = system.copy.param(name) or await system.copy.vehicle.params.get(name)
@@ -296,7 +302,7 @@ class Params:
             raise BadInput("the value is not a number", field="param_value", value=None, expected="a number")
         return int(value) if isinstance(value, float) and value.is_integer() else value
 
-    def _changed(self, desk: Desk, system: System, name: str, value: paramvalue.Value, kind: int) -> None:
+    def _changed(self, desk: RequestHandlers, system: System, name: str, value: paramvalue.Value, kind: int) -> None:
         """Answer who set it, and let the others know where it is another than before."""
         held = system.copy.param(name)
         if held is None:
@@ -321,7 +327,7 @@ class Params:
                 self._tell(system, heard.name, system.listeners - setting - set(system.listing))
             self._pass_on(system, heard, data)
 
-    def _pass_on(self, system: System, heard: Heard, data: bytes) -> None:
+    def _pass_on(self, system: System, heard: ParamValue, data: bytes) -> None:
         """To those who wait for a list that its agent does not have yet."""
         if heard.place >= heard.of:
             return
@@ -337,7 +343,7 @@ class Params:
                 desk.answer(data)
         system.hash_asked.clear()
 
-    def _tell(self, system: System, name: str, desks: set[Desk]) -> None:
+    def _tell(self, system: System, name: str, desks: set[RequestHandlers]) -> None:
         """Say a value to those who do not get it anyway: it is in a list that they are being sent."""
         frame = system.copy.frame(system.sysid, self._component(system), name)
         for desk in desks:

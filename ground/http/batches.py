@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from ground.feed import Origin
 from ground.http.gateway import Gateway
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 MOST = 10_000
 """frames that wait for a loop that is busy; then the oldest go"""

@@ -17,7 +17,7 @@ from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadMessage, Clash, NoSuchVehicle, Stale
 from zmav.mavlink import Dialect, Frame, parse_frame, targets
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
 

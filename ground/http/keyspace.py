@@ -27,7 +27,7 @@ from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, BadKey, Forbidden, ZmavError
 from zmav.mavlink import Dialect, decode, encode, parse_frame
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.waiting import within
 from zmav.zenoh_codec import GROUND_STATION
 

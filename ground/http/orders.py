@@ -26,7 +26,7 @@ from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from zmav import keys, wire
 from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
-from zmav.services.orders import Operations, Report
+from zmav.services.orders.orders import Operations, Report
 from zmav.swarm import FleetOrder
 from zmav.vehicle import Vehicle
 from zmav.verbs import VERBS

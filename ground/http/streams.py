@@ -13,7 +13,7 @@ from ground.feed import Origin
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from zmav.links.sockets import is_loopback
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 MOST = 64
 """streams at once"""

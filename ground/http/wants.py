@@ -14,7 +14,7 @@ from typing import Any
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput
-from zmav.services.demand import NOT_STREAMED
+from zmav.services.rates.demand import NOT_STREAMED
 from zmav.vehicle.rates import want_key
 
 LASTING = 30.0

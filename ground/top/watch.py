@@ -21,8 +21,8 @@ from zmav.client import Client
 from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_of
 from zmav.doctor.rules import PROOF
 from zmav.errors import BadInput, ZmavError
-from zmav.services.everybody import ask_everybody
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
+from zmav.services.queries.everybody import ask_everybody
 from zmav.trust.member import Place
 from zmav.vehicle import Vehicle
 from zmav.waiting import together, within
@@ -45,14 +45,14 @@ FINISHED = ("ended", "done", "stopped")
 NOT_DROPPED = ("flown", "engaging", "held")
 
 
-class Heard(NamedTuple):
+class LastStatus(NamedTuple):
     """An agent's status and when it came (monotonic seconds)."""
 
     status: wire.AgentStatus
     at: float
 
 
-class Seen:
+class VehicleHistory:
     """What is kept of one vehicle."""
 
     def __init__(self) -> None:
@@ -81,8 +81,8 @@ class Watch:
 
     def __init__(self, z: Client) -> None:
         self._z = z
-        self._seen: dict[Place, Seen] = {}
-        self._agents: dict[tuple[Place, str], Heard] = {}
+        self._seen: dict[Place, VehicleHistory] = {}
+        self._agents: dict[tuple[Place, str], LastStatus] = {}
         self._graph: Graph | None = None
         self._first = {"network": asyncio.Event(), "trips": asyncio.Event()}
 
@@ -122,13 +122,13 @@ class Watch:
             async for place, chunks, status in statuses:
                 who = (place, chunks[4])
                 if who in self._agents or len(self._agents) < AGENTS:
-                    self._agents[who] = Heard(status, time.monotonic())
+                    self._agents[who] = LastStatus(status, time.monotonic())
 
-    def _of(self, place: Place) -> Seen | None:
+    def _of(self, place: Place) -> VehicleHistory | None:
         """What is kept of a vehicle; None: there are too many."""
         if place not in self._seen and len(self._seen) >= VEHICLES:
             return None
-        return self._seen.setdefault(place, Seen())
+        return self._seen.setdefault(place, VehicleHistory())
 
     def _on_link(self, place: Place, link: wire.LinkQuality) -> None:
         if (seen := self._of(place)) is not None:
@@ -202,7 +202,7 @@ class Watch:
         info = self._z.session.info
         return bool(info.routers_zid() or info.peers_zid())
 
-    def _facts(self, place: Place, seen: Seen, now: float, agents: tuple[AgentReport, ...]) -> Facts | None:
+    def _facts(self, place: Place, seen: VehicleHistory, now: float, agents: tuple[AgentReport, ...]) -> Facts | None:
         """None: no vehicle; something else, like a router, said a link's quality."""
         fleet, name = place
         heard = self._z.heard(name, fleet)
@@ -245,7 +245,7 @@ def _shown_for(status: wire.AgentStatus) -> float:
     return AGENT_STALE if status.state.lower() in FINISHED else AGENT_GONE
 
 
-def _happenings(seen: Seen, state: wire.VehicleState | None, age: float | None) -> tuple[Happening, ...]:
+def _happenings(seen: VehicleHistory, state: wire.VehicleState | None, age: float | None) -> tuple[Happening, ...]:
     """The newest first, with their ages by the vehicle's own clock where it is known."""
     now = state.t + (age or 0.0) if state else time.time()
     return tuple(

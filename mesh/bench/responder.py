@@ -18,9 +18,9 @@ from mesh.bench.units import bits_per_second
 from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
-from zmav.services.intake import Intake
-from zmav.services.proven import Answers, attached
-from zmav.services.questions import Channel, Questions, Reply, Steps
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import Answers, attached
+from zmav.services.queries.questions import Channel, Questions, Reply, Steps
 from zmav.trust.gate import Gate, Origin, Prove, anybody
 from zmav.trust.roster import Roster
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong

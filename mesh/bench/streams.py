@@ -11,7 +11,7 @@ import zenoh
 import zenoh.ext
 
 from zmav import keys
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.waiting import within
 
 KEPT = 2000

@@ -18,7 +18,7 @@ from mesh.credentials.ca import DAYS, Authority
 from mesh.credentials.certify import day
 from mesh.credentials.ledger import LEDGER, read_ledger
 from zmav.cli.common import console, dump, json_option, run, zenoh_options
-from zmav.cli.trustcheck import rosters
+from zmav.doctor.credentials import rosters
 from zmav.errors import BadConfig, BadInput, ZmavError
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role

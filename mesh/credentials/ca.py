@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from mesh.credentials import certify, files
 from mesh.credentials.certify import day
-from mesh.credentials.ledger import LEDGER, Entry, Ledger, read_ledger
+from mesh.credentials.ledger import LEDGER, Entry, IssuedCertificates, read_ledger
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.trust import credentials
@@ -49,7 +49,7 @@ class Authority:
         keys.check_name(fleet, "fleet")
         key = Ed25519PrivateKey.generate()
         certificate = certify.self_signed(key, fleet)
-        ledger = Ledger(fleet=fleet, t=time.time())
+        ledger = IssuedCertificates(fleet=fleet, t=time.time())
         made = cls(folder, certificate, key)
         contents = {
             credentials.CA: (_pem(certificate), files.PUBLIC),
@@ -81,7 +81,7 @@ class Authority:
         return cls(folder, certificate, key)
 
     @property
-    def ledger(self) -> Ledger:
+    def ledger(self) -> IssuedCertificates:
         return read_ledger(self.folder)
 
     def issue(
@@ -160,7 +160,9 @@ class Authority:
     def _folder_of(self, name: str, out: str | Path | None) -> Path:
         return Path(out) if out is not None else self.folder / MEMBERS / name
 
-    def _sign(self, ledger: Ledger, name: str, role: Role, days: float, folder: Path, *, replace: bool) -> Path:
+    def _sign(
+        self, ledger: IssuedCertificates, name: str, role: Role, days: float, folder: Path, *, replace: bool
+    ) -> Path:
         key = Ed25519PrivateKey.generate()
         certificate = certify.member(self.certificate, self._key, key.public_key(), ledger.fleet, name, role, days)
         read = Certificate.read(certificate.public_bytes(serialization.Encoding.DER))
@@ -182,7 +184,7 @@ class Authority:
         files.write_folder(folder, contents, replace=replace)
         return folder
 
-    def _keep(self, ledger: Ledger) -> None:
+    def _keep(self, ledger: IssuedCertificates) -> None:
         ledger.write(self.folder)
         files.write(self.folder / credentials.ROSTER, msgspec.json.encode(self._signed(ledger.roster(time.time()))))
 
@@ -203,7 +205,7 @@ def _check_same(folder: Path, name: str) -> None:
         raise BadConfig(text, field="out", value=str(folder), expected=f"a folder of {name}")
 
 
-def _revoked_lately(ledger: Ledger, name: str, now: float) -> bool:
+def _revoked_lately(ledger: IssuedCertificates, name: str, now: float) -> bool:
     return any(e.name == name and e.revoked is not None and now <= e.not_after for e in ledger.entries)
 
 

@@ -34,7 +34,7 @@ class Entry(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tru
         return self.revoked is None and now <= self.not_after
 
 
-class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+class IssuedCertificates(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
     """All of them, oldest first."""
 
     fleet: str
@@ -51,10 +51,10 @@ class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
     def names(self) -> list[str]:
         return sorted({entry.name for entry in self.entries})
 
-    def with_entry(self, entry: Entry, now: float) -> Ledger:
+    def with_entry(self, entry: Entry, now: float) -> IssuedCertificates:
         return msgspec.structs.replace(self, number=self.number + 1, t=now, entries=[*self.entries, entry])
 
-    def without(self, name: str, now: float) -> Ledger:
+    def without(self, name: str, now: float) -> IssuedCertificates:
         """All certificates of ``name`` revoked at ``now``."""
         entries = [
             msgspec.structs.replace(e, revoked=now) if e.name == name and e.in_force(now) else e for e in self.entries
@@ -84,11 +84,11 @@ class Ledger(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
         files.write(folder / LEDGER, self.encode(), files.SECRET)
 
 
-def read_ledger(folder: Path) -> Ledger:
+def read_ledger(folder: Path) -> IssuedCertificates:
     """Of an authority's folder; raises :class:`BadConfig` where there is none, or no good one."""
     path = folder / LEDGER
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Ledger)
+        return msgspec.json.decode(path.read_bytes(), type=IssuedCertificates)
     except OSError as e:
         text = f"{folder} is not an authority's folder: cannot read {path}: {e.strerror}; 'zmav mesh ca init' makes one"
         raise BadConfig(text, field="ca", value=str(folder), expected="an authority's folder") from e

@@ -26,10 +26,10 @@ from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.process import log
-from zmav.services.intake import Intake
-from zmav.services.port import on_loop
-from zmav.services.proven import Answers
-from zmav.services.questions import Questions, Reply
+from zmav.services.link.port import on_loop
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions, Reply
 from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end

@@ -12,7 +12,7 @@ PORT = 7447
 _CHUNK = 65_536
 
 
-class Door(Server):
+class HostProxy(Server):
     """Listens on a free port of our loopback, and leads every connection to ``port`` on the host's."""
 
     def __init__(self, network: Network, host: str, port: int = PORT) -> None:

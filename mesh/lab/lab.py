@@ -29,7 +29,7 @@ from typing import Any
 
 from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
-from mesh.lab.door import PORT, Door
+from mesh.lab.door import PORT, HostProxy
 from mesh.lab.fleetfile import write_fleet
 from mesh.lab.mobility import Mobility
 from mesh.lab.network import LabError, Network, exit_of
@@ -74,7 +74,7 @@ class Lab:
         """done, with what happened, when something of the lab ended that was not told to"""
         self.mobility = Mobility(self.network)
         self._with_programs = programs
-        self._doors: dict[str, Door] = {}
+        self._doors: dict[str, HostProxy] = {}
         self._stack = contextlib.AsyncExitStack()
 
     # ---- its life
@@ -238,7 +238,7 @@ class Lab:
         if self.scenario.credentials:
             return f"{rundir.PROTOCOL}/{self.network.sockets(host)}/{PORT}.sock"
         if host not in self._doors:
-            self._doors[host] = await self._stack.enter_async_context(Door(self.network, host))
+            self._doors[host] = await self._stack.enter_async_context(HostProxy(self.network, host))
         return self._doors[host].endpoint
 
     # ---- programs of yours

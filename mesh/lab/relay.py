@@ -22,7 +22,7 @@ import time
 from pathlib import Path
 
 from mesh.lab import kernel, messages
-from mesh.lab.switchboard import Switchboard
+from mesh.lab.switchboard import RelayNetwork
 
 EARLY_S = 50e-6
 """a frame that is due so soon arrives now: to be woken once more for it would cost as much"""
@@ -49,7 +49,7 @@ def serve(lab: socket.socket) -> None:
     begin = messages.read_request(lab)
     assert isinstance(begin, messages.Begin)
     try:
-        board = Switchboard(begin)
+        board = RelayNetwork(begin)
         pid = int(str(Path("/proc/self").readlink()))  # as those outside our PID namespace call us: /proc is theirs
         messages.write(lab, messages.Begun(pid, board.networks))
         run(lab, board)
@@ -63,7 +63,7 @@ def serve(lab: socket.socket) -> None:
             shutil.rmtree(begin.directory, ignore_errors=True)
 
 
-def run(lab: socket.socket, board: Switchboard) -> None:
+def run(lab: socket.socket, board: RelayNetwork) -> None:
     """Move frames and answer the lab, for ever."""
     timer, poll, armed = kernel.Timer(), select.epoll(), 0.0
     taps = {tap.fd: tap for tap in board.taps}

@@ -11,7 +11,7 @@ from mesh.lab.media import Ether, Segment, Tap, join
 from mesh.lab.pcap import Capture
 
 
-class Switchboard:
+class RelayNetwork:
     """Makes everything; raises :class:`OSError` where the kernel refuses. The caller's thread ends up in a namespace of
     its own, without interfaces.
     """

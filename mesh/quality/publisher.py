@@ -17,8 +17,8 @@ from mesh.quality.interface import Counters, address_of, counters, signal
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
 from zmav.config import Host
-from zmav.services.proven import Answers
-from zmav.services.questions import Questions, Reply
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions, Reply
 
 PERIOD = 1.0
 NAMELESS = 3.0

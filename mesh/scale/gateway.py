@@ -25,7 +25,7 @@ import zenoh
 from mesh.scale.shorten import parts, shorten
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 PERIOD = 1.0
 FORGET = 30.0

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from agents.planner.execute.executor import Executor, Flight
 from agents.planner.live.frames import enu
-from agents.planner.problem import Motion
+from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.fleet import airborne
 from tests.agents.planner.execute.virtual import History, carousel, crossing, slower
 

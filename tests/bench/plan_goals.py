@@ -19,14 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.planner.geometry import world_of
 from agents.planner.goals import formation, sweeping
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.search import ground as ground_of
 from agents.planner.goals.search import split
 from agents.planner.goals.steps import FleetView, Fly
-from agents.planner.scene import Box, Cylinder, NoFly, Obstacle, Scene
-from agents.planner.staticmap import StaticMap
+from agents.planner.model.geometry import world_of
+from agents.planner.model.scene import Box, Cylinder, NoFly, Obstacle, Scene
+from agents.planner.model.staticmap import StaticMap
 from tests.agents.planner.goals.crew import DOWNWASH, GATE, crew, ground, judge_fly, view
 from zmav import wire
 from zmav.errors import ZmavError

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import zmav
-from agents.planner.cli.counter import Planner, find
+from agents.planner.cli.asking import Planner, find
 from tests.agents.planner.execute.fleet import airborne
 from zmav.errors import ZmavError
 from zmav.wire import swarm

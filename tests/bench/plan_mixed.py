@@ -14,12 +14,12 @@ import time
 
 import numpy as np
 
-from agents.planner.errors import PlanError
-from agents.planner.planes import plan_planes
-from agents.planner.problem import PLANE, problem_of
-from agents.planner.scene import Scene
-from agents.planner.solve import solve
-from agents.planner.world import world_of
+from agents.planner.model.errors import PlanError
+from agents.planner.model.problem import PLANE, problem_of
+from agents.planner.model.scene import Scene
+from agents.planner.model.world import world_of
+from agents.planner.solve.pipeline import solve
+from agents.planner.solve.planes import plan_planes
 from tests.agents.planner import generate
 
 SIZES = ((12, 2, 4), (24, 4, 8), (40, 8, 10), (60, 10, 10))

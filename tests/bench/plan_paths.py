@@ -18,12 +18,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.planner.geometry import clearance, segment_clear
-from agents.planner.paths import sampled, shorten
-from agents.planner.problem import Floats, Path
-from agents.planner.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene
-from agents.planner.staticmap import SWEEPS, StaticMap
-from agents.planner.world import World, world_of
+from agents.planner.model.geometry import clearance, segment_clear
+from agents.planner.model.problem import Floats, Path
+from agents.planner.model.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene
+from agents.planner.model.staticmap import SWEEPS, StaticMap
+from agents.planner.model.world import World, world_of
+from agents.planner.solve.paths import sampled, shorten
 
 RADIUS = 1.0
 RATES = np.ones(3)

@@ -29,11 +29,11 @@ import pyrvo
 from rich.console import Console
 from rich.table import Table
 
-from agents.planner.errors import PlanError
-from agents.planner.problem import Floats
-from agents.planner.scene import Bounds, Cylinder, Obstacle, Scene, Vehicle
-from agents.planner.separation import closest
-from agents.planner.solve import solve
+from agents.planner.model.errors import PlanError
+from agents.planner.model.problem import Floats
+from agents.planner.model.scene import Bounds, Cylinder, Obstacle, Scene, Vehicle
+from agents.planner.model.separation import closest
+from agents.planner.solve.pipeline import solve
 
 CELL, RADIUS, SPEED, ACCEL, HEIGHT = 3.0, 1.0, 5.0, 2.5, 20.0
 STEP = 2.0 * math.sqrt(CELL / ACCEL)

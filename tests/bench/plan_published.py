@@ -18,12 +18,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from agents.planner import warm
-from agents.planner.bound import least_makespan
-from agents.planner.errors import PlanError
-from agents.planner.problem import Floats
-from agents.planner.scene import Bounds, Cylinder, Obstacle, Scene, Vehicle
-from agents.planner.solve import solve
+from agents.planner.model.errors import PlanError
+from agents.planner.model.problem import Floats
+from agents.planner.model.scene import Bounds, Cylinder, Obstacle, Scene, Vehicle
+from agents.planner.solve import warm
+from agents.planner.solve.bound import least_makespan
+from agents.planner.solve.pipeline import solve
 
 Ends = tuple[Floats, Floats]
 

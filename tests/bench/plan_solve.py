@@ -14,14 +14,14 @@ import click
 import msgspec
 import numpy as np
 
-from agents.planner.errors import PlanError
-from agents.planner.geometry import world_of
-from agents.planner.plans import Plan
-from agents.planner.problem import problem_of
-from agents.planner.refine.knots import durations
-from agents.planner.scene import Scene
-from agents.planner.solve import solve
-from agents.planner.staticmap import StaticMap
+from agents.planner.model.errors import PlanError
+from agents.planner.model.geometry import world_of
+from agents.planner.model.plans import Plan
+from agents.planner.model.problem import problem_of
+from agents.planner.model.scene import Scene
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.solve.pipeline import solve
+from agents.planner.solve.refine.knots import durations
 from tests.agents.planner.checker import check
 from tests.agents.planner.generate import CLASSES, as_json
 
@@ -52,7 +52,7 @@ def bound(scene: Scene) -> float:
     """s that the slowest to its goal needs in a straight line; unlabelled: at the earliest to any of them."""
     problem = problem_of(scene, list(range(len(scene.goals or []))) if scene.assignment == "unlabelled" else None)
     if scene.assignment == "unlabelled":
-        from agents.planner.assign import bottleneck, costs
+        from agents.planner.solve.assign import bottleneck, costs
 
         return bottleneck(costs(scene, world_of(Scene(vehicles=[], bounds=scene.bounds)), problem.goal)[0])
     return float(durations(problem, [np.array(ends) for ends in zip(problem.start, problem.goal, strict=True)]).max())

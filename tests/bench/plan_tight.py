@@ -14,12 +14,12 @@ from dataclasses import replace
 import click
 import numpy as np
 
-from agents.planner.bound import least_makespan
-from agents.planner.problem import Motion, Problem, problem_of
-from agents.planner.separation import all_pairs
-from agents.planner.spacetime import find, repair
-from agents.planner.staticmap import StaticMap
-from agents.planner.world import world_of
+from agents.planner.model.problem import Motion, Problem, problem_of
+from agents.planner.model.separation import all_pairs
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.world import world_of
+from agents.planner.solve.bound import least_makespan
+from agents.planner.solve.spacetime import find, repair
 from tests.agents.planner.generate import CLASSES
 
 SIZES = {

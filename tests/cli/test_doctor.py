@@ -16,9 +16,9 @@ import zenoh
 
 import zmav
 from zmav import host, keys, wire
-from zmav.cli.hostcheck import check_packages
-from zmav.cli.lookround import Seen
-from zmav.cli.netcheck import check_routers
+from zmav.doctor.computer import check_packages
+from zmav.doctor.routers import check_routers
+from zmav.doctor.survey import Survey
 from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:
@@ -188,10 +188,10 @@ def test_parameters_that_leave_a_vehicle_flying_without_its_companion(vehicle: V
 
 def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
     old = {"zid": "0123456789", "version": "0.9.0", "locators": [], "links": []}
-    (found,) = check_routers(Seen(routers=[old]))
+    (found,) = check_routers(Survey(routers=[old]))
     assert (found.ok, found.subject) == (False, "router 01234567")
     assert "0.9.0" in found.found
-    (found,) = check_routers(Seen())
+    (found,) = check_routers(Survey())
     assert "adminspace" in found.advice
 
 

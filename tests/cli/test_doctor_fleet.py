@@ -22,8 +22,9 @@ from mesh.credentials.ca import Authority
 from tests.cli.conftest import PATIENCE_S, Process, zmav_here
 from tests.mesh.quality.relay import Relay, nothing
 from zmav import keys, wire
-from zmav.cli import doctor, lookround
+from zmav.cli import doctor
 from zmav.client import Client
+from zmav.doctor import survey
 from zmav.process import free_port, free_udp_ports
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
@@ -258,9 +259,9 @@ def strangers(fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert f"{OTHER}: alpha/quad3" in found["versions zmav"]["found"]
     assert "install one version" in found["versions zmav"]["advice"]
 
-    look = lookround.look
+    look = survey.look
 
-    async def look_and_kill(z: Client, *arguments: Any) -> lookround.Seen:
+    async def look_and_kill(z: Client, *arguments: Any) -> survey.Survey:
         """Heard by this very examination, and gone in the middle of it."""
         await fleet.until(z, "quad3", lambda s: True)
         up.popen.kill()

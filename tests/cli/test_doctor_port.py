@@ -18,8 +18,8 @@ import pytest
 from mesh.credentials.ca import Authority
 from tests.cli.conftest import Process, Told, zmav_here
 from tests.cli.test_doctor import heartbeat
-from zmav.cli import serialcheck
-from zmav.cli.finding import Level
+from zmav.doctor import serial
+from zmav.doctor.findings import Level
 from zmav.links import serial as serial_link
 from zmav.trust.certificate import Role
 
@@ -172,7 +172,7 @@ def test_who_has_it(
     process(proc, 7, "bash")
     for number, command in enumerate(holding):
         process(proc, 100 + number, *command, holds=silent.device)
-    found, free = serialcheck.check_device(str(silent.path), None, proc)
+    found, free = serial.check_device(str(silent.path), None, proc)
     (line,) = [each for each in found if each.topic == "holder"]
     assert (line.level, free) == (level, False)
     assert words in line.found
@@ -183,7 +183,7 @@ def test_a_console(silent: Autopilot, tmp_path: Path) -> None:
     proc = tmp_path / "proc"
     process(proc, 7, "bash")
     (proc / "consoles").write_text(f"tty0  -WU (EC  p  )    4:7\n{Path(silent.device).name}  -W- (EC p a) 4:64\n")
-    found, free = serialcheck.check_device(str(silent.path), None, proc)
+    found, free = serial.check_device(str(silent.path), None, proc)
     (line,) = [each for each in found if each.topic == "console"]
     assert (line.level, free) == (Level.RED, False)
     assert "serial-getty@" in line.advice
@@ -192,7 +192,7 @@ def test_a_console(silent: Autopilot, tmp_path: Path) -> None:
 def test_a_modem_manager_that_may_probe_it(tmp_path: Path) -> None:
     proc = tmp_path / "proc"
     process(proc, 7, "/usr/sbin/ModemManager")
-    probe = serialcheck._modem_manager
+    probe = serial._modem_manager
     (line,) = probe("/dev/ttyACM0", Path("/dev/null").stat(), proc)
     assert (line.level, "pid 7" in line.found, "ID_MM_DEVICE_IGNORE" in line.advice) == (Level.ADVICE, True, True)
     udev = tmp_path / "udev"

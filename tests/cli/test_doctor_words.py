@@ -19,10 +19,10 @@ import zmav
 from mesh import topology
 from tests.cli.test_doctor import findings, state
 from zmav import keys, wire
-from zmav.cli import examine, lookround, netcheck, topics
-from zmav.cli.finding import LONGEST, Finding, Level, shown
-from zmav.cli.lookround import Seen
-from zmav.cli.page import page
+from zmav.doctor import routers, survey, topics, vehicles
+from zmav.doctor.findings import LONGEST, Finding, Level, shown
+from zmav.doctor.page import page
+from zmav.doctor.survey import Survey
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Here, Speaker
@@ -69,7 +69,7 @@ def test_a_way_by_the_worse_of_its_ends(here: dict[str, Any], there: dict[str, A
         ("d/b", "d/a"): quality("a", **there),
         ("d/b", "d/c"): quality("c", rtt=0.001, loss_in=0.0),
     }
-    (line,) = netcheck.check_ways(Seen(neighbours=said))
+    (line,) = routers.check_ways(Survey(neighbours=said))
     assert line.level is level
     assert words in line.found
     assert line.who == ("" if level is Level.OK else "d/a - d/b")
@@ -77,7 +77,7 @@ def test_a_way_by_the_worse_of_its_ends(here: dict[str, Any], there: dict[str, A
 
 
 def test_ways_are_judged_as_the_graph_colours_them() -> None:
-    assert (netcheck.FAIR_COST, netcheck.POOR_COST) == (topology.FAIR_COST, topology.POOR_COST)
+    assert (routers.FAIR_COST, routers.POOR_COST) == (topology.FAIR_COST, topology.POOR_COST)
 
 
 # Vehicles that are said by a speaker.
@@ -155,14 +155,14 @@ def test_an_agent_that_failed(state: str) -> None:
     """As bad as for 'zmav top', and more so than one that only says nothing."""
     status = wire.AgentStatus(t=0.0, agent="follower", state=state, text="no helipad in sight")
     for age, silent in ((1.0, ""), (7.0, ", silent for 7 s")):
-        (line,) = examine.check_agents(Seen(agents={"demo/quad7 follower": lookround.Told(status, age)}))
+        (line,) = vehicles.check_agents(Survey(agents={"demo/quad7 follower": survey.AgentReport(status, age)}))
         assert (line.level, line.found) == (Level.RED, f"demo/quad7 follower: {state}, no helipad in sight{silent}")
         assert "zmav agent logs" in line.advice
 
 
 def test_an_agent_that_fell_silent() -> None:
     status = wire.AgentStatus(t=0.0, agent="follower", state="idle")
-    (line,) = examine.check_agents(Seen(agents={"demo/quad7 follower": lookround.Told(status, 7.0)}))
+    (line,) = vehicles.check_agents(Survey(agents={"demo/quad7 follower": survey.AgentReport(status, 7.0)}))
     assert (line.level, line.found) == (Level.RED, "demo/quad7 follower: idle, silent for 7 s")
 
 
@@ -187,7 +187,7 @@ def test_a_host_whose_report_is_not_known_here(speaker: Speaker, payload: bytes,
 
 
 def test_whoever_never_answers_holds_nobody_up(speaker: Speaker, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lookround, "PART_S", 0.5)
+    monkeypatch.setattr(survey, "PART_S", 0.5)
     monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 1000.0)
     held: list[zenoh.Query] = []
     over = threading.Event()
@@ -211,11 +211,11 @@ def test_whoever_never_answers_holds_nobody_up(speaker: Speaker, monkeypatch: py
 
 
 def test_a_check_that_fails_ends_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    def check_that(seen: Seen) -> Iterator[Finding]:
+    def check_that(seen: Survey) -> Iterator[Finding]:
         raise ValueError("of all things")
 
-    monkeypatch.setattr(examine, "CHECKS", (check_that, examine.check_fleet))
-    one, two = examine.examine(Seen())
+    monkeypatch.setattr(vehicles, "CHECKS", (check_that, vehicles.check_fleet))
+    one, two = vehicles.examine(Survey())
     assert "the check of that failed: ValueError('of all things')" in one.found
     assert (one.level, two.topic) == (Level.RED, "vehicles")
 
@@ -260,7 +260,7 @@ def test_the_guide_has_every_line_and_says_what_the_program_says(root: Path, her
     explained = here()("doctor", "--explain").out
     for line in filter(None, explained.splitlines()):
         assert line.startswith("### ") or line.count("|") == 5, "a cell of the table holds a bar"
-        assert line in guide, "docs/doctor.md is older than zmav/cli/topics.py: paste 'zmav doctor --explain'"
+        assert line in guide, "docs/doctor.md is older than zmav/doctor/topics.py: paste 'zmav doctor --explain'"
     for topic in topics.TOPICS:
         assert f"| {topic.name} | " in explained
         assert topic.about

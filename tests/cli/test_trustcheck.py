@@ -10,8 +10,8 @@ import pytest
 
 from mesh.credentials.ca import Authority
 from mesh.credentials.certify import DAY
-from zmav.cli.finding import Finding
-from zmav.cli.trustcheck import Trust, check_folder, judge_trust
+from zmav.doctor.credentials import Trust, check_folder, judge_trust
+from zmav.doctor.findings import Finding
 from zmav.errors import TimedOut, ZmavError
 from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials

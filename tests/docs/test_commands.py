@@ -13,7 +13,7 @@ import click
 import pytest
 
 from agents.controllers.inject import Inject, Kind, check
-from agents.planner.warm import warm
+from agents.planner.solve.warm import warm
 from tests.agents.planner.generate import as_json, swap_circle
 from tests.docs.commands import PAGES, ROOT, Command, all_commands, faults, verbs_in_prose, words_of
 from tests.docs.pages import COMING, NOT_RUN, PARTS

@@ -18,7 +18,7 @@ import zmav
 from tests.cli.conftest import PLACE, Process
 from zmav.mavlink import Packer, load_dialect
 from zmav.process import free_port, free_udp_ports
-from zmav.services import carrot
+from zmav.services.authority import leader
 from zmav.sim import SimVehicle, VehicleSpec, VehicleStatus, World
 
 SPEED = 6.0
@@ -104,7 +104,7 @@ async def test_a_far_target_is_only_a_carrot() -> None:
         flying.cancel()
         assert (there.mode, there.armed) == ("GUIDED", True)
         assert math.dist(there.ned_m, FAR) > 300.0
-        assert north(there) - north(at) < carrot.AHEAD_M + carrot.AHEAD_S * 12.0
+        assert north(there) - north(at) < leader.AHEAD_M + leader.AHEAD_S * 12.0
 
 
 async def test_with_the_parameters_set_it_comes_home() -> None:

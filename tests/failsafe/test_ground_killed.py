@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import zmav
-from agents.planner.cli.counter import find
+from agents.planner.cli.asking import find
 from ground.record.mcapfile import read_forth
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from tests.cli.conftest import Process, StartProcess, start

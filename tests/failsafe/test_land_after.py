@@ -8,7 +8,7 @@ from tests.failsafe.conftest import Agent, agent, another, held, moves, stops
 from tests.services.conftest import FAILED, GUIDED, LAND, LOITER, SET_MODE, TAKEOFF, Bench, Peer, StartBench
 from zmav.config import Failsafe
 from zmav.errors import ZmavError
-from zmav.services import ladder
+from zmav.services.authority import watchdog
 
 RTL = 6
 MODES = {"rtl": ("RTL", 6), "land": ("LAND", 9), "loiter": ("BRAKE", 17)}  # LOITER would follow the sticks
@@ -73,8 +73,8 @@ async def stubborn(bench: StartBench, *refused: int, **more: object) -> Bench:
 
 @pytest.fixture
 def hurry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ladder, "GIVE_UP", 0.5)
-    monkeypatch.setattr(ladder, "RETRY_ACTION", 0.5)
+    monkeypatch.setattr(watchdog, "GIVE_UP", 0.5)
+    monkeypatch.setattr(watchdog, "RETRY_ACTION", 0.5)
 
 
 @pytest.mark.usefixtures("hurry")

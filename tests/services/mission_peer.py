@@ -12,7 +12,7 @@ from typing import Any
 from tests.services.conftest import Bench, Peer, StartBench, Told
 from zmav import keys, wire
 from zmav.mavlink.frame import build_frame
-from zmav.services.mission_transfer import Pace
+from zmav.services.missions.transfer import Pace
 
 MISSION, FENCE, RALLY = 0, 1, 2
 ACCEPTED, ERROR, UNSUPPORTED, INVALID, INVALID_SEQUENCE, DENIED = 0, 1, 3, 5, 13, 14

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from zmav.services.avoid import STEP, STEPS, Motion, Other, escape, least, meets, ramp, straight
+from zmav.services.authority.avoidance import STEP, STEPS, Motion, Other, escape, least, meets, ramp, straight
 from zmav.wire import Vector
 
 COPTER = Motion(5.0, 2.5, 2.0, 1.5)

@@ -467,13 +467,13 @@ async def test_a_polygon_without_an_origin_is_where_it_is_wherever_the_vehicle_i
 
 
 def test_each_class_that_moves_a_vehicle_cannot_be_made_without_its_bounds() -> None:
-    from zmav.services.authority import Authority
-    from zmav.services.flight import Flight
-    from zmav.services.mission import Missions
-    from zmav.services.mission_flight import MissionFlight
-    from zmav.services.payload import Payload
-    from zmav.services.separation import Separation
-    from zmav.services.setpoint import Setpoints
+    from zmav.services.authority.authority import Authority
+    from zmav.services.authority.separation import Separation
+    from zmav.services.authority.setpoints import Setpoints
+    from zmav.services.missions.flight import MissionFlight
+    from zmav.services.missions.missions import Missions
+    from zmav.services.orders.flight import Flight
+    from zmav.services.orders.payload import Payload
 
     for made in (Authority, Flight, MissionFlight, Missions, Payload, Separation, Setpoints):
         (bounds,) = [p for p in inspect.signature(made).parameters.values() if p.annotation == "Bounds"]

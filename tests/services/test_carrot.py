@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
-from zmav.services.carrot import AHEAD_M, AHEAD_S, pursuit, within_reach
+from zmav.services.authority.leader import AHEAD_M, AHEAD_S, pursuit, within_reach
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench

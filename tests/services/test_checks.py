@@ -11,7 +11,7 @@ import pytest
 
 from zmav.mavlink.event import Event
 from zmav.mavlink.event_words import EventWords, Worded
-from zmav.services.event_words import Checks
+from zmav.services.status.px4_events import Checks
 
 ARMING, HEALTH, CHECK = 1, 2, 3
 

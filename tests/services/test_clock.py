@@ -15,8 +15,8 @@ from tests.services.rate_peer import StreamPeer
 from zmav import onboard as onboard_module
 from zmav import wire
 from zmav.mavlink import Packer
-from zmav.services import clock, timesync
-from zmav.services.clock import SETTLED, WRAP_MS, Clock
+from zmav.services.link import clock, timesync
+from zmav.services.link.clock import SETTLED, WRAP_MS, Clock
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench

@@ -15,7 +15,7 @@ from zmav.errors import Refused
 from zmav.mavlink import Packer
 from zmav.mavlink.checksum import checksum
 from zmav.mavlink.event import CRC_EXTRA
-from zmav.services.events import SEVERITIES
+from zmav.services.status.events import SEVERITIES
 
 if TYPE_CHECKING:
     from tests.conftest import Samples

@@ -13,8 +13,8 @@ from tests.services.disk import PATIENCE_S, Disk, disk, noise
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink.ftp import Nak, Op, crc32
-from zmav.services.files import MOST_UPLOADS
-from zmav.services.store import META, Store
+from zmav.services.files.files import MOST_UPLOADS
+from zmav.services.files.store import META, Store
 from zmav.vehicle.files import PART
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 

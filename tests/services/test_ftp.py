@@ -13,7 +13,7 @@ from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink import ftp
 from zmav.mavlink.ftp import Nak, Op
 from zmav.mavlink.packed_params import PATH, unpack_params
-from zmav.services.ftp_talk import Talk
+from zmav.services.files.ftp_requests import Talk
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -100,7 +100,7 @@ async def test_a_server_that_cannot_burst_is_read_piece_by_piece(
 async def test_a_link_that_swallows_large_packets_gets_smaller_ones(
     net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zmav.services.ftp_talk.GIVE_UP", 2.0)
+    monkeypatch.setattr("zmav.services.files.ftp_requests.GIVE_UP", 2.0)
     async with disk(net, onboard, tmp_path) as d:
         data = d.put("/APM/f", noise(3_000))
         d.storage.ftp.faults.largest = 110

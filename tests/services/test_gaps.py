@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zmav.services.gaps import UNKNOWN, Gaps
+from zmav.services.files.gaps import UNKNOWN, Gaps
 
 RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=30)
 

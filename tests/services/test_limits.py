@@ -13,8 +13,8 @@ from zmav import geo, wire
 from zmav.autopilots import Target
 from zmav.config import Geofence, Limits
 from zmav.errors import BadConfig, BadInput
-from zmav.services.limits import LOOKAHEAD, Fence, Here, check
-from zmav.services.target import resolve
+from zmav.services.authority.limits import LOOKAHEAD, Fence, Here, check
+from zmav.services.authority.targets import resolve
 
 ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=600.0)
 HOME = 600.0

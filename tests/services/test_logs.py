@@ -13,7 +13,7 @@ from tests.services.disk import PATIENCE_S, Disk, disk, noise
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink.ftp import Nak, Op, crc32
-from zmav.services.store import Store
+from zmav.services.files.store import Store
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -134,8 +134,8 @@ async def test_what_is_no_log_is_said(net: Net, onboard: StartOnboard, tmp_path:
 async def test_an_autopilot_without_logs_is_given_up(
     net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zmav.services.logs.GIVE_UP", 0.5)
-    monkeypatch.setattr("zmav.services.logs.PATIENCE", 0.2)
+    monkeypatch.setattr("zmav.services.files.logs.GIVE_UP", 0.5)
+    monkeypatch.setattr("zmav.services.files.logs.PATIENCE", 0.2)
     async with disk(net, onboard, tmp_path) as d:
         d.call(lambda: d.world.vehicles[0].node.answer("LOG_REQUEST_LIST", lambda channel, msg, sender: None))
         with pytest.raises(TimedOut, match="may have no log"):

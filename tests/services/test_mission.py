@@ -23,8 +23,8 @@ from tests.services.mission_peer import (
 )
 from zmav import keys
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
-from zmav.services import mission
-from zmav.services.mission_transfer import Pace
+from zmav.services.missions import missions
+from zmav.services.missions.transfer import Pace
 
 OLD, NEW = raw(waypoints(4, alt=90.0)), waypoints(10)
 BRIEF = Pace(reply=0.02, shortest=0.02, longest=0.05, attempts=5, again=0.02, busy=0.1)
@@ -149,7 +149,7 @@ async def test_a_stack_that_is_exact_must_keep_parameters(mission_bench: Mission
 async def test_it_dies_in_the_middle_and_is_mended_when_it_comes_back(
     mission_bench: MissionBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mission, "MEND_EVERY", 0.1)
+    monkeypatch.setattr(missions, "MEND_EVERY", 0.1)
     b, peer = await mission_bench("ardupilot", pace=BRIEF)
     peer.load(MISSION, OLD)
     peer.dies_at = 6
@@ -168,7 +168,7 @@ async def test_what_somebody_else_put_there_is_not_mended(
     mission_bench: MissionBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The new plan is found whole when the autopilot comes back: then it is the one in force."""
-    monkeypatch.setattr(mission, "MEND_EVERY", 0.1)
+    monkeypatch.setattr(missions, "MEND_EVERY", 0.1)
     b, peer = await mission_bench("ardupilot", pace=BRIEF)
     peer.load(MISSION, OLD)
     peer.dies_at = 6
@@ -182,7 +182,7 @@ async def test_what_somebody_else_put_there_is_not_mended(
 async def test_a_second_try_goes_back_to_the_plan_before_the_first(
     mission_bench: MissionBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mission, "MEND_EVERY", 1000.0)
+    monkeypatch.setattr(missions, "MEND_EVERY", 1000.0)
     b, peer = await mission_bench("ardupilot", pace=BRIEF)
     b.vehicle.missions._mended = asyncio.get_running_loop().time() + 1000.0
     peer.load(MISSION, OLD)

@@ -269,7 +269,7 @@ async def test_what_cannot_be_begun(mission_bench: MissionBench) -> None:
 async def test_the_item_is_set_by_message_where_the_command_is_unknown(
     mission_bench: MissionBench, hears: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zmav.services.mission_flight.SET_TIMEOUT", 0.3)
+    monkeypatch.setattr("zmav.services.missions.flight.SET_TIMEOUT", 0.3)
     b, peer = await mission_bench("ardupilot")
     peer.results[SET_CURRENT] = [UNSUPPORTED]
     peer.load(MISSION, raw(waypoints(3)))

@@ -24,7 +24,7 @@ from tests.services.mission_peer import (
     waypoints,
 )
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
-from zmav.services.mission_transfer import Pace
+from zmav.services.missions.transfer import Pace
 
 
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])

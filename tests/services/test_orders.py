@@ -10,7 +10,7 @@ import pytest
 
 from zmav.errors import BadInput, Refused, Stale
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.services import orders
+from zmav.services.orders import orders
 
 if TYPE_CHECKING:
     from tests.conftest import Net

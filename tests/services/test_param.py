@@ -11,7 +11,8 @@ import pytest
 from tests.services.param_peer import HOME, INT8, INT32, NO_INDEX, REAL32, ParamPeer, many, scenes
 from zmav import wire
 from zmav.errors import BadInput, Stale, TimedOut
-from zmav.services import identity, param, paramfill, paramtalk
+from zmav.services.link import identity
+from zmav.services.params import fill, params, requests
 
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
@@ -135,7 +136,7 @@ async def test_the_count_changes_in_the_middle(scene: StartScene) -> None:
 
 
 async def test_a_group_is_enabled_later(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(param, "SETTLE", 0.1)
+    monkeypatch.setattr(params, "SETTLE", 0.1)
     s = await (await scene()).read()
     s.peer.params = {"FENCE_ALT": (100.0, REAL32), **s.peer.params}
     s.peer.value("FRAME")
@@ -150,9 +151,9 @@ async def test_a_group_is_enabled_later(scene: StartScene, monkeypatch: pytest.M
 
 
 async def test_an_autopilot_that_answers_nothing(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paramfill, "LIST_TIMEOUT", 0.05)
-    monkeypatch.setattr(paramfill, "LIST_TRIES", 3)
-    monkeypatch.setattr(paramtalk, "LONGEST_WAIT", 0.05)
+    monkeypatch.setattr(fill, "LIST_TIMEOUT", 0.05)
+    monkeypatch.setattr(fill, "LIST_TRIES", 3)
+    monkeypatch.setattr(requests, "LONGEST_WAIT", 0.05)
     s = await scene(prepare=lambda peer: peer.deaf.update({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"}))
     event = await s.b.event("parameters not read")
     assert (event["kind"], event["severity"]) == ("param", "warning")
@@ -168,7 +169,7 @@ async def test_an_autopilot_that_answers_nothing(scene: StartScene, monkeypatch:
 
 
 async def test_one_index_never_comes(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paramfill, "INDEX_TRIES", 2)
+    monkeypatch.setattr(fill, "INDEX_TRIES", 2)
     s = await scene(many(20), lambda peer: peer.deaf.update({"PARAM_REQUEST_READ"}) or peer.lost.add(9))
     await s.b.event("1 of 20 parameters do not come")
     table = await s.table()
@@ -183,7 +184,7 @@ async def test_param_error_says_that_there_is_no_such_index(scene: StartScene) -
 
 
 async def test_the_autopilot_falls_silent_in_the_middle(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paramfill, "HEARTBEAT_TIMEOUT", 1.0)
+    monkeypatch.setattr(fill, "HEARTBEAT_TIMEOUT", 1.0)
     monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
 
     def prepare(peer: ParamPeer) -> None:

@@ -11,7 +11,8 @@ import pytest
 from tests.services.param_peer import HOME, INT8, INT32, REAL32, many, scenes
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
-from zmav.services import identity, paramtalk
+from zmav.services.link import identity
+from zmav.services.params import requests
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench, Told
@@ -138,11 +139,11 @@ async def test_lost_answers_cost_a_retry(scene: StartScene) -> None:
 
 
 async def test_no_answer_at_all(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paramtalk, "LONGEST_WAIT", 0.03)
+    monkeypatch.setattr(requests, "LONGEST_WAIT", 0.03)
     s = await (await scene(prepare=lambda peer: peer.deaf.add("PARAM_SET"))).read()
-    with pytest.raises(TimedOut, match=f"after {paramtalk.SET_TRIES} PARAM_SETs"):
+    with pytest.raises(TimedOut, match=f"after {requests.SET_TRIES} PARAM_SETs"):
         await s.b.ground.do("param_set", name="RTL_ALT", value=1600)
-    assert len(s.peer.heard("PARAM_SET")) == paramtalk.SET_TRIES
+    assert len(s.peer.heard("PARAM_SET")) == requests.SET_TRIES
 
 
 async def test_a_silent_autopilot_is_not_asked(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,7 +204,7 @@ async def test_load_sets_what_differs_and_names_what_failed(scene: StartScene) -
 
 
 async def test_load_enables_a_group_and_sets_what_is_in_it(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paramtalk, "READ_TRIES", 1)  # asked for before it is enabled, it is not there
+    monkeypatch.setattr(requests, "READ_TRIES", 1)  # asked for before it is enabled, it is not there
     s = await (await scene({**HOME, "FENCE_ENABLE": (0, INT8)})).read()
     answer = s.peer.on_told
 

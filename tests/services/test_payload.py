@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from zmav.errors import BadInput, NotHolder, Refused, TimedOut, Unsupported
-from zmav.services import flight
+from zmav.services.orders import flight
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench, Told

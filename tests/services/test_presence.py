@@ -16,7 +16,7 @@ from zmav import keys, wire
 from zmav.errors import Clash, Refused
 from zmav.mavlink import Packer, encode
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.services import identity
+from zmav.services.link import identity
 
 if TYPE_CHECKING:
     from tests.conftest import Net

@@ -104,7 +104,7 @@ class TestLogs:
     async def test_one_log_and_none(
         self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("zmav.services.logs.PATIENCE", 0.2)
+        monkeypatch.setattr("zmav.services.files.logs.PATIENCE", 0.2)
         async with px4(net, onboard, tmp_path) as p:
             assert await p.v.logs.list() == []
             p.log(noise(10), time.time())
@@ -187,7 +187,7 @@ class TestWords:
         self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """A restarted companion leaves the line to the flight: the words come when it is over."""
-        monkeypatch.setattr("zmav.services.event_words.EVERY", 0.02)
+        monkeypatch.setattr("zmav.services.status.px4_events.EVERY", 0.02)
         async with px4(net, onboard, tmp_path, opens=False, armed=True, COM_DISARM_PRFLT=-1.0) as p:
             state = await p.v.wait_until(lambda s: bool(s.armed and s.uid), PATIENCE_S)
             for _ in range(10):

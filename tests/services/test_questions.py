@@ -16,10 +16,11 @@ from zenoh import handlers
 from tests.services.param_peer import many, scenes
 from zmav import keys, wire
 from zmav.errors import BadInput
-from zmav.services import orders, questions
-from zmav.services.port import on_loop
-from zmav.services.proven import Answers
-from zmav.services.questions import Questions, Reply
+from zmav.services.link.port import on_loop
+from zmav.services.orders import orders
+from zmav.services.queries import questions
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.verify import Allowance
 
 if TYPE_CHECKING:

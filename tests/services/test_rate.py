@@ -17,9 +17,9 @@ from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput
 from zmav.mavlink import Packer, load_dialect
-from zmav.services import rate as rate_module
-from zmav.services.demand import PLAIN_HZ
-from zmav.services.rate import OWN
+from zmav.services.rates import rates as rate_module
+from zmav.services.rates.demand import PLAIN_HZ
+from zmav.services.rates.rates import OWN
 from zmav.vehicle.rates import want_key
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import pytest
 
 from tests.services.test_rate import flows, on, one, quick, token  # noqa: F401  (fixtures)
 from zmav.mavlink import load_dialect
-from zmav.services import demand as demand_module
-from zmav.services.demand import FASTEST
+from zmav.services.rates import demand as demand_module
+from zmav.services.rates.demand import FASTEST
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench

@@ -15,10 +15,10 @@ from zmav import onboard as onboard_module
 from zmav.autopilots.ardupilot import ArduPilot
 from zmav.links import open_link
 from zmav.mavlink import load_dialect
-from zmav.services.demand import Demand
-from zmav.services.rate_meter import Measured
-from zmav.services.rate_plan import FULL, PATIENCE, ROOM, Shedder, Target, wanted
-from zmav.services.rate_share import TRICKLE_HZ, Want, share
+from zmav.services.rates.demand import Demand
+from zmav.services.rates.meter import Measured
+from zmav.services.rates.plan import FULL, PATIENCE, ROOM, Shedder, Target, wanted
+from zmav.services.rates.share import TRICKLE_HZ, Want, share
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench

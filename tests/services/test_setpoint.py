@@ -10,7 +10,7 @@ import pytest
 
 from zmav import keys, wire
 from zmav.config import Failsafe, Geofence, Limits, PilotSwitch
-from zmav.services import ladder
+from zmav.services.authority import watchdog
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -281,7 +281,7 @@ async def test_a_stream_that_stops_ends_in_a_hold_that_is_repeated(bench: StartB
     alice = await pilot(b)
     for _ in range(3):
         alice.put()
-    await b.peer.until(lambda: sum(vel(t) == STOP for t in b.peer.heard(LOCAL)) > ladder.HOLD_REPEATS, "holds")
+    await b.peer.until(lambda: sum(vel(t) == STOP for t in b.peer.heard(LOCAL)) > watchdog.HOLD_REPEATS, "holds")
     told = b.peer.heard(LOCAL)
     flown, held = [t for t in told if vel(t) == FORWARD], [t for t in told if vel(t) == STOP]
     assert len(flown) + len(held) == len(told)
@@ -298,14 +298,14 @@ async def test_a_hold_is_repeated_until_it_stands_still(bench: StartBench) -> No
     alice = await pilot(b)
     b.peer.send("GLOBAL_POSITION_INT", lat=-350000000, lon=1490000000, vx=300)
     alice.put()
-    enough = 3 * ladder.HOLD_REPEATS
+    enough = 3 * watchdog.HOLD_REPEATS
     await b.peer.until(lambda: sum(vel(t) == STOP for t in b.peer.heard(LOCAL)) > enough, "more holds")
     b.peer.send("GLOBAL_POSITION_INT", lat=-350000000, lon=1490000000, vx=10)
     told = len(b.peer.heard(LOCAL))
     alice.put()
     await b.state(lambda s: s["setpoints"].get("held") == 2, "the second hold")
     await b.state(lambda s: True, "a moment")
-    assert len(b.peer.heard(LOCAL)) <= told + 1 + 3 + 2 + ladder.HOLD_REPEATS
+    assert len(b.peer.heard(LOCAL)) <= told + 1 + 3 + 2 + watchdog.HOLD_REPEATS
 
 
 async def test_a_stream_that_goes_on_during_the_hold_is_watched_too(bench: StartBench) -> None:

@@ -11,7 +11,7 @@ import pytest
 from tests.services.test_setpoint import GLOBAL, HOLD, LOCAL, OFFBOARD, ORIGIN, SET_MODE, STOP, pilot, vel
 from zmav import wire
 from zmav.config import Failsafe
-from zmav.services.events import Events
+from zmav.services.status.events import Events
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench

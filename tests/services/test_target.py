@@ -13,7 +13,7 @@ from zmav import wire
 from zmav.autopilots import Message, autopilot_for
 from zmav.errors import BadInput
 from zmav.mavlink import Packer, load_dialect
-from zmav.services.target import group_of, resolve
+from zmav.services.authority.targets import group_of, resolve
 
 ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=600.0)
 NAN, INF = math.nan, math.inf

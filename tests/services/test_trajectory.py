@@ -13,8 +13,8 @@ from zmav import geo, wire
 from zmav.autopilots import Target
 from zmav.config import Geofence, Limits
 from zmav.errors import BadInput
-from zmav.services.limits import Fence, check
-from zmav.services.trajectory import MAX_POINTS, Segment
+from zmav.services.authority.limits import Fence, check
+from zmav.services.authority.trajectory import MAX_POINTS, Segment
 
 ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=600.0)
 HOME = 600.0

@@ -15,7 +15,7 @@ import zenoh
 from tests.trust.conftest import StartGuarded
 from zmav import keys, wire
 from zmav.errors import Forbidden, TimedOut, ZmavError
-from zmav.services.proven import proof_of_error
+from zmav.services.queries.proven import proof_of_error
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import Signer, challenge
 from zmav.trust.verify import Allowance

@@ -212,7 +212,7 @@ def token(g: Guarded, name: str, sysid: int, instance: str) -> zenoh.LivelinessT
 
 
 async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zmav.services.presence.ASK_EVERY", 0.3)
+    monkeypatch.setattr("zmav.services.status.presence.ASK_EVERY", 0.3)
     g: Guarded = await guarded()
     asked: list[str] = []
     quad2 = Signer(g.authority.member("quad2", "vehicle"))
@@ -249,7 +249,7 @@ async def test_a_namesake_is_seen_among_forged_tokens(
     """A relay's flood of quad2's tokens came before the true one, and goes on after it: nobody saw that quad2 had our
     system id.
     """
-    monkeypatch.setattr("zmav.services.presence.ASK_EVERY", 0.3)
+    monkeypatch.setattr("zmav.services.status.presence.ASK_EVERY", 0.3)
     g: Guarded = await guarded()
     g.authority.issue("quad2", "vehicle")
     assert g.vehicle.gate is not None

@@ -14,7 +14,7 @@ from tests.trust.conftest import StartGuarded
 from tests.trust.test_setpoints import BACK, SETTINGS, counted, point, put
 from tests.trust.test_vehicle import reason
 from zmav import keys
-from zmav.services import setpoint
+from zmav.services.authority import setpoints
 from zmav.trust.gate import Gate
 from zmav.trust.seal import is_sealed, seal
 
@@ -37,7 +37,7 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> collections.Counter[tuple[str, bo
         return judge_it
 
     monkeypatch.setattr(Gate, "check", watched("proof", Gate.check))
-    monkeypatch.setattr(setpoint, "is_sealed", watched("seal", is_sealed))
+    monkeypatch.setattr(setpoints, "is_sealed", watched("seal", is_sealed))
     return counts
 
 
@@ -60,14 +60,14 @@ async def test_setpoints(guarded: StartGuarded, judged: collections.Counter[tupl
         async with alice.lease("alice", ttl=30.0) as lease:
             for seq in range(FLOOD):
                 put(g, point(lease.token, seq), b"\x02" + bytes(16))
-            setpoints = g.vehicle.setpoints
+            flown = g.vehicle.setpoints
             await g.b.event("its seal is not that of the lease in force", kind="setpoint")
-            assert not setpoints._waiting
+            assert not flown._waiting
             async with bob.lease("bob", ttl=30.0, priority=1) as second:
                 secret, key = lease._secret, keys.SETPOINT.key("demo", "quad1", agent="alice")
                 stolen = point(second.token, 1000)
-                setpoints._waiting.append(setpoint.Heard("alice", stolen, secret))
-                setpoints._next()
+                flown._waiting.append(setpoints.Heard("alice", stolen, secret))
+                flown._next()
                 await counted(g, "lease", 1)
                 assert seal(secret, key, stolen) != seal(second._secret, key, stolen)
     assert BACK[0] not in {told.fields["vx"] for told in g.b.peer.heard("SET_POSITION_TARGET_LOCAL_NED")}

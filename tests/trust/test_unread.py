@@ -13,7 +13,7 @@ import zenoh
 
 from tests.conftest import PATIENCE_S
 from tests.trust.conftest import StartGuarded
-from zmav.services.proven import Answers
+from zmav.services.queries.proven import Answers
 
 if TYPE_CHECKING:
     from tests.trust.conftest import Guarded

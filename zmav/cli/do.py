@@ -15,7 +15,7 @@ from zmav.cli.progress import Progress
 from zmav.client import Client
 from zmav.errors import BadInput, NoSuchVehicle
 from zmav.session import SessionSettings
-from zmav.swarm import FleetOrder, Told
+from zmav.swarm import FleetOrder, VehicleProgress
 from zmav.verbs import VERBS
 
 
@@ -39,7 +39,7 @@ async def give(
     """Give the order to all that match, at once, and tell how each ended; ends with an error if any of them refused."""
     args = wire.decode(msgspec.json.encode(arguments), VERBS[verb].args, verb)
 
-    def tell(news: str | Told) -> None:
+    def tell(news: str | VehicleProgress) -> None:
         if isinstance(news, str):
             click.echo(news, err=True)
         elif news.status != "running":
@@ -52,7 +52,7 @@ async def give(
         raise SystemExit(1)
 
 
-def _document(told: Told) -> dict[str, Any]:
+def _document(told: VehicleProgress) -> dict[str, Any]:
     if told.status == "failed":
         return {"vehicle": told.vehicle, "error": told.error, "message": told.text}
     if told.status == "left_out":
@@ -60,7 +60,7 @@ def _document(told: Told) -> dict[str, Any]:
     return {"vehicle": told.vehicle, "result": told.result}
 
 
-def _say(told: Told, verb: str) -> str:
+def _say(told: VehicleProgress, verb: str) -> str:
     if told.status == "failed":
         return f"{told.vehicle}: {verb} not done: {told.text}"
     details = ", ".join(f"{k} {v:.2f}" if isinstance(v, float) else f"{k} {v}" for k, v in told.result.items())

@@ -12,19 +12,19 @@ import msgspec
 
 import zmav
 from zmav import host
-from zmav.cli import topics
 from zmav.cli.common import dump, json_option, run, seconds_option, zenoh_options
-from zmav.cli.examine import examine
-from zmav.cli.filecheck import check_file, own_router
-from zmav.cli.finding import Finding
-from zmav.cli.hostcheck import check_host, check_packages
-from zmav.cli.linkcheck import examine_device, examine_link
-from zmav.cli.lookround import look
-from zmav.cli.page import page
-from zmav.cli.trustcheck import check_folder
 from zmav.config import FleetConfig, VehicleConfig
+from zmav.doctor import topics
+from zmav.doctor.computer import check_host, check_packages
+from zmav.doctor.credentials import check_folder
+from zmav.doctor.findings import Finding
+from zmav.doctor.fleet_file import check_file, own_router
+from zmav.doctor.link import examine_device, examine_link
+from zmav.doctor.page import page
+from zmav.doctor.survey import look
+from zmav.doctor.vehicles import examine
 from zmav.errors import SessionError, ZmavError
-from zmav.services.store import default_directory
+from zmav.services.files.store import default_directory
 from zmav.session import CONNECT, SessionSettings
 from zmav.trust.credentials import Credentials
 from zmav.waiting import within

@@ -19,7 +19,7 @@ from zmav.cli.places import renamed_option
 from zmav.client import Client
 from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
-from zmav.services.target import group_of
+from zmav.services.authority.targets import group_of
 from zmav.session import SessionSettings
 from zmav.vehicle import Lease, Vehicle
 

@@ -16,7 +16,7 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "waiting_for": lambda reasons: f"waits: {', '.join(reasons)}",
     "refused": lambda why: f"refused: {why}; asked again",
 }
-"""what orders report, in words (:mod:`zmav.services.flight`); anything else stands as it is"""
+"""what orders report, in words (:mod:`zmav.services.orders.flight`); anything else stands as it is"""
 
 
 class Progress:

@@ -131,7 +131,7 @@ def usual_limits(declared: Limits) -> Limits:
 
 
 class Separation(Table, frozen=True):
-    """The vehicles' last resort against each other: see :mod:`zmav.services.separation`. All of a fleet, or none."""
+    """The last resort against a collision (:mod:`zmav.services.authority.separation`): all of a fleet, or none."""
 
     on: bool = False
     share: Annotated[float, msgspec.Meta(ge=0.2, le=2.0)] = 0.75

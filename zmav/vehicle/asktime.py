@@ -8,7 +8,7 @@ import zenoh
 
 from zmav.errors import Forbidden
 from zmav.seldom import Seldom
-from zmav.services.everybody import challenge_vehicle
+from zmav.services.queries.everybody import challenge_vehicle
 from zmav.trust.member import Member, Place
 
 EVERY, MOST = 1.0, 256

@@ -14,7 +14,7 @@ from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput, TimedOut
 from zmav.mavlink.paramvalue import Value, same
-from zmav.services.paramset import digest
+from zmav.services.params.values import digest
 
 if TYPE_CHECKING:
     from zmav.vehicle.vehicle import Vehicle

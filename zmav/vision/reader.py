@@ -20,7 +20,7 @@ import zenoh
 from zmav import keys
 from zmav.client import Answer, Client
 from zmav.errors import BadInput, VehicleError
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.vision.assembler import Assembler
 from zmav.vision.opencv import Image, decode
 from zmav.wire import CameraInfo, FrameReport

@@ -11,7 +11,7 @@ import click
 
 import zmav
 from agents.planner.cli import points
-from agents.planner.cli.counter import Planner, find
+from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.previewing import show_preview
 from agents.planner.cli.watching import until_ended
 from zmav.cli import places

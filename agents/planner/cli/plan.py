@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agents.planner.cli.stages import Stages
-from agents.planner.errors import PlanError
+from agents.planner.model.errors import PlanError
 from zmav.cli.common import dump
 from zmav.errors import BadConfig, BadInput, ZmavError
 
 if TYPE_CHECKING:
-    from agents.planner.cli.told import Done
+    from agents.planner.cli.summary import Done
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -167,8 +167,8 @@ def _check_shows(wish: Wish, pictures: Sequence[Path | None]) -> None:
 
 def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages: Stages, *, several: bool) -> bool:
     """Plan for one scene and write all that was asked for; whether there is a plan."""
-    from agents.planner.cli.told import facts, summary
-    from agents.planner.plans import encode, write_plan
+    from agents.planner.cli.summary import facts, summary
+    from agents.planner.model.plans import encode, write_plan
 
     try:
         done = _plan(path, wish, stages)
@@ -205,10 +205,10 @@ def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages
 
 def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
     """Read, validate, solve, and verify what is going to be written once more."""
-    from agents.planner.cli.told import Done
-    from agents.planner.plans import Plan
-    from agents.planner.scene import read_scene
-    from agents.planner.validate import validate
+    from agents.planner.cli.summary import Done
+    from agents.planner.model.plans import Plan
+    from agents.planner.model.scene import read_scene
+    from agents.planner.model.validate import validate
 
     stages.begin(path.stem)
     begun, scene, report = time.perf_counter(), None, None
@@ -219,8 +219,8 @@ def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
         validate(scene)
         stages("load", 0.0)
         _make_ready(any(v.type == "plane" for v in scene.vehicles), stages)
-        from agents.planner.solve import solve
-        from agents.planner.verify import verify
+        from agents.planner.model.verify import verify
+        from agents.planner.solve.pipeline import solve
 
         found = solve(scene, seconds=wish.seconds, seed=wish.seed, margin=wish.margin, progress=stages)
         plan = Plan.of(found.motions(), found.planning_time_s)
@@ -236,7 +236,7 @@ def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
 
 def _make_ready(planes: bool, stages: Stages) -> None:
     """What a first plan in a process needs, out of its planning time."""
-    from agents.planner import jit, warm
+    from agents.planner.solve import jit, warm
 
     if planes in stages.ready or True in stages.ready:
         return
@@ -248,10 +248,10 @@ def _make_ready(planes: bool, stages: Stages) -> None:
 
 def _judge(scene_file: Path, plan_file: Path, wish: Wish) -> int:
     """``--check``: 0 for a plan that keeps every rule."""
-    from agents.planner.cli.told import headline, quality
-    from agents.planner.plans import read_plan
-    from agents.planner.scene import read_scene
-    from agents.planner.verify import verify
+    from agents.planner.cli.summary import headline, quality
+    from agents.planner.model.plans import read_plan
+    from agents.planner.model.scene import read_scene
+    from agents.planner.model.verify import verify
 
     scene, plan = read_scene(scene_file), read_plan(plan_file)
     if plan.status != "ok":

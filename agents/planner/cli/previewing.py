@@ -10,7 +10,7 @@ import click
 from rich.progress import Progress, TextColumn
 from rich.table import Table
 
-from agents.planner.cli.counter import Planner
+from agents.planner.cli.asking import Planner
 from agents.planner.cli.watching import few, show
 from zmav.cli.common import dump
 from zmav.errors import BadConfig, BadInput

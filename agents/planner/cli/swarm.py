@@ -6,7 +6,7 @@ import click
 import msgspec
 
 import zmav
-from agents.planner.cli import agent, desk, goals
+from agents.planner.cli import agent, goals, orders
 from agents.planner.swap import swap
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput
@@ -23,7 +23,7 @@ def swarm() -> None:
 
 
 swarm.add_command(agent.planner)
-for each in (*goals.COMMANDS, *desk.COMMANDS):
+for each in (*goals.COMMANDS, *orders.COMMANDS):
     swarm.add_command(each)
 
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 import zmav
-from agents.planner.cli.counter import books
+from agents.planner.cli.asking import books
 from zmav.cli.common import console, dump
 from zmav.errors import TimedOut
 from zmav.wire import swarm

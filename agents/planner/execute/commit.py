@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track, flown, state_at
-from agents.planner.jit import jit
-from agents.planner.problem import Floats, Mover
-from agents.planner.separation import least_between
+from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.separation import least_between
+from agents.planner.solve.jit import jit
 
 GRAIN = 0.25
 """s between the moments of a plan at which the order of vehicles is looked at"""

@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
 from agents.planner.execute.track import REST_EVERY, Line, Profile, behind, braked, crept, knots, onward
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
 from zmav.wire.state import Severity
 
 START = 2.0

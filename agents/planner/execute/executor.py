@@ -13,11 +13,11 @@ import numpy as np
 import zmav
 from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
-from agents.planner.execute.helm import Clock, Helm
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
+from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
-from agents.planner.problem import Floats, Motion, Mover
+from agents.planner.model.problem import Floats, Motion, Mover
 from zmav import wire
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 from zmav.wire.state import Severity
@@ -124,7 +124,7 @@ class Executor:
         self._taking, self._waits = taking, waits
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
-        self.helms = {name: Helm(z, name, self.clock, holder, priority, known.get(name)) for name in names}
+        self.helms = {name: VehicleCommand(z, name, self.clock, holder, priority, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None
@@ -148,7 +148,7 @@ class Executor:
             del self.helms[name]
         return self
 
-    async def _take(self, helm: Helm) -> None:
+    async def _take(self, helm: VehicleCommand) -> None:
         until = self.clock.now() + self._taking
         while True:
             try:

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents.planner.problem import Floats, Motion
+from agents.planner.model.problem import Floats, Motion
 
 KNOT_EVERY, REST_EVERY, CLOSEST = 1.0, 2.5, 0.06
 """s between two points of a segment while moving and at rest, and at least"""

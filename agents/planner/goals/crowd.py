@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.planner.goals import timing
-from agents.planner.problem import Floats, Motion, Path
-from agents.planner.separation import separation
+from agents.planner.model.problem import Floats, Motion, Path
+from agents.planner.model.separation import separation
 
 DELAYS = np.arange(0.0, 61.0, 2.0)
 """s by which a vehicle sets out later, in the order in which they are tried"""
@@ -29,7 +29,7 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Flown:
+class DirectedWay:
     """How a way is flown beside the others."""
 
     motion: Motion
@@ -39,7 +39,9 @@ class Flown:
     """m above the way"""
 
 
-def together(ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash: float, top: float) -> list[Flown]:
+def together(
+    ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash: float, top: float
+) -> list[DirectedWay]:
     """Motions from t = 0 that keep apart from each other, and from ``idle`` others (place, radius), which stand.
 
     The longest is placed first, each of the others as soon as it may: forwards or backwards, then later, then higher,
@@ -47,7 +49,7 @@ def together(ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash
     """
     plain = [motion_of(way) for way in ways]
     standing = [(np.array([[0.0, *place]]), radius) for place, radius in idle]
-    found: dict[int, Flown] = {}
+    found: dict[int, DirectedWay] = {}
     for i in sorted(range(len(ways)), key=lambda k: -plain[k][-1, 0]):
         others = standing + [(found[k].motion, ways[k].radius) for k in found]
         found[i] = _place(ways[i], plain[i], others, downwash, top)
@@ -59,7 +61,7 @@ def motion_of(way: Way) -> Motion:
     return np.ascontiguousarray(timing.fly(points, way.limits)[:, 0])
 
 
-def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash: float, top: float) -> Flown:
+def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash: float, top: float) -> DirectedWay:
     step = (2.0 * max([way.radius, *(radius for _, radius in others)]) + SPARE) * downwash
     room = max(0.0, top - float(way.curve[:, 2].max()))
     lifts = [k * step for k in range(5) if k * step <= room]
@@ -67,8 +69,8 @@ def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash
     for lift, delay, backwards in itertools.product(lifts, DELAYS, (False, True)):
         motion = shifted(back if backwards else plain, float(delay), lift)
         if all(separation(motion, other, downwash)[0] >= way.radius + radius + SPARE for other, radius in others):
-            return Flown(motion, backwards, float(delay), lift)
-    return Flown(plain, False, 0.0, 0.0)
+            return DirectedWay(motion, backwards, float(delay), lift)
+    return DirectedWay(plain, False, 0.0, 0.0)
 
 
 def shifted(motion: Motion, delay: float, lift: float) -> Motion:

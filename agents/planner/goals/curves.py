@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from shapely import LineString
 
-from agents.planner.problem import Floats, Path
+from agents.planner.model.problem import Floats, Path
 
 STRAIGHT = 1e-3
 """rad: less is no corner"""

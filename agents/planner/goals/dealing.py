@@ -19,7 +19,7 @@ from shapely import affinity
 from agents.planner.goals.curves import rounded
 from agents.planner.goals.detour import HUG, Detours
 from agents.planner.goals.lanes import lanes_over, tour
-from agents.planner.problem import Floats, Path
+from agents.planner.model.problem import Floats, Path
 
 STEP = 0.2
 """m"""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
 
 HUG = 0.05
 """m that ways keep inside of the area's edge, so that rounding does not take them out"""

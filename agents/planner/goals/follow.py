@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from agents.planner.problem import Floats, Motion
+from agents.planner.model.problem import Floats, Motion
 from zmav.errors import BadInput
 from zmav.wire import Vector
 from zmav.wire.swarm import Body, Follow
@@ -34,17 +34,17 @@ Doing = Literal["follow", "predict", "hold", "return", "land"]
 
 
 @dataclass(frozen=True)
-class Seen:
+class MovingTarget:
     """Something that moves, as it was at ``t`` (s)."""
 
     t: float
     pos: Vector
     vel: Vector = (0.0, 0.0, 0.0)
 
-    def at(self, t: float) -> Seen:
+    def at(self, t: float) -> MovingTarget:
         """Going on as it went."""
         ahead = t - self.t
-        return Seen(t, _plus(self.pos, self.vel, ahead), self.vel)
+        return MovingTarget(t, _plus(self.pos, self.vel, ahead), self.vel)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Heading:
     moving: bool = False
 
 
-def heading_of(before: Heading | None, leader: Seen, yaw: float | None, most: float) -> Heading:
+def heading_of(before: Heading | None, leader: MovingTarget, yaw: float | None, most: float) -> Heading:
     """The frame's direction now; ``yaw``: where the leader looks, used until it has moved; ``most``: rad/s.
 
     Its course is that of its velocity; one that stands, or hardly moves, keeps its last.
@@ -144,19 +144,26 @@ def doing(goal: Follow, age: float) -> Doing:
     return goal.on_lost
 
 
-def slot(leader: Seen, heading: Heading, offset: Vector, frame: Literal["ned", "body"], t: float) -> Seen:
+def slot(
+    leader: MovingTarget, heading: Heading, offset: Vector, frame: Literal["ned", "body"], t: float
+) -> MovingTarget:
     """Where a follower of ``leader`` shall be at ``t``, and how fast it goes there."""
     lead = leader.at(t)
     if frame == "ned":
-        return Seen(t, _plus(lead.pos, offset), lead.vel)
+        return MovingTarget(t, _plus(lead.pos, offset), lead.vel)
     arm = _turned(offset, heading.course + heading.rate * (t - heading.t))
     swing = (-heading.rate * arm[1], heading.rate * arm[0], 0.0)
-    return Seen(t, _plus(lead.pos, arm), _plus(lead.vel, swing))
+    return MovingTarget(t, _plus(lead.pos, arm), _plus(lead.vel, swing))
 
 
 def slots(
-    goal: Follow, leader: Seen, headings: Sequence[Heading], offsets: Sequence[Vector], others: Sequence[Seen], t: float
-) -> list[Seen]:
+    goal: Follow,
+    leader: MovingTarget,
+    headings: Sequence[Heading],
+    offsets: Sequence[Vector],
+    others: Sequence[MovingTarget],
+    t: float,
+) -> list[MovingTarget]:
     """The places of all followers at ``t``, in the goal's order.
 
     ``headings``: of the leader, and in a chain of each follower after it; ``others``: the followers as they are.
@@ -167,7 +174,9 @@ def slots(
     return [slot(before[k], headings[k], offset, goal.frame, t) for k, offset in enumerate(offsets)]
 
 
-def segment(now: Seen, target: Seen, body: Body, seconds: float = 3.0, *, level: bool = False) -> Motion:
+def segment(
+    now: MovingTarget, target: MovingTarget, body: Body, seconds: float = 3.0, *, level: bool = False
+) -> Motion:
     """The next motion (T, 4), NED, from ``now`` towards a place that moves as ``target`` does, then to rest.
 
     For ``seconds`` it makes up its distance to the moving place within the body's speed, acceleration, climb and

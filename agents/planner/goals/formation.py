@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from agents.planner.live import frames
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
 from zmav import wire
 from zmav.errors import BadInput
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.geometry import clearance, outside, segment_clear, world_of
 from agents.planner.goals import pads, slots
 from agents.planner.goals.follow import offsets_of
 from agents.planner.goals.formation import check_apart
@@ -18,10 +17,11 @@ from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo, Step, Sto
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
 from agents.planner.live.checks import check_numbers
-from agents.planner.problem import COPTER, ROVER, Floats, Path
-from agents.planner.scene import Scene
-from agents.planner.staticmap import StaticMap
-from agents.planner.world import World
+from agents.planner.model.geometry import clearance, outside, segment_clear, world_of
+from agents.planner.model.problem import COPTER, ROVER, Floats, Path
+from agents.planner.model.scene import Scene
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.world import World
 from zmav import wire
 from zmav.errors import BadInput
 from zmav.wire import Vector

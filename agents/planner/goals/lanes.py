@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from agents.planner.goals.detour import Detours
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
 
 CRUMB = 0.5
 """m, and m²: less is not flown for"""

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.planner.geometry import World, clearance, outside
 from agents.planner.goals import timing
 from agents.planner.goals.curves import at_length, lengths_of, rounded, without_repeats
 from agents.planner.goals.formation import scaled_distances
-from agents.planner.jit import jit
-from agents.planner.problem import Floats, Ints, Motion, Path
+from agents.planner.model.geometry import World, clearance, outside
+from agents.planner.model.problem import Floats, Ints, Motion, Path
+from agents.planner.solve.jit import jit
 
 STEP = 0.25
 """m of the centre's way between the places that are looked at"""
@@ -57,7 +57,7 @@ class Moved:
 
 
 @dataclass(frozen=True)
-class Crew:
+class FormationMembers:
     """Those who fly in shape, in the order of its slots."""
 
     offsets: Floats
@@ -96,7 +96,9 @@ def roomy(world: World, points: Floats, radii: Floats) -> Ints:
     return found
 
 
-def move(path: Path, courses: tuple[float | None, float | None], crew: Crew, world: World | None) -> Moved | None:
+def move(
+    path: Path, courses: tuple[float | None, float | None], crew: FormationMembers, world: World | None
+) -> Moved | None:
     """Fly the shape's centre along ``path`` (K, 3) ENU, from rest to rest.
 
     ``courses``: what the shape looks to at the beginning and at the end, rad counter-clockwise from east; None: along
@@ -133,7 +135,9 @@ class _Track:
     """m, of the parameter: also where the shape only turns"""
 
     @classmethod
-    def of(cls, path: Path, courses: tuple[float | None, float | None], crew: Crew, world: World | None) -> _Track:
+    def of(
+        cls, path: Path, courses: tuple[float | None, float | None], crew: FormationMembers, world: World | None
+    ) -> _Track:
         """Corners are rounded as the speed wants it where there is room for that; the course turns with them."""
         radius = float(crew.limits.speed.min()) ** 2 / float(crew.limits.accel.min())
         reach = np.array([float(crew.radii.max()) + 0.5 * SPARE])
@@ -199,7 +203,7 @@ def _smooth(values: Floats, half: int) -> Floats:
     return smooth
 
 
-def _column(crew: Crew) -> Floats:
+def _column(crew: FormationMembers) -> Floats:
     """(N,) metres ahead of the centre that each vehicle has in a column: who goes where so that nobody meets.
 
     The assignment with the least sum of squares, on straight lines at one pace, keeps everybody apart where both
@@ -218,7 +222,7 @@ def _column(crew: Crew) -> Floats:
     return taken
 
 
-def _points(track: _Track, crew: Crew, column: Floats, squeeze: Floats, every: int = 1) -> Floats:
+def _points(track: _Track, crew: FormationMembers, column: Floats, squeeze: Floats, every: int = 1) -> Floats:
     """(M, N, 3) everybody's places; ``squeeze`` (M,) is how far the shape is drawn out at each place.
 
     Drawn out, what is left of the shape stands across the course at a point of the centre's own path.
@@ -236,7 +240,7 @@ def _points(track: _Track, crew: Crew, column: Floats, squeeze: Floats, every: i
     return np.ascontiguousarray(on_path + shape)
 
 
-def _needed(track: _Track, crew: Crew, column: Floats, world: World | None) -> Floats | None:
+def _needed(track: _Track, crew: FormationMembers, column: Floats, world: World | None) -> Floats | None:
     """(M,) the least that the shape must be drawn out at each place; None where even a column does not pass."""
     count = len(track.where)
     needed = np.zeros(count)
@@ -253,7 +257,7 @@ def _needed(track: _Track, crew: Crew, column: Floats, world: World | None) -> F
     return needed
 
 
-def _ramp(track: _Track, crew: Crew, column: Floats, hurry: float) -> int:
+def _ramp(track: _Track, crew: FormationMembers, column: Floats, hurry: float) -> int:
     """In how many places the shape becomes a column."""
     ends = np.column_stack((column, np.zeros((len(column), 2))))
     furthest = float(np.linalg.norm(crew.offsets - ends, axis=1).max())
@@ -261,7 +265,7 @@ def _ramp(track: _Track, crew: Crew, column: Floats, hurry: float) -> int:
 
 
 def _drawn_out(
-    track: _Track, crew: Crew, column: Floats, world: World | None, needed: Floats, ramp: int
+    track: _Track, crew: FormationMembers, column: Floats, world: World | None, needed: Floats, ramp: int
 ) -> tuple[Floats, Floats] | None:
     """How far the shape is drawn out at each place (M,), and everybody's places (M, N, 3), clear of all.
 
@@ -297,7 +301,7 @@ def _eased(needed: Floats, ramp: int) -> Floats:
     return np.clip(_smooth(falling, half), 0.0, 1.0)
 
 
-def _meet(points: Floats, crew: Crew) -> bool:
+def _meet(points: Floats, crew: FormationMembers) -> bool:
     """True where two come nearer than they may at one of the places."""
     if points.shape[1] < 2:
         return False

@@ -15,8 +15,8 @@ import numpy as np
 
 from agents.planner.goals.steps import Loiter, Orders, PlanTo, Step, VehicleOrder, VehicleView
 from agents.planner.live import frames
-from agents.planner.loiter import STEADY, Circling, loiter_slots
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
+from agents.planner.solve.loiter import STEADY, Circling, loiter_slots
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import Vector
 from zmav.wire.swarm import Corner

@@ -8,15 +8,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from agents.planner.geometry import World
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart, offsets_of, placed, places
-from agents.planner.goals.moving import ROOM, SPARE, Crew, Moved, move
+from agents.planner.goals.moving import ROOM, SPARE, FormationMembers, Moved, move
 from agents.planner.goals.patrol import Finder
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
-from agents.planner.problem import COPTER, ROVER, Floats, Path
-from agents.planner.staticmap import StaticMap
+from agents.planner.model.geometry import World
+from agents.planner.model.problem import COPTER, ROVER, Floats, Path
+from agents.planner.model.staticmap import StaticMap
 from zmav import wire
 from zmav.errors import BadInput
 
@@ -87,7 +87,7 @@ def _in_shape(
     still = math.dist(waypoints[0], waypoints[-1]) < SHORT and len(waypoints) == 2
     if still and abs(math.remainder(begin - courses[1], math.tau)) < SHORT:
         return [up]
-    crew = Crew(slotted, slots.radii_of(views), slots.limits_of(views), downwash)
+    crew = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views), downwash)
     moved = best_move(waypoints, (begin, courses[1]), crew, static.world, finder(views, crew, static))
     if moved is None:
         return [up, down]
@@ -108,7 +108,7 @@ def _first_course(waypoints: list[Floats], courses: tuple[float | None, float]) 
     return courses[1]
 
 
-def finder(views: Sequence[VehicleView], crew: Crew, static: StaticMap) -> list[Finder]:
+def finder(views: Sequence[VehicleView], crew: FormationMembers, static: StaticMap) -> list[Finder]:
     """Ways for the shape's centre: with room for the whole shape, then for its widest vehicle alone."""
     rover = all(not view.flies for view in views)
     kind = ROVER if rover else COPTER
@@ -123,7 +123,7 @@ def finder(views: Sequence[VehicleView], crew: Crew, static: StaticMap) -> list[
 def best_move(
     waypoints: list[Floats],
     courses: tuple[float | None, float | None],
-    crew: Crew,
+    crew: FormationMembers,
     world: World | None,
     finders: Sequence[Finder],
 ) -> Moved | None:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.planner.geometry import World, segment_clear
 from agents.planner.goals.curves import dense, lengths_of, rounded, without_repeats
 from agents.planner.goals.timing import CORNERING, SAMPLE, SHARE, Limits, fly
-from agents.planner.problem import Floats, Motion, Path
+from agents.planner.model.geometry import World, segment_clear
+from agents.planner.model.problem import Floats, Motion, Path
 from zmav.errors import BadInput
 
 STEP = 0.25

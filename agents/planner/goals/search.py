@@ -18,8 +18,8 @@ import shapely
 from shapely import affinity
 
 from agents.planner.goals.dealing import Dealer, Ground, Part, Sweeper
-from agents.planner.scene import Box as SceneBox
-from agents.planner.scene import Corner, NoFly, Obstacle, Scene
+from agents.planner.model.scene import Box as SceneBox
+from agents.planner.model.scene import Corner, NoFly, Obstacle, Scene
 from zmav.errors import BadInput
 
 SPARE = 0.3

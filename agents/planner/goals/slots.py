@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.assign import assign
-from agents.planner.geometry import world_of
 from agents.planner.goals.formation import in_shape, placed
 from agents.planner.goals.steps import VehicleView
 from agents.planner.goals.timing import Limits
 from agents.planner.live import frames
-from agents.planner.problem import Floats
-from agents.planner.scene import Bounds, Scene, Vehicle
+from agents.planner.model.geometry import world_of
+from agents.planner.model.problem import Floats
+from agents.planner.model.scene import Bounds, Scene, Vehicle
+from agents.planner.solve.assign import assign
 from zmav.errors import BadInput, Refused, Unsupported
 
 STANDING = 0.5

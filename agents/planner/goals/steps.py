@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.problem import Floats, Motion, Path
+from agents.planner.model.problem import Floats, Motion, Path
 from zmav import wire
 from zmav.errors import BadInput
 from zmav.wire.base import Vector

@@ -14,9 +14,9 @@ from agents.planner.goals.search import Ground, Split, ground, split
 from agents.planner.goals.steps import Fly, Loiter, PlanTo, Step, VehicleView
 from agents.planner.goals.timing import Limits
 from agents.planner.live import frames
-from agents.planner.loiter import STEADY, goes_first
-from agents.planner.problem import Floats, Path
-from agents.planner.scene import Scene
+from agents.planner.model.problem import Floats, Path
+from agents.planner.model.scene import Scene
+from agents.planner.solve.loiter import STEADY, goes_first
 from zmav import wire
 from zmav.errors import BadInput
 from zmav.wire.swarm import Body
@@ -169,7 +169,7 @@ def _way(part: Part, area: Ground, limits: Limits) -> crowd.Way:
     return crowd.Way(part.curve(area.free), limits, part.sweeper.radius)
 
 
-def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[crowd.Flown]) -> tuple[PlanTo, ...]:
+def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[crowd.DirectedWay]) -> tuple[PlanTo, ...]:
     """The corners of all ways, one after another: what is left where they cannot be flown on one clock."""
     ways = [
         (part.path[::-1] if each.backwards else part.path) + np.array([0.0, 0.0, each.lift])

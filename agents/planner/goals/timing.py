@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planner.jit import jit
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
+from agents.planner.solve.jit import jit
 
 Bools = NDArray[np.bool_]
 

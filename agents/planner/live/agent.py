@@ -20,26 +20,26 @@ import msgspec
 
 import zmav
 from agents.planner.goals.steps import FleetView
-from agents.planner.live.charge import Charge
 from agents.planner.live.checks import FARTHEST, read_obstacle
 from agents.planner.live.clocks import Clocks
-from agents.planner.live.desk import Desk
 from agents.planner.live.field import check_field
 from agents.planner.live.fleet import Fleet
-from agents.planner.live.ledger import ENDED, Ledger
-from agents.planner.live.press import Press
+from agents.planner.live.leadership.election import LeaderElection
+from agents.planner.live.leadership.tokens import Tokens, plans
+from agents.planner.live.ledger import ENDED, GoalBook
+from agents.planner.live.order_handlers import OrderHandlers
+from agents.planner.live.publisher import StatusPublisher
+from agents.planner.live.reserved import ReservedAirspace
 from agents.planner.live.run import Run
 from agents.planner.live.settings import FENCE, Settings, check
 from agents.planner.live.solver import Solver
-from agents.planner.live.tokens import Tokens, plans
-from agents.planner.live.tubes import Tubes
 from agents.planner.live.world import World
-from agents.planner.problem import Mover
+from agents.planner.model.problem import Mover
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.process import say as log
 from zmav.seldom import Seldom
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 from zmav.waiting import within
 from zmav.wire import swarm
 
@@ -69,19 +69,19 @@ class Agent:
         self.z, self.settings = z, settings
         self.instance = uuid.uuid4().hex
         patience = settings.patience * (2.0 if settings.standby else 1.0)
-        self.charge = Charge(settings.name, self.instance, lambda name: plans(z.member, name), patience)
+        self.charge = LeaderElection(settings.name, self.instance, lambda name: plans(z.member, name), patience)
         self.fleet = Fleet(z, settings.downwash)
         self.clocks = Clocks(z, settings.clock_error)
         self.world = World()
-        self.ledger = Ledger()
-        self.tubes = Tubes()
+        self.ledger = GoalBook()
+        self.tubes = ReservedAirspace()
         self.runs: dict[str, Run] = {}
         self.solver = Solver(lambda text: self.say("solver", "info", text))
         self.previewer: Solver | None = None
         """a second process: a preview must not keep a vehicle in flight waiting for its plan"""
         self.events: collections.deque[wire.Event] = collections.deque(maxlen=EVENTS)
-        self.press = Press(self)
-        self._desk = Desk(self, z.member.credentials if z.member else None)
+        self.press = StatusPublisher(self)
+        self._desk = OrderHandlers(self, z.member.credentials if z.member else None)
         self._tokens = Tokens(self)
         self._news = asyncio.Event()
         self.tasks: list[asyncio.Task[None]] = []
@@ -371,7 +371,7 @@ class Agent:
             self._asking.add(task)
             task.add_done_callback(self._asking.discard)
         self.runs.clear()
-        self.ledger = Ledger()
+        self.ledger = GoalBook()
 
     def _end_runs(self) -> None:
         """Stop what was cancelled, replaced or paused; forget what has ended."""

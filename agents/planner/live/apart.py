@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.problem import Floats, Mover
-from agents.planner.scene import Obstacle
-from agents.planner.validate import distance
+from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.scene import Obstacle
+from agents.planner.model.validate import distance
 
 ROUNDS, STEP = 300, 0.02
 """how often everybody is pushed on, and by how many metres more than is missing"""

@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterable
 
 import zmav
-from agents.planner.execute.helm import Clock, ask_time
 from agents.planner.execute.offset import Offset
+from agents.planner.execute.vehicle_command import Clock, ask_time
 from zmav.errors import ZmavError
 
 EVERY = 4.0

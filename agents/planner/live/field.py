@@ -1,7 +1,7 @@
 """Whether a goal's places lie in the field that its vehicles may be flown in, judged before the goal is taken.
 
-The vehicles judge for themselves what they are asked to fly (:mod:`zmav.services.bounds`); here the one who asks hears
-it at once, and nobody has taken off for it.
+The vehicles judge for themselves what they are asked to fly (:mod:`zmav.services.authority.bounds`); here the one who
+asks hears it at once, and nobody has taken off for it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from agents.planner.live.frames import course_of, enu, ned
 from zmav import wire
 from zmav.config import FleetConfig, Geofence, usual_fence
 from zmav.errors import BadInput
-from zmav.services.limits import EDGE, Fence
+from zmav.services.authority.limits import EDGE, Fence
 from zmav.wire import Vector, swarm
 
 WIDEN = (
@@ -140,10 +140,10 @@ def _spots(
     goal: swarm.Follow, views: Sequence[VehicleView], begin: Vector, offsets: Sequence[Vector], course: float
 ) -> list[Vector]:
     spots: list[Vector] = []
-    before = follow.Seen(0.0, begin)
+    before = follow.MovingTarget(0.0, begin)
     for view, offset in zip(views, offsets, strict=True):
         north, east, down = follow.slot(before, follow.Heading(0.0, course), offset, goal.frame, 0.0).pos
         spots.append((north, east, down if view.flies else view.pos_ned[2]))
         if goal.chain:
-            before = follow.Seen(0.0, spots[-1])
+            before = follow.MovingTarget(0.0, spots[-1])
     return spots

@@ -11,7 +11,7 @@ import msgspec
 import zmav
 from agents.planner.goals.steps import GROUND, FleetView, VehicleView
 from agents.planner.live.bodies import Bodies
-from agents.planner.live.partition import Hearing
+from agents.planner.live.leadership.partition import Hearing
 from zmav import geo, keys, wire
 from zmav.errors import ZmavError
 from zmav.wire import Vector
@@ -27,7 +27,7 @@ FORGOTTEN = 3600.0
 
 
 @dataclass(frozen=True)
-class Seen:
+class HeardVehicle:
     """One vehicle, as last heard."""
 
     view: VehicleView
@@ -67,7 +67,7 @@ class Fleet:
         known = {name for name, (_, at) in self._last.items() if time.monotonic() - at < FRESH}
         return [v.name for v in self._z.fleet() if v.name not in known and v.age is not None and v.age < FRESH]
 
-    def seen(self, name: str) -> Seen | None:
+    def seen(self, name: str) -> HeardVehicle | None:
         """As last heard, however old; None: never, or without a place."""
         found = self._last.get(name)
         if found is None or found[0].local is None:
@@ -81,7 +81,7 @@ class Fleet:
             ground=None if state.position is None else state.local[2] + state.position.alt_rel,
             armed=bool(state.armed),
         )  # fmt: skip
-        return Seen(view, time.monotonic() - at, state)
+        return HeardVehicle(view, time.monotonic() - at, state)
 
     @property
     def homeless(self) -> list[str]:
@@ -103,7 +103,7 @@ class Fleet:
         north, east, down = geo.to_ned(origin, lat, lon, alt)
         self._homes.setdefault(name, (local[0] + north, local[1] + east, local[2] + down))
 
-    def all(self) -> list[Seen]:
+    def all(self) -> list[HeardVehicle]:
         return [seen for name in self.names if (seen := self.seen(name)) is not None]
 
     def view(self, margin: float = 0.0, also: Collection[str] = ()) -> FleetView:

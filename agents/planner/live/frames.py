@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
 from zmav.wire import Vector
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 from agents.planner.goals.steps import FleetView, Step
-from agents.planner.plans import Plan, Sample
-from agents.planner.problem import Mover
-from agents.planner.scene import Scene
+from agents.planner.model.plans import Plan, Sample
+from agents.planner.model.problem import Mover
+from agents.planner.model.scene import Scene
 from zmav.wire import swarm
 
 HEAD = struct.Struct("<Q")

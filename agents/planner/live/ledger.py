@@ -12,7 +12,7 @@ MOST_ENDED, MOST_OPEN = 10, 200
 """goals that have ended and are still told of; goals that wait"""
 
 
-class Ledger:
+class GoalBook:
     """A goal has its vehicles for itself: of two that share one the later waits (``queue``) or takes its place."""
 
     def __init__(self) -> None:

@@ -14,9 +14,9 @@ import numpy as np
 import zmav
 from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
 from agents.planner.live.frames import enu, ned
-from agents.planner.live.tubes import Tube, tube
-from agents.planner.loiter import STEADY
-from agents.planner.problem import Floats
+from agents.planner.live.reserved import Tube, tube
+from agents.planner.model.problem import Floats
+from agents.planner.solve.loiter import STEADY
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.verbs import VERBS
@@ -24,7 +24,7 @@ from zmav.waiting import together
 from zmav.wire import Vector
 
 if TYPE_CHECKING:
-    from agents.planner.live.crew import Crew
+    from agents.planner.live.leased_vehicles import LeasedVehicles
     from agents.planner.live.run import Run
 
 SOON = 0.5
@@ -34,7 +34,7 @@ SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
 """s, m/s up or down, and times what the way takes: how long planes are given"""
 
 
-async def carry_out(run: Run, crew: Crew, step: Orders, gone: AbstractSet[str]) -> None:
+async def carry_out(run: Run, crew: LeasedVehicles, step: Orders, gone: AbstractSet[str]) -> None:
     """Each order once those before it are done. When one fails the others hold, and what it raises is raised at once;
     of landings the others go on first, but for those that wait for a way down that the one who failed may be in.
 
@@ -87,12 +87,12 @@ async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> Non
     await vehicle.order(verb, order)
 
 
-async def halt(run: Run, crew: Crew, names: Iterable[str]) -> None:
+async def halt(run: Run, crew: LeasedVehicles, names: Iterable[str]) -> None:
     """Have those that move stop where they are."""
     await hold_all(run, crew, [name for name in names if _in_the_air(run, name)])
 
 
-async def hold_all(run: Run, crew: Crew, names: list[str]) -> None:
+async def hold_all(run: Run, crew: LeasedVehicles, names: list[str]) -> None:
     """Under our leases, which go on. Who was taken from us is another's: a hold of ours would end his lease. Whoever
     does not answer is told of.
     """
@@ -112,7 +112,7 @@ async def speak_for(run: Run, tubes: Mapping[str, list[Tube]]) -> None:
     agent.tubes.hold(run.entry.id, tubes)
 
 
-async def loiter(run: Run, crew: Crew, step: Loiter) -> None:
+async def loiter(run: Run, crew: LeasedVehicles, step: Loiter) -> None:
     """Planes over their points, one after another, and then to their circles; done when all circle."""
     await speak_for(run, {name: _around(run, step, i) for i, name in enumerate(step.vehicles)})
     await circle({name: crew.vehicle(name) for name in step.vehicles}, step)

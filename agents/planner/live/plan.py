@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.planner.errors import PlanError
 from agents.planner.goals.formation import offsets_of
 from agents.planner.goals.steps import GROUND, FleetView, Fly, PlanTo, Step, unroll
 from agents.planner.live import jobs
@@ -18,10 +17,11 @@ from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of, with_radii
 from agents.planner.live.solver import Solver
-from agents.planner.loiter import loiter_radius
-from agents.planner.plans import Sample
-from agents.planner.problem import Floats, Motion
-from agents.planner.scene import Scene
+from agents.planner.model.errors import PlanError
+from agents.planner.model.plans import Sample
+from agents.planner.model.problem import Floats, Motion
+from agents.planner.model.scene import Scene
+from agents.planner.solve.loiter import loiter_radius
 from zmav.errors import Refused
 from zmav.wire import Vector, swarm
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
 from agents.planner.live.frames import ned
 from agents.planner.live.plan import Planned, Planner
-from agents.planner.live.press import thin
+from agents.planner.live.publisher import thin
 from agents.planner.live.scenes import moved
 from zmav.errors import Refused
-from zmav.services.orders import Report
+from zmav.services.orders.orders import Report
 from zmav.wire import Vector, swarm
 
 if TYPE_CHECKING:

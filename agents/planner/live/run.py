@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.planner.errors import PlanError
 from agents.planner.execute.executor import Trouble
-from agents.planner.execute.helm import RESTING
+from agents.planner.execute.vehicle_command import RESTING
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
-from agents.planner.live.crew import Again, Crew, Landed
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
+from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
+from agents.planner.live.reserved import tube
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
-from agents.planner.live.tubes import tube
-from agents.planner.problem import Mover
+from agents.planner.model.errors import PlanError
+from agents.planner.model.problem import Mover
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
@@ -66,7 +66,7 @@ class Run:
         self._goes = asyncio.Event()
         if entry.state != "paused":
             self._goes.set()
-        self._flying: Crew | Tracking | None = None
+        self._flying: LeasedVehicles | Tracking | None = None
         self._task = asyncio.create_task(self._live())
 
     @property
@@ -166,7 +166,7 @@ class Run:
         await self._goes.wait()
         steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
         self._go_without(lost)
-        async with Crew(self) as crew:
+        async with LeasedVehicles(self) as crew:
             if silent := crew.left:
                 self._go_without(silent)
                 lost |= silent
@@ -175,7 +175,9 @@ class Run:
             missing = await self._take_each(crew, steps, lost, (0.0, 1.0))
         return sorted(missing)
 
-    async def _take_each(self, crew: Crew, steps: list[Step], gone: set[str], share: tuple[float, float]) -> set[str]:
+    async def _take_each(
+        self, crew: LeasedVehicles, steps: list[Step], gone: set[str], share: tuple[float, float]
+    ) -> set[str]:
         """Gives ``gone`` and who was lost on the way: the others go on to land, and to nothing else."""
         begin, each = share[0], (share[1] - share[0]) / max(len(steps), 1)
         for number, step in enumerate([_left(step, gone) for step in steps]):
@@ -194,7 +196,7 @@ class Run:
     def _go_without(self, lost: set[str]) -> None:
         self.vehicles = tuple(name for name in self.vehicles if name not in lost)
 
-    async def _take(self, crew: Crew, step: Step, share: tuple[float, float], gone: set[str]) -> list[str]:
+    async def _take(self, crew: LeasedVehicles, step: Step, share: tuple[float, float], gone: set[str]) -> list[str]:
         if isinstance(step, PlanTo):
             return await self._plan_and_fly(crew, step, share)
         if isinstance(step, Fly):
@@ -213,7 +215,7 @@ class Run:
             await halt(self, crew, step.vehicles)
         return []
 
-    async def _plan_and_fly(self, crew: Crew, step: PlanTo, share: tuple[float, float]) -> list[str]:
+    async def _plan_and_fly(self, crew: LeasedVehicles, step: PlanTo, share: tuple[float, float]) -> list[str]:
         """Plan from where they are, fly; what goes wrong on the way is planned anew from where everybody rests."""
         self._state("planning", step.text or "plans")
 
@@ -254,7 +256,7 @@ class Run:
             if made > MOST_TRIES:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
 
-    async def _fly_prepared(self, crew: Crew, step: Fly, share: tuple[float, float]) -> list[str]:
+    async def _fly_prepared(self, crew: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         laps = 0
         while step.laps == 0 or laps < step.laps:
             more = min(step.laps - laps if step.laps else MANY_LAPS, many_laps(step))
@@ -280,7 +282,7 @@ class Run:
                 return missing
         return []
 
-    async def _follow(self, crew: Crew, step: Track, share: tuple[float, float]) -> list[str]:
+    async def _follow(self, crew: LeasedVehicles, step: Track, share: tuple[float, float]) -> list[str]:
         """Until the goal is cancelled, or its leader is lost for good; gives who did not come home or down then."""
         while True:
             tracking = Tracking(self, crew, step)
@@ -300,7 +302,7 @@ class Run:
                 goal = swarm.Land(vehicles=list(self.vehicles))
             return sorted(await self._take_each(crew, await self.planner.resolve(goal, self._view()), set(), share))
 
-    async def _beside(self, crew: Crew, tracking: Tracking, share: tuple[float, float]) -> None:
+    async def _beside(self, crew: LeasedVehicles, tracking: Tracking, share: tuple[float, float]) -> None:
         """By a plan to where the leader is now; where there is none, a little later perhaps."""
         places = np.array([enu(target.pos) for target in tracking.targets(crew.now)])
         try:
@@ -310,7 +312,7 @@ class Run:
             await asyncio.sleep(SOON)
         self._state("flying", "follows")
 
-    async def _planned(self, crew: Crew, step: PlanTo, view: FleetView) -> Planned:
+    async def _planned(self, crew: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
         not heard and in the way.
         """
@@ -339,7 +341,7 @@ class Run:
             self.check_stopped()
 
     async def _flown(
-        self, crew: Crew, planned: Planned, text: str, share: tuple[float, float], again: Again | None = None
+        self, crew: LeasedVehicles, planned: Planned, text: str, share: tuple[float, float], again: Again | None = None
     ) -> Landed:
         self._speak_for(planned)
         self._state("flying", text or "flies")

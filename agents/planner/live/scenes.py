@@ -9,12 +9,12 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from agents.planner import scene
 from agents.planner.goals.steps import GROUND, WINGED, FleetView, VehicleView
-from agents.planner.live.fleet import FRESH, Seen
+from agents.planner.live.fleet import FRESH, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.world import Pieces
-from agents.planner.problem import Floats, Mover
+from agents.planner.model import scene
+from agents.planner.model.problem import Floats, Mover
 from zmav.wire import Vector
 from zmav.wire.swarm import Body
 
@@ -42,7 +42,7 @@ class Room:
 
 
 def room_of(
-    vehicles: Sequence[str], fleet: Sequence[Seen], pieces: Pieces, walls: Sequence[scene.Obstacle],
+    vehicles: Sequence[str], fleet: Sequence[HeardVehicle], pieces: Pieces, walls: Sequence[scene.Obstacle],
     spoken_for: set[str], downwash: float,
 ) -> Room:  # fmt: skip
     """Everything but ``vehicles``: who rests is a mover at rest, who is not heard has the column below its place.
@@ -60,7 +60,7 @@ def room_of(
     return Room(tuple(obstacles), tuple(moving(vehicles, fleet, pieces, spoken_for)), pieces, downwash)
 
 
-def moving(vehicles: Sequence[str], fleet: Sequence[Seen], pieces: Pieces, spoken_for: set[str]) -> list[Mover]:
+def moving(vehicles: Sequence[str], fleet: Sequence[HeardVehicle], pieces: Pieces, spoken_for: set[str]) -> list[Mover]:
     """What moves or rests by itself, from now: told of, or vehicles that are heard and nobody's here."""
     others = [seen.view for seen in fleet if not _lost(seen)]
     return [
@@ -72,7 +72,7 @@ def moving(vehicles: Sequence[str], fleet: Sequence[Seen], pieces: Pieces, spoke
     ]  # fmt: skip
 
 
-def _lost(seen: Seen) -> bool:
+def _lost(seen: HeardVehicle) -> bool:
     """In the air when last heard, and not heard now."""
     return seen.age >= FRESH and seen.view.airborne
 

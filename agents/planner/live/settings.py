@@ -7,8 +7,8 @@ import math
 import msgspec
 
 from agents.planner.execute.executor import TRACKING
-from agents.planner.live.charge import PATIENCE
 from agents.planner.live.field import Field
+from agents.planner.live.leadership.election import PATIENCE
 from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
 from zmav.errors import BadConfig

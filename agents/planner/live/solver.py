@@ -11,10 +11,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, TypeVar
 
-from agents.planner import jit
-from agents.planner.errors import PlanError
 from agents.planner.live import jobs
-from agents.planner.plans import Plan
+from agents.planner.model.errors import PlanError
+from agents.planner.model.plans import Plan
+from agents.planner.solve import jit
 from zmav.errors import TimedOut, ZmavError, from_code
 from zmav.waiting import within
 

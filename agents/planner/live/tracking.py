@@ -15,18 +15,18 @@ import numpy as np
 
 from agents.planner.execute.commit import Entry, Part, Reserved
 from agents.planner.execute.track import Profile, Track, state_at
-from agents.planner.geometry import segment_clear, world_of
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND
 from agents.planner.goals.steps import Track as Step
 from agents.planner.live.frames import enu, enu_array, ned
-from agents.planner.live.tubes import Tube, tube
-from agents.planner.problem import Floats, Mover
+from agents.planner.live.reserved import Tube, tube
+from agents.planner.model.geometry import segment_clear, world_of
+from agents.planner.model.problem import Floats, Mover
 from zmav.errors import Refused, Stale
 from zmav.wire import Vector, swarm
 
 if TYPE_CHECKING:
-    from agents.planner.live.crew import Crew
+    from agents.planner.live.leased_vehicles import LeasedVehicles
     from agents.planner.live.run import Run
 
 TICK, EVERY = 0.1, 1.0
@@ -45,7 +45,7 @@ BLOCKED = 6.0
 class Tracking:
     """One follow goal under way. Lives on the event loop."""
 
-    def __init__(self, run: Run, crew: Crew, step: Step) -> None:
+    def __init__(self, run: Run, crew: LeasedVehicles, step: Step) -> None:
         self._run, self._crew, self._goal = run, crew, step.goal
         self._helms = crew.helms
         self._parts: list[Part] = []
@@ -100,20 +100,20 @@ class Tracking:
 
     # Whom it follows.
 
-    def leader(self, now: float) -> tuple[follow.Seen, float | None, float]:
+    def leader(self, now: float) -> tuple[follow.MovingTarget, float | None, float]:
         """Where it is (NED, our UTC), where it looks (rad), s since that was heard. Raises :class:`Stale`."""
         goal, agent = self._goal, self._run.agent
         if goal.leader is None:
             assert goal.point is not None
-            return follow.Seen(self._run.entry.t, goal.point, goal.velocity).at(now), None, 0.0
+            return follow.MovingTarget(self._run.entry.t, goal.point, goal.velocity).at(now), None, 0.0
         seen = agent.fleet.seen(goal.leader)
         if seen is not None:
             yaw = seen.state.attitude.yaw if seen.state.attitude else None
-            return follow.Seen(now - seen.age, seen.view.pos_ned, seen.view.vel_ned), yaw, seen.age
+            return follow.MovingTarget(now - seen.age, seen.view.pos_ned, seen.view.vel_ned), yaw, seen.age
         ball = agent.world.ball(goal.leader, time.time())
         if ball is None:
             raise Stale(f"nobody has heard of {goal.leader}", vehicle=goal.leader)
-        return follow.Seen(now, *ball), None, 0.0
+        return follow.MovingTarget(now, *ball), None, 0.0
 
     def _doing(self, now: float) -> follow.Doing:
         try:
@@ -138,7 +138,7 @@ class Tracking:
         radius = leader.view.body.radius + margin if leader else margin
         return follow.offsets_of(self._goal, [view.body for view in views], radius, agent.settings.downwash)
 
-    def targets(self, now: float) -> list[follow.Seen]:
+    def targets(self, now: float) -> list[follow.MovingTarget]:
         """Everybody's place beside the leader (NED)."""
         leader, yaw, _ = self.leader(now)
         others = [self._known(part, now) for part in self._parts]
@@ -215,11 +215,11 @@ class Tracking:
         agent = self._run.agent
         return agent.tubes.blocker(agent.kin(self._run.entry.id), {part.id: [way]}, agent.settings.downwash)
 
-    def _next(self, part: Part, target: follow.Seen, now: float) -> Entry:
+    def _next(self, part: Part, target: follow.MovingTarget, now: float) -> Entry:
         """From where its trajectory has it soon, towards its place, and to rest."""
         d = now + LEAD
         pos, vel = state_at(part.known.rows, d)
-        begin = follow.Seen(d, ned(_three(pos)), ned(_three(vel)))
+        begin = follow.MovingTarget(d, ned(_three(pos)), ned(_three(vel)))
         level = self._kind(part.id) in GROUND
         motion = follow.segment(begin, target, self._body(part.id), level=level)
         times, places = motion[:, 0], enu_array(motion[:, 1:])
@@ -266,9 +266,9 @@ class Tracking:
 
     # Who is where.
 
-    def _known(self, part: Part, now: float) -> follow.Seen:
+    def _known(self, part: Part, now: float) -> follow.MovingTarget:
         pos, vel = state_at(part.known.rows, now)
-        return follow.Seen(now, ned(_three(pos)), ned(_three(vel)))
+        return follow.MovingTarget(now, ned(_three(pos)), ned(_three(vel)))
 
     def _places(self, now: float) -> list[Vector]:
         return [_three(state_at(part.known.rows, now)[0]) for part in self._parts]

@@ -17,18 +17,19 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from agents.planner import solve, verify, warm
-from agents.planner.errors import PlanError
 from agents.planner.execute.commit import Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track
-from agents.planner.geometry import world_of
 from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
-from agents.planner.plans import Plan, Sample
-from agents.planner.scene import Bounds, Fence, Obstacle, Scene, check
-from agents.planner.staticmap import StaticMap
+from agents.planner.model import verify
+from agents.planner.model.errors import PlanError
+from agents.planner.model.geometry import world_of
+from agents.planner.model.plans import Plan, Sample
+from agents.planner.model.scene import Bounds, Fence, Obstacle, Scene, check
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.solve import pipeline, warm
 from zmav.errors import ZmavError
 
 Terrain = tuple[float, float, float, float]
@@ -79,7 +80,7 @@ class Worker:
         try:
             check(job.scene)  # before anything is counted by its numbers
             static = self._map(job.scene, job.terrain)
-            return solve.solve(
+            return pipeline.solve(
                 job.scene, static=static, movers=job.movers, seconds=job.seconds, seed=job.seed, progress=self._news
             )  # fmt: skip
         except PlanError as e:

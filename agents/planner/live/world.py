@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.planner import scene
 from agents.planner.live.checks import MOST_OBSTACLES
 from agents.planner.live.frames import enu
-from agents.planner.problem import Mover
+from agents.planner.model import scene
+from agents.planner.model.problem import Mover
 from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
@@ -27,7 +27,7 @@ AHEAD = 120.0
 
 
 @dataclass
-class Told:
+class KnownObstacle:
     obstacle: swarm.Obstacle
     until: float | None
     """monotonic seconds at which it is forgotten"""
@@ -78,7 +78,7 @@ class World:
     """What the planner was told, by name. ``now`` is in monotonic seconds, ``t`` in UTC seconds."""
 
     def __init__(self) -> None:
-        self._told: dict[str, Told] = {}
+        self._told: dict[str, KnownObstacle] = {}
         self.revision = 0
         """counts the changes"""
 
@@ -103,7 +103,7 @@ class World:
         if isinstance(what, swarm.Geofence | swarm.Terrain):
             for other in [n for n, told in self._told.items() if n != name and type(told.obstacle.what) is type(what)]:
                 del self._told[other]
-        self._told[name] = Told(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
+        self._told[name] = KnownObstacle(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
         if before is not None and before.obstacle.what == what:
             return False
         self.revision += 1
@@ -129,7 +129,7 @@ class World:
         for obstacle in obstacles:
             left = None if obstacle.ttl is None else max(0.1, obstacle.t + obstacle.ttl - t)
             if self._told.get(obstacle.name) is None or self._told[obstacle.name].obstacle != obstacle:
-                self._told[obstacle.name] = Told(obstacle, None if left is None else now + left)
+                self._told[obstacle.name] = KnownObstacle(obstacle, None if left is None else now + left)
                 self.revision += 1
 
     def _gone(self, name: str) -> bool:

@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable
 
 from agents.camera.budget import Budget
-from agents.camera.ladder import Ladder
+from agents.camera.ladder import QualitySteps
 from agents.camera.settings import Settings
 from zmav.vision.assembler import Assembler
 from zmav.vision.chunks import count_of, split
@@ -32,7 +32,7 @@ class SimLink:
         queue: float = 3000.0,
         clock: float = 0.0,
     ) -> None:
-        self.budget, self.ladder, self.assembler = Budget(settings), Ladder(settings), Assembler()
+        self.budget, self.ladder, self.assembler = Budget(settings), QualitySteps(settings), Assembler()
         self.loss, self.rate, self.queue = loss, rate, queue
         self.now = 1000.0
         self.sent = self.lost = self.bytes = 0

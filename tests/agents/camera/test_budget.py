@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from agents.camera.budget import MOST_READERS, Budget
-from agents.camera.ladder import ROOM, Ladder, Step
+from agents.camera.ladder import ROOM, QualitySteps, Step
 from agents.camera.settings import Settings
 from tests.agents.camera.simlink import FULL_BYTES, SimLink
 from zmav.vision.chunks import count_of
@@ -128,7 +128,7 @@ def test_reports_that_lie_leave_the_budget_within_its_bounds(lie: dict[str, Any]
 
 
 def test_pictures_get_worse_in_the_documented_order() -> None:
-    ladder = Ladder(OWN)
+    ladder = QualitySteps(OWN)
     ladder.learn(ladder.steps[0], FULL_BYTES)
     seen: list[Step] = []
     for kilobytes in range(700, 4, -1):
@@ -145,7 +145,7 @@ def test_pictures_get_worse_in_the_documented_order() -> None:
 
 def test_a_better_step_needs_room_to_spare() -> None:
     """Else two steps would take turns at a budget that lies between them."""
-    ladder = Ladder(OWN)
+    ladder = QualitySteps(OWN)
     ladder.learn(ladder.steps[0], FULL_BYTES)
     count = count_of(FULL_BYTES)
     need = FULL_BYTES * OWN.rate * (count + needed(count, 0.01)) / count

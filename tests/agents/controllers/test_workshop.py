@@ -19,7 +19,7 @@ from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
 from zmav.cli.agentkind import resolve
 from zmav.errors import BadConfig, ZmavError
-from zmav.services.port import on_loop
+from zmav.services.link.port import on_loop
 
 IN_FORCE, LOOKING_ON = 1, 0
 GOOD = """

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.follower.agent import Follower
-from agents.follower.guide import Command, Guide, Told
+from agents.follower.guide import Command, Guide, TargetFix
 from zmav.wire import Detection, Vector
 
 TICK, LAG = 0.05, 0.35
@@ -47,12 +47,12 @@ class World:
     def me(self) -> tuple[float, float, float]:
         return float(self.pos[0]), float(self.pos[1]), float(self.pos[2])
 
-    def word(self) -> Told | None:
+    def word(self) -> TargetFix | None:
         if not self.told:
             return None
         (a, b), (c, d) = self.target(self.t), self.target(self.t - 0.1)
         pos = (a + self.told_off[0], b + self.told_off[1], 0.0)
-        return Told(self.t - 0.3, pos, ((a - c) / 0.1, (b - d) / 0.1, 0.0))
+        return TargetFix(self.t - 0.3, pos, ((a - c) / 0.1, (b - d) / 0.1, 0.0))
 
     def run(self, seconds: float, until: Callable[[World], bool] = lambda world: False) -> World:
         end = self.t + seconds

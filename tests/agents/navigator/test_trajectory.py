@@ -16,7 +16,7 @@ from agents.navigator.routes import Route, Waypoint, shape, through
 from agents.navigator.trajectory import CLOSEST, Limits, Trajectory
 from zmav import wire
 from zmav.errors import BadInput
-from zmav.services.trajectory import MAX_POINTS, Segment
+from zmav.services.authority.trajectory import MAX_POINTS, Segment
 
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 T0 = 1.7e9

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable
 from typing import Any
 
-from agents.planner.errors import Code
+from agents.planner.model.errors import Code
 from tests.agents.planner.generate import as_json, city, swap_circle
 
 Raw = dict[str, Any]

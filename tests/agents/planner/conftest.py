@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.planner import jit
-from agents.planner.warm import warm
+from agents.planner.solve import jit
+from agents.planner.solve.warm import warm
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.problem import Motion
-from agents.planner.scene import Scene
+from agents.planner.model.problem import Motion
+from agents.planner.model.scene import Scene
 
 Plan = dict[str, Any]
 

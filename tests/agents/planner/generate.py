@@ -16,7 +16,7 @@ import click
 import msgspec
 import numpy as np
 
-from agents.planner.scene import Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle
+from agents.planner.model.scene import Box, Cylinder, Fence, NoFly, Obstacle, Scene, Vehicle
 from tests.agents.planner.scenery import (
     DOWNWASH,
     SIZE,

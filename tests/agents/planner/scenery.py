@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planner.scene import Bounds, Box, Cylinder, Fence, Obstacle, Point, Scene, Vehicle
+from agents.planner.model.scene import Bounds, Box, Cylinder, Fence, Obstacle, Point, Scene, Vehicle
 
 Places = NDArray[np.float64]
 Scale = Literal["field", "lab"]

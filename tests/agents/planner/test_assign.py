@@ -7,9 +7,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from agents.planner.assign import SLACK, assign, bottleneck, costs
-from agents.planner.geometry import world_of
-from agents.planner.scene import Bounds, Box, Obstacle, Scene, Vehicle
+from agents.planner.model.geometry import world_of
+from agents.planner.model.scene import Bounds, Box, Obstacle, Scene, Vehicle
+from agents.planner.solve.assign import SLACK, assign, bottleneck, costs
 
 
 def scene_of(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from agents.planner import geometry
-from agents.planner.geometry import World, world_of
-from agents.planner.problem import Floats
-from agents.planner.scene import Bounds, Box, Corner, Cylinder, Fence, NoFly, Obstacle, Scene
+from agents.planner.model import geometry
+from agents.planner.model.geometry import World, world_of
+from agents.planner.model.problem import Floats
+from agents.planner.model.scene import Bounds, Box, Corner, Cylinder, Fence, NoFly, Obstacle, Scene
 
 STAR: list[Corner] = [(0, 12), (3, 3), (12, 0), (3, -3), (0, -12), (-3, -3), (-12, 0), (-3, 3)]
 ELL: list[Corner] = [(-55, -55), (55, -55), (55, -15), (-15, -15), (-15, 55), (-55, 55), (-55, -55)]

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from agents.planner import jit
+from agents.planner.solve import jit
 
 KERNELS = sorted(p for p in jit.PACKAGE.rglob("*.py") if "\n@jit\n" in p.read_text() or p.name == "jit.py")
-CALLED = "from agents.planner.jit import jit\n\n@jit\ndef inner(x):\n    return x + 1.0\n"
+CALLED = "from agents.planner.solve.jit import jit\n\n@jit\ndef inner(x):\n    return x + 1.0\n"
 CALLER = (
-    "from {name}.called import inner\nfrom agents.planner.jit import jit\n\n@jit\ndef outer(x):\n    return inner(x)\n"
+    "from {name}.called import inner\nfrom agents.planner.solve.jit import jit\n\n"
+    "@jit\ndef outer(x):\n    return inner(x)\n"
 )
 
 

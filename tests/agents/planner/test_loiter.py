@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from agents.planner.loiter import STEADY, Circling, loiter_radius, loiter_slots, loiter_speed
+from agents.planner.solve.loiter import STEADY, Circling, loiter_radius, loiter_slots, loiter_speed
 from zmav.config import body_of
 from zmav.errors import BadInput
 

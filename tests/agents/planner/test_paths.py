@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from agents.planner import geometry
-from agents.planner.paths import enclosed, lattice, sampled, shorten
-from agents.planner.problem import ROVER, Floats, Path
-from agents.planner.scene import Bounds, Box, Fence, NoFly, Obstacle, Scene
-from agents.planner.staticmap import StaticMap
-from agents.planner.world import World, world_of
+from agents.planner.model import geometry
+from agents.planner.model.problem import ROVER, Floats, Path
+from agents.planner.model.scene import Bounds, Box, Fence, NoFly, Obstacle, Scene
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.world import World, world_of
+from agents.planner.solve.paths import enclosed, lattice, sampled, shorten
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 ROOM: Corners = ((-60, -40, 0), (60, 40, 24))

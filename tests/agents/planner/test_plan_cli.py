@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from agents.planner import verify
 from agents.planner.cli.plan import command, targets_of
-from agents.planner.plans import Plan
-from agents.planner.scene import Scene, read_scene
+from agents.planner.model import verify
+from agents.planner.model.plans import Plan
+from agents.planner.model.scene import Scene, read_scene
 from tests.agents.planner import checker
 from tests.agents.planner.broken import broken
 from tests.agents.planner.flights import straight_plan
@@ -118,7 +118,7 @@ def test_one_that_fails_does_not_keep_others_from_being_planned(
         return replace(report, faults=(fault,)) if len(calls) == 1 else report
 
     monkeypatch.setattr(verify, "verify", first_fails)
-    monkeypatch.setattr("agents.planner.solve.verify", SimpleNamespace(verify=real))
+    monkeypatch.setattr("agents.planner.solve.pipeline.verify", SimpleNamespace(verify=real))
     again = write(tmp_path / "again.json", json.loads(scene.read_bytes()))
     done = zmav_plan(scene, again, "-o", tmp_path / "plans", ok=False)
     assert "does not keep the scene's rules: v000 is late" in done.stderr

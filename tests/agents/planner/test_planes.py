@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from agents.planner import verify
-from agents.planner.errors import PlanError
-from agents.planner.paths import dubins, poses
-from agents.planner.paths.flight import Wings, apart, fly
-from agents.planner.planes import plan_planes
-from agents.planner.problem import PLANE, Floats, Motion, Mover, problem_of
-from agents.planner.scene import Bounds, Box, Fence, Obstacle, Point, Scene, Vehicle
-from agents.planner.world import world_of
+from agents.planner.model import verify
+from agents.planner.model.errors import PlanError
+from agents.planner.model.problem import PLANE, Floats, Motion, Mover, problem_of
+from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Point, Scene, Vehicle
+from agents.planner.model.world import world_of
+from agents.planner.solve.paths import dubins, poses
+from agents.planner.solve.paths.flight import Wings, apart, fly
+from agents.planner.solve.planes import plan_planes
 from tests.agents.planner import generate
 
 WINGS = Wings(radius=3.0, vmin=12.0, vmax=22.0, amax=5.0, climb=3.0, descend=3.0)

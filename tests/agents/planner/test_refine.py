@@ -7,15 +7,15 @@ import time
 import numpy as np
 import pytest
 
-from agents.planner.geometry import world_of
-from agents.planner.problem import Mover, Problem, problem_of
-from agents.planner.refine import FACTORS, Refined, refine, refine_paths
-from agents.planner.refine.knots import durations, knots_of_paths, ramped, resampled
-from agents.planner.refine.swarm import Swarm
-from agents.planner.scene import Bounds, Cylinder, Scene, Vehicle
-from agents.planner.separation import separation
-from agents.planner.staticmap import StaticMap
-from agents.planner.verify import verify
+from agents.planner.model.geometry import world_of
+from agents.planner.model.problem import Mover, Problem, problem_of
+from agents.planner.model.scene import Bounds, Cylinder, Scene, Vehicle
+from agents.planner.model.separation import separation
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.verify import verify
+from agents.planner.solve.refine import FACTORS, Refined, refine, refine_paths
+from agents.planner.solve.refine.knots import durations, knots_of_paths, ramped, resampled
+from agents.planner.solve.refine.swarm import Swarm
 from tests.agents.planner.generate import CLASSES
 
 

@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.planner.errors import PlanError
-from agents.planner.scene import Cylinder, Fence, NoFly, Scene, parse_scene, read_scene
-from agents.planner.validate import distance, validate
+from agents.planner.model.errors import PlanError
+from agents.planner.model.scene import Cylinder, Fence, NoFly, Scene, parse_scene, read_scene
+from agents.planner.model.validate import distance, validate
 from tests.agents.planner.broken import CASES, PLANE, big_and_broken, broken
 from tests.agents.planner.generate import CLASSES, as_json, city
 
@@ -86,7 +86,7 @@ def test_what_is_no_scene_is_refused(data: bytes, tmp_path: Path) -> None:
 
 
 def test_a_file_without_end_is_not_read_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.planner.scene.LARGEST", 1 << 20)
+    monkeypatch.setattr("agents.planner.model.scene.LARGEST", 1 << 20)
     with pytest.raises(PlanError, match="more than 1 MB"):
         read_scene("/dev/zero")
 

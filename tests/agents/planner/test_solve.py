@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.planner.errors import PlanError
-from agents.planner.geometry import world_of
-from agents.planner.plans import Plan
-from agents.planner.problem import Mover
-from agents.planner.scene import Bounds, Box, Obstacle, Scene, Vehicle
-from agents.planner.separation import separation
-from agents.planner.solve import solve
-from agents.planner.staticmap import StaticMap
-from agents.planner.verify import verify
+from agents.planner.model.errors import PlanError
+from agents.planner.model.geometry import world_of
+from agents.planner.model.plans import Plan
+from agents.planner.model.problem import Mover
+from agents.planner.model.scene import Bounds, Box, Obstacle, Scene, Vehicle
+from agents.planner.model.separation import separation
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.verify import verify
+from agents.planner.solve.pipeline import solve
 from tests.agents.planner.checker import check
 from tests.agents.planner.generate import CLASSES, as_json
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.planner.geometry import segment_clear
-from agents.planner.problem import Floats, Motion, Mover, Path, Problem, problem_of
-from agents.planner.scene import Bounds, Box, Scene, Vehicle
-from agents.planner.spacetime import deconflict, find, repair
-from agents.planner.spacetime.negotiate import Negotiation
-from agents.planner.spacetime.table import Table, empty_table, put, take, trouble, troubles
-from agents.planner.staticmap import StaticMap
-from agents.planner.world import World, world_of
+from agents.planner.model.geometry import segment_clear
+from agents.planner.model.problem import Floats, Motion, Mover, Path, Problem, problem_of
+from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.world import World, world_of
+from agents.planner.solve.spacetime import deconflict, find, repair
+from agents.planner.solve.spacetime.negotiate import Negotiation
+from agents.planner.solve.spacetime.table import Table, empty_table, put, take, trouble, troubles
 from tests.agents.planner import generate
 
 AREA = np.array([-20.0, -20.0, 20.0, 20.0])

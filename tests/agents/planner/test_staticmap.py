@@ -7,14 +7,14 @@ import time
 import numpy as np
 import pytest
 
-from agents.planner import geometry, staticmap
-from agents.planner.errors import PlanError
-from agents.planner.paths import grid
-from agents.planner.problem import Floats, Problem, problem_of
-from agents.planner.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene, Vehicle
-from agents.planner.staticmap import StaticMap
-from agents.planner.warm import gapped
-from agents.planner.world import changed, world_of
+from agents.planner.model import geometry, staticmap
+from agents.planner.model.errors import PlanError
+from agents.planner.model.problem import Floats, Problem, problem_of
+from agents.planner.model.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene, Vehicle
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.world import changed, world_of
+from agents.planner.solve.paths import grid
+from agents.planner.solve.warm import gapped
 
 
 def scene(*obstacles: Obstacle) -> Scene:

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agents.planner.problem import Mover
-from agents.planner.scene import Bounds, Scene, Vehicle
-from agents.planner.separation import all_pairs, separation
-from agents.planner.verify import Report, verify
+from agents.planner.model.problem import Mover
+from agents.planner.model.scene import Bounds, Scene, Vehicle
+from agents.planner.model.separation import all_pairs, separation
+from agents.planner.model.verify import Report, verify
 from tests.agents.planner import checker
 from tests.agents.planner.flights import straight, straight_plan
 from tests.agents.planner.generate import CLASSES, as_json

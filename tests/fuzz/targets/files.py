@@ -11,8 +11,8 @@ from pathlib import Path
 
 from agents.camera.settings import Calibration
 from agents.navigator.files import load as load_route
-from agents.planner.plans import read_plan
-from agents.planner.scene import read_scene
+from agents.planner.model.plans import read_plan
+from agents.planner.model.scene import read_scene
 from ground.record import mcapfile
 from ground.record.folder import is_whole
 from ground.record.repair import repair
@@ -28,7 +28,7 @@ from zmav.formats import paramfile, plan, waypoints
 from zmav.links.tlog import STAMP, TlogReader
 from zmav.links.url import parse_url
 from zmav.mavlink import load_dialect
-from zmav.services.store import META, Store
+from zmav.services.files.store import META, Store
 from zmav.sim.camera.scene import load_scene
 
 FAR = (1 << 63) - 1

@@ -25,9 +25,9 @@ from zmav import keys, wire
 from zmav.config import Limits
 from zmav.doctor.rules import of_state
 from zmav.errors import BadInput
-from zmav.services import limits as limits_of
-from zmav.services.target import resolve
-from zmav.services.trajectory import Segment
+from zmav.services.authority import limits as limits_of
+from zmav.services.authority.targets import resolve
+from zmav.services.authority.trajectory import Segment
 from zmav.trust.roster import HeldRoster
 from zmav.wire import swarm
 
@@ -198,7 +198,7 @@ def key(data: bytes) -> None:
 def _tokens(text: str) -> Iterator[float | None]:
     """Those who read tokens raise nothing at all: they are called by Zenoh."""
     from ground.feed import origin_of
-    from zmav.services.demand import _demand
+    from zmav.services.rates.demand import _demand
 
     if text.count("/") > 3:
         found = _demand(text, the_dialect())

@@ -26,9 +26,9 @@ from tests.conftest import PATIENCE_S, Net, endpoint_of
 from tests.mesh.bench.conftest import Line, Start, idle, plan_of
 from tests.services.test_questions import FLOOD, Asker, Held
 from zmav import keys, wire
-from zmav.cli.trustcheck import rosters
+from zmav.doctor.credentials import rosters
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused
-from zmav.services.questions import MOST
+from zmav.services.queries.questions import MOST
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials

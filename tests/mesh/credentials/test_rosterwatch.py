@@ -21,7 +21,7 @@ from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import RosterWatch
 from mesh.plan import plan_router
 from zmav import keys
-from zmav.cli.trustcheck import rosters
+from zmav.doctor.credentials import rosters
 from zmav.errors import BadConfig
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Role

@@ -6,9 +6,11 @@ import asyncio
 import contextlib
 import sys
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
 import pytest
 import zenoh
 
@@ -23,7 +25,7 @@ from zmav.wire import VehicleState
 
 pytestmark = pytest.mark.root
 
-T = TypeVar("T")
+T = TypeVar("T", bound=msgspec.Struct)
 ROGUE = Path(__file__).with_name("rogue.py")
 TREE = ROGUE.parents[3]
 
@@ -82,6 +84,10 @@ async def test_a_relay_that_was_taken_over(able: None, tmp_path: Path, monkeypat
                 assert quad.state.mode == mode
 
 
+def shows(mode: str, state: VehicleState) -> bool:
+    return state.mode == mode
+
+
 def reads(kind: type[T]) -> Callable[[zenoh.Sample], T]:
     return lambda sample: wire.decode(sample.payload.to_bytes(), kind, "what was said")
 
@@ -90,7 +96,7 @@ async def its_orders_are_done_and_no_others(quad: zmav.Vehicle, said: Path) -> N
     """Each order through the rogue is the vehicle's own to answer; sent once more by the rogue it changes nothing."""
     for count, mode in enumerate(("LOITER", "STABILIZE", "LOITER", "STABILIZE"), 1):
         await quad.set_mode(mode)
-        assert (await quad.wait_until(lambda state, mode=mode: state.mode == mode, rigs.PATIENCE)).mode == mode
+        assert (await quad.wait_until(partial(shows, mode), rigs.PATIENCE)).mode == mode
         while len(repeated := [line for line in said.read_text().splitlines() if line.startswith("[")]) < count:
             await asyncio.sleep(0.05)
         assert f'"mode":"{mode}"' in repeated[-1] or '\\"mode\\":' in repeated[-1]  # it learns what came of the orders

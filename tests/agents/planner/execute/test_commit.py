@@ -8,7 +8,7 @@ import pytest
 from agents.planner.execute.commit import TAKING, Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Line, Profile, Track, knots, onward
-from agents.planner.problem import Mover
+from agents.planner.model.problem import Mover
 from tests.agents.planner.execute.virtual import carousel, line
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.track import Line
-from agents.planner.problem import Motion, Mover
+from agents.planner.model.problem import Motion, Mover
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 
 ENDS = ("done", "stuck", "halted")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from agents.planner.execute.executor import Executor, Flight, Trouble
-from agents.planner.problem import Motion
+from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
 from tests.agents.planner.execute.virtual import carousel, crossing
 from zmav.errors import NotHolder, Refused, TimedOut, ZmavError

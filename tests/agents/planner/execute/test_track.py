@@ -27,7 +27,7 @@ from agents.planner.execute.track import (
 )
 from tests.agents.planner.execute.virtual import ORIGIN, carousel, line
 from zmav import wire
-from zmav.services.trajectory import MAX_POINTS, Segment
+from zmav.services.authority.trajectory import MAX_POINTS, Segment
 
 SLOPE = 0.5
 seeds = st.integers(0, 10_000)

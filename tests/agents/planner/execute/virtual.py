@@ -18,11 +18,11 @@ from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Send
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
-from agents.planner.problem import Floats, Motion
-from agents.planner.separation import separation
+from agents.planner.model.problem import Floats, Motion
+from agents.planner.model.separation import separation
 from zmav import wire
 from zmav.errors import BadInput
-from zmav.services.trajectory import Segment
+from zmav.services.authority.trajectory import Segment
 
 ORIGIN = wire.Origin(lat_deg=0.0, lon_deg=0.0, alt_amsl=0.0)
 LEASE = 7
@@ -31,7 +31,7 @@ AHEAD = 5.0
 
 
 class Craft:
-    """One vehicle: what zmav.services.setpoint decides of a segment, and where the segment has it."""
+    """One vehicle: what zmav.services.authority.setpoints decides of a segment, and where the segment has it."""
 
     def __init__(self, part: Part, clock: float) -> None:
         self.part, self.clock = part, clock

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner import verify
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
-from agents.planner.problem import Floats, Motion
-from agents.planner.scene import Bounds, Box, Fence, Obstacle, Scene, Vehicle
-from agents.planner.solve import solve
+from agents.planner.model import verify
+from agents.planner.model.problem import Floats, Motion
+from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Scene, Vehicle
+from agents.planner.solve.pipeline import solve
 from zmav import wire
 from zmav.config.body import USUAL
 from zmav.wire.base import Vector

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.planner.goals import follow
-from agents.planner.goals.follow import Heading, Seen
+from agents.planner.goals.follow import Heading, MovingTarget
 from zmav.config import body_of
 from zmav.errors import BadInput
 from zmav.wire.swarm import Follow
@@ -19,7 +19,7 @@ OFFSETS = [(-6.0, -3.0, 0.0), (-6.0, 3.0, 0.0), (-12.0, 0.0, -2.0)]
 
 
 def test_body_offsets_turn_with_the_leader_and_feed_its_turning_forward() -> None:
-    east = Seen(10.0, (100.0, 50.0, -20.0), (0.0, 3.0, 0.0))
+    east = MovingTarget(10.0, (100.0, 50.0, -20.0), (0.0, 3.0, 0.0))
     place = follow.slot(east, Heading(10.0, math.pi / 2.0), (-6.0, 2.0, 1.0), "body", 12.0)
     assert place.pos == pytest.approx((98.0, 50.0, -19.0)) and place.vel == pytest.approx((0.0, 3.0, 0.0))
     turning = Heading(10.0, 0.3, rate=0.2)
@@ -31,21 +31,23 @@ def test_body_offsets_turn_with_the_leader_and_feed_its_turning_forward() -> Non
 
 
 def test_a_leader_that_stands_keeps_its_course() -> None:
-    heading = follow.heading_of(None, Seen(0.0, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0)), None, 1.0)
+    heading = follow.heading_of(None, MovingTarget(0.0, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0)), None, 1.0)
     assert heading.course == pytest.approx(math.pi / 2.0)
     for k, vel in enumerate([(0.0, 0.5, 0.0), (-0.3, 0.1, 0.0), (-0.6, 0.0, 0.0), (0.0, 0.0, 0.0)], 1):
-        heading = follow.heading_of(heading, Seen(float(k), (0.0, 0.0, 0.0), vel), None, 1.0)
+        heading = follow.heading_of(heading, MovingTarget(float(k), (0.0, 0.0, 0.0), vel), None, 1.0)
         assert heading.course == pytest.approx(math.pi / 2.0), "slow ones drift anywhere"
-    heading = follow.heading_of(heading, Seen(5.0, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), None, 9.0)
+    heading = follow.heading_of(heading, MovingTarget(5.0, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), None, 9.0)
     assert abs(heading.course) == pytest.approx(math.pi)
-    assert follow.heading_of(None, Seen(0.0, (0.0, 0.0, 0.0)), 0.7, 1.0).course == 0.7
+    assert follow.heading_of(None, MovingTarget(0.0, (0.0, 0.0, 0.0)), 0.7, 1.0).course == 0.7
 
 
 def test_the_frame_turns_only_as_fast_as_the_outermost_can() -> None:
     most = follow.most_turn(OFFSETS, [BODY] * 3, speed=2.0)
     arm = math.hypot(12.0, 0.0)
     assert 2.0 + most * arm <= BODY.speed and most * most * arm <= BODY.accel
-    heading = follow.heading_of(Heading(0.0, 0.0, 0.0, True), Seen(0.5, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0)), None, most)
+    heading = follow.heading_of(
+        Heading(0.0, 0.0, 0.0, True), MovingTarget(0.5, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0)), None, most
+    )
     assert heading.course == pytest.approx(0.5 * most) and heading.rate == pytest.approx(most)
 
 
@@ -66,9 +68,9 @@ def test_places_too_near_each_other_are_refused() -> None:
 def test_a_chain_follows_link_by_link_and_may_not_bite_its_tail() -> None:
     chain = Follow(vehicles=["a", "b"], leader="lead", frame="body", chain=True)
     offsets = follow.offsets_of(chain, [BODY] * 2, 1.0, 1.5)
-    others = [Seen(0.0, (-5.0, 1.0, 0.0), (1.0, 0.0, 0.0)), Seen(0.0, (-9.0, 0.0, 0.0))]
+    others = [MovingTarget(0.0, (-5.0, 1.0, 0.0), (1.0, 0.0, 0.0)), MovingTarget(0.0, (-9.0, 0.0, 0.0))]
     headings = [Heading(0.0, 0.0), Heading(0.0, math.pi / 2.0)]
-    first, second = follow.slots(chain, Seen(0.0, (0.0, 0.0, 0.0)), headings, offsets, others, 0.0)
+    first, second = follow.slots(chain, MovingTarget(0.0, (0.0, 0.0, 0.0)), headings, offsets, others, 0.0)
     assert first.pos == pytest.approx((offsets[0][0], 0.0, 0.0))
     assert second.pos == pytest.approx((-5.0, 1.0 + offsets[1][0], 0.0)) and second.vel == (1.0, 0.0, 0.0)
     back = Follow(vehicles=["a", "b"], leader="lead", chain=True, offsets=[(-5.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
@@ -91,8 +93,8 @@ def test_a_lost_leader(on_lost: str, then: str, at_last: str) -> None:
 
 
 def test_segments_reach_a_moving_place_stay_in_limits_and_end_at_rest() -> None:
-    place = Seen(0.0, (20.0, 5.0, -12.0), (2.0, 1.0, 0.0))
-    now = Seen(0.0, (0.0, 0.0, -10.0), (0.0, 2.0, 0.0))
+    place = MovingTarget(0.0, (20.0, 5.0, -12.0), (2.0, 1.0, 0.0))
+    now = MovingTarget(0.0, (0.0, 0.0, -10.0), (0.0, 2.0, 0.0))
     worst = []
     for _ in range(20):
         motion = follow.segment(now, place, BODY)
@@ -103,11 +105,13 @@ def test_segments_reach_a_moving_place_stay_in_limits_and_end_at_rest() -> None:
         assert -vel[:, 2].min() <= BODY.climb + 1e-9 and vel[:, 2].max() <= BODY.descend + 1e-9
         assert np.linalg.norm(vel[-1]) <= BODY.accel * follow.STEP
         k = 10  # a second later it is replaced by the next
-        now = Seen(float(motion[k, 0]), tuple(motion[k, 1:]), tuple((vel[k - 1] + vel[k]) / 2.0))
+        now = MovingTarget(float(motion[k, 0]), tuple(motion[k, 1:]), tuple((vel[k - 1] + vel[k]) / 2.0))
         worst.append(math.dist(now.pos, place.at(now.t).pos))
     assert worst[0] > 10.0 and max(worst[12:]) < 0.15, "no lag behind a steady leader"
 
 
 def test_rovers_keep_their_height() -> None:
-    motion = follow.segment(Seen(0.0, (0.0, 0.0, -1.0)), Seen(0.0, (5.0, 0.0, -9.0)), body_of("rover"), level=True)
+    motion = follow.segment(
+        MovingTarget(0.0, (0.0, 0.0, -1.0)), MovingTarget(0.0, (5.0, 0.0, -9.0)), body_of("rover"), level=True
+    )
     assert np.all(motion[:, 3] == -1.0) and motion[-1, 1] > 1.0

@@ -10,7 +10,7 @@ import pytest
 
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track, unroll
-from agents.planner.scene import Bounds, Box, Fence
+from agents.planner.model.scene import Bounds, Box, Fence
 from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, positions, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm

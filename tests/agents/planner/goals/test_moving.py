@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from agents.planner.geometry import world_of
 from agents.planner.goals import formation, moving
-from agents.planner.goals.moving import Crew, Moved, move
+from agents.planner.goals.moving import FormationMembers, Moved, move
 from agents.planner.goals.timing import Limits
-from agents.planner.problem import Floats
-from agents.planner.scene import Scene, Vehicle
-from agents.planner.verify import verify
+from agents.planner.model.geometry import world_of
+from agents.planner.model.problem import Floats
+from agents.planner.model.scene import Scene, Vehicle
+from agents.planner.model.verify import verify
 from tests.agents.planner.goals.crew import DOWNWASH, GATE, ground, point
 from zmav import wire
 from zmav.wire.swarm import Shape
@@ -22,14 +22,14 @@ RIGID = 0.02
 """m that a shape may be off outside of narrow places"""
 
 
-def crew(shape: Shape, count: int, speed: float = 5.0) -> Crew:
+def crew(shape: Shape, count: int, speed: float = 5.0) -> FormationMembers:
     goal = wire.swarm.Formation(vehicles=[f"v{i}" for i in range(count)], shape=shape, at=(0.0, 0.0, 0.0))
     one = np.ones(count)
     limits = Limits(speed * one, 2.5 * one, 2.0 * one, 1.5 * one)
-    return Crew(formation.offsets_of(goal, count, DOWNWASH), one, limits, DOWNWASH)
+    return FormationMembers(formation.offsets_of(goal, count, DOWNWASH), one, limits, DOWNWASH)
 
 
-def judged(moved: Moved | None, who: Crew, world: Scene) -> Floats:
+def judged(moved: Moved | None, who: FormationMembers, world: Scene) -> Floats:
     """(T,) the error of the shape, of a flight that the verifier has nothing against."""
     assert moved is not None
     vehicles = []

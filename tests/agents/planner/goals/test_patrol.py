@@ -9,8 +9,8 @@ import pytest
 
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import Fly, PlanTo, unroll
-from agents.planner.scene import Box, Scene
-from agents.planner.separation import separation
+from agents.planner.model.scene import Box, Scene
+from agents.planner.model.separation import separation
 from tests.agents.planner.goals.crew import DOWNWASH, crew, fly_all, ground, judge_fly
 from zmav import wire
 from zmav.errors import BadInput

@@ -14,7 +14,7 @@ from agents.planner.goals.dealing import Part, Sweeper
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo
 from agents.planner.goals.sweeping import sweepers_of
-from agents.planner.scene import Box, Corner, Cylinder, Fence, NoFly, Obstacle
+from agents.planner.model.scene import Box, Corner, Cylinder, Fence, NoFly, Obstacle
 from tests.agents.planner.goals.crew import crew, fly_all, ground, judge_fly, view
 from zmav import wire
 from zmav.errors import BadInput

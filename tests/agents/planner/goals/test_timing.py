@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from agents.planner.goals import timing
 from agents.planner.goals.curves import dense, lengths_of, rounded
-from agents.planner.problem import Floats
+from agents.planner.model.problem import Floats
 
 
 def limits(speed: float = 5.0, accel: float = 2.5) -> timing.Limits:

@@ -17,18 +17,18 @@ import pytest
 import pytest_asyncio
 
 import zmav
-from agents.planner.cli.counter import Planner, books, find
-from agents.planner.errors import PlanError
+from agents.planner.cli.asking import Planner, books, find
 from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
 from agents.planner.live import plan as planning
 from agents.planner.live import run as running
 from agents.planner.live.agent import Agent
 from agents.planner.live.clocks import Clocks
-from agents.planner.live.crew import Crew
-from agents.planner.live.desk import MOST_PREVIEWS
+from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.order_handlers import MOST_PREVIEWS
 from agents.planner.live.run import Run
 from agents.planner.live.settings import Settings
+from agents.planner.model.errors import PlanError
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
@@ -145,7 +145,7 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     assert (await planner.order("pause", swarm.GoalId(goal=name)))["goals"] == [name]
     await field.until(name, lambda entry: entry.state == "paused")
     run = field.agent.runs[name]
-    assert isinstance(run._flying, Crew)
+    assert isinstance(run._flying, LeasedVehicles)
     executor = run._flying._executor
     assert executor is not None
     await within(PATIENCE_S, _until(lambda: executor.phase != "flying"))  # or halted, on a machine that is too slow

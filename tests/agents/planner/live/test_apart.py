@@ -13,12 +13,12 @@ import pytest
 import pytest_asyncio
 
 import zmav
-from agents.planner.cli.counter import find
+from agents.planner.cli.asking import find
 from agents.planner.live.agent import Agent
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.settings import Settings
-from agents.planner.problem import Floats, Mover
-from agents.planner.scene import Box
+from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.scene import Box
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from zmav import keys, wire
 from zmav.config import Separation

@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from agents.planner.live.charge import PATIENCE, SILENCE, Charge, Token
-from agents.planner.live.partition import Hearing
+from agents.planner.live.leadership.election import PATIENCE, SILENCE, LeaderElection, Token
+from agents.planner.live.leadership.partition import Hearing
 from zmav.present import OF_EACH, STRANGERS
 from zmav.wire import swarm
 
@@ -17,12 +17,12 @@ def anybody(name: str) -> bool:
     return True
 
 
-def book(who: Charge, now: float) -> swarm.Book:
+def book(who: LeaderElection, now: float) -> swarm.Book:
     return swarm.Book(t=now, planner=who.name, instance=who.instance, term=who.term)
 
 
 def test_nobody_heard_for_a_while_and_it_takes_charge() -> None:
-    one = Charge("a", "1", anybody)
+    one = LeaderElection("a", "1", anybody)
     assert not one.lost(100.0)
     assert not one.lost(100.0 + PATIENCE)
     assert one.lost(100.1 + PATIENCE)
@@ -32,7 +32,7 @@ def test_nobody_heard_for_a_while_and_it_takes_charge() -> None:
 
 
 def test_the_book_alone_keeps_a_standby_waiting() -> None:
-    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
+    chief, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     chief.take()
     for now in range(10):
         assert not other.hear(book(chief, now), float(now))
@@ -42,7 +42,7 @@ def test_the_book_alone_keeps_a_standby_waiting() -> None:
 
 
 def test_a_token_without_a_book_is_believed_for_a_while() -> None:
-    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
+    chief, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     chief.take()
     assert not other.lost(0.0)
     other.token("a", Token("1", True), True)
@@ -55,7 +55,7 @@ def test_a_token_without_a_book_is_believed_for_a_while() -> None:
 
 def test_a_flood_of_tokens_is_bounded_and_takes_none_from_the_planner_in_charge() -> None:
     """A relay forges them, under names that may plan and names that may not."""
-    chief, other = Charge("a", "1", anybody), Charge("b", "2", {"a", "b", "c"}.__contains__)
+    chief, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", {"a", "b", "c"}.__contains__)
     chief.take()
     for n in range(5000):
         other.token(f"ghost{n}", Token("1", True), True)
@@ -72,7 +72,7 @@ def test_a_flood_of_tokens_is_bounded_and_takes_none_from_the_planner_in_charge(
 
 
 def test_its_word_alone_keeps_a_standby_waiting_and_what_it_has_of_the_book() -> None:
-    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
+    chief, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     chief.take()
     told = book(chief, 0.0)
     other.hear(told, 0.0)
@@ -84,20 +84,20 @@ def test_its_word_alone_keeps_a_standby_waiting_and_what_it_has_of_the_book() ->
     assert other.take() is told
 
 
-def with_goals(who: Charge) -> swarm.Book:
+def with_goals(who: LeaderElection) -> swarm.Book:
     goal = swarm.GoalEntry(id="g1", goal=swarm.Hold(vehicles=["quad1"]), state="flying", t=0.0)
     return swarm.Book(t=0.0, planner=who.name, instance=who.instance, term=who.term, goals=[goal])
 
 
 def test_one_that_comes_again_with_nothing_does_not_displace_the_book_of_who_stands_by() -> None:
     """Killed and started anew at once, it may hear of nobody, and take charge with an empty book of the same term."""
-    dead, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
+    dead, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     dead.take()
     told = with_goals(dead)
     other.hear(told, 0.0)
     assert not other.lost(0.0)
     for instance in ("0", "3"):
-        again = Charge("a", instance, anybody)
+        again = LeaderElection("a", instance, anybody)
         again.take()
         other.hear(book(again, 1.0), 1.0)
         other.beat(swarm.Charge(t=1.0, planner="a", instance=instance, term=1), 1.0)
@@ -111,14 +111,14 @@ def test_one_that_comes_again_with_nothing_does_not_displace_the_book_of_who_sta
 
 
 def test_of_two_with_the_same_term_the_one_with_goals_stays() -> None:
-    one, two = Charge("a", "1", anybody, goals=True), Charge("b", "2", anybody)
+    one, two = LeaderElection("a", "1", anybody, goals=True), LeaderElection("b", "2", anybody)
     one.take(), two.take()
     assert not one.hear(book(two, 0.0), 0.1)
     assert two.hear(with_goals(one), 0.1)
 
 
 def test_who_has_no_book_waits_for_those_who_may_have_it() -> None:
-    newcomer = Charge("c", "3", anybody)
+    newcomer = LeaderElection("c", "3", anybody)
     assert not newcomer.lost(0.0)
     newcomer.token("b", Token("2", False), True)
     assert not newcomer.lost(PATIENCE + SILENCE)
@@ -128,7 +128,7 @@ def test_who_has_no_book_waits_for_those_who_may_have_it() -> None:
 
 
 def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
-    chief, other = Charge("a", "1", anybody), Charge("b", "2", anybody)
+    chief, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     chief.take()
     told = book(chief, 0.0)
     other.hear(told, 0.0)
@@ -140,7 +140,7 @@ def test_who_takes_over_has_the_book_and_a_higher_term() -> None:
 
 
 def test_of_two_with_the_same_term_one_stands_by() -> None:
-    one, two = Charge("a", "1", anybody), Charge("b", "2", anybody)
+    one, two = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     one.take(), two.take()
     first, second = book(one, 0.0), book(two, 0.0)
     assert one.hear(second, 0.1) != two.hear(first, 0.1)
@@ -148,7 +148,11 @@ def test_of_two_with_the_same_term_one_stands_by() -> None:
 
 
 def test_an_overtaken_book_of_a_lower_term_changes_nothing() -> None:
-    old, new, third = Charge("a", "1", anybody), Charge("b", "2", anybody, highest=1), Charge("c", "3", anybody)
+    old, new, third = (
+        LeaderElection("a", "1", anybody),
+        LeaderElection("b", "2", anybody, highest=1),
+        LeaderElection("c", "3", anybody),
+    )
     old.take(), new.take()
     third.hear(book(new, 0.0), 0.0)
     third.hear(book(old, 0.5), 0.5)
@@ -159,7 +163,7 @@ def test_an_overtaken_book_of_a_lower_term_changes_nothing() -> None:
 def test_any_history_ends_with_exactly_one(seed: int) -> None:
     """Books and tokens are lost, planners die and come; then the network is whole, and one is in charge of all."""
     chance = random.Random(seed)
-    planners = [Charge(name, name * 3, anybody) for name in "abcd"]
+    planners = [LeaderElection(name, name * 3, anybody) for name in "abcd"]
     alive = set(range(4))
     for step in range(400):
         now = step * 0.5
@@ -169,7 +173,7 @@ def test_any_history_ends_with_exactly_one(seed: int) -> None:
         if not good and chance.random() < 0.05:
             newcomer = chance.randrange(4)
             if newcomer not in alive:
-                planners[newcomer] = Charge(planners[newcomer].name, f"{planners[newcomer].instance}x", anybody)
+                planners[newcomer] = LeaderElection(planners[newcomer].name, f"{planners[newcomer].instance}x", anybody)
                 alive.add(newcomer)
         for i, j in itertools.permutations(sorted(alive), 2):
             if (good or chance.random() < 0.5) and planners[i].in_charge:

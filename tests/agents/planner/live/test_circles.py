@@ -20,7 +20,7 @@ from agents.planner.live.orders import circle
 from agents.planner.live.plan import _circles, _points
 from agents.planner.live.scenes import Room
 from agents.planner.live.world import Pieces
-from agents.planner.loiter import STEADY
+from agents.planner.solve.loiter import STEADY
 from tests.agents.planner.goals.crew import crew, view
 from zmav import wire
 from zmav.config import body_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agents.planner.live.ledger import MOST_ENDED, MOST_OPEN, Ledger
+from agents.planner.live.ledger import MOST_ENDED, MOST_OPEN, GoalBook
 from zmav.errors import BadInput
 from zmav.wire import swarm
 
@@ -14,7 +14,7 @@ def hold(*names: str) -> swarm.Goal:
 
 
 def test_what_comes_now_takes_the_place_of_what_shares_a_vehicle() -> None:
-    ledger = Ledger()
+    ledger = GoalBook()
     first = ledger.add(hold("a", "b"), "now", 1.0, 1)
     apart = ledger.add(hold("c"), "now", 1.0, 1)
     second = ledger.add(hold("b"), "now", 2.0, 1, by="ops")
@@ -24,7 +24,7 @@ def test_what_comes_now_takes_the_place_of_what_shares_a_vehicle() -> None:
 
 
 def test_what_is_queued_waits_for_all_before_it() -> None:
-    ledger = Ledger()
+    ledger = GoalBook()
     first = ledger.add(hold("a", "b"), "queue", 1.0, 1)
     second = ledger.add(hold("b", "c"), "queue", 1.0, 1)
     third = ledger.add(hold("c"), "queue", 1.0, 1)
@@ -37,7 +37,7 @@ def test_what_is_queued_waits_for_all_before_it() -> None:
 
 
 def test_what_has_ended_stays_as_it_ended() -> None:
-    ledger = Ledger()
+    ledger = GoalBook()
     entry = ledger.add(hold("a"), "now", 1.0, 1)
     ledger.end(entry, "done", "there")
     ledger.end(entry, "cancelled", "too late")
@@ -45,7 +45,7 @@ def test_what_has_ended_stays_as_it_ended() -> None:
 
 
 def test_goals_are_found_by_id_and_the_others_named() -> None:
-    ledger = Ledger()
+    ledger = GoalBook()
     entry = ledger.add(hold("a"), "now", 1.0, 3)
     assert ledger.find(entry.id) == [entry]
     assert ledger.find("") == [entry]
@@ -54,7 +54,7 @@ def test_goals_are_found_by_id_and_the_others_named() -> None:
 
 
 def test_the_book_is_finite() -> None:
-    ledger = Ledger()
+    ledger = GoalBook()
     for i in range(MOST_OPEN):
         ledger.add(hold(f"v{i}"), "now", 1.0, 1)
     with pytest.raises(BadInput, match="full"):
@@ -67,13 +67,13 @@ def test_the_book_is_finite() -> None:
 
 
 def test_a_standby_goes_on_with_what_has_not_ended() -> None:
-    ledger = Ledger()
+    ledger = GoalBook()
     done, flying = ledger.add(hold("a"), "now", 1.0, 1), ledger.add(hold("b"), "now", 1.0, 1)
     paused = ledger.add(hold("c"), "now", 1.0, 1)
     ledger.end(done, "done", "")
     flying.state, flying.makespan, paused.state = "flying", 12.0, "paused"
     told = swarm.Book(t=1.0, planner="old", instance="x", term=1, goals=ledger.goals)
-    other = Ledger()
+    other = GoalBook()
     again = other.take_over(told)
     assert [entry.id for entry in again] == [flying.id, paused.id]
     assert [(entry.state, entry.makespan) for entry in again] == [("queued", None), ("paused", None)]

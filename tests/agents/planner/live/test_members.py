@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import zmav
-from agents.planner.cli.counter import find
+from agents.planner.cli.asking import find
 from agents.planner.live.agent import EVENTS, Agent
 from agents.planner.live.settings import Settings
 from mesh.credentials.ca import Authority

@@ -11,13 +11,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agents.planner.errors import PlanError
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live import jobs
 from agents.planner.live.solver import GRACE, Solver, SolverDied
 from agents.planner.live.worker import Worker
-from agents.planner.plans import Plan
-from agents.planner.scene import Bounds, Box, Scene, Vehicle
+from agents.planner.model.errors import PlanError
+from agents.planner.model.plans import Plan
+from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
 from zmav.config import body_of
 from zmav.errors import BadInput, TimedOut
 from zmav.waiting import within

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.planner.live.tracking import LEAD, _head
-from zmav.services.trajectory import MIN_STEP
+from zmav.services.authority.trajectory import MIN_STEP
 
 FLOWN = np.array([[0.5 * k, 1.0 * k, 0.0, 8.0, 2.0, 0.0, 0.0] for k in range(20)])
 """t, place, velocity every half second"""

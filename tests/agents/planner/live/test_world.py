@@ -9,16 +9,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.planner import scene
 from agents.planner.goals.steps import Fly, VehicleView
 from agents.planner.live import frames
-from agents.planner.live.fleet import Seen
+from agents.planner.live.fleet import HeardVehicle
 from agents.planner.live.fleet_names import match_names
+from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
 from agents.planner.live.run import MANY_LAPS, many_laps
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
 from agents.planner.live.settings import Settings, check, fence_of
-from agents.planner.live.tubes import Tube, Tubes, meet, tube
 from agents.planner.live.world import Pieces, World
+from agents.planner.model import scene
 from zmav import wire
 from zmav.config import FleetConfig, Geofence, body_of
 from zmav.errors import BadConfig, BadInput
@@ -147,10 +147,10 @@ def test_settings_that_cannot_be_are_named(field: str, value: float) -> None:
 # A scene of what is.
 
 
-def seen(name: str, pos: tuple[float, float, float], *, age: float = 0.0, kind: str = "copter") -> Seen:
+def seen(name: str, pos: tuple[float, float, float], *, age: float = 0.0, kind: str = "copter") -> HeardVehicle:
     flies = kind not in ("rover",)
     view = VehicleView(name=name, kind=kind, body=body_of(kind), pos_ned=pos, airborne=flies)
-    return Seen(view, age, wire.VehicleState(t=0.0, fleet="f", name=name, instance="i"))
+    return HeardVehicle(view, age, wire.VehicleState(t=0.0, fleet="f", name=name, instance="i"))
 
 
 def test_a_scene_has_everybody_in_it() -> None:
@@ -197,7 +197,7 @@ def test_tubes_meet_where_vehicles_might() -> None:
 
 
 def test_a_goal_keeps_out_of_what_others_speak_for_and_not_of_its_own() -> None:
-    tubes = Tubes()
+    tubes = ReservedAirspace()
     one, other = tube(np.array([[0.0, 0.0, 10.0]]), 1.0), tube(np.array([[30.0, 0.0, 10.0]]), 1.0)
     tubes.hold("g1", {"a": [one]})
     tubes.hold("g2", {"b": [other]})

@@ -1,0 +1,198 @@
+"""The verbs that ask the planner about goals and obstacles."""
+
+from __future__ import annotations
+
+import time
+
+import click
+import msgspec
+from rich.table import Table
+
+import zmav
+from agents.planner.cli import points
+from agents.planner.cli.asking import find, planners
+from agents.planner.cli.watching import ENDED, few, show
+from agents.planner.cli.watching import table as goals_table
+from zmav import keys, wire
+from zmav.cli import places
+from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.errors import BadInput
+from zmav.session import SessionSettings
+from zmav.wire import Vector, swarm
+
+
+def _verb(name: str, words: str, required: bool, doc: str) -> click.Command:
+    """An order about one goal, or all."""
+
+    @click.command(name, help=doc)
+    @click.argument("goal", required=required, default=None if required else "")
+    @fleet_option
+    @json_option
+    @zenoh_options
+    def command(goal: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+        run(_ask(name, words, goal, fleet, as_json, settings))
+
+    return command
+
+
+async def _ask(verb: str, words: str, goal: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        planner = await find(z)
+        result = await planner.order(verb, swarm.GoalId(goal=goal))
+    names = ", ".join(map(str, result["goals"])) or "nothing"
+    click.echo(dump(result, pretty=False) if as_json else f"{words}: {names}")
+
+
+pause = _verb("pause", "paused", False, "Come to rest along what is flown; GOAL alone, or all.")
+resume = _verb("resume", "goes on", False, "Go on with what was paused: GOAL, or all.")
+abort = _verb("abort", "cancelled", False, "Come to rest, and drop GOAL or every goal.")
+cancel = _verb("cancel", "cancelled", True, "Drop one goal; its vehicles come to rest.")
+
+
+@click.command("list")
+@click.option("--all", "everything", is_flag=True, help="Goals that have ended, too.")
+@fleet_option
+@json_option
+@zenoh_options
+def list_(everything: bool, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    """The planner in charge, its goals, and what happened last."""
+    run(_list(everything, fleet, as_json, settings))
+
+
+async def _list(everything: bool, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        planner = await find(z)
+        others = [name for name in await planners(z) if name != planner.name]
+    status = planner.status
+    if as_json:
+        click.echo(dump({**status, "standby": others}, pretty=False))
+        return
+    book = msgspec.convert(status["book"], swarm.Book)
+    head = f"{planner.name} is in charge (term {status['term']}, {status['state']})"
+    head += f"; standing by: {', '.join(others)}" if others else "; nobody stands by"
+    click.echo(f"{head}\nit hears {len(planner.vehicles)} vehicles: {few(planner.vehicles, 12) or 'none'}")
+    if status["unheard"]:
+        click.secho(f"not heard, in the air when last heard: {', '.join(status['unheard'])}", fg="yellow")
+    goals = [entry for entry in book.goals if everything or entry.state not in ENDED]
+    if goals:
+        show(goals_table(goals))
+    else:
+        click.echo("no goals" if everything or not book.goals else "no open goals (--all shows those that have ended)")
+    for event in status["events"][-8:]:
+        at = time.strftime("%H:%M:%S", time.localtime(event["t"]))
+        click.secho(f"{at} {event['text']}", dim=event["severity"] == "info")
+
+
+@click.group("obstacle")
+def obstacle() -> None:
+    """What all plans keep clear of: boxes, cylinders, no-fly polygons, the geofence, terrain, things that move."""
+
+
+@obstacle.command("add")
+@click.argument("name")
+@click.option("--box", type=places.place, metavar=places.PLACE, nargs=2, help="Two opposite corners.")
+@click.option(
+    "--cylinder", type=points.ground, metavar=points.GROUND, help="The centre; with --radius, --floor, --ceiling."
+)
+@click.option("--no-fly", type=points.polygon, metavar=points.POLYGON, help="A polygon; with --floor, --ceiling.")
+@click.option(
+    "--geofence",
+    type=points.polygon,
+    metavar=points.POLYGON,
+    help="A polygon to stay inside of; with --floor, --ceiling.",
+)
+@click.option(
+    "--ball",
+    type=places.place,
+    metavar=places.PLACE,
+    help="Something round; with --radius, and --velocity where it moves.",
+)
+@click.option("--terrain", type=float, help="The ground's height above the origin; with --rise.")
+@click.option("--radius", type=float, default=2.0, show_default=True)
+@click.option("--floor", type=float, default=-100.0, show_default=True, help="Metres above the origin.")
+@click.option("--ceiling", type=float, default=1000.0, show_default=True)
+@click.option("--velocity", type=places.motion, metavar=places.MOTION, help="m/s.")
+@click.option(
+    "--rise",
+    type=points.ground,
+    metavar=points.GROUND,
+    default="0,0",
+    help="Metres it rises per metre north and east.",
+)
+@click.option("--ttl", type=float, help="Seconds after which it is forgotten.")
+@fleet_option
+@json_option
+@zenoh_options
+def add(
+    name: str, box: tuple[Vector, Vector] | None, cylinder: swarm.Corner | None, no_fly: list[swarm.Corner] | None,
+    geofence: list[swarm.Corner] | None, ball: Vector | None, terrain: float | None, radius: float, floor: float,
+    ceiling: float, velocity: Vector | None, rise: swarm.Corner, ttl: float | None, fleet: str, as_json: bool,
+    settings: SessionSettings,
+) -> None:  # fmt: skip
+    """Add one, or move it: 'tower --cylinder 40,10 --radius 3 --ceiling 60'."""
+    given = [
+        swarm.Box(low=box[0], high=box[1]) if box else None,
+        swarm.Cylinder(center=cylinder, radius=radius, floor=floor, ceiling=ceiling) if cylinder else None,
+        swarm.NoFly(polygon=no_fly, floor=floor, ceiling=ceiling) if no_fly else None,
+        swarm.Geofence(polygon=geofence, floor=floor, ceiling=ceiling) if geofence else None,
+        swarm.Ball(center=ball, radius=radius, velocity=velocity or (0.0, 0.0, 0.0)) if ball else None,
+        swarm.Terrain(height=terrain, rise=rise) if terrain is not None else None,
+    ]
+    shapes = [each for each in given if each is not None]
+    if len(shapes) != 1:
+        raise click.UsageError("give one of --box, --cylinder, --no-fly, --geofence, --ball and --terrain")
+    told = swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=shapes[0], ttl=ttl)
+    run(_give(told, fleet, as_json, settings))
+
+
+@obstacle.command("remove")
+@click.argument("name")
+@fleet_option
+@json_option
+@zenoh_options
+def remove(name: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    """Forget one."""
+    run(_give(swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=None), fleet, as_json, settings))
+
+
+async def _give(told: swarm.Obstacle, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        result = await (await find(z)).order("obstacle", swarm.GiveObstacle(obstacle=told))
+    if told.what is None and not result["news"]:
+        raise BadInput(f"no obstacle is called {told.name}", field="name", value=told.name, expected="a known one")
+    word = "forgotten" if told.what is None else "known"
+    text = f"{told.name} is {word}; {result['obstacles']} obstacles in all"
+    click.echo(dump(result, pretty=False) if as_json else text)
+
+
+@obstacle.command("list")
+@fleet_option
+@json_option
+@zenoh_options
+def list_obstacles(fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    """All that is kept clear of."""
+    run(_list_obstacles(fleet, as_json, settings))
+
+
+async def _list_obstacles(fleet: str, as_json: bool, settings: SessionSettings) -> None:
+    async with zmav.open(fleet=fleet, settings=settings) as z:
+        await find(z)
+        key = keys.FLEET.key(fleet, topic="obstacle")
+        async with z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.ObstacleMap, key)) as maps:
+            told = await zmav.waiting.within(12.0, maps.get())
+    if as_json:
+        click.echo(dump(msgspec.to_builtins(told), pretty=False))
+        return
+    view = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("name", "shape", "where", "ttl"):
+        view.add_column(column, overflow="fold")
+    for each in told.obstacles:
+        fields = msgspec.to_builtins(each.what)
+        shape = str(fields.pop("shape"))
+        where = ", ".join(f"{name} {value}" for name, value in fields.items())
+        view.add_row(each.name, shape, where, "-" if each.ttl is None else f"{each.ttl:g} s")
+    show(view)
+    click.echo(f"{len(told.obstacles)} obstacles")
+
+
+COMMANDS: tuple[click.Command, ...] = (pause, resume, abort, cancel, list_, obstacle)

@@ -1,0 +1,262 @@
+"""The vehicles of one goal under our leases, and the plans that they fly; watched, and planned anew where need be."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+import zmav
+from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
+from agents.planner.execute.vehicle_command import VehicleCommand
+from agents.planner.live.plan import Planned, motion_of
+from agents.planner.live.scenes import moving
+from agents.planner.model.geometry import segment_clear, world_of
+from agents.planner.model.problem import Floats, Mover
+from zmav import wire
+from zmav.errors import Refused, ZmavError
+
+if TYPE_CHECKING:
+    from agents.planner.live.run import Run
+
+LOOK = 0.5
+"""s between two looks at how far it is and who comes near"""
+CLOCKS = 0.02
+"""s by which clocks may differ from what is measured, of the margin that is reckoned with"""
+ROOM, MOST_MARGIN = 0.5, 1.5
+"""m that plans keep beyond what must be kept, where there is room: then nobody waits until another has passed for
+sure; and that a margin may be at most"""
+SPARE, TIGHT = 0.02, 3.0
+"""m more than the clocks need now; how much nearer to their ways, and slower, vehicles fly where it is tight"""
+CLOCK_PATIENCE = 60.0
+"""s for the clocks to be known well enough"""
+WHEELED = 1.0
+"""m from its goal at which a rover has arrived: it cannot move sideways"""
+TAKE = 60.0
+"""s that leases of another, which is gone, may still be in force: a segment lasts so long"""
+Again = Callable[[Trouble], Awaitable["Planned | None"]]
+
+
+@dataclass
+class Landed:
+    """How a plan ended."""
+
+    arrived: bool
+    why: str = ""
+    missing: list[str] = field(default_factory=list)
+    """who does not fly it any more"""
+
+
+class LeasedVehicles:
+    """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._stack = contextlib.AsyncExitStack()
+        self._executor: Executor | None = None
+        self._margin = run.agent.settings.margin
+        self._again: Again | None = None
+        self._planned: Planned | None = None
+        self._share, self._words = (0.0, 1.0), ""
+        self._torn = False
+        self._gone: list[str] = []
+
+    async def __aenter__(self) -> LeasedVehicles:
+        run, settings = self._run, self._run.agent.settings
+        executor = Executor(
+            run.agent.z, run.vehicles, holder=settings.name, priority=settings.priority,
+            tracking=self.tracking, say=self._say, replan=self._replan, clock=run.agent.clocks.clock,
+            offsets=run.agent.clocks.of(run.vehicles),
+            taking=TAKE, waits=lambda why: run.text(f"waits for a lease: {why}"),
+        )  # fmt: skip
+        self._executor = await self._stack.enter_async_context(executor)
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self._stack.aclose()
+
+    @property
+    def left(self) -> set[str]:
+        """Who did not answer when the leases were taken: they stay where they rest."""
+        return set(self._executor.left) if self._executor is not None else set()
+
+    def vehicle(self, name: str) -> zmav.Vehicle:
+        """Under our lease."""
+        assert self._executor is not None
+        return self._executor.helms[name].vehicle
+
+    @property
+    def helms(self) -> dict[str, VehicleCommand]:
+        assert self._executor is not None
+        return self._executor.helms
+
+    @property
+    def now(self) -> float:
+        """Our UTC, by which everything is flown."""
+        assert self._executor is not None
+        return self._executor.clock.now()
+
+    async def margins(self) -> tuple[tuple[float, float], ...]:
+        """m by which plans should widen radii, and the share of their speed that vehicles may have with that; best
+        first, by how well the clocks are known now.
+
+        Waits for the clocks; raises :class:`~zmav.errors.Refused` where they stay too bad.
+        """
+        deadline = time.monotonic() + CLOCK_PATIENCE
+        while True:
+            try:
+                needed = self._needed() + SPARE
+                if needed <= MOST_MARGIN:
+                    break
+                raise Refused(f"a margin of {needed:.2f} m would be needed for these clocks; {MOST_MARGIN:g} is most")
+            except Refused as e:
+                if time.monotonic() > deadline:
+                    raise
+                self._run.text(f"waits: {e.message}")
+            await asyncio.sleep(LOOK)
+        least = max(needed, self._run.agent.settings.margin)
+        tight = self._needed(1.0 / TIGHT) + SPARE - self.tracking * (1.0 - 1.0 / TIGHT)
+        return (max(least, min(least + ROOM, MOST_MARGIN)), 1.0), (least, 1.0), (tight, 1.0 / TIGHT)
+
+    def _needed(self, share: float = 1.0) -> float:
+        """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
+        executor, fleet = self._executor, self._run.agent.fleet
+        assert executor is not None
+        seen = {name: fleet.seen(name) for name in executor.helms}
+        speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
+        return executor.needed({name: 1.02 * share * speed for name, speed in speeds.items()})
+
+    # Flying.
+
+    async def fly(self, planned: Planned, share: tuple[float, float], again: Again | None = None) -> Landed:
+        """Fly a plan to its end; ``again`` makes another where this one cannot be. ``share``: of the goal's progress.
+
+        Raises :class:`~zmav.errors.Refused` where it cannot even begin.
+        """
+        executor, run = self._executor, self._run
+        assert executor is not None
+        self._again, self._share, self._gone, self._words = again, share, [], run.entry.text
+        if not run.goes:
+            executor.pause()
+        watching = asyncio.create_task(self._watch(executor))
+        try:
+            outcome = await executor.run(self._flight(planned))
+        finally:
+            watching.cancel()
+            self._planned = None
+        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)))
+
+    def pause(self) -> None:
+        if self._executor is not None:
+            self._executor.pause()
+
+    def resume(self) -> None:
+        if self._executor is not None and not self._torn:
+            self._executor.resume()
+
+    @property
+    def committed(self) -> list[Mover]:
+        """What its vehicles are sure to fly, on our UTC."""
+        return self._executor.committed if self._executor is not None else []
+
+    def refresh(self) -> None:
+        """Others are committed to something new."""
+        if self._executor is not None:
+            self._executor.avoid(self.movers(self.now))
+
+    def stop(self, why: str) -> None:
+        if self._executor is not None:
+            self._executor.halt(why)
+
+    def world_changed(self) -> None:
+        """Whoever has something in its way from now on stops before it, and a new plan is made."""
+        planned, executor, agent = self._planned, self._executor, self._run.agent
+        if planned is None or executor is None:
+            return
+        pieces = agent.world.pieces(time.time())
+        told = msgspec.structs.replace(planned.scene, obstacles=list(pieces.obstacles), geofence=pieces.geofence)
+        world = world_of(told)
+
+        def clear(p: Floats, q: Floats, radius: float) -> bool:
+            return bool(segment_clear(world, p, q, radius))
+
+        executor.obstructed(clear, "an obstacle or the fence")
+
+    @property
+    def tracking(self) -> float:
+        """How far a vehicle may be off its way for the margin that we plan with."""
+        return min(self._run.agent.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+
+    def _flight(self, planned: Planned) -> Flight:
+        """As the executor wants it; from now on it is what is watched and told of."""
+        run, executor = self._run, self._executor
+        assert executor is not None
+        vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
+        self._planned = planned
+        tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
+        run.agent.press.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
+        return Flight(
+            motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
+            radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
+            accel={name: vehicle.amax for name, vehicle in vehicles.items()},
+            downwash=planned.scene.downwash, margin=planned.margin,
+            tracking=max(self.tracking / TIGHT, tracking), movers=self.movers(executor.clock.now()),
+            tolerance=max(Flight.tolerance, run.agent.settings.tracking),
+            tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
+        )  # fmt: skip
+
+    async def _replan(self, trouble: Trouble) -> Flight | None:
+        """The executor asks: everybody that goes on rests."""
+        run = self._run
+        if self._again is None or run.stopping:
+            return None
+        self._gone += list(trouble.gone)
+        run.say("replan", "notice", f"{run.entry.id}: planned anew: {trouble.reason}", goal=run.entry.id)
+        try:
+            planned = await self._again(trouble)
+        except ZmavError as e:
+            run.failure = e
+            return None
+        return None if planned is None else self._flight(planned)
+
+    def movers(self, now: float) -> list[Mover]:
+        """Whoever is not in this plan and nobody else's, on our UTC."""
+        run, agent = self._run, self._run.agent
+        kin = agent.committed(run.entry.id)
+        taken = agent.tubes.vehicles({run.entry.id}) | {mover.id for mover in kin}
+        movers = moving(run.vehicles, agent.fleet.all(), agent.world.pieces(time.time()), taken)
+        later = kin
+        for mover in movers:
+            motion = mover.motion.copy()
+            motion[:, 0] += now
+            later.append(Mover(mover.id, motion, mover.radius, mover.leaves))
+        return later
+
+    async def _watch(self, executor: Executor) -> None:
+        """While a plan is flown: its progress, who comes near, whether we hear enough of the fleet."""
+        run = self._run
+        while True:
+            await asyncio.sleep(LOOK)
+            begin, end = self._share
+            run.progress(begin + (end - begin) * executor.progress)
+            hearing = run.agent.fleet.hearing()
+            torn = not hearing.may_move(run.vehicles)
+            if torn and not self._torn:
+                run.say("partition", "warning", f"{run.entry.id}: {hearing.words()}", goal=run.entry.id)
+                executor.pause()
+            elif self._torn and not torn:
+                run.say("partition", "notice", f"{run.entry.id}: enough of the fleet is heard again", goal=run.entry.id)
+                if run.goes:
+                    executor.resume()
+            self._torn = torn
+            executor.avoid(self.movers(executor.clock.now()))
+
+    def _say(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
+        run = self._run
+        run.text(text if severity in ("warning", "error") else self._words)
+        run.say(kind, severity, f"{run.entry.id}: {text}", goal=run.entry.id, **detail)

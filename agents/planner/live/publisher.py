@@ -1,0 +1,150 @@
+"""What the planner says by itself: its book, what is flown, what it keeps clear of, and how it is."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from typing import TYPE_CHECKING
+
+import msgspec
+import zenoh
+
+from agents.planner.live.frames import ned
+from agents.planner.live.leadership.election import BEAT, HEARTBEAT
+from agents.planner.model.plans import Sample
+from zmav import keys, wire
+from zmav.errors import BadKey
+from zmav.waiting import within
+from zmav.wire import swarm
+
+if TYPE_CHECKING:
+    from agents.planner.live.agent import Agent
+
+AGENT = "planner"
+SELDOM = 5.0
+"""s between two times that plans and obstacles are said again where nothing has changed"""
+LEAST = 0.3
+"""s between two books, however much happens"""
+SMALL = 6000
+"""bytes of a book up to which links are not to repeat it: the next one comes within a second, and no later one waits"""
+POINTS = 60
+"""of a track at most"""
+
+
+class StatusPublisher:
+    """Lives on the event loop. A closed session hears nothing: no reason to stop."""
+
+    def __init__(self, agent: Agent) -> None:
+        self._agent = agent
+        self._news = asyncio.Event()
+        self._plans: dict[str, swarm.PlanReport] = {}
+        self._revision = -1
+        self._key = keys.FLEET.key(agent.settings.fleet, topic="goal")
+        self._books: zenoh.Publisher | None = None
+        self._beats: zenoh.Publisher | None = None
+
+    def start(self) -> None:
+        lane = keys.FLEET.publishing() | {"reliability": zenoh.Reliability.BEST_EFFORT}
+        declare = self._agent.z.session.declare_publisher
+        self._books = declare(self._key, **lane)
+        self._beats = declare(keys.FLEET.key(self._agent.settings.fleet, topic="charge"), **lane)
+        self._agent.tasks += [asyncio.create_task(self._go_on()), asyncio.create_task(self._beat())]
+
+    def changed(self) -> None:
+        self._news.set()
+
+    async def _beat(self) -> None:
+        agent, name = self._agent, self._agent.settings.name
+        while True:
+            if agent.charge.in_charge and self._beats is not None:
+                told = swarm.Charge(t=time.time(), planner=name, instance=agent.instance, term=agent.charge.term)
+                self._send(keys.FLEET, str(self._beats.key_expr), told, self._beats)
+            await asyncio.sleep(BEAT)
+
+    async def _go_on(self) -> None:
+        seldom = 0.0
+        while True:
+            now = time.monotonic()
+            self.status()
+            if self._agent.charge.in_charge:
+                self.book()
+                if self._agent.world.revision != self._revision or now - seldom > SELDOM:
+                    self.obstacles()
+                if now - seldom > SELDOM:
+                    seldom = now
+                    for report in self._plans.values():
+                        self._put("plan", report)
+            await asyncio.sleep(LEAST)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(HEARTBEAT - LEAST, self._news.wait())
+            self._news.clear()
+
+    def book(self) -> None:
+        data = wire.encode(self._agent.book())
+        self._send(keys.FLEET, self._key, data, self._books if len(data) <= SMALL else None)
+
+    def last_book(self) -> None:
+        """What a standby goes on from: nobody says it again."""
+        self._send(keys.FLEET, self._key, wire.encode(self._agent.book()))
+        for publisher in (self._books, self._beats):
+            if publisher is not None:
+                publisher.undeclare()
+        self._books = self._beats = None
+
+    def obstacles(self) -> None:
+        agent = self._agent
+        self._revision = agent.world.revision
+        told = swarm.ObstacleMap(
+            t=time.time(), planner=agent.settings.name, instance=agent.instance, obstacles=agent.world.obstacles
+        )  # fmt: skip
+        self._put("obstacle", told)
+
+    def plan(self, goal: str, start: float, trajectories: dict[str, list[Sample]], clearance: float | None) -> None:
+        """What is flown for a goal from now on; ``start`` is UTC."""
+        tracks = {name: thin(samples) for name, samples in trajectories.items()}
+        makespan = max((samples[-1][0] for samples in trajectories.values()), default=0.0)
+        report = swarm.PlanReport(
+            t=time.time(), planner=self._agent.settings.name, goal=goal, start=start, makespan=makespan,
+            clearance=clearance, tracks=tracks,
+        )  # fmt: skip
+        self._plans[goal] = report
+        self._put("plan", report)
+
+    def plan_over(self, goal: str) -> None:
+        self._plans.pop(goal, None)
+
+    def status(self) -> None:
+        agent = self._agent
+        last = agent.events[-1].text if agent.events else ""
+        detail = {
+            "term": agent.charge.term,
+            "of": agent.charge.of,
+            "goals": len(agent.ledger.open),
+            "events": [msgspec.to_builtins(event, enc_hook=str) for event in list(agent.events)[-10:]],
+        }
+        status = wire.AgentStatus(t=time.time(), agent=AGENT, state=agent.state, text=last, detail=detail)
+        key = keys.AGENT_STATUS.key(agent.settings.fleet, agent.settings.name, agent=AGENT)
+        self._send(keys.AGENT_STATUS, key, status)
+
+    def _put(self, topic: str, payload: msgspec.Struct) -> None:
+        self._send(keys.FLEET, keys.FLEET.key(self._agent.settings.fleet, topic=topic), payload)
+
+    def _send(
+        self, channel: keys.Channel, key: str, payload: msgspec.Struct | bytes, publisher: zenoh.Publisher | None = None
+    ) -> None:
+        try:
+            self._agent.z.put(channel, key, payload, publisher=publisher)
+        except (zenoh.ZError, BadKey):
+            return
+
+
+def thin(samples: list[Sample]) -> list[tuple[float, float, float, float]]:
+    """At most :data:`POINTS` of them, the first and the last among them; NED, centimetres."""
+    step = max(1, -(-len(samples) // POINTS))
+    kept = [*samples[:-1:step], samples[-1]] if samples else []
+    found = []
+    for t, x, y, z in kept:
+        north, east, down = ned((x, y, z))
+        found.append((round(t, 2), round(north, 2), round(east, 2), round(down, 2)))
+    return found

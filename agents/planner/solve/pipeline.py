@@ -1,0 +1,232 @@
+"""From a scene to a verified plan: the stages one after another, and what is tried when one does not come through."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from agents.planner.model import verify
+from agents.planner.model.errors import Code, PlanError
+from agents.planner.model.geometry import World, clearance, world_of
+from agents.planner.model.plans import Plan
+from agents.planner.model.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem, Progress, problem_of
+from agents.planner.model.scene import Scene
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.validate import validate
+from agents.planner.solve.assign import assign
+from agents.planner.solve.planes import plan_planes
+from agents.planner.solve.refine import FACTORS, Refined, refine, refine_paths, squeeze
+from agents.planner.solve.refine.knots import durations
+from agents.planner.solve.spacetime import deconflict
+
+TOLERATED = 0.006  # m; the format lets 1 cm pass
+LONG = 1.1  # times what the ways take; a plan that takes longer is worth making shorter
+ROOM = 0.1  # radii; with so much more between obstacles, ways can be bent and their corners cut
+CROWDED = 0.5  # share of all; when so many are in each other's way, it is a narrow place that they must pass in turn
+Try = Callable[[], Refined]
+
+
+def solve(
+    scene: Scene,
+    *,
+    static: StaticMap | None = None,
+    movers: Sequence[Mover] = (),
+    seconds: float | None = None,
+    seed: int = 0,
+    margin: float = 0.0,
+    progress: Progress | None = None,
+) -> Plan:
+    """A verified plan of a scene.
+
+    ``static``: what is known of the scene's obstacles from before. ``movers`` are kept clear of. ``seconds``: how long
+    it may search (None: a minute, and half a second for each vehicle); call :func:`agents.planner.solve.warm.warm`
+    before, as compiling takes a minute of them. ``margin``: m that two vehicles keep on top of their radii, and half
+    of it to obstacles, as far as starts and goals leave room for it. The same seed gives the same plan unless time runs
+    out.
+    Raises :class:`PlanError`.
+    """
+    return Pipeline(scene, static, movers, seconds, seed, margin, progress).run()
+
+
+class Pipeline:
+    """One scene on its way through the stages."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        static: StaticMap | None,
+        movers: Sequence[Mover],
+        seconds: float | None,
+        seed: int,
+        margin: float,
+        progress: Progress | None,
+    ) -> None:
+        self.scene, self.static, self.movers = scene, static, tuple(movers)
+        self.seed, self.margin, self.progress = seed, margin, progress
+        self.begun = time.monotonic()
+        self.deadline = self.begun + (60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds)
+
+    def say(self, stage: str, share: float) -> None:
+        if self.progress is not None:
+            self.progress(stage, share)
+
+    def run(self) -> Plan:
+        self.say("validate", 0.0)
+        validate(self.scene)
+        self.say("map", 0.0)
+        static = self.static or StaticMap(world_of(self.scene))
+        world = static.world
+        problem, planes, others, paths = self.dealt(static)
+        problem = fitted(problem, world, self.margin)
+        stuck: list[str] = list(problem.ids)
+        for motions in self.candidates(problem, world, planes, others, paths):
+            if isinstance(motions, list):
+                self.say("verify", 0.0)
+                tracks = dict(zip(problem.ids, motions, strict=True))
+                report = verify.verify(self.scene, tracks, self.movers)
+                if report.ok:
+                    self.say("verify", 1.0)
+                    samples = {name: [tuple(s) for s in track.tolist()] for name, track in tracks.items()}
+                    return Plan(status="ok", planning_time_s=time.monotonic() - self.begun, trajectories=samples)
+                stuck = report.culprits()
+            else:
+                stuck = [problem.ids[i] for i in others[motions]] or stuck
+            if time.monotonic() > self.deadline:
+                break
+        spent = time.monotonic() - self.begun
+        text = f"no plan was found in {spent:.1f} s that keeps {', '.join(stuck[:5])} apart from all else"
+        raise PlanError("timeout", stuck, f"{text}; allow more time, or more room")
+
+    def dealt(self, static: StaticMap) -> tuple[Problem, Ints, Ints, list[Path]]:
+        """Goals and ways for all, and who is a plane and who not; goals that can be chosen go to who can get there."""
+        count = len(self.scene.vehicles)
+        never = np.zeros((count, count), dtype=np.bool_)
+        while True:
+            self.say("assign", 0.0)
+            chosen = assign(self.scene, static.world, never if never.any() else None)
+            problem = problem_of(self.scene, chosen, self.movers)
+            planes = np.flatnonzero(problem.kind == PLANE)
+            others = np.flatnonzero(problem.kind != PLANE)
+            clear_of_movers(problem)
+            self.say("paths", 0.0)
+            room = ROOM * float(problem.radius[others].min(initial=np.inf))
+            try:
+                paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
+                return problem, planes, others, paths
+            except PlanError as e:
+                known = never.sum()
+                for i in (problem.ids.index(name) for name in e.ids if chosen is not None):
+                    for k in others:
+                        who = float(problem.radius[k]), int(problem.kind[k])
+                        if static.separated(problem.start[k], problem.goal[i], *who, seconds=0.0):
+                            never[k, (chosen or [])[i]] = True
+                if e.kind != "unreachable" or never.sum() == known or time.monotonic() > self.deadline:
+                    raise
+
+    def candidates(
+        self, problem: Problem, world: World, planes: Ints, others: Ints, paths: list[Path]
+    ) -> Iterator[list[Motion] | Ints]:
+        """Motions for all, in order, that may pass the verifier; or the numbers of those that a try left too near."""
+        for turn in range(100):
+            rng = np.random.default_rng((self.seed, turn))
+            fixed: list[Motion] = []
+            if len(planes):
+                self.say("planes", 0.0)
+                fixed = plan_planes(problem, world, planes.tolist(), rng)
+            aside = tuple(
+                Mover(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
+                for i, motion in zip(planes, fixed, strict=True)
+            )
+            rest = replace(part(problem, others), movers=problem.movers + aside)
+            for attempt in self.tries(rest, world, paths, rng, turn):
+                found = attempt() if len(others) else Refined([])
+                if found.motions is None:
+                    yield found.stuck
+                    continue
+                motions: list[Motion] = [np.empty((0, 4))] * len(problem)
+                for i, motion in zip([*planes, *others], [*fixed, *found.motions], strict=True):
+                    motions[i] = motion
+                yield motions
+            if time.monotonic() > self.deadline:
+                return
+
+    def tries(
+        self, problem: Problem, world: World, paths: list[Path], rng: np.random.Generator, turn: int
+    ) -> Iterator[Try]:
+        """What is tried for all but the planes, from quick to thorough."""
+        seed = self.seed + 1000 * turn
+        refining = None if self.progress is None else (lambda share: self.say("refine", share))
+        least = float(durations(problem, paths).max(initial=0.0))
+
+        def shorter(found: Refined) -> Refined:
+            if found.motions is None or found.seconds < LONG * least:
+                return found
+            self.say("shorten", 0.0)
+            return squeeze(problem, world, found, FACTORS[0] * least, self.deadline)
+
+        def direct(more: int, factors: tuple[float, ...], deadline: float, hopeless: float = 1.0) -> Refined:
+            return shorter(refine_paths(problem, world, paths, deadline, seed + more, refining, factors, hopeless))
+
+        def discrete() -> Refined:
+            self.say("spacetime", 0.0)
+            left = self.deadline - time.monotonic()
+            motions = deconflict.find(problem, world, paths, left / 2, rng)
+            if motions is None:
+                return Refined(None)
+            self.say("refine", 0.5)
+            return shorter(refine(problem, world, motions, self.deadline))
+
+        soon = time.monotonic() + (self.deadline - time.monotonic()) / 2.0
+        yield lambda: direct(0, FACTORS[:2], soon, CROWDED)
+        yield discrete
+        yield lambda: direct(500, FACTORS[2:], self.deadline)
+
+
+def clear_of_movers(problem: Problem) -> None:
+    """Raises :class:`PlanError` where a mover begins on a vehicle's start, or stays for good on a vehicle's goal."""
+    scale = np.array([1.0, 1.0, 1.0 / problem.downwash])
+    for mover in problem.movers:
+        kinds: list[tuple[Code, Floats, Floats]] = [("starts_overlap", problem.start, mover.motion[0, 1:])]
+        if not mover.leaves:
+            kinds.append(("goals_overlap", problem.goal, mover.motion[-1, 1:]))
+        for kind, places, at in kinds:
+            near = np.linalg.norm((places - at) * scale, axis=1) < problem.radius + mover.radius - 0.01
+            if kind == "goals_overlap":
+                near &= problem.kind != PLANE
+            if near.any():
+                ids = [problem.ids[i] for i in np.flatnonzero(near)]
+                what = "start" if kind == "starts_overlap" else "goal"
+                text = f"the {what} of {ids[0]} is too near to where {mover.id} {'is' if what == 'start' else 'stays'}"
+                raise PlanError(kind, ids, text)
+
+
+def part(problem: Problem, who: Ints) -> Problem:
+    """The same with some of the vehicles only."""
+    columns = ("kind", "start", "goal", "radius", "vmax", "amax", "climb", "descend", "vmin", "heading")
+    chosen: dict[str, Floats] = {name: np.ascontiguousarray(getattr(problem, name)[who]) for name in columns}
+    return replace(problem, ids=tuple(problem.ids[i] for i in who), **chosen)  # type: ignore[arg-type]
+
+
+def fitted(problem: Problem, world: World, margin: float) -> Problem:
+    """Radii larger by half the margin, as far as every vehicle's start and goal leave room for it; smaller by some
+    millimetres where starts or goals are nearer than they should be, but by less than the tolerance.
+    """
+    spare = np.full(len(problem), margin / 2)
+    scale = np.array([1.0, 1.0, 1.0 / problem.downwash])
+    flies = problem.kind == PLANE
+    for places, gone in ((problem.start * scale, np.zeros_like(flies)), (problem.goal * scale, flies)):
+        gap = np.linalg.norm(places[:, None, :] - places[None, :, :], axis=2)
+        gap -= problem.radius[:, None] + problem.radius[None, :]
+        gap[gone[:, None] | gone[None, :] | np.eye(len(problem), dtype=np.bool_)] = np.inf
+        spare = np.minimum(spare, 0.5 * gap.min(axis=1, initial=np.inf))
+    for mover in problem.movers:
+        ends = ((problem.start, mover.motion[0, 1:]), (problem.goal, mover.motion[-1, 1:]))
+        for ours, its in ends[: 1 if mover.leaves else 2]:
+            spare = np.minimum(spare, np.linalg.norm((ours - its) * scale, axis=1) - problem.radius - mover.radius)
+    for i in range(len(problem)):
+        for place in (problem.start[i], problem.goal[i]):
+            spare[i] = min(spare[i], clearance(world, *place) - problem.radius[i])
+    return replace(problem, radius=problem.radius + np.maximum(-TOLERATED, spare))

@@ -1,0 +1,105 @@
+"""Make the planner ready: compile its kernels (once on a machine) and load them (once in a process).
+
+A first plan would otherwise pay for that, some seconds each time and a minute the first time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.planner.model.geometry import world_of
+from agents.planner.model.plans import Plan
+from agents.planner.model.problem import Progress, problem_of
+from agents.planner.model.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Point, Scene, Vehicle
+from agents.planner.model.staticmap import StaticMap
+from agents.planner.solve import jit
+from agents.planner.solve.pipeline import solve
+from agents.planner.solve.spacetime import deconflict
+
+PATIENCE = 600.0
+"""s, for a slow machine that compiles"""
+
+
+def warm(planes: bool = True, progress: Progress | None = None) -> Plan:
+    """Plan small scenes that use the kernels; gives the plan of the first.
+
+    ``planes``: those of planes, too. Where they are not all compiled yet, all of them are, also what few scenes need.
+    """
+    tell = progress or (lambda stage, share: None)
+    tell("warm up", 0.0)
+    with jit.compiling() as everything:
+        copters = example(planes=False)
+        plan = solve(copters, seconds=PATIENCE)
+        tell("warm up", 0.4)
+        # The discrete search is for scenes that are tighter than any that is small.
+        for scene in (copters, lane()) if everything else (copters,):
+            problem, static = problem_of(scene), StaticMap(world_of(scene))
+            deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
+        tell("warm up", 0.6)
+        if everything:
+            # A way through a narrow place, and the proof that there is none through a narrower one.
+            for gap in (2.2, 1.8):
+                scene = gapped(gap)
+                problem, static = problem_of(scene), StaticMap(world_of(scene))
+                start, goal, radius = problem.start[0], problem.goal[0], float(problem.radius[0])
+                static.path(start, goal, radius)
+                static.separated(start, goal, radius)
+        tell("warm up", 0.8)
+        if planes or everything:
+            solve(example(planes=True), seconds=PATIENCE)
+    tell("warm up", 1.0)
+    return plan
+
+
+def copter(name: str, start: Point, goal: Point) -> Vehicle:
+    return Vehicle(id=name, type="copter", start=start, goal=goal, radius=1.0, vmax=5.0, amax=2.5)
+
+
+def lane() -> Scene:
+    """Two that change places where there is room to pass only in one spot."""
+    vehicles = [copter("a", (-20.0, 0.0, 5.0), (20.0, 0.0, 5.0)), copter("b", (20.0, 0.0, 5.0), (-20.0, 0.0, 5.0))]
+    walls: list[Obstacle] = [
+        Box(min=(x, y, 0.0), max=(x + 17.0, y + 8.0, 10.0)) for x in (-20.0, 3.0) for y in (-9.5, 1.5)
+    ]
+    bounds = Bounds(min=(-26.0, -8.0, 4.0), max=(26.0, 8.0, 6.0))
+    return Scene(vehicles=vehicles, obstacles=walls, bounds=bounds, downwash=1.5)
+
+
+def gapped(gap: float) -> Scene:
+    """Two rooms and a gap between them, not where anybody would look first."""
+    walls: list[Obstacle] = [
+        Box(min=(-1.0, -20.0, 0.0), max=(1.0, 13.3, 20.0)),
+        Box(min=(-1.0, 13.3 + gap, 0.0), max=(1.0, 20.0, 20.0)),
+    ]
+    bounds = Bounds(min=(-20.0, -20.0, 0.0), max=(20.0, 20.0, 20.0))
+    return Scene(vehicles=[copter("a", (-10.0, -10.0, 5.0), (10.0, -10.0, 5.0))], obstacles=walls, bounds=bounds)
+
+
+def example(planes: bool) -> Scene:
+    """Four copters among one of everything; or one, a rover, and two planes with a tower in their way."""
+    vehicles = [
+        copter(f"v{i}{k}", (20.0 * i, y, 10.0), (20.0 * i, -y, 10.0))
+        for i in range(2)
+        for k, y in enumerate((-15.0, 15.0))
+    ]
+    obstacles: list[Obstacle] = [
+        Box(min=(-3.0, -2.0, 0.0), max=(3.0, 2.0, 30.0)),
+        Cylinder(center=(20.0, 0.0), radius=3.0, floor=0.0, ceiling=30.0),
+        NoFly(polygon=[(30.0, -5.0), (35.0, -5.0), (35.0, 5.0)], floor=0.0, ceiling=30.0),
+    ]
+    if planes:
+        rover = Vehicle(id="r", type="rover", start=(-20.0, -20.0, 1.0), goal=(-20.0, 20.0, 1.0), radius=0.7, vmax=3.0,
+                        amax=1.5)  # fmt: skip
+        wings = [
+            Vehicle(
+                id=f"p{k}", type="plane", start=(-150.0 * way, 0.0, 60.0), goal=(150.0 * way, 0.0, 60.0), radius=3.0,
+                vmax=22.0, amax=5.0, vmin=12.0, start_heading_deg=20.0 + 180.0 * k,
+            )
+            for k, way in enumerate((1.0, -1.0))
+        ]  # fmt: skip
+        vehicles = [vehicles[0], rover, *wings]
+        obstacles.append(Box(min=(-40.0, -90.0, 40.0), max=(40.0, 90.0, 90.0)))
+    room = 200.0 if planes else 60.0
+    fence = Fence(polygon=[(-room, -room), (room, -room), (room, room), (-room, room)], floor=0.5, ceiling=90.0)
+    bounds = Bounds(min=(-room, -room, 0.0), max=(room, room, 90.0))
+    return Scene(vehicles=vehicles, obstacles=obstacles, bounds=bounds, geofence=fence, downwash=1.5)

@@ -1,0 +1,245 @@
+"""What ``zmav doctor`` gathers of the key space before anything is judged. Every wait has an end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+import msgspec
+import zenoh
+from zenoh import handlers
+
+import zmav
+from zmav import keys, wire
+from zmav.autopilots.safety import Safety
+from zmav.cli.info import routers
+from zmav.client import Answer, Client
+from zmav.config import FleetConfig
+from zmav.doctor.credentials import Trust, look_at_trust
+from zmav.doctor.failsafes import Value, read_safety
+from zmav.errors import BadInput, ZmavError
+from zmav.trust.credentials import Credentials
+from zmav.waiting import within
+
+PINGS = 5
+PART_S = 15.0
+"""s for each part of the examination; they go on side by side"""
+MOST = 250
+"""vehicles that are asked, tokens and links that are kept: whoever fills the key space with names gets no further"""
+
+T = TypeVar("T")
+
+
+class Clock(msgspec.Struct, frozen=True):
+    """A vehicle's clock less ours in seconds, and by how much that may be wrong: half the round trip."""
+
+    offset: float
+    within: float
+
+
+class AgentReport(msgspec.Struct, frozen=True):
+    """An agent's last status, and how long ago it came (s)."""
+
+    status: wire.AgentStatus
+    age: float
+
+
+class Survey(msgspec.Struct, frozen=True):
+    """What was seen of the key space; the dicts are by vehicle (``fleet/name``), and lack those that said nothing."""
+
+    vehicles: list[zmav.Vehicle] = []
+    routers: list[dict[str, Any]] = []
+    links: dict[str, list[wire.LinkQuality]] = {}
+    """oldest first"""
+    clocks: dict[str, Clock | ZmavError] = {}
+    safety: dict[str, dict[Safety, Value | None] | ZmavError] = {}
+    trust: Trust | None = None
+    neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
+    """by (host, neighbour), the newest"""
+    hosts: dict[str, wire.HostReport | dict[str, str] | ZmavError] = {}
+    """how each host's computer is; of a report that is not known here, the versions it names"""
+    agents: dict[str, AgentReport] = {}
+    """by ``fleet/vehicle agent``"""
+    tokens: list[dict[str, str]] = []
+    """who is present, by the parts of their liveliness tokens"""
+    unfinished: list[str] = []
+    """what was not done in time"""
+    file: FleetConfig | None = None
+    name: str | None = None
+    """which host of the file this is"""
+
+
+async def look(
+    z: Client, seconds: float, own: Credentials | None = None, file: FleetConfig | None = None, name: str | None = None
+) -> Survey:
+    """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
+    ears = StatusListener(z)
+    async with ears:
+        await asyncio.sleep(seconds)
+        vehicles = (await z.settle())[:MOST]
+        present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
+        names, late = [label(v) for v in present], list[str]()
+
+        async def finish(what: str, work: Coroutine[Any, Any, T], nothing: T) -> T:
+            try:
+                return await within(PART_S, work)
+            except asyncio.TimeoutError:
+                late.append(f"{what}: not done within {PART_S:.0f} s")
+            except ZmavError as e:
+                late.append(f"{what}: {e.message}")
+            return nothing
+
+        def part(what: str, work: Coroutine[Any, Any, T], nothing: T) -> asyncio.Task[T]:
+            return asyncio.create_task(finish(what, work, nothing))
+
+        links = part("links", ears.ask(), None)
+        found, tokens = part("routers", routers(z), []), part("who is present", find_tokens(z), [])
+        hosts = part("hosts", find_hosts(z), {})
+        clocks = part("clocks", _of_all(names, [_clock_of(v) for v in present]), {})
+        safety = part("parameters", _of_all(names, [read_safety(v) for v in present]), {})
+        trust = part("credentials", look_at_trust(z, own, [v.name for v in present]), None)
+        await links
+        return Survey(
+            vehicles, await found, ears.autopilots, await clocks, await safety, await trust, ears.neighbours,
+            await hosts, ears.agents(), await tokens, late, file, name,
+        )  # fmt: skip
+
+
+async def _of_all(names: list[str], work: list[Coroutine[Any, Any, T]]) -> dict[str, T]:
+    return dict(zip(names, await asyncio.gather(*work), strict=True))
+
+
+def label(vehicle: zmav.Vehicle) -> str:
+    """``fleet/name``."""
+    return f"{vehicle.fleet}/{vehicle.name}"
+
+
+class StatusListener:
+    """Hears links' qualities and agents' statuses as long as it is entered."""
+
+    def __init__(self, z: Client) -> None:
+        self._z = z
+        self.autopilots: dict[str, list[wire.LinkQuality]] = defaultdict(list)
+        self.neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
+        self._agents: dict[str, tuple[wire.AgentStatus, float]] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> StatusListener:
+        fleet = self._z.fleet_name
+        for key, take in (
+            (keys.LINK.key(fleet, "*", link="*"), self._on_link),
+            (keys.AGENT_STATUS.key(fleet, "*", agent="*"), self._on_status),
+        ):
+            self._tasks.append(asyncio.create_task(self._hear(key, take)))
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _hear(self, key: str, take: Any) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
+            take(str(sample.key_expr), sample.payload.to_bytes())
+
+        async with self._z.subscribe(key, on_sample) as samples:
+            async for _ in samples:
+                pass
+
+    async def ask(self) -> None:
+        """What is told of links once a second, told now."""
+        key = keys.LINK.key(self._z.fleet_name, "*", link="*")
+        for answer in await self._z.ask(key, timeout=1.0, channel=keys.LINK):
+            if isinstance(answer, Answer):
+                with contextlib.suppress(BadInput):
+                    quality = wire.decode_link(answer.payload)
+                    if isinstance(quality, wire.NeighbourQuality):
+                        self._on_link(answer.key, answer.payload)
+
+    def _on_link(self, key: str, payload: bytes) -> None:
+        parts, quality = keys.match(key)[1], wire.decode_link(payload)
+        host = f"{parts['fleet']}/{parts['vehicle']}"
+        if isinstance(quality, wire.LinkQuality):
+            if host in self.autopilots or len(self.autopilots) < MOST:
+                self.autopilots[host].append(quality)
+        elif quality.name == keys.check_name(parts["link"]) and len(self.neighbours) < MOST * MOST:
+            self.neighbours[host, f"{parts['fleet']}/{quality.name}"] = quality
+
+    def _on_status(self, key: str, payload: bytes) -> None:
+        parts = keys.match(key)[1]
+        who = f"{parts['fleet']}/{parts['vehicle']} {keys.check_name(parts['agent'])}"
+        if who in self._agents or len(self._agents) < MOST:
+            self._agents[who] = wire.decode(payload, wire.AgentStatus, "status"), time.monotonic()
+
+    def agents(self) -> dict[str, AgentReport]:
+        now = time.monotonic()
+        return {who: AgentReport(status, now - at) for who, (status, at) in sorted(self._agents.items())}
+
+
+async def find_tokens(z: Client) -> list[dict[str, str]]:
+    """Who is present, of every role. Replies are collected as they come: a channel of replies holds only so many."""
+    key = keys.ALIVE.key(z.fleet_name, "*", role="*", sys="*", autopilot="*", uid="*", instance="*")
+    found: list[str] = []
+    over = threading.Event()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None and len(found) < 4 * MOST:
+            found.append(str(reply.ok.key_expr))
+
+    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
+    z.session.liveliness().get(key, handler, timeout=1.0)
+    await asyncio.to_thread(over.wait, 2.0)
+    tokens = []
+    for each in sorted(set(found)):
+        with contextlib.suppress(BadInput):
+            tokens.append(keys.match(each)[1])
+    return tokens
+
+
+async def find_hosts(z: Client) -> dict[str, wire.HostReport | dict[str, str] | ZmavError]:
+    """How every host's computer is, by its own words."""
+    found: dict[str, wire.HostReport | dict[str, str] | ZmavError] = {}
+    for answer in await z.ask(keys.HOST.key(z.fleet_name, "*"), channel=keys.HOST):
+        if isinstance(answer, Answer) and len(found) < MOST:
+            with contextlib.suppress(BadInput):
+                parts = keys.match(answer.key)[1]
+                found[f"{parts['fleet']}/{parts['vehicle']}"] = _report(answer.payload)
+    return found
+
+
+class _Versions(msgspec.Struct):
+    """What is read of a report that another zmav made otherwise."""
+
+    versions: dict[str, str]
+
+
+def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
+    try:
+        return wire.decode(payload, wire.HostReport, "host")
+    except BadInput as e:
+        try:
+            return msgspec.json.decode(payload, type=_Versions).versions
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            return e
+
+
+async def _clock_of(vehicle: zmav.Vehicle) -> Clock | ZmavError:
+    """By the quickest of a few round trips, taken to be as long there as back."""
+    clocks = []
+    try:
+        for _ in range(PINGS):
+            sent = time.time()
+            there = (await vehicle.order("ping", wire.Order())).get("t")
+            back = time.time()
+            if not isinstance(there, (int, float)) or not math.isfinite(there):
+                return ZmavError(f"its ping brings no time: {there!r}")
+            clocks.append(Clock(there - (sent + back) / 2, (back - sent) / 2))
+    except ZmavError as e:
+        return e
+    return min(clocks, key=lambda clock: clock.within)

@@ -1,0 +1,292 @@
+"""Who may move the vehicle: leases, pilot, ladder and setpoints, put together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from zmav import wire
+from zmav.autopilots import Autopilot, Target
+from zmav.config import Failsafe, PilotSwitch, check_failsafe
+from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
+from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.flown import ActiveStream
+from zmav.services.authority.gcs_traffic import GcsTraffic
+from zmav.services.authority.leader import PositionLeader
+from zmav.services.authority.lease import Leases, severity_of
+from zmav.services.authority.pilot import Pilot
+from zmav.services.authority.setpoints import Setpoints
+from zmav.services.authority.watchdog import LATE_MODE, StreamWatchdog
+from zmav.services.link.command import Commander
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port, on_loop
+from zmav.services.status.events import Events
+from zmav.trust.certificate import Role
+from zmav.trust.gate import Origin
+from zmav.trust.proof import WINDOW
+from zmav.verbs import Access, Verb
+
+TOLD = 1.5
+"""s in which a mode that was entered is told"""
+OTHER = "other"
+"""the reason of a refusal by who is not meant"""
+MOVING_NOTHING = ("arm", "disarm", "mission_current")
+"""orders that end a stream and put nothing in its place: the vehicle holds"""
+HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
+"""... and those that may put something there, sooner or later"""
+
+
+class Rules(msgspec.Struct, kw_only=True, frozen=True):
+    """What the fleet file says about it."""
+
+    origin: wire.Origin | None = None
+    failsafe: Failsafe = Failsafe()
+    pilot_switch: PilotSwitch | None = None
+
+
+class Authority:
+    """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for rules that make no sense.
+
+    ``guard`` raises while nobody may command the vehicle at all (a clash of names or ids).
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        port: Port,
+        identity: Identity,
+        commander: Commander,
+        events: Events,
+        bounds: Bounds,
+        guard: Callable[[], None],
+        rules: Rules,
+    ) -> None:
+        self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
+        self._failsafe = check_failsafe(rules.failsafe)
+        self.leases = Leases(session, port.fleet, port.name, events)
+        self.pilot = Pilot(port, identity, commander, rules.pilot_switch)
+        self.carrot = PositionLeader(port, identity)
+        self.ladder = StreamWatchdog(port, events, rules.failsafe)
+        self.bounds = bounds
+        self.stations = GcsTraffic(port, identity, self.leases, guard, self.taken)
+        self.setpoints = Setpoints(
+            session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
+        )
+
+        self.param: Callable[[str], float | None] = lambda name: None
+        """the autopilot's parameter of that name, where it is known"""
+        self._calmed: dict[Origin, float] = {}
+        """UTC at which each member signed its last order that makes safe"""
+        self._given: dict[Origin, float] = {}
+        """monotonic s at which each member gave its last such order, however long that was under way"""
+        self.made_safe = 0
+        """counts the orders that make safe: one that waits since before such a one is overtaken"""
+        self.taken_from = ""
+        """what ended the last order that the pilot ended"""
+        self._handing: asyncio.Task[None] | None = None
+        self._asked = -math.inf
+        """monotonic s at which the ladder asked for a mode last"""
+        self._ordered_under = 0
+        """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
+
+    def start(self) -> None:
+        ladder, pilot, setpoints = self.ladder, self.pilot, self.setpoints
+
+        def ordered(mode: str) -> None:
+            self._commander.ordered, self._asked = mode, time.monotonic()
+
+        ladder.ordered, ladder.allowed, ladder.near = ordered, pilot.allowed, self.carrot.near
+        ladder.acted = on_loop(asyncio.get_running_loop(), self._on_acted)
+        ladder.count = lambda what: setpoints.counts.update({what: 1})
+        setpoints.guard, setpoints.busy = self._guard, lambda: self._commander.moving
+        pilot.on_taken, self.leases.may_take = self._taken_by_mode, pilot.check
+        pilot.on_switch = self._to_autopilot
+        self.leases.on_end = self._on_lease_end
+        self.leases.start()
+        pilot.start()
+        self.stations.start()
+        ladder.start()
+        setpoints.start()
+
+    def close(self) -> None:
+        """End; a vehicle that follows a stream is told to hold."""
+        self.setpoints.close()
+        self.ladder.close()
+        self.carrot.close()
+        self.pilot.close()
+        self.leases.close()
+
+    def allow(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> None:
+        """Raise where somebody may not give an order now. Nothing is changed by it.
+
+        A clash of names or ids stops all that changes something, but nothing that makes safe: that reaches both of the
+        two, or the one whose uid the order names; one that does not know its own yet takes what makes it safe.
+        """
+        mine = self._identity.uid
+        if args.uid and args.uid != mine and not (mine is None and verb.access is Access.OPEN):
+            text = f"the order is for the autopilot {args.uid}; this one is {mine or 'not known yet'}"
+            raise Refused(text, field="uid", value=args.uid, reason=OTHER)
+        if verb.access not in (Access.OPEN, Access.READ) or verb.name == "lease":
+            self._guard()
+        if isinstance(args, wire.Forced) and args.force and origin is not None and origin.role is not Role.OPERATOR:
+            raise Forbidden(f"{verb.name} with force is an operator's, and {origin.name} is none", reason="role")
+        if origin is not None:
+            self._keep_order(verb, args, origin)
+        if verb.access in (Access.CHANGE, Access.MOVE):
+            self.leases.allow(args.lease, origin)
+        if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
+            self.pilot.check()
+
+    def begin(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> ActiveStream | None:
+        """Let an order begin that is allowed and can be done: what it takes the place of ends.
+
+        Returns the stream that it ended, for :meth:`failed`.
+        """
+        self.made_safe += verb.access is Access.OPEN
+        if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
+            return None
+        self.taken_from = ""
+        if verb.name in HOLDING_FIRST:
+            self.ladder.hold_now(f"{verb.name} was ordered", severity="info")
+        flown = None if verb.name in MOVING_NOTHING else self.ladder.stop()
+        self.carrot.stop()
+        if verb.name not in (*MOVING_NOTHING, "command"):
+            self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
+        self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
+        if verb.access is Access.OPEN and not self.leases.holds(args.lease, origin):  # his next setpoint would undo it
+            self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
+        return flown
+
+    def _keep_order(self, verb: Verb, args: wire.Order, origin: Origin) -> None:
+        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since. One that
+        makes safe and waited, sent again and again, does not undo a later one: by how long it waited, and by no clock
+        that may have been set, for it must pass.
+        """
+        calmed, late = self._calmed.get(origin, 0.0), f"{verb.name} was given before the last order of {origin.name}"
+        if verb.access is Access.OPEN:
+            given = time.monotonic() - max(origin.t - (args.given or origin.t), 0.0)
+            if given < self._given.get(origin, -math.inf):
+                raise Refused(f"{late} that makes it safe, and comes after it: overtaken", verb=verb.name)
+            self._calmed[origin], self._given[origin] = max(calmed, origin.t), given
+        elif verb.access is Access.MOVE and origin.t < calmed <= origin.t + 2 * WINDOW:  # else its clock was set
+            raise Refused(f"{late} that makes it safe: overtaken", verb=verb.name)
+
+    def failed(self, flown: ActiveStream | None, verb: Verb) -> None:
+        """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
+        idle = not (self._commander.moving or self.carrot.leading)
+        if flown is not None and idle and self._identity.mode == flown.mode:
+            self.ladder.hold(flown, f"{verb.name} came to nothing")
+
+    def taken(self, text: str) -> ActiveStream | None:
+        """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back.
+
+        Returns the stream that it ended.
+        """
+        if self._handing is not None:
+            self._handing.cancel()
+        ours = self.ladder.flying or self.carrot.leading or self._commander.moving or self.leases.holder is not None
+        flown = self.ladder.stop()
+        self.carrot.stop()
+        self._commander.ordered = None  # if the pilot goes back to that mode, it is his
+        if self._commander.under_way:
+            self.taken_from = text
+            self._commander.supersede()
+        if ours:
+            self._events.emit("pilot", "warning", f"{text}: released")
+        self.leases.end("pilot", f"{text}: the lease has ended")
+        return flown
+
+    def _taken_by_mode(self, text: str) -> None:
+        flown = self.taken(text)
+        if flown is not None and self._identity.mode in flown.autopilot.stream_lost:
+            self._handing = asyncio.get_running_loop().create_task(self._hold_lost(flown))
+
+    async def _hold_lost(self, flown: ActiveStream) -> None:
+        """Order the hold where the autopilot has lost the stream: it would go back to it with the next setpoint, of
+        any agent. Only it tells that from a pilot who has changed the mode, and only after the change. Where a
+        failsafe, a battery's, may wait in that hold for its pilot, it is waited for: what it enters then stays.
+        """
+        who, (param, usual) = self._identity, flown.autopilot.failsafe_waits
+        if who.mode == flown.autopilot.hold()[0]:
+            waits = self.param(param)
+            await asyncio.sleep((usual if waits is None else waits) + TOLD)
+        with contextlib.suppress(ZmavError):
+            if who.intended is None:
+                await self._commander.until_heartbeat(
+                    lambda: who.intended is not None, "it does not say what it intends"
+                )
+        lost = who.mode in flown.autopilot.stream_lost and who.intended == flown.mode and bool(who.armed)
+        if lost and not (self.pilot.has_it or self.ladder.flying or self._commander.moving):
+            await self._hand(flown.autopilot.hold()[0])
+
+    def _to_autopilot(self) -> None:
+        """The switch ends the stream, but the autopilot would wait for more of it for seconds: it is told to fly."""
+        autopilot = self._identity.autopilot
+        if autopilot is not None and self._identity.armed and _follows_setpoints(autopilot, self._identity.mode):
+            switch = self.pilot.switch
+            mode = (switch.mode if switch else None) or autopilot.loiter()
+            self._handing = asyncio.get_running_loop().create_task(self._hand(mode))
+
+    async def _hand(self, mode: str) -> None:
+        try:
+            await self._commander.enter(mode)
+        except ZmavError as e:
+            self._events.emit("pilot", "error", f"it cannot be handed to the autopilot: {e}")
+
+    def changed(self) -> None:
+        """It shows another mode or arming, or is another autopilot."""
+        self.pilot.changed()
+        self.bounds.changed()
+        if self.pilot.has_it and time.monotonic() - self._asked < LATE_MODE:
+            self._to_autopilot()  # granted after he took it: nobody streams
+        if not self._identity.armed:
+            self.ladder.stop()
+
+    def add_to_state(self, state: wire.VehicleState) -> None:
+        state.lease, state.lease_end = self.leases.info(), self.leases.last_end
+        state.pilot, state.segment = self.pilot.has_it, self.setpoints.segment
+        state.setpoints = dict(self.setpoints.counts)
+
+    def _on_lease_end(self, end: wire.LeaseEnd) -> None:
+        """Whoever flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
+        lost = end.reason in ("expired", "gone", "clock")
+        if end.reason in ("pilot", "failsafe") or (lost and self.ladder.committed):
+            return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
+        self.ladder.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
+        if not lost and self._ordered_under == end.number:
+            self._end_order(end)
+
+    def _end_order(self, end: wire.LeaseEnd) -> None:
+        """What was ordered under a lease ends with it where somebody meant the end: the vehicle holds for the next."""
+        if not (self._commander.moving or (self.carrot.leading and end.reason != "released")):
+            return
+        self._ordered_under = 0
+        self._commander.supersede()
+        self.carrot.stop()
+        who, now = self._identity, time.monotonic()
+        if who.autopilot is not None and who.source is not None:
+            still = Target(vel=(0.0, 0.0, 0.0))
+            flown = ActiveStream(who.autopilot, who.source, end.number, still, who.mode or "", now, goes_on=False)
+            self.ladder.hold(flown, end.text)
+
+    def _on_acted(self, lease: int) -> None:
+        if lease == self.leases.number:
+            self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
+
+
+def _follows_setpoints(autopilot: Autopilot, mode: str | None) -> bool:
+    try:
+        return mode == autopilot.guided
+    except Unsupported:
+        return False
+
+
+def _named(command: str) -> str:
+    """As the dialect names it, however it was written."""
+    return "MAV_CMD_" + command.upper().removeprefix("MAV_CMD_")

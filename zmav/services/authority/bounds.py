@@ -1,0 +1,189 @@
+"""What one vehicle may be asked to fly, from where it is now: the declared geofence and limits, and a club's field.
+
+A fleet file that says nothing does not permit everything: what it leaves open is bounded as on a club's field
+(:func:`zmav.config.usual_fence`), about the fleet's origin or, without one, about where the vehicle was armed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from zmav import wire
+from zmav.autopilots import Autopilot, Command, Target
+from zmav.autopilots.moving import SET_HOME, Speed, home_by, leads_to
+from zmav.config import Geofence, Limits, usual_fence, usual_limits
+from zmav.errors import BadInput
+from zmav.mavlink import decode
+from zmav.services.authority import limits as limit
+from zmav.services.authority.trajectory import Segment
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port
+from zmav.services.missions.items import Raw
+
+FRESH = 2.0
+"""s: age up to which a position says where the vehicle is"""
+NO_FIX = 1_000_000
+"""1e-7 degrees: as near to 0, 0 an autopilot is that does not know where it is"""
+WIDEN = "nobody has declared more for this vehicle: [geofence] and [limits] in its fleet file do"
+HOME_STEP = 10.0
+"""m by which home may be raised or lowered: heights, the bounds' too, count from it"""
+FORCE = "; an operator's order with force (--force) passes once"
+
+
+class Bounds:
+    """Each check raises :class:`~zmav.errors.BadInput` whose ``detail["count"]`` names the bound. From any thread.
+
+    ``force`` leaves out what is only usual, never what is declared. Made of a fence that encloses nothing,
+    :class:`~zmav.errors.BadConfig`.
+    """
+
+    def __init__(
+        self, port: Port, identity: Identity, origin: wire.Origin | None, fence: Geofence, limits: Limits
+    ) -> None:
+        self._port, self._identity, self._origin, self._fence = port, identity, origin, fence
+        self._declared = limit.Fence(fence, origin, ground=False)
+        self._limits, self._usual_limits = limits, usual_limits(limits)
+        self._about_home = origin is None and not fence.polygon
+        self._usual = None if self._about_home else limit.Fence(usual_fence(fence), origin, ground=True)
+        self._armed = False
+
+    def changed(self) -> None:
+        """The HEARTBEAT shows another arming: without a declared origin, the field is about where that was."""
+        armed, position = bool(self._identity.armed), self._position()
+        if armed and not self._armed and self._about_home:
+            self._usual = None
+            self._usual_fence(position)
+        self._armed = armed
+
+    def check(self, what: Target | Segment, *, force: bool | None = None, from_here: bool = True) -> None:
+        """A target from here (or from elsewhere), or a whole segment; ``force`` None: there is no such thing for it."""
+        position = self._position()
+        home = self._home(position)
+
+        here = _here(position) if from_here else None
+        flat = self._flat or (isinstance(what, Target) and what.alt_amsl is None is what.alt_rel and bool(what.lat_deg))
+
+        def judge(fence: limit.Fence, limits: Limits) -> None:
+            if isinstance(what, Segment):
+                what.check(fence, limits, home, flat=flat)
+            else:
+                limit.check(what, fence, limits, home, here, flat=flat)
+
+        with_place = isinstance(what, Segment) or what.lat_deg is not None
+        self._permit(judge, position, force, with_place)
+
+    def check_height(self, alt_rel: float, *, force: bool) -> None:
+        """Straight up to so many metres above home."""
+        self._permit(lambda fence, _: fence.check_height("alt_rel", alt_rel), self._position(), force, False)
+
+    def check_speed(self, name: str, value: float, *, force: bool) -> None:
+        """The limit of that name: speed, climb or descend (m/s)."""
+        self._permit(lambda _, limits: limit.check_speed(name, value, limits), None, force, False)
+
+    def check_command(self, command: Command, *, force: bool) -> None:
+        """A MAV_CMD: the place, height or speed that it leads to."""
+        if self._identity.autopilot is not None:
+            self._check(command, self._identity.autopilot, force, in_mission=False)
+
+    def check_mission(self, plan: Sequence[Raw], *, force: bool) -> None:
+        """Every place, height and speed of a mission, before it is begun; names the item."""
+        dialect, autopilot = self._port.dialect, self._identity.autopilot
+        for index, raw in enumerate(plan):
+            name, frame = dialect.enum_name("MAV_CMD", raw.command), dialect.enum_name("MAV_FRAME", raw.frame)
+            if name is None or frame is None or autopilot is None:
+                continue
+            item = Command(name, (*raw.params, raw.x, raw.y, raw.z), frame)
+            try:
+                self._check(item, autopilot, force, in_mission=True)
+            except BadInput as e:
+                raise BadInput(f"item {index}: {e.message}", **e.detail) from None
+
+    def _check(self, command: Command, autopilot: Autopilot, force: bool, *, in_mission: bool) -> None:
+        if command.name == SET_HOME:
+            self._check_home(home_by(command, autopilot), force, in_mission)
+        else:
+            self._check_lead(leads_to(command, autopilot, in_mission=in_mission), force, from_here=not in_mission)
+
+    def _check_home(self, place: Target | None, force: bool, in_mission: bool) -> None:
+        """A new home, which a return leads to and heights count from; ``place`` None: where the vehicle is then."""
+        position = self._position()
+        if place is not None:
+            raised = 0.0 if self._flat else limit.height_of(place, self._home(position))
+        else:
+            raised = math.nan if in_mission or position is None else position["relative_alt"] / 1e3
+
+        def judge(fence: limit.Fence, limits: Limits) -> None:
+            if place is not None:
+                limit.check(Target(place.lat_deg, place.lon_deg), fence, None, None, flat=True)
+            if fence.limits_height and not self._flat and not abs(raised) <= HOME_STEP:
+                where = "to where nobody knows yet" if math.isnan(raised) else f"by {raised:.1f} m"
+                text = f"it moves home's height {where} (at most {HOME_STEP:g} m), and all heights with it"
+                raise BadInput(text, field="alt", value=raised, expected=f"within {HOME_STEP:g} m", count="fence")
+
+        self._permit(judge, position, force, place is not None)
+
+    def _check_lead(self, lead: Target | Speed | None, force: bool, *, from_here: bool) -> None:
+        if isinstance(lead, Speed):
+            self.check_speed(lead.limit, lead.value, force=force)
+        elif lead is not None and lead.lat_deg is not None:
+            self.check(lead, force=force, from_here=from_here)
+        elif lead is not None and not self._flat:
+            self.check_height(limit.height_of(lead, self._home(self._position())), force=force)
+
+    # How it is done.
+
+    @property
+    def _flat(self) -> bool:
+        """Its heights are nobody's choice, or lie under home by its nature."""
+        autopilot = self._identity.autopilot
+        return autopilot is not None and (autopilot.on_surface or autopilot.kind == "sub")
+
+    def _permit(
+        self, judge: Callable[[limit.Fence, Limits], None], position: Mapping[str, Any] | None, force: bool | None,
+        with_place: bool,
+    ) -> None:  # fmt: skip
+        fence = self._usual_fence(position)
+        try:
+            if fence is None and with_place:
+                text = "where the vehicle is, is not known: how far that is cannot be judged"
+                raise BadInput(text, field="pos", value=None, expected="later", count="fence")
+            judge(fence or self._declared, self._usual_limits)
+        except BadInput as e:
+            judge(self._declared, self._limits)  # whose words are the better reason
+            if not force:
+                hint = FORCE if force is False else ""
+                raise BadInput(f"{e.message}; {WIDEN}{hint}", **e.detail) from None
+
+    def _usual_fence(self, position: Mapping[str, Any] | None) -> limit.Fence | None:
+        """Without an origin about where the vehicle is now; kept, until it is armed there."""
+        centre = _origin_at(position) if self._usual is None and position else None
+        if centre is not None:
+            self._usual = limit.Fence(usual_fence(self._fence), centre, ground=True)
+        return self._usual
+
+    def _home(self, position: Mapping[str, Any] | None) -> float | None:
+        """m above the sea; the origin's, where the vehicle has not said and nobody has declared heights above it."""
+        if position is not None:
+            return float(position["alt"] - position["relative_alt"]) / 1e3
+        return None if self._origin is None or self._declared.limits_height else self._origin.alt_amsl
+
+    def _position(self) -> Mapping[str, Any] | None:
+        source = self._identity.source
+        heard = self._port.latest("GLOBAL_POSITION_INT", source) if source else None
+        return decode(heard.frame, self._port.dialect) if heard and heard.age < FRESH else None
+
+
+def _origin_at(position: Mapping[str, Any]) -> wire.Origin | None:
+    if max(abs(position["lat"]), abs(position["lon"])) < NO_FIX:
+        return None
+    lat, lon, alt = position["lat"] / 1e7, position["lon"] / 1e7, position["alt"] / 1e3
+    return wire.Origin(lat_deg=lat, lon_deg=lon, alt_amsl=alt)
+
+
+def _here(position: Mapping[str, Any] | None) -> limit.Here | None:
+    if position is None:
+        return None
+    velocity = (position["vx"] / 100.0, position["vy"] / 100.0, position["vz"] / 100.0)
+    return limit.Here(position["lat"] / 1e7, position["lon"] / 1e7, position["relative_alt"] / 1e3, velocity)

@@ -1,0 +1,65 @@
+"""What other stations put on ``mav/tx``, held against who commands the vehicle.
+
+A ground station that changes the mode takes the vehicle from every agent, as a pilot does, and is known before the
+HEARTBEAT shows it. Its setpoints wait for the agent that holds the lease: two streams at once fly neither.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from zmav.autopilots.safety import changes_mode, makes_safe
+from zmav.mavlink import Frame, decode
+from zmav.services.authority.lease import Leases
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port, on_loop
+
+STREAMED = (
+    "SET_ATTITUDE_TARGET",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+    "SET_ACTUATOR_CONTROL_TARGET",
+)
+SET_MODE = "SET_MODE"
+
+
+class GcsTraffic:
+    """``guard`` raises while two claim to be the vehicle; ``taken(text)`` is called on the event loop when a station
+    has changed the mode.
+    """
+
+    def __init__(
+        self, port: Port, identity: Identity, leases: Leases, guard: Callable[[], None], taken: Callable[[str], object]
+    ) -> None:
+        self._port, self._identity, self._leases, self._guard, self._taken = port, identity, leases, guard, taken
+        by_name = port.dialect.by_name
+        self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
+        self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
+        self.sent: Callable[[Frame], None] = lambda frame: None
+        """a frame was handed on; any thread"""
+
+    def start(self) -> None:
+        judge = on_loop(asyncio.get_running_loop(), self._judge)
+        self.sent = lambda frame: judge(frame) if frame.msgid in self._ordering else None
+
+    def admit(self, frame: Frame) -> None:
+        """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease, and
+        :class:`~zmav.errors.Clash` where two claim to be the vehicle; what makes it safe passes, to both.
+        """
+        autopilot = self._identity.autopilot
+        if autopilot is None or not makes_safe(frame, self._port.dialect, autopilot):
+            self._guard()
+        if frame.msgid in self._streamed and self._leases.holder is not None:
+            raise self._leases.refusal()
+
+    def _judge(self, frame: Frame) -> None:
+        fields, source = decode(frame, self._port.dialect), self._identity.source
+        if source is None or fields["target_system"] not in (0, source[0]):
+            return
+        name = self._port.dialect.name_of(frame.msgid)
+        if name != SET_MODE:
+            name = self._port.dialect.enum_name("MAV_CMD", fields["command"]) or ""
+            if not changes_mode(name):
+                return
+        self._taken(f"station {frame.sysid} ordered {name.removeprefix('MAV_CMD_')}")

@@ -1,0 +1,127 @@
+"""A position target that is never far ahead of the vehicle, so that nothing flies on when the companion dies.
+
+ArduPilot flies to a position target however long nothing more is heard; velocities it drops by itself. A far target is
+therefore given as a carrot: the point on the way there that is as far ahead as the vehicle needs to keep its speed. It
+moves on with the vehicle as long as somebody renews it, and is where the vehicle stops when nobody does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from zmav import geo, wire
+from zmav.autopilots import Autopilot, Message, Target
+from zmav.autopilots.safety import flies_on
+from zmav.mavlink import decode
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port
+
+AHEAD_M = 15.0
+AHEAD_S = 3.0
+"""how far ahead: metres, and seconds at the present speed; measured: a copter keeps its 10 m/s, and stops in 45 m"""
+RENEW_HZ = 4.0
+CATCH_UP, SLOW, THERE_M = 0.7, 0.1, 0.3
+"""1/s of what is missing that is added to the velocity; m/s below which a place stands; m within which it is reached"""
+FRESH_S = 2.0
+"""age up to which a position says where the vehicle is"""
+
+
+def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
+    """``target``, or the carrot on the way to it from a GLOBAL_POSITION_INT; height and course each on their own."""
+    if target.lat_deg is None or target.lon_deg is None:
+        return target
+    here = wire.Origin(lat_deg=position["lat"] / 1e7, lon_deg=position["lon"] / 1e7, alt_amsl=0.0)
+    north, east, _ = geo.to_ned(here, target.lat_deg, target.lon_deg, 0.0)
+    away, ahead = math.hypot(north, east), AHEAD_M + AHEAD_S * math.hypot(position["vx"], position["vy"]) / 100.0
+    changes: dict[str, float] = {}
+    if away > ahead:
+        lat, lon, _ = geo.to_global(here, (north * ahead / away, east * ahead / away, 0.0))
+        changes = {"lat_deg": lat, "lon_deg": lon}
+    above = AHEAD_M + AHEAD_S * abs(position["vz"]) / 100.0
+    for name, field in (("alt_amsl", "alt"), ("alt_rel", "relative_alt")):
+        wanted, now = getattr(target, name), position[field] / 1e3
+        if wanted is not None and abs(wanted - now) > above:
+            changes[name] = now + math.copysign(above, wanted - now)
+    return msgspec.structs.replace(target, **changes) if changes else target
+
+
+def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
+    """The velocity over the ground that brings a vehicle which does not follow a moving place back to it: the target's
+    own, and a share of what is missing. It never turns round for a place that it has passed, but waits for it.
+    """
+    if target.lat_deg is None or target.lon_deg is None or target.vel is None:
+        return target
+    here = wire.Origin(lat_deg=position["lat"] / 1e7, lon_deg=position["lon"] / 1e7, alt_amsl=0.0)
+    north, east, _ = geo.to_ned(here, target.lat_deg, target.lon_deg, 0.0)
+    vn, ve, _ = target.vel
+    speed = math.hypot(vn, ve)
+    n, e = vn + CATCH_UP * north, ve + CATCH_UP * east
+    passed = n * vn + e * ve < 0.0 if speed > SLOW else math.hypot(north, east) < THERE_M
+    return Target(vel=(0.0, 0.0, 0.0) if passed else (n, e, 0.0))
+
+
+class PositionLeader:
+    """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop."""
+
+    def __init__(self, port: Port, identity: Identity) -> None:
+        self._port, self._identity = port, identity
+        self._task: asyncio.Task[None] | None = None
+
+    def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
+        """What to give the autopilot now for ``target``: a carrot, or for a moving one on the ground a velocity."""
+        if target.lat_deg is None or not flies_on(autopilot):
+            return target
+        heard = self._port.latest("GLOBAL_POSITION_INT", source)
+        if heard is None or heard.age > FRESH_S:
+            return target
+        position = decode(heard.frame, self._port.dialect)
+        if autopilot.on_surface and target.vel is not None:
+            return pursuit(target, position)
+        return within_reach(target, position)
+
+    def lead(self, target: Target) -> bool:
+        """Send the carrot now, and keep moving it; False where the autopilot needs none, and nothing was done."""
+        self.stop()
+        autopilot = self._identity.autopilot
+        if target.lat_deg is None or autopilot is None or not flies_on(autopilot):
+            return False
+        self._task = asyncio.get_running_loop().create_task(self._lead(autopilot, target))
+        return True
+
+    @property
+    def leading(self) -> bool:
+        return self._task is not None and not self._task.done()
+
+    def stop(self) -> None:
+        """Something else moves the vehicle now."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    def close(self) -> None:
+        """End for good: the vehicle is told to stop, and not only to go as far as its carrot."""
+        autopilot, source, leading = self._identity.autopilot, self._identity.source, self.leading
+        self.stop()
+        if leading and autopilot is not None and source is not None and self._identity.mode == autopilot.guided:
+            mode, message = autopilot.hold()
+            if message is not None and mode == autopilot.guided:
+                for _ in range(3):  # it has no acknowledgement
+                    self._port.send(message.name, **message.addressed(*source))
+
+    async def _lead(self, autopilot: Autopilot, target: Target) -> None:
+        mode, arrived = self._identity.mode, 0
+        while arrived < 3:  # the end of the way is said again in case it was lost: it has no acknowledgement
+            source = self._identity.source
+            if source is None or self._identity.mode != mode or not self._identity.armed:
+                return
+            now = self.near(autopilot, target, source)
+            arrived += now is target
+            action = autopilot.goto(now)
+            if isinstance(action, Message):
+                self._port.send(action.name, **action.addressed(*source))
+            await asyncio.sleep(1.0 / RENEW_HZ)

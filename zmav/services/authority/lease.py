@@ -1,0 +1,265 @@
+"""One commander at a time: a time-limited lease, renewed by use, preempted by priority, ended with its holder."""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import re
+import secrets
+import time
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput, NotHolder
+from zmav.services.link.port import on_loop
+from zmav.services.status.events import Events
+from zmav.trust.gate import Origin
+from zmav.trust.seal import Exchange
+
+MAX_TTL = 60.0
+MAX_PRIORITY = 100
+MOST_PRESENT = 1024
+"""holders' tokens that are remembered; a lease of who has no place among them ends when it is not renewed"""
+REMEMBERED = 32
+"""ended leases whose holders are still told why"""
+CLOCK_SET = 0.05
+"""s by which the host's time moves at once where it is set; a clock that is only slewed moves less from tick to tick"""
+INSTANCE = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
+
+
+def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
+    """How loud it is said that a lease ended so: its holder's own end of it is nothing to be warned of."""
+    return "info" if reason == "released" else "warning"
+
+
+class Leases:
+    """A vehicle's lease. Lives on the event loop.
+
+    ``on_end(end)`` is called whenever a lease ends; ``may_take()`` raises while nobody may have one (the pilot's
+    switch). Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the
+    setpoints under it.
+    """
+
+    def __init__(self, session: zenoh.Session, fleet: str, vehicle: str, events: Events) -> None:
+        self._session, self._fleet, self._vehicle, self._events = session, fleet, vehicle, events
+        self.on_end: Callable[[wire.LeaseEnd], None] = lambda end: None
+        self.may_take: Callable[[], None] = lambda: None
+        self.last_end: wire.LeaseEnd | None = None
+        self.number = 0
+        """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
+        self.secret, self.last_secret = b"", b""
+        """what seals the setpoints of the lease in force, and of the one before; empty where nothing is proven"""
+        self._token = self._holder = self._instance = ""
+        self.origin: Origin | None = None
+        """whose certificate it was given to, where that is proven"""
+        self._answer: dict[str, Any] = {}
+        self._priority = 0
+        self._ttl = 0.0
+        self._expires = self._committed = 0.0
+        self._ahead = self._set_by = 0.0
+        """UTC less monotonic seconds when last looked at, and by how much it was set since the lease was given"""
+        self._present: set[tuple[str, str]] = set()
+        self._ended: collections.OrderedDict[str, wire.LeaseEnd] = collections.OrderedDict()
+        self._subscriber: Any = None
+
+    def start(self) -> None:
+        holders = keys.HOLDER.key(self._fleet, self._vehicle, holder="*", instance="*")
+        heard = on_loop(asyncio.get_running_loop(), self._on_token)
+        self._subscriber = self._session.liveliness().declare_subscriber(holders, heard, history=True)
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+    @property
+    def holder(self) -> str | None:
+        return self._holder if self._token else None
+
+    # The orders.
+
+    async def take(self, args: wire.TakeLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
+        """Grant or renew; raises :class:`NotHolder` while another of the same or a higher priority holds it (a namesake
+        without the token included), or when the lease to be renewed has ended or was given to another ``origin``.
+        """
+        self._check(args)
+        self.tick()
+        if args.lease:
+            if args.lease != self._token:
+                raise self.refusal(args.lease)
+            self._check_origin(origin)
+        else:
+            token = secrets.token_hex(8)
+            secret, answer = self._agree(args, token) if origin else (b"", {})
+            self.may_take()
+            if self._token and args.priority <= self._priority:
+                raise self.refusal()
+            if self._token:
+                text = f"{args.holder} (priority {args.priority}) took the lease from {self._holder} ({self._priority})"
+                self.end("preempted", text, by=args.holder)
+            self._token, self._holder, self.origin = token, args.holder, origin
+            self.secret, self._answer = secret, answer
+            self.number += 1
+            self._committed = self._set_by = 0.0
+            proven = {"origin": origin.name} if origin else {}
+            words = f"{args.holder} commands"
+            self._events.emit("lease", "info", words, holder=args.holder, priority=args.priority, **proven)
+        self._instance, self._priority, self._ttl = args.instance, args.priority, args.ttl
+        self.renew()
+        granted = {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
+        return {**granted, **self._answer}
+
+    async def drop(self, args: wire.DropLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
+        """The holder gives it back."""
+        self.require(args.lease)
+        self._check_origin(origin)
+        self.end("released", f"{self._holder} gave the lease back")
+        return {}
+
+    async def revoke(
+        self, args: wire.RevokeLease, report: object = None, origin: Origin | None = None
+    ) -> dict[str, Any]:
+        """An operator ends whoever's lease; harmless where there is none."""
+        held = self.holder
+        if held is not None:
+            why = f": {args.reason}" if args.reason else ""
+            who = f"the operator {origin.name}" if origin else "an operator"
+            self.end("revoked", f"lease of {held} revoked by {who}{why}", by=origin.name if origin else None)
+        return {"holder": held}
+
+    # What others use.
+
+    def allow(self, token: str, origin: Origin | None = None) -> None:
+        """Raise :class:`NotHolder` where somebody else commands, or ``token``'s lease has ended: who was given it does
+        not go on as if nothing had been. With no lease given out, an order needs none.
+        """
+        self.tick()
+        if token != self._token:
+            raise self.refusal(token)
+        if self._token:
+            self._check_origin(origin)
+            self.renew()
+
+    def require(self, token: str) -> None:
+        """Raise :class:`NotHolder` unless ``token`` is the lease in force, and renew it."""
+        self.tick()
+        if not self._token or token != self._token:
+            raise self.refusal(token)
+        self.renew()
+
+    def holds(self, token: str, origin: Origin | None = None) -> bool:
+        """``token`` is the lease in force and ``origin``'s, or none is."""
+        return not self._token or (token == self._token and origin == self.origin)
+
+    def renew(self) -> None:
+        """It is in use."""
+        self._expires = max(time.monotonic() + self._ttl, self._committed)
+
+    def commit(self, until: float) -> None:
+        """What was handed over lasts until then (monotonic seconds), and the lease with it, renewed or not."""
+        self._committed = until
+        self.renew()
+
+    def tick(self) -> None:
+        """A few times a second, and before each decision."""
+        self._watch_clock()
+        if self._token and time.monotonic() > self._expires:
+            self.end("expired", f"lease of {self._holder} ran out")
+
+    def _watch_clock(self) -> None:
+        begun, utc = time.monotonic(), time.time()
+        if time.monotonic() - begun < CLOCK_SET / 5.0:  # we were not held up between the two
+            change, self._ahead = utc - begun - self._ahead, utc - begun
+            self._set_by += change if abs(change) > CLOCK_SET else 0.0
+
+    def check_clock(self) -> None:
+        """Raise :class:`NotHolder` and end the lease where this host's time was set since it was given: its holder
+        measured another clock, and would have its segments flown too early or too late.
+        """
+        if self._set_by:
+            token = self._token
+            self.end("clock", f"the clock of {self._vehicle} was set by {self._set_by:+.2f} s")
+            raise self.refusal(token)
+
+    def end(self, reason: wire.LeaseEnding, text: str, by: str | None = None) -> None:
+        """The lease is over, and its holder hears ``text`` from now on; nothing where there is none."""
+        if not self._token:
+            return
+        end = wire.LeaseEnd(t=time.time(), number=self.number, holder=self._holder, reason=reason, text=text, by=by)
+        self._ended[self._token] = end
+        while len(self._ended) > REMEMBERED:
+            self._ended.popitem(last=False)
+        self._token = self._holder = self._instance = ""
+        self.origin, self.secret, self.last_secret = None, b"", self.secret
+        self.last_end = end
+        self._events.emit(
+            "lease", severity_of(reason), text, holder=end.holder, reason=reason, **({"by": by} if by else {})
+        )
+        self.on_end(end)
+
+    def info(self) -> wire.LeaseInfo | None:
+        if not self._token:
+            return None
+        expires = time.time() + self._expires - time.monotonic()
+        return wire.LeaseInfo(
+            holder=self._holder, expires=expires, priority=self._priority, number=self.number,
+            origin=self.origin.name if self.origin else None,
+        )  # fmt: skip
+
+    def refusal(self, token: str = "") -> NotHolder:
+        """Why ``token`` does not command the vehicle."""
+        ended = self._ended.get(token)
+        detail = {"vehicle": self._vehicle, **({"reason": ended.reason} if ended else {})}
+        if not self._token:
+            why = f"no such lease on {self._vehicle}" + (f" any more: {ended.text}" if ended else "")
+            return NotHolder(f"{why}; ask for one with do/lease", **detail)
+        left = self._expires - time.monotonic()
+        text = (
+            f"{self._holder} commands {self._vehicle} (for {left:.1f} s more unless renewed); hold, land, rtl and "
+            "disarm are open to everybody and end its lease"
+        )
+        if ended:
+            text = f"{ended.text}; {text}"
+        return NotHolder(text, holder=self._holder, priority=self._priority, **detail)
+
+    # How it is done.
+
+    def _agree(self, args: wire.TakeLease, token: str) -> tuple[bytes, dict[str, Any]]:
+        """The secret of a new lease, and what its holder is told so that he comes to the same one."""
+        ours = Exchange()
+        return ours.secret(args.key, f"{self._fleet}/{self._vehicle}", token), {"key": ours.public}
+
+    def _check_origin(self, origin: Origin | None) -> None:
+        """A token can be overheard: it is its holder's only as long as he proves that he asks."""
+        if origin != self.origin:
+            given, asks = (one.name if one else "nobody proven" for one in (self.origin, origin))
+            text = f"that lease on {self._vehicle} was given to {given}, and {asks} asks"
+            raise NotHolder(text, vehicle=self._vehicle, holder=self._holder, reason="origin")
+
+    def _check(self, args: wire.TakeLease) -> None:
+        if not args.holder:
+            raise BadInput("a lease needs a holder's name", field="holder", value=args.holder, expected="a name")
+        keys.check_name(args.holder, "holder")
+        if not 0.1 <= args.ttl <= MAX_TTL:
+            expected = f"0.1 to {MAX_TTL:.0f} s"
+            raise BadInput(f"a lease needs a ttl from {expected}", field="ttl", value=args.ttl, expected=expected)
+        if not 0 <= args.priority <= MAX_PRIORITY:
+            expected = f"0 to {MAX_PRIORITY}"
+            text = f"a lease needs a priority from {expected}"
+            raise BadInput(text, field="priority", value=args.priority, expected=expected)
+        if args.instance and not INSTANCE.match(args.instance):
+            text = f"instance {args.instance!r} is not the end of a liveliness token"
+            raise BadInput(text, field="instance", value=args.instance, expected="letters, digits, '_' and '-'")
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        """Only a token that was there can go: one that is late on a bad network ends nothing."""
+        parts = keys.match(str(sample.key_expr))[1]
+        who = (parts["holder"], parts["instance"])
+        if sample.kind == zenoh.SampleKind.PUT:
+            if len(self._present) < MOST_PRESENT:
+                self._present.add(who)
+        elif who in self._present:
+            self._present.discard(who)
+            if self._token and who == (self._holder, self._instance):
+                self.end("gone", f"{self._holder}, who held the lease, is gone")

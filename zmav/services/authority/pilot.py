@@ -1,0 +1,135 @@
+"""Who has the vehicle: any mode that was not ordered here, and the pilot's switch, take it from every agent.
+
+Nobody gives it back but an agent that asks for a lease anew, and not while the switch says pilot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable
+
+from zmav.autopilots import Autopilot
+from zmav.autopilots.safety import by_command, ends_in
+from zmav.config import PilotSwitch
+from zmav.errors import Refused, Unsupported
+from zmav.mavlink import Frame, decode
+from zmav.services.link.command import Commander
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port, on_loop
+
+GRACE = 3.0
+"""s after an order in which its command may still change the mode or disarm"""
+DISARMING = ("disarm", "MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE")
+UNHEARD = (0, 65535)
+"""RC_CHANNELS of a channel that the autopilot does not hear"""
+CRITICAL = 5
+"""MAV_STATE from which on a mode that the autopilot enters by itself is a failsafe's"""
+
+
+class Pilot:
+    """Watches the mode, the arming and RC_CHANNELS. On the event loop; :meth:`allowed` from any thread.
+
+    ``on_taken(text)`` is called when somebody else than us changed the mode, disarmed, or moved the switch.
+    """
+
+    def __init__(self, port: Port, identity: Identity, commander: Commander, switch: PilotSwitch | None) -> None:
+        self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
+        self.on_taken: Callable[[str], None] = lambda text: None
+        self.on_switch: Callable[[], None] = lambda: None
+        """called after that, where it was the switch"""
+        self.has_it: str | None = None
+        """why no agent may have the vehicle; None: it may"""
+        self._mode: str | None = None
+        self._armed = False
+        self._what, self._grace = "", 0.0
+        self._stop: Callable[[], None] = lambda: None
+
+    @property
+    def needs(self) -> dict[str, float]:
+        """Messages that must always flow, and their rate in Hz."""
+        return {"RC_CHANNELS": 10.0} if self.switch else {}
+
+    def start(self) -> None:
+        if self.switch is not None:
+            self._stop = self._port.listen("RC_CHANNELS", on_loop(asyncio.get_running_loop(), self._on_rc))
+
+    def close(self) -> None:
+        self._stop()
+
+    def check(self) -> None:
+        """Raise :class:`Refused` while the pilot's switch says that he has it."""
+        if self.has_it:
+            raise Refused(f"the pilot has it: {self.has_it}", vehicle=self._port.name, count="pilot")
+
+    def order_begins(self, what: str) -> None:
+        """What the autopilot does until it ends, and in the next seconds, may be what its command asks for.
+
+        ``what``: its verb, or the MAV_CMD it gives by name.
+        """
+        self._what, self._grace = what, time.monotonic() + GRACE
+
+    def changed(self) -> None:
+        """It shows another mode or arming, or is another autopilot."""
+        mode, armed = self._identity.mode, bool(self._identity.armed)
+        if self._armed and self._mode is not None:  # else nobody flies it
+            self._judge(mode, armed, self._mode)
+        self._mode, self._armed = mode, armed  # only now: the ladder's thread may not take the mode for one let pass
+
+    def _judge(self, mode: str | None, armed: bool, before: str) -> None:
+        if not armed:
+            flown = mode if self._expected(mode, before) else before
+            if not self._ends_on_ground(flown):
+                self.on_taken("it was disarmed, which was not ordered here")
+        elif mode != before and not self._expected(mode, before):
+            self.on_taken(f"the mode is now {mode}, which was not ordered here")
+
+    def allowed(self, mode: str | None) -> bool:
+        """``mode`` is the one that was seen and let pass, or was ordered here since."""
+        return mode is not None and mode in (self._mode, self._commander.ordered)
+
+    def _expected(self, mode: str | None, before: str) -> bool:
+        """The change was ordered here, or follows by itself from what was."""
+        autopilot, heartbeat = self._identity.autopilot, self._identity.heartbeat
+        if mode is None or autopilot is None or heartbeat is None:
+            return False
+        if self._commander.moving and mode in self._commander.follows:
+            return True
+        intended = self._identity.intended
+        by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
+        if mode == self._commander.ordered or by_order:
+            return True
+        failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode
+        return mode in ends_in(autopilot, before) and not failsafe
+
+    def _under_order(self) -> bool:
+        return self._commander.moving or time.monotonic() < self._grace
+
+    def _ends_on_ground(self, mode: str | None) -> bool:
+        """It disarms there by itself, or somebody ordered it."""
+        if self._what in DISARMING and time.monotonic() < self._grace:
+            return True
+        return self._identity.autopilot is not None and mode in _landing_modes(self._identity.autopilot)
+
+    def _on_rc(self, frame: Frame) -> None:
+        switch = self.switch
+        if switch is None or (frame.sysid, frame.compid) != self._identity.source:
+            return
+        pwm = int(decode(frame, self._port.dialect)[f"chan{switch.channel}_raw"])
+        if pwm in UNHEARD:
+            return  # a lost radio does not give the vehicle back
+        if not switch.low <= pwm <= switch.high:
+            self.has_it = None
+        elif self.has_it is None:
+            self.has_it = f"his switch (channel {switch.channel}) is at {pwm} µs"
+            self.on_taken(f"the pilot's switch (channel {switch.channel}) is at {pwm} µs")
+            self.on_switch()
+
+
+def _landing_modes(autopilot: Autopilot) -> set[str]:
+    modes = {"AUTO", "MISSION"}
+    for mode in (autopilot.land, autopilot.rtl):
+        with contextlib.suppress(Unsupported):
+            modes.add(mode())
+    return modes

@@ -1,0 +1,95 @@
+"""What a level of setpoints needs of the autopilot's parameters, and what the autopilot answers to those that are
+commands: the two ways in which setpoints can be sent and yet not be flown.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any
+
+from zmav.autopilots import Autopilot, Level, Need, Target
+from zmav.errors import Refused, Unsupported
+from zmav.mavlink import Frame, decode
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port, on_loop
+from zmav.services.orders.orders import Handler, Report
+from zmav.services.params.params import Params
+from zmav.services.status.events import Events
+
+COMMANDS = ("MAV_CMD_DO_SET_SERVO", "MAV_CMD_DO_SET_ACTUATOR", "MAV_CMD_DO_REPOSITION")
+ANSWER_WITHIN = 1.0
+"""s after a setpoint in which an answer may be meant for it"""
+ACCEPTED, IN_PROGRESS = 0, 5
+
+
+class ParamPreconditions:
+    """Judges each setpoint's level; a parameter that is not known yet is not held against it. On the event loop.
+
+    ``count(why)`` is called for each setpoint that the autopilot refuses.
+    """
+
+    def __init__(
+        self, port: Port, params: Params, identity: Identity, events: Events, count: Callable[[str], None]
+    ) -> None:
+        self._port, self._params, self._identity, self._events, self._count = port, params, identity, events, count
+        self._numbers = {port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
+        self._said: set[Need] = set()
+        self._level: Level | None = None
+        self._at = 0.0
+        self._stop: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        self._stop = self._port.listen("COMMAND_ACK", on_loop(asyncio.get_running_loop(), self._on_ack))
+
+    def close(self) -> None:
+        self._stop()
+
+    def check(self, autopilot: Autopilot, target: Target) -> None:
+        """Raise :class:`Unsupported` with what to set where such setpoints would do nothing; say it once where they
+        would do something else than they say.
+        """
+        self._level, self._at = target.level, time.monotonic()
+        for need in autopilot.needs(target):
+            source = self._identity.source
+            why = need.unmet(self._params.value, source[0]) if source else None
+            if why is None:
+                self._said.discard(need)
+            elif need.fatal:
+                raise Unsupported(why, field=target.level, value=target.level, expected=why, count="parameter")
+            elif need not in self._said:
+                self._said.add(need)
+                self._events.emit("setpoint", "warning", f"{target.level} setpoints: {why}", why="parameter")
+
+    def explained(self, arm: Handler) -> Handler:
+        """``arm``, whose refusal says which parameter of the autopilot stands against it, too."""
+
+        async def explained(args: Any, report: Report) -> dict[str, Any]:
+            try:
+                return await arm(args, report)
+            except Refused as e:
+                source, autopilot = self._identity.source, self._identity.autopilot
+                if source is None or autopilot is None or self._identity.armed or e.detail.get("reasons"):
+                    raise  # the autopilot's own reasons are the better ones
+                needs = [need.unmet(self._params.value, source[0]) for need in autopilot.arming_needs]
+                unmet = [why for why in needs if why is not None]
+                if not unmet:
+                    raise
+                raise Refused("; ".join((e.message, *unmet)), **{**e.detail, "reasons": unmet}) from e
+
+        return explained
+
+    def _on_ack(self, frame: Frame) -> None:
+        if (frame.sysid, frame.compid) != self._identity.source or time.monotonic() - self._at > ANSWER_WITHIN:
+            return
+        ack = decode(frame, self._port.dialect)
+        name, result = self._numbers.get(ack["command"]), ack["result"]
+        system, component = self._port.address
+        ours = ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
+        if name is None or not ours or result in (ACCEPTED, IN_PROGRESS):
+            return
+        self._count("refused")
+        said = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")
+        text = f"{self._level} setpoint: {name} refused: {said}"
+        self._events.emit("setpoint", "warning", text, limit="sp refused", why="refused")

@@ -1,0 +1,477 @@
+"""What happens when the stream stops: the ladder from a fresh setpoint down to landing, in a thread of its own.
+
+A watchdog on the event loop would sleep with the loop it guards. This one needs nothing of it: it knows when the stream
+goes stale, reads the autopilot's mode from the adapter's memory, and sends through the port, which any thread may.
+
+fresh -> kept alive at the autopilot's rate; a committed segment is interpolated until its end
+-> stale for hold_after: hold, repeated until the vehicle shows it
+-> stale for land_after: the configured action's mode, or the next safer one that the autopilot takes.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from zmav import wire
+from zmav.autopilots import Autopilot, Command, Level, Message, Target
+from zmav.config import Failsafe
+from zmav.errors import LinkDown, Refused, ZmavError
+from zmav.mavlink import decode
+from zmav.services.authority.flown import ActiveStream, future
+from zmav.services.authority.pace import Pace
+from zmav.services.authority.trajectory import Segment
+from zmav.services.link.port import Port
+from zmav.services.link.reported import ReportedMode, in_the_air, shown
+from zmav.services.status.events import Events
+
+ASK_EVERY = 1.0
+"""s between requests for a mode"""
+LATE_MODE = 2.0
+"""s after such a request in which it may yet show that it was granted, the stream having ended"""
+GIVE_UP = 3.0
+"""s after which a mode that does not come is taken for refused"""
+HOLD_EVERY, HOLD_REPEATS = 0.2, 3
+CLOSING_REPEATS = 3
+HOLD_WATCH = 30.0
+"""s for which a vehicle that still moves is told to stop, twice a second"""
+STILL = 0.5
+"""m/s below which a vehicle holds"""
+SEGMENT_HZ = 10.0
+RETRY_ACTION = 10.0
+ROUND = 1.0
+"""s at most between two rounds of the thread: whoever counts them sees that it lives"""
+SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
+
+
+class Step(enum.Enum):
+    IDLE = "idle"
+    ENGAGING = "engaging"
+    FRESH = "fresh"
+    HOLDING = "holding"
+    ACTING = "acting"
+
+
+class StreamWatchdog:
+    """Guards one vehicle's stream. Every method from any thread; what calls back does so from the ladder's thread.
+
+    ``ordered(mode)`` is told of each mode it asks for, ``acted(lease)`` when it gives the stream up for good, and
+    ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`).
+    """
+
+    def __init__(self, port: Port, events: Events, failsafe: Failsafe) -> None:
+        self._port, self._events, self.failsafe = port, events, failsafe
+        self.ordered: Callable[[str], None] = lambda mode: None
+        self.acted: Callable[[int], None] = lambda lease: None
+        self.count: Callable[[str], None] = lambda what: None
+        self.allowed: Callable[[str | None], bool] = lambda mode: True
+        """the autopilot's mode is one that was ordered here"""
+        self.near: Callable[[Autopilot, Target, tuple[int, int]], Target] = lambda autopilot, target, source: target
+        self.aside: Callable[[Callable[[float], Target]], tuple[Target, str] | None] = lambda future: None
+        """what to fly instead for a moment, and because of whom (:mod:`zmav.services.authority.separation`)"""
+        self._dodging: ActiveStream | None = None
+        """what is flown, while the vehicle is moved aside from it"""
+        self._changed = threading.Condition(threading.RLock())
+        self._pace = Pace()
+        self._step = Step.IDLE
+        self._flown: ActiveStream | None = None
+        self._since = 0.0
+        """when what is held was last fresh"""
+        self._due = math.inf
+        self._begun = 0.0
+        """of the present step"""
+        self._engages = 0.0
+        """when the mode may be asked for"""
+        self._asked = -math.inf
+        self._tries: list[str] = []
+        self._repeats = 0
+        self._over = 0
+        """the lease under which the ladder has acted: nothing more is flown under it"""
+        self.rounds = 0
+        """of its thread so far"""
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name=f"ladder {port.name}", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """End; a vehicle that follows a stream is told to hold, for nobody will watch over it any more."""
+        with self._changed:
+            for _ in range(CLOSING_REPEATS):
+                if self._step in (Step.FRESH, Step.HOLDING) and self._ours():
+                    self._asked = -math.inf
+                    self._say_hold()
+                    time.sleep(0.02)
+            self._end()
+            self._closing = True
+            self._changed.notify()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+
+    # What the stream does.
+
+    @property
+    def step(self) -> Step:
+        return self._step
+
+    def fly(self, flown: ActiveStream, mode: str | None) -> bool:
+        """Send it and watch over it. False: the mode that follows it is being asked for, ``mode`` is the present one;
+        the latest setpoint is flown as soon as it is there.
+        """
+        with self._changed:
+            if flown.lease == self._over:
+                raise Refused("its stream was silent for too long: take a new lease", count="failsafe")
+            now, step = time.monotonic(), self._step
+            before, self._flown = self._flown, flown
+            if before is not None:
+                self._let_go(before, flown)
+            if mode == flown.mode:
+                sent = self._send()
+                if self._step is not Step.FRESH:
+                    self._enter(Step.FRESH)
+                if not sent:
+                    raise LinkDown("the link to the autopilot is down or full", count="link")
+            else:
+                if self._step is not Step.ENGAGING:
+                    self._begin_engaging(flown)
+                if flown.autopilot.engage_after > 0.0:
+                    self._send()
+            due = self._next(now)
+            self._wake(min(due, self._due) if step is Step.ENGAGING is self._step else due)
+            return mode == flown.mode
+
+    def wait_until_idle(self, timeout: float) -> bool:
+        """Block until nothing is flown; False after ``timeout`` seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._step is Step.IDLE, timeout)
+
+    @property
+    def flying(self) -> bool:
+        """A stream is flown, or was until it went stale."""
+        return self._step in (Step.FRESH, Step.ENGAGING, Step.HOLDING)
+
+    @property
+    def committed(self) -> bool:
+        """A segment is being flown: it ends at rest by itself."""
+        flown = self._flown
+        return self._step is Step.FRESH and flown is not None and isinstance(flown.what, Segment)
+
+    def future(self) -> Callable[[float], Target] | None:
+        """What it flies so many seconds from now; None where nothing is flown."""
+        flown = self._flown
+        return None if flown is None or self._step is not Step.FRESH else future(flown)
+
+    @property
+    def on_segment(self) -> bool:
+        """A segment is what is flown or, at its end, held; not while the vehicle is moved aside from it."""
+        flown = self._flown
+        followed = flown is not None and isinstance(flown.what, Segment) and self._dodging is not flown
+        return self._step is not Step.IDLE and followed
+
+    def hold_now(self, why: str, *, goes_on: bool = True, severity: wire.Severity = "warning") -> None:
+        """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows, unless the end of what is
+        held already was meant. ``severity``: of saying so. What acts, or acted in vain and tries again, goes on: only
+        an order that moves the vehicle, or the pilot, ends that.
+        """
+        with self._changed:
+            flown = self._flown
+            if flown is None or not self._ours():
+                self._end()  # nothing flies by it
+                return
+            if flown.lease == self._over:
+                return
+            if self._step is Step.ENGAGING and self._shown().mode != flown.mode:
+                self._flown = flown._replace(until=min(flown.until, time.monotonic()))
+                self._wake(time.monotonic())  # nothing flies by it yet
+                return
+            if self._step in (Step.FRESH, Step.ENGAGING):
+                self._hold(why, severity)
+            self._flown = flown._replace(goes_on=flown.goes_on and goes_on)
+            self._dodging = self._flown if self._dodging is flown else self._dodging
+            self._wake(self._next(time.monotonic()))
+
+    def stop(self) -> ActiveStream | None:
+        """The stream is over on purpose: an order or the pilot moves the vehicle now, or it has landed. Once this
+        returns nothing more is sent, and what was overridden is given back. Returns what was flown, held or given up.
+        """
+        with self._changed:
+            flown = None if self._step is Step.ENGAGING else self._flown  # nothing flies by that yet
+            self._end()
+            return flown
+
+    def hold(self, flown: ActiveStream, why: str) -> None:
+        """Hold what nothing moves any more, while nothing else is flown; land_after counts from now."""
+        with self._changed:
+            if self._step is not Step.IDLE:
+                return
+            self._flown = flown
+            if not self._ours():
+                self._end()
+                return
+            self._hold(why)
+            self._since = time.monotonic()
+            self._wake(self._next(time.monotonic()))
+
+    # The thread.
+
+    def _run(self) -> None:
+        with self._changed:
+            while not self._closing:
+                now = time.monotonic()
+                self.rounds += 1
+                if now < self._due:
+                    self._changed.wait(min(self._due - now, ROUND))
+                    continue
+                try:
+                    self._tick(now)
+                    self._due = self._next(time.monotonic())
+                except Exception as e:  # it must not end, whatever is wrong
+                    self._due = now + HOLD_EVERY
+                    self._events.emit("fault", "error", f"ladder: {e!r}", limit="ladder")
+
+    def _wake(self, due: float) -> None:
+        """A stream moves its due time on with each setpoint: only an earlier one needs the thread."""
+        earlier, self._due = due < self._due, due
+        if earlier:
+            self._changed.notify()
+
+    def _next(self, now: float) -> float:
+        """When the present step has something to do."""
+        flown = self._flown
+        if flown is None or self._step is Step.IDLE:
+            return math.inf
+        if self._step is Step.FRESH:
+            return min(flown.until, now + self._period(flown))
+        if self._step is Step.ENGAGING:
+            if now >= flown.until:
+                return now + 0.05
+            waited = max(self._asked + ASK_EVERY, self._engages)
+            return min(flown.until, max(now, waited), now + (self._period(flown) if self._streams(flown) else 0.05))
+        return now + HOLD_EVERY
+
+    def _tick(self, now: float) -> None:
+        flown = self._flown
+        if flown is None:
+            return
+        if not self._ours():
+            self._end()
+        elif self._step is Step.FRESH:
+            if now >= flown.until:
+                if isinstance(flown.what, Segment):
+                    self._hold("the segment has ended", "info")  # as it was to
+                else:
+                    self._hold(f"no setpoint for {self.failsafe.hold_after:g} s")
+            else:
+                self._send()
+        elif self._step is Step.ENGAGING:
+            self._engage(flown, now)
+        elif self._step is Step.HOLDING:
+            self._watch_hold(flown, now)
+        else:
+            self._act(flown, now)
+
+    # The steps.
+
+    def _begin_engaging(self, flown: ActiveStream) -> None:
+        self._enter(Step.ENGAGING)
+        flies = in_the_air(self._port, flown.source) is True
+        self._engages = self._begun + flown.autopilot.engages_after(_level(flown), flies)
+        self.ordered(flown.mode)  # PX4 goes back to the mode it was last asked for as soon as setpoints come
+
+    def _engage(self, flown: ActiveStream, now: float) -> None:
+        mode = self._shown().mode
+        if now >= flown.until:
+            if mode == flown.mode:
+                self._hold(f"the stream ended before {flown.mode} came")
+            elif now - self._asked > LATE_MODE:
+                self._end()
+        elif mode == flown.mode:
+            self._enter(Step.FRESH)
+            self._send()
+        else:
+            if self._streams(flown):
+                self._send()
+            if now >= max(self._asked + ASK_EVERY, self._engages):
+                self._ask(flown.mode, now)
+                if now - self._engages > GIVE_UP:
+                    text = f"{flown.mode} does not come; setpoints wait for it"
+                    self._events.emit("setpoint", "warning", text, limit="engage")
+
+    def _hold(self, why: str, severity: wire.Severity = "warning") -> None:
+        flown, now = self._flown, time.monotonic()
+        assert flown is not None
+        lasts = 0.0 if isinstance(flown.what, Segment) else self.failsafe.hold_after
+        self._since = min(now, flown.until - lasts)
+        self._enter(Step.HOLDING)
+        self._let_go(self._flown, None)
+        self._say_hold()
+        self.count("held")
+        self._events.emit("setpoint", severity, f"{why}: holding position")
+
+    def _say_hold(self) -> None:
+        """Ask for the hold once; it is asked for again, for the message has no acknowledgement."""
+        flown = self._flown
+        assert flown is not None
+        self._repeats += 1
+        try:
+            mode, message = flown.autopilot.hold()
+        except ZmavError as e:
+            if self._repeats == 1:
+                self._events.emit("setpoint", "error", f"it cannot be told to hold: {e}")
+            return
+        now, said = time.monotonic(), self._shown()
+        # What is shown may be from before the stream, and a failsafe's mode is not yet what it intends.
+        there = said.mode == mode and said.intended in (None, mode) and (self._repeats > 1 or mode == flown.mode)
+        if not there and now - self._asked >= HOLD_EVERY:
+            self._ask(mode, now)
+        if message is not None:
+            self._give(message)
+
+    def _watch_hold(self, flown: ActiveStream, now: float) -> None:
+        """Until it is in the mode and stands still; a few times in any case."""
+        after = self.failsafe.land_after
+        if flown.goes_on and after != "never" and now - self._since >= after:
+            self._enter(Step.ACTING)
+            self._tries = list(SAFER[self.failsafe.action])
+            self._over = flown.lease
+            self.acted(flown.lease)
+            self._act(flown, now)
+        elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
+            self._say_hold()
+
+    def _holds(self, flown: ActiveStream) -> bool:
+        try:
+            in_mode = self._shown().mode == flown.autopilot.hold()[0]
+        except ZmavError:
+            return True
+        heard = self._port.latest("GLOBAL_POSITION_INT", flown.source)
+        if heard is None:
+            return in_mode
+        p = decode(heard.frame, self._port.dialect)
+        return in_mode and math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL
+
+    def _act(self, flown: ActiveStream, now: float) -> None:
+        """Enter the mode of the first action that the autopilot takes; nothing else is left to try: keep the hold."""
+        while self._tries:
+            action = self._tries[0]
+            try:
+                mode = str(getattr(flown.autopilot, action)())
+            except ZmavError as e:
+                self._refused(action, str(e))
+                continue
+            if self._shown().mode == mode:
+                text = f"no setpoint for {now - self._since:.0f} s: {mode}"
+                self._events.emit("failsafe", "critical", text, action=action, mode=mode)
+                self._end()
+                return
+            if now - self._begun > GIVE_UP:
+                self._refused(action, f"mode {mode} does not come")
+                self._begun, self._asked = now, -math.inf
+                continue
+            if now - self._asked >= HOLD_EVERY:
+                self._ask(mode, now)
+            return
+        text = f"neither {' nor '.join(SAFER[self.failsafe.action])} is taken: holding position"
+        self._events.emit("failsafe", "emergency", text)
+        self._enter(Step.HOLDING)
+        self._since = now + RETRY_ACTION - float(self.failsafe.land_after)  # and then all of it again
+        self._say_hold()
+
+    def _refused(self, action: str, why: str) -> None:
+        self._tries.pop(0)
+        then = f"{self._tries[0]} instead" if self._tries else "nothing else is left"
+        self._events.emit("failsafe", "error", f"{action} is not to be had ({why}): {then}", action=action)
+
+    # How it is done; all of it with the lock.
+
+    def _enter(self, step: Step) -> None:
+        self._pace.reset()
+        self._step, self._begun, self._asked, self._repeats = step, time.monotonic(), -math.inf, 0
+
+    def _end(self) -> None:
+        if self._step in (Step.FRESH, Step.ENGAGING):
+            self._let_go(self._flown, None)
+        self._step, self._flown, self._due = Step.IDLE, None, math.inf
+        self._dodging = None
+        self._changed.notify_all()
+
+    def _shown(self) -> ReportedMode:
+        assert self._flown is not None
+        return shown(self._port, self._flown.autopilot, self._flown.source)
+
+    def _ours(self) -> bool:
+        """It is armed, and in a mode that was ordered here: the pilot has it otherwise."""
+        return self._shown().armed and self.allowed(self._shown().mode)
+
+    def _ask(self, mode: str, now: float) -> None:
+        assert self._flown is not None
+        self._asked = now
+        self.ordered(mode)
+        self._give(self._flown.autopilot.mode(mode).command)
+
+    def _streams(self, flown: ActiveStream) -> bool:
+        return self._step is Step.FRESH or flown.autopilot.engage_after > 0.0
+
+    def _period(self, flown: ActiveStream) -> float:
+        hz = flown.autopilot.keepalive_hz
+        fast = isinstance(flown.what, Segment) or self._dodging is not None
+        return 1.0 / (max(hz, SEGMENT_HZ) if fast else hz)
+
+    def _send(self) -> bool:
+        """The setpoint as it is now; False where the link does not take it."""
+        flown = self._flown
+        assert flown is not None
+        instead = self.aside(future(flown))
+        if instead is not None:
+            return self._dodge(flown, *instead)
+        if self._dodging is flown and isinstance(flown.what, Segment):
+            self._flown = flown._replace(what=Target(vel=(0.0, 0.0, 0.0)))  # its place on the segment may be taken
+            self._hold("moved aside from the segment")
+            return True
+        self._dodging = None
+        target = future(flown)(0.0)
+        sent = True
+        for action in flown.autopilot.setpoint(self.near(flown.autopilot, target, flown.source)):
+            if self._pace.due(action, time.monotonic()):
+                sent = self._give(action) and sent
+        return sent
+
+    def _dodge(self, flown: ActiveStream, target: Target, whom: str) -> bool:
+        if self._dodging is None:
+            self.count("aside")
+            self._events.emit("separation", "warning", f"moving aside for {whom}", limit="aside", whom=whom)
+        self._dodging = flown
+        sent = [self._give(action) for action in flown.autopilot.setpoint(target)]
+        return all(sent)
+
+    def _let_go(self, before: ActiveStream | None, after: ActiveStream | None) -> None:
+        """Give back what an override took, where what comes next does not override it as well."""
+        if before is None or isinstance(before.what, Segment):
+            return
+        if after is not None and not isinstance(after.what, Segment) and after.what.level == before.what.level:
+            return
+        for message in before.autopilot.release(before.what):
+            self._give(message)
+
+    def _give(self, action: Command | Message) -> bool:
+        assert self._flown is not None
+        system, component = self._flown.source
+        if isinstance(action, Message):
+            return self._port.send(action.name, **action.addressed(system, component))
+        p, dialect = action.padded(), self._port.dialect
+        fields: dict[str, Any] = {f"param{i + 1}": p[i] for i in range(4)}
+        fields |= {"target_system": system, "target_component": component}
+        fields["command"] = dialect.value("MAV_CMD", action.name)
+        if action.frame is None:
+            return self._port.send("COMMAND_LONG", **fields, param5=p[4], param6=p[5], param7=p[6])
+        frame = dialect.value("MAV_FRAME", action.frame)
+        return self._port.send("COMMAND_INT", **fields, x=int(p[4]), y=int(p[5]), z=p[6], frame=frame)
+
+
+def _level(flown: ActiveStream) -> Level:
+    return "trajectory" if isinstance(flown.what, Segment) else flown.what.level

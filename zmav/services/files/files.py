@@ -1,0 +1,287 @@
+"""The autopilot's files as orders, and the bytes of what was fetched as answers to queries.
+
+``do/file_get`` brings a file into the :class:`~zmav.services.files.store.Store`; ``file/{file}/*`` is then answered
+with its chunks. What is to be written comes in chunks on ``upload/{file}/{offset}`` and is kept in memory until
+``do/file_put``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import threading
+import time
+from collections.abc import Awaitable, Coroutine, Iterator
+from typing import Any, TypeVar
+
+import msgspec
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput, Refused
+from zmav.mavlink.ftp import Nak, crc32
+from zmav.services.files.ftp import Ftp, generated
+from zmav.services.files.ftp_read import Memory, Sink
+from zmav.services.files.gaps import UNKNOWN
+from zmav.services.files.store import Meta, Part, Store
+from zmav.services.link.port import Port
+from zmav.services.orders.orders import Handler, Report
+from zmav.services.queries.proven import attached
+from zmav.services.queries.questions import Questions, Reply
+from zmav.trust.gate import Prove, anybody
+from zmav.wire.files import CHUNK, MOST_CHUNKS
+
+T = TypeVar("T")
+MOST_UPLOADS, MOST_UPLOADED = 16, 1 << 24
+"""bytes of all uploads that are kept in memory"""
+UPLOAD_NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
+ATTEMPTS = 2
+
+
+class Upload(Memory):
+    """Bytes on their way to the autopilot."""
+
+    def __init__(self) -> None:
+        super().__init__(MOST_UPLOADED)
+        self.touched = 0.0
+
+
+class Files:
+    """Orders ``file_*``, on the event loop, and the keys ``file/**`` and ``upload/**``, in the lane of questions.
+
+    ``prove`` raises :class:`~zmav.errors.Forbidden` for a chunk that does not come from who may upload.
+    """
+
+    def __init__(
+        self, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove
+    ) -> None:  # fmt: skip
+        self._port = port
+        key = {"fleet": port.fleet, "vehicle": port.name, "file": "*"}
+        questions.declare(keys.FILE.key(**key), self._on_info)
+        questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
+        # Its proof is looked at with the answer, so that no refusal waits for the event loop either.
+        questions.declare(keys.UPLOAD.key(**key, offset="*"), self._on_upload, anybody)
+        self.ftp, self.store = ftp, store
+        self.uploads: dict[str, Upload] = {}
+        self._uploading = threading.Lock()
+        self._prove = prove
+        self._under_way: asyncio.Task[Any] | None = None
+
+    @property
+    def handlers(self) -> dict[str, Handler]:
+        """The verbs of this service."""
+        return {
+            "file_list": self.listing,
+            "file_get": self.get,
+            "file_put": self.put,
+            "file_remove": lambda args, report: self._done(self.ftp.remove(args.path, report)),
+            "file_mkdir": lambda args, report: self._done(self.ftp.mkdir(args.path, report)),
+            "file_rmdir": lambda args, report: self._done(self.ftp.rmdir(args.path, report)),
+            "file_rename": lambda args, report: self._done(self.ftp.rename(args.path, args.to, report)),
+            "file_crc": self.crc,
+            "file_cancel": self.cancel,
+        }
+
+    # Orders.
+
+    async def listing(self, args: wire.FilePath, report: Report) -> dict[str, Any]:
+        """The entries of a directory: ``{"entries": [FileEntry, ...]}``."""
+        return {"entries": msgspec.to_builtins(await self.ftp.list(args.path, report))}
+
+    async def crc(self, args: wire.FilePath, report: Report) -> dict[str, Any]:
+        return {"crc32": await self.ftp.crc32(args.path, report=report)}
+
+    async def get(self, args: wire.FileGet, report: Report) -> dict[str, Any]:
+        """Fetch a file; its result is a :class:`zmav.wire.StoredFile`. Goes on where an earlier attempt was cut off,
+        provided that the file is still the same one.
+        """
+        stored = await self.transfer(self.fetch(args.path, report))
+        result: dict[str, Any] = msgspec.to_builtins(stored)
+        return result
+
+    async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
+        """Write an upload to the autopilot, and see by its checksum that it is there."""
+        data = self._uploaded(args)
+        meter = await self.transfer(self.ftp.put(args.path, data, report))
+        verified = False
+        if not generated(args.path):
+            found = await self._crc(args.path, len(data), report)
+            if found not in (None, args.crc32):
+                why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
+                raise Refused(why, path=args.path)
+            verified = found is not None
+        with self._uploading:
+            self.uploads.pop(args.file, None)
+        return {"path": args.path, "size": len(data), "verified": verified, "rate": round(meter.rate)}
+
+    async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
+        what = self.ftp.under_way
+        if self._under_way is None:
+            return {"cancelled": None}
+        self._under_way.cancel()
+        return {"cancelled": what or "a transfer"}
+
+    async def _done(self, work: Awaitable[None]) -> dict[str, Any]:
+        await work
+        return {}
+
+    # Fetching.
+
+    async def transfer(self, work: Coroutine[Any, Any, T]) -> T:
+        """See ``work`` through as the transfer that ``file_cancel`` ends."""
+        task = asyncio.ensure_future(work)
+        self._under_way = task
+        try:
+            return await task
+        finally:
+            task.cancel()
+            await asyncio.wait({task})
+            if self._under_way is task:
+                self._under_way = None
+
+    async def fetch(self, path: str, report: Report) -> wire.StoredFile:
+        """Bring a file of the autopilot into the store."""
+        for attempt in range(ATTEMPTS):
+            expected = None if generated(path) else await self._crc(path, 0, report)
+            identity = "" if expected is None else f"{expected:08x}"
+            kept = self.store.find(path, identity)
+            if kept is not None and not kept.missing and kept.verified:
+                return self.stored(kept, by="store", resumed=kept.size)
+            resume = attempt == 0 and not generated(path) and not (kept and not kept.missing)
+            part, rate, same = await self._fetch_once(path, identity, expected, resume, report)
+            if same:
+                break  # else it came out of two versions, or it grows as it is read
+        return self.stored(part.meta, by="ftp", rate=rate, resumed=part.resumed)
+
+    async def small(self, path: str, most: int, report: Report) -> bytes:
+        """A file of at most that many bytes: the one in the store, where the autopilot's has the same checksum."""
+        expected = await self._crc(path, 0, report)
+        identity = "" if expected is None else f"{expected:08x}"
+        kept = self.store.find(path, identity)
+        if expected is not None and kept is not None and not kept.missing and kept.size <= most:
+            with contextlib.suppress(BadInput):
+                data = self.store.read(self.store.name_of(path), 0, kept.size)
+                if crc32(data) == expected:
+                    return data
+        data = await self.ftp.get(path, report, most)
+        with contextlib.suppress(Refused, OSError):  # what cannot be kept is fetched again another time
+            async with self.store.open(path, identity, len(data), resume=False) as part:
+                part.put(0, data)
+                await part.finish(expected)
+        return data
+
+    async def _fetch_once(
+        self, path: str, identity: str, expected: int | None, resume: bool, report: Report
+    ) -> tuple[Part, float, bool]:
+        async with contextlib.AsyncExitStack() as stack:
+            parts: list[Part] = []
+
+            def begin(size: int) -> Sink:
+                if parts:  # another attempt of the same transfer
+                    if generated(path):
+                        parts[0].restart()
+                    return parts[0]
+                part = self.store.open(path, identity, None if generated(path) else size, resume=resume)
+                stack.push_async_exit(part)
+                parts.append(part)
+                return part
+
+            meter = await self.ftp.fetch(path, begin, report)
+            same = await parts[0].finish(expected)
+        return parts[0], meter.rate, same
+
+    async def _crc(self, path: str, size: int, report: Report) -> int | None:
+        """The autopilot's checksum; None where it cannot give one."""
+        report({"checking": True})
+        try:
+            return await self.ftp.crc32(path, size, report)
+        except Refused as e:
+            if e.detail.get("nak") not in (Nak.UNKNOWN_COMMAND.name, Nak.FAIL.name):
+                raise
+            return None
+        finally:
+            report({"checking": None})
+
+    def stored(self, meta: Meta, *, by: str, rate: float = 0.0, resumed: int = 0) -> wire.StoredFile:
+        return wire.StoredFile(
+            file=self.store.name_of(meta.origin), path=meta.origin, size=meta.size, crc32=meta.crc32, t=meta.t,
+            verified=meta.verified, by=by, rate=round(rate), resumed=resumed,
+        )  # fmt: skip
+
+    # What was fetched, as answers: in the lane of questions.
+
+    def _on_info(self, query: zenoh.Query) -> Iterator[Reply]:
+        """What a file is, or all files where the query's key says so."""
+        for name, meta in list(self.store.files.items()):
+            key = keys.FILE.key(self._port.fleet, self._port.name, file=name)
+            if not meta.missing and query.key_expr.intersects(key):
+                yield Reply(key, wire.encode(self.stored(meta, by="store")))
+
+    def _on_read(self, query: zenoh.Query) -> Iterator[Reply]:
+        *_, name, offset = str(query.key_expr).split("/")
+        if "*" in name or ("*" in offset and offset != "*"):
+            return  # somebody looks around
+        asked = self._asked(query, offset)
+        data = self.store.read(name, asked.offset, min(asked.length, CHUNK * MOST_CHUNKS))
+        for at in range(0, len(data), CHUNK):
+            key = keys.FILE_CHUNK.key(self._port.fleet, self._port.name, file=name, offset=asked.offset + at)
+            yield Reply(key, data[at : at + CHUNK], keys.RAW)
+
+    def _asked(self, query: zenoh.Query, offset: str) -> wire.FileQuery:
+        if offset != "*":
+            return wire.FileQuery(offset=_offset(offset), length=CHUNK)
+        asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.FileQuery, "query of a file")
+        if asked.offset < 0 or asked.length < 0:
+            raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
+        return asked
+
+    # What is to be written: in the lane, too, which bounds what waits and what its proofs cost.
+
+    def _on_upload(self, query: zenoh.Query) -> Iterator[Reply]:
+        key = str(query.key_expr)
+        if "*" in key:
+            return
+        *_, name, offset = key.split("/")
+        data = query.payload.to_bytes() if query.payload else b""
+        self._prove(key, data, attached(query))
+        with self._uploading:
+            there = UNKNOWN - self._take(name, _offset(offset), data).gaps.total
+        yield Reply(key, wire.encode(wire.Uploaded(file=name, bytes=there)), introduce=False)
+
+    def _take(self, name: str, offset: int, data: bytes) -> Upload:
+        if not UPLOAD_NAME.match(name):
+            raise BadInput(
+                f"{name!r} cannot be an upload's name", field="file", value=name, expected="[a-z0-9_-]{1,64}"
+            )
+        others = sum(len(each.data) for other, each in self.uploads.items() if other != name)
+        for oldest in sorted(self.uploads, key=lambda each: self.uploads[each].touched):
+            if others + offset + len(data) <= MOST_UPLOADED or offset + len(data) > MOST_UPLOADED:
+                break
+            if oldest != name:
+                others -= len(self.uploads.pop(oldest).data)
+        upload = self.uploads.setdefault(name, Upload())
+        upload.touched = time.monotonic()
+        upload.put(offset, data)
+        if len(self.uploads) > MOST_UPLOADS:
+            del self.uploads[min(self.uploads, key=lambda each: self.uploads[each].touched)]
+        return upload
+
+    def _uploaded(self, args: wire.FilePut) -> bytes:
+        with self._uploading:
+            upload = self.uploads.get(args.file)
+            data = bytes(upload.data) if upload is not None else b""
+        if len(data) != args.size or crc32(data) != args.crc32:
+            there = "nothing" if upload is None else f"{len(data)} bytes, or others"
+            raise BadInput(
+                f"{args.size} bytes were to be uploaded as {args.file!r}, but {there} came: upload it again",
+                field="file", value=args.file, expected=f"{args.size} bytes with CRC-32 0x{args.crc32:08x}",
+            )  # fmt: skip
+        return data
+
+
+def _offset(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 12):
+        raise BadInput(f"{text!r} is no offset", field="offset", value=text, expected="a number of bytes")
+    return int(text)

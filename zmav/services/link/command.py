@@ -1,0 +1,266 @@
+"""The command protocol beside the autopilot: sent over the local link, acknowledged, retried, and seen to come true.
+
+Protocol: https://mavlink.io/en/services/command.html
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from zmav.autopilots import Autopilot, Command, Message
+from zmav.autopilots.base import HERE
+from zmav.errors import Refused, Stale, TimedOut, Unsupported
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Inbox, Port
+from zmav.services.orders.orders import Report
+from zmav.services.status.events import Events
+
+ACK_TIMEOUT = 0.5
+RETRIES = 3
+IN_PROGRESS_TIMEOUT = 10.0
+CONFIRM_TIMEOUT = 4.0
+"""s for a HEARTBEAT to show what an acknowledgement promised"""
+EXPLAIN_TIME = 0.2
+"""s that the words explaining a refusal may come after it"""
+ACCEPTED, UNSUPPORTED, IN_PROGRESS, LONG_ONLY, INT_ONLY = 0, 3, 5, 7, 8
+UNKNOWN_PROGRESS = 255
+
+
+class Ack(NamedTuple):
+    """A COMMAND_ACK's verdict, and the command-specific number some come with."""
+
+    result: int
+    result_param2: int
+
+
+class Commander:
+    """Sends commands to the autopilot and watches them through. Lives on the event loop."""
+
+    def __init__(self, port: Port, identity: Identity, events: Events) -> None:
+        self._port, self._identity, self._events = port, identity, events
+        self._locks: dict[str, asyncio.Lock] = {}
+        self._mover: asyncio.Task[Any] | None = None
+        self._beside: set[asyncio.Task[Any] | None] = set()
+        self.follows: frozenset[str] = frozenset()
+        """modes that the order which moves the vehicle leads to by itself: a mission that ends in a return"""
+        self.ordered: str | None = None
+        """the mode last asked for here: any other that the autopilot shows was somebody else's wish"""
+
+    # The one order that moves the vehicle.
+
+    @property
+    def moving(self) -> bool:
+        """An order is moving the vehicle, or is about to."""
+        return self._mover is not None
+
+    @property
+    def under_way(self) -> bool:
+        """An order moves the vehicle, or one beside it may."""
+        return self.moving or bool(self._beside)
+
+    def supersede(self) -> None:
+        """End the order that moves the vehicle, if one is under way, and those beside it."""
+        for task in (self._mover, *self._beside):
+            if task is not None and task is not asyncio.current_task():
+                task.cancel()
+        self._mover = None
+
+    @contextlib.contextmanager
+    def beside(self) -> Iterator[None]:
+        """An order that leaves the one that moves the vehicle alone, and ends where that would: with the pilot or the
+        next one, which it must not undo by being repeated, nor keep waiting for its acknowledgement.
+        """
+        me = asyncio.current_task()
+        self._beside.add(me)
+        try:
+            yield
+        finally:
+            self._beside.discard(me)
+
+    @contextlib.asynccontextmanager
+    async def move(self) -> AsyncIterator[None]:
+        """One order at a time moves the vehicle: a later one ends an earlier one."""
+        self.supersede()
+        self.follows = frozenset()
+        self._mover = me = asyncio.current_task()
+        try:
+            yield
+        finally:
+            if self._mover is me:
+                self._mover = None
+
+    # Who is commanded.
+
+    def autopilot(self) -> Autopilot:
+        """The autopilot's rules; raises :class:`Stale` where none is heard."""
+        if self._identity.autopilot is None:
+            raise Stale(f"no autopilot has been heard on {self._port.link.url}", vehicle=self._port.name)
+        if not self._identity.connected:
+            raise Stale("the autopilot is silent", vehicle=self._port.name)
+        return self._identity.autopilot
+
+    def source(self) -> tuple[int, int]:
+        """The autopilot's system and component id; raises :class:`Stale`."""
+        self.autopilot()
+        assert self._identity.source is not None
+        return self._identity.source
+
+    def inbox(self, *names: str) -> Inbox:
+        """The autopilot's messages of these names, while the ``with`` lasts."""
+        return Inbox(self._port, self.source(), *names)
+
+    # What is sent.
+
+    async def command(self, command: Command, report: Report | None = None) -> Ack:
+        """Send a MAV_CMD until it is acknowledged; the progress of a long one is reported.
+
+        Raises :class:`Refused` with the autopilot's words, :class:`Unsupported` or :class:`TimedOut`.
+        """
+        lock = self._locks.setdefault(command.name, asyncio.Lock())
+        async with lock:
+            with self.inbox("COMMAND_ACK", "STATUSTEXT") as inbox:
+                since = time.monotonic()
+                ack = await self._acknowledged(command, inbox, report)
+                other = _other_form(command, ack.result, self.autopilot().command_frame)
+                if other is not None:
+                    command, ack = other, await self._acknowledged(other, inbox, report)
+                if ack.result != ACCEPTED:
+                    raise await self._refusal(command, ack.result, since, inbox)
+                return ack
+
+    async def give(self, action: Command | Message) -> None:
+        """Give a command, or send a message that has no acknowledgement."""
+        if isinstance(action, Command):
+            await self.command(action)
+        else:
+            self._port.send(action.name, **action.addressed(*self.source()))
+
+    async def enter(self, name: str) -> None:
+        """Change the mode, judged by what tells it: PX4 acknowledges DO_SET_MODE before its commander has decided, so
+        that a later acknowledgement may still refuse it. Raises :class:`Refused`, :class:`TimedOut`, :class:`BadInput`.
+        """
+        mode = self.autopilot().mode(name)
+        before, self.ordered = self.ordered, mode.name
+        try:
+            # What HEARTBEAT shows is up to a second old: the mode may have been left for another that was ordered.
+            if not self._is_in(mode.name) or before not in (None, mode.name):
+                since = time.monotonic()
+                with self.inbox("COMMAND_ACK", *self._identity.mode_messages) as inbox:
+                    await self.command(mode.command)
+                    await self._confirm_mode(mode.command, mode.name, since, inbox)
+        except Exception:  # no cancellation: who superseded us, or the pilot, has had his say about it
+            self.ordered = before
+            raise
+
+    def _is_in(self, mode: str) -> bool:
+        """It is in that mode by intention: a failsafe's would be left again as soon as its cause has gone."""
+        return self._identity.mode == mode and self._identity.intended in (None, mode)
+
+    async def until_mode_told(self) -> None:
+        """Wait for the next message that tells the mode, where an older one may be wrong; a second at most."""
+        with self.inbox(*self._identity.mode_messages) as inbox:
+            await inbox.get(CONFIRM_TIMEOUT)
+
+    async def until_heartbeat(self, true: Callable[[], bool], otherwise: str) -> None:
+        """Wait until a HEARTBEAT, or what tells the mode sooner, shows it; raises :class:`TimedOut` with the words
+        given.
+        """
+        with self.inbox(*self._identity.mode_messages) as inbox:
+            deadline = time.monotonic() + CONFIRM_TIMEOUT
+            while not true():
+                if await inbox.get(deadline - time.monotonic()) is None:
+                    raise TimedOut(otherwise, vehicle=self._port.name)
+
+    def check_mode(self, mode: str | None) -> None:
+        """The pilot wins: an order ends when the mode is no longer its own."""
+        if self._identity.mode != mode:
+            text = f"taken over: the mode is now {self._identity.mode}"
+            raise Refused(text, vehicle=self._port.name, mode=self._identity.mode)
+
+    async def next(self, inbox: Inbox, deadline: float, late: str) -> tuple[str, Mapping[str, Any]]:
+        """The next message; raises :class:`TimedOut` after the deadline, :class:`Stale` for a silent autopilot."""
+        while (heard := await inbox.get(min(deadline - time.monotonic(), 1.0))) is None:
+            self.autopilot()
+            if time.monotonic() >= deadline:
+                raise TimedOut(late, vehicle=self._port.name)
+        return heard
+
+    # How it is done.
+
+    async def _acknowledged(self, command: Command, inbox: Inbox, report: Report | None) -> Ack:
+        number = self._port.dialect.value("MAV_CMD", command.name)
+        for attempt in range(RETRIES + 1):
+            self._send(command, number, attempt)
+            deadline = time.monotonic() + ACK_TIMEOUT
+            while (heard := await inbox.get(deadline - time.monotonic())) is not None:
+                name, fields = heard
+                if name != "COMMAND_ACK" or fields["command"] != number or not self._is_for_us(fields):
+                    continue
+                if fields["result"] != IN_PROGRESS:
+                    return Ack(int(fields["result"]), int(fields["result_param2"]))
+                if report is not None and fields["progress"] != UNKNOWN_PROGRESS:
+                    report({"progress": fields["progress"] / 100.0})
+                deadline = time.monotonic() + IN_PROGRESS_TIMEOUT
+        why = f"no acknowledgement of {command.name} after {RETRIES + 1} attempts"
+        raise TimedOut(why, vehicle=self._port.name, command=command.name)
+
+    def _is_for_us(self, ack: Mapping[str, Any]) -> bool:
+        """A ground station behind ``mav/tx`` may have given the same command; nought is everybody."""
+        system, component = self._port.address
+        return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
+
+    def _send(self, command: Command, number: int, attempt: int) -> None:
+        system, component = self.source()
+        p = command.padded()
+        common = {"target_system": system, "target_component": component, "command": number}
+        first = {f"param{i + 1}": p[i] for i in range(4)}
+        if command.frame is None:
+            rest = {"param5": p[4], "param6": p[5], "param7": p[6], "confirmation": attempt}
+            self._port.send("COMMAND_LONG", **common, **first, **rest)
+        else:
+            frame = self._port.dialect.value("MAV_FRAME", command.frame)
+            self._port.send("COMMAND_INT", **common, **first, x=int(p[4]), y=int(p[5]), z=p[6], frame=frame)
+
+    async def _refusal(self, command: Command, result: int, since: float, inbox: Inbox) -> Refused | Unsupported:
+        """The error for a result, with the words that came shortly before or after it."""
+        deadline = time.monotonic() + EXPLAIN_TIME
+        while await inbox.get(deadline - time.monotonic()) is not None:
+            pass
+        name = self._port.dialect.enum_name("MAV_RESULT", result) or str(result)
+        reasons = self._events.texts_since(since)
+        text = f"{command.name} refused: {name.removeprefix('MAV_RESULT_')}"
+        text += f" ({'; '.join(reasons)})" if reasons else ""
+        kind = Unsupported if result == UNSUPPORTED else Refused
+        return kind(text, vehicle=self._port.name, command=command.name, result=name, reasons=reasons)
+
+    async def _confirm_mode(self, command: Command, mode: str, since: float, inbox: Inbox) -> None:
+        number = self._port.dialect.value("MAV_CMD", command.name)
+        deadline = time.monotonic() + CONFIRM_TIMEOUT
+        while not self._is_in(mode):
+            heard = await inbox.get(deadline - time.monotonic())
+            if heard is None:
+                text = f"mode {mode} was acknowledged, but does not come"
+                raise TimedOut(text, vehicle=self._port.name, mode=self._identity.mode)
+            name, fields = heard
+            if name != "COMMAND_ACK" or fields["command"] != number or not self._is_for_us(fields):
+                continue
+            if fields["result"] not in (ACCEPTED, IN_PROGRESS):
+                raise await self._refusal(command, int(fields["result"]), since, inbox)
+
+
+def _other_form(command: Command, result: int, frame: str) -> Command | None:
+    """The same command as the autopilot will have it: COMMAND_INT or COMMAND_LONG; None: it is as it should be, or
+    another form would mean something else. ``frame``: what the autopilot takes a COMMAND_LONG's place in.
+    """
+    p = command.padded()
+    if result == INT_ONLY and command.frame is None:
+        place = (HERE if math.isnan(degrees) else round(degrees * 1e7) for degrees in p[4:6])
+        return Command(command.name, (*p[:4], *place, p[6]), frame)
+    if result == LONG_ONLY and command.frame in (frame, f"{frame}_INT"):
+        return Command(command.name, (*p[:4], p[4] / 1e7, p[5] / 1e7, p[6]))
+    return None

@@ -1,0 +1,115 @@
+"""The local MAVLink link as services see it, and how a coroutine waits for what comes in on it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol
+
+import msgspec
+
+from zmav.links import Link
+from zmav.mavlink import Dialect, Frame, Splitter, decode
+from zmav.mavlink.signing import Signing
+from zmav.waiting import within
+
+Listener = Callable[[Frame], None]
+
+
+class LastFrame(NamedTuple):
+    """A message's last frame, the seconds since, and how many of it came."""
+
+    frame: Frame
+    age: float
+    total: int
+
+
+class Flow(NamedTuple):
+    """One kind of message from one source: how many frames, how many bytes of them, and when the last came."""
+
+    name: str
+    sysid: int
+    compid: int
+    total: int
+    size: int
+    heard: float
+    """monotonic seconds"""
+
+
+class TxCounters(msgspec.Struct):
+    """Frames sent to the vehicle, dropped for want of a link, and refused as unfit."""
+
+    frames: int = 0
+    dropped: int = 0
+    refused: int = 0
+
+
+class Port(Protocol):
+    """What :class:`zmav.adapter.Adapter` offers to services; see there."""
+
+    fleet: str
+    name: str
+    dialect: Dialect
+    link: Link
+    splitter: Splitter
+    tx: TxCounters
+    heard: float
+    signing: Signing | None
+
+    @property
+    def address(self) -> tuple[int, int]: ...
+
+    def send(self, name: str, **fields: Any) -> bool: ...
+
+    def latest(self, name: str, source: tuple[int, int]) -> LastFrame | None: ...
+
+    def newest(self, name: str) -> LastFrame | None: ...
+
+    def names(self) -> list[str]: ...
+
+    def flows(self) -> list[Flow]: ...
+
+    def listen(self, name: str, listener: Listener) -> Callable[[], None]: ...
+
+
+def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Callable[..., None]:
+    """``call``, made safe to call from any thread: it runs on ``loop``, or not at all once the loop has closed."""
+
+    def relay(*args: Any) -> None:
+        try:
+            loop.call_soon_threadsafe(call, *args)
+        except RuntimeError:
+            if not loop.is_closed():
+                raise
+
+    return relay
+
+
+class Inbox:
+    """Messages of the given names from one system, in order, while the ``with`` lasts."""
+
+    def __init__(self, port: Port, source: tuple[int, int], *names: str) -> None:
+        self._port, self._source, self._names = port, source, names
+        self._queue: asyncio.Queue[tuple[str, Mapping[str, Any]]] = asyncio.Queue()
+        self._stops: list[Callable[[], None]] = []
+
+    def __enter__(self) -> Inbox:
+        arrived = on_loop(asyncio.get_running_loop(), self._arrived)
+        self._stops = [self._port.listen(name, arrived) for name in self._names]
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        for stop in self._stops:
+            stop()
+
+    def _arrived(self, frame: Frame) -> None:
+        if (frame.sysid, frame.compid) == self._source:
+            self._queue.put_nowait((self._port.dialect.name_of(frame.msgid), decode(frame, self._port.dialect)))
+
+    async def get(self, timeout: float) -> tuple[str, Mapping[str, Any]] | None:
+        """The next message's name and fields; None when none came within ``timeout`` seconds."""
+        try:
+            return await within(timeout, self._queue.get())
+        except asyncio.TimeoutError:
+            return None

@@ -1,0 +1,46 @@
+"""What the autopilot says of its mode and arming, from the adapter's memory: any thread may ask."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from zmav.autopilots import Autopilot
+from zmav.mavlink import decode
+from zmav.services.link.port import Port
+
+INTENTION_LASTS = 1.0
+"""s for which an intention once told is taken for the present one; it comes many times a second, or is not relied on"""
+IN_THE_AIR = (2, 3, 4)
+"""MAV_LANDED_STATE: in the air, taking off, landing"""
+
+
+class ReportedMode(NamedTuple):
+    """What the autopilot says of itself."""
+
+    mode: str | None = None
+    armed: bool = False
+    intended: str | None = None
+    """the mode last asked for, where it says that: ``mode`` is a failsafe's where it is another"""
+
+
+def shown(port: Port, autopilot: Autopilot, source: tuple[int, int]) -> ReportedMode:
+    """By the last HEARTBEAT, and by what tells the mode sooner."""
+    heard = port.latest("HEARTBEAT", source)
+    if heard is None:
+        return ReportedMode()
+    beat = decode(heard.frame, port.dialect)
+    custom, intended, name = beat["custom_mode"], None, autopilot.mode_name
+    sooner = port.latest(autopilot.mode_message, source) if autopilot.mode_message else None
+    if sooner is not None:
+        told = decode(sooner.frame, port.dialect)
+        custom = told["custom_mode"] if sooner.age < heard.age else custom
+        if told["custom_mode"] == custom and sooner.age <= INTENTION_LASTS:  # else it is what was intended before
+            intended = name(beat["base_mode"], told["intended_custom_mode"])
+    return ReportedMode(name(beat["base_mode"], custom), bool(beat["base_mode"] & 128), intended)
+
+
+def in_the_air(port: Port, source: tuple[int, int]) -> bool | None:
+    """As EXTENDED_SYS_STATE says; None: it does not."""
+    heard = port.latest("EXTENDED_SYS_STATE", source)
+    state = 0 if heard is None else decode(heard.frame, port.dialect)["landed_state"]
+    return None if state == 0 else state in IN_THE_AIR

@@ -1,0 +1,144 @@
+"""TIMESYNC: the questions that the round trip and the clock live on, and the companion's clock held against GPS time.
+
+https://mavlink.io/en/services/timesync.html. A question has ``tc1`` nought and our time in ``ts1``; the answer brings
+``ts1`` back and the autopilot's time, nanoseconds since its boot, in ``tc1``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import time
+from collections.abc import Callable
+
+from zmav import wire
+from zmav.mavlink import Frame, decode
+from zmav.services.link.clock import Clock
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port, on_loop
+from zmav.services.status.events import Events
+
+SETTLED_EVERY = 1.0
+"""s between questions; while answers come and the clock has not settled, every tick asks"""
+UNIX_TIME = 1_000_000_000_000_000
+"""µs; SYSTEM_TIME and ``time_usec`` hold UTC above it (2001) and the time since boot, or nothing, below"""
+WRONG, RIGHT = 1.0, 0.7
+"""s off GPS time from which the companion's clock is called wrong, and below which it is right again; ArduPilot's own
+UTC was seen 0.4 s off the time it had from its GPS"""
+
+
+class TimeSync:
+    """Asks, measures round trips, feeds the clock. Lives on the event loop."""
+
+    def __init__(self, port: Port, identity: Identity, events: Events) -> None:
+        self._port, self._identity, self._events = port, identity, events
+        self.clock = Clock()
+        self.on_restart: Callable[[], None] = lambda: None
+        """the autopilot has begun anew, or may have: what it was told is forgotten"""
+        self.gps_offset: float | None = None
+        """s by which GPS time is ahead of the companion's UTC"""
+        self._wrong = False
+        self._source: tuple[int, int] | None = None
+        self._asked: collections.deque[int] = collections.deque(maxlen=16)
+        self._rtts: list[float] = []
+        self._stops: list[Callable[[], None]] = []
+
+    def start(self) -> None:
+        loop = asyncio.get_running_loop()
+        answered = on_loop(loop, self._on_timesync)
+        self._stops = [
+            # The time is taken in the reader thread: what comes after is ours and not the link's.
+            self._port.listen("TIMESYNC", lambda frame: answered(frame, time.monotonic_ns())),
+            self._port.listen("SYSTEM_TIME", on_loop(loop, self._on_system_time)),
+        ]
+
+    def close(self) -> None:
+        for stop in self._stops:
+            stop()
+
+    def tick(self) -> None:
+        """A few times a second."""
+        now = time.monotonic_ns()
+        if self._identity.source != self._source:
+            self._source = self._identity.source
+            self.clock.forget()
+            self.gps_offset = None
+        settling = bool(self._rtts) and not self.clock.settled
+        if settling or not self._asked or now - self._asked[-1] >= (SETTLED_EVERY - 0.1) * 1e9:
+            self._asked.append(now)
+            self._port.send("TIMESYNC", tc1=0, ts1=now)
+
+    def take_rtt(self) -> float | None:
+        """The least round trip since the last call, in seconds; None: no answer came."""
+        found = min(self._rtts, default=None)
+        self._rtts.clear()
+        return found
+
+    def _on_timesync(self, frame: Frame, received: int) -> None:
+        fields = decode(frame, self._port.dialect)
+        sent = fields["ts1"]
+        if (frame.sysid, frame.compid) != self._identity.source:
+            return
+        if fields["tc1"] == 0:
+            # The autopilot asks for our time. A simulator in lock step waits for this: all it said before is heard.
+            self._port.send("TIMESYNC", tc1=time.monotonic_ns(), ts1=sent)
+            return
+        if sent not in self._asked:
+            return  # an answer to somebody else
+        self._rtts.append((received - sent) / 1e9)
+        before, now = self.clock.boot, fields["tc1"] / 1e9
+        verdict = self.clock.sample(sent / 1e9, received / 1e9, now)
+        if verdict in ("restarted", "behind"):
+            self.gps_offset = None
+            if verdict == "restarted":
+                text = f"the autopilot has restarted: its time went from {before:.1f} s to {now:.1f} s"
+                self._events.emit("autopilot", "warning", text, limit="restart")
+            else:
+                text = f"the autopilot was silent, and its time went on by {now - before:.1f} s only, to {now:.1f} s"
+                self._events.emit("autopilot", "notice", text, limit="restart")
+            self.on_restart()  # it may have: then it sends nothing that it is not asked for again
+
+    def _on_system_time(self, frame: Frame) -> None:
+        fields = decode(frame, self._port.dialect)
+        if (frame.sysid, frame.compid) != self._identity.source or fields["time_unix_usec"] < UNIX_TIME:
+            return
+        ours = self.clock.utc(fields["time_boot_ms"])
+        if self.clock.simulated:
+            self.gps_offset = None  # its days are longer or shorter than ours
+            return
+        if ours is None:
+            return
+        self.gps_offset = fields["time_unix_usec"] / 1e6 - ours.utc
+        off = abs(self.gps_offset)
+        if not self._wrong and off - ours.error > WRONG:
+            self._wrong = True
+            way = "behind" if self.gps_offset > 0 else "ahead of"
+            text = f"this computer's clock is {off:.1f} s {way} GPS time: set it (NTP, or a clock chip)"
+            self._events.emit("clock", "warning", text, gps_offset_s=self.gps_offset)
+        elif self._wrong and off < RIGHT:
+            self._wrong = False
+            self._events.emit("clock", "info", "this computer's clock agrees with GPS time", gps_offset_s=off)
+
+    def stamp(self, fields: dict[str, object]) -> tuple[float | None, float | None]:
+        """(UTC seconds, error in seconds) of a message with these fields, by its own time; None where it has none, or
+        it cannot be told. A UTC of the autopilot's own is taken as it is: it has no error of our making.
+        """
+        boot_ms, usec = fields.get("time_boot_ms"), fields.get("time_usec")
+        if isinstance(usec, int) and usec >= UNIX_TIME:
+            return usec / 1e6, None
+        found = None
+        if isinstance(boot_ms, int) and boot_ms > 0:
+            found = self.clock.utc(boot_ms)
+        elif isinstance(usec, int) and usec > 0:
+            found = self.clock.at(usec / 1e6)
+        return (found.utc, found.error) if found else (None, None)
+
+    def info(self) -> wire.ClockInfo | None:
+        """For VehicleState; None until the clock has settled."""
+        boot = self.clock.at(0.0)
+        now = self.clock.at(self.clock.boot)
+        if boot is None or now is None:
+            return None
+        return wire.ClockInfo(
+            boot_t=boot.utc, error_s=now.error, drift_ppm=self.clock.drift * 1e6, gps_offset_s=self.gps_offset
+        )

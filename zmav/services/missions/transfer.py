@@ -1,0 +1,295 @@
+"""The mission protocol's transactions over the local link: upload, download, clear.
+
+https://mavlink.io/en/services/mission.html. Every message is repeated until its answer comes; how long to wait for one
+follows what answers took before. Only what is meant for us counts: a ground station may be at it on the same link.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+import time
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
+
+from zmav.errors import Refused, TimedOut, Unsupported
+from zmav.mavlink import Frame, decode
+from zmav.services.link.port import Inbox, Port
+from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
+from zmav.wire import MissionKind
+
+ACCEPTED, ERROR, UNSUPPORTED, INVALID_SEQUENCE, DENIED = 0, 1, 3, 13, 14
+"""MAV_MISSION_RESULT"""
+COMPLAINTS = 3
+"""ACKs saying no that end a transaction in which nothing of ours was looked at yet: the first may be a late one"""
+OPAQUE_ID = {"MISSION_COUNT": (5, 3), "MISSION_ACK": (4, 1), "MISSION_CURRENT": (6, 3)}
+"""Where the ids of the plans lie in the payload, and how many of them: not every dialect knows these late fields"""
+
+T = TypeVar("T")
+Step = Callable[[int, int], None]
+"""Told how many items of how many are through"""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How long to wait, in seconds."""
+
+    reply: float = 0.7
+    """for an answer, before it is known how long one takes"""
+    shortest: float = 0.2
+    longest: float = 1.5
+    attempts: int = 15
+    """times that one thing is said before the link is given up"""
+    again: float = 1.0
+    """before an autopilot that is busy with another's transaction is asked again"""
+    busy: float = 12.0
+    """for it to be done with that: a transaction nobody goes on with ends after eight seconds"""
+
+
+class Ended(NamedTuple):
+    """How an upload ended: ``sure`` is False where only reading back can tell."""
+
+    id: int | None
+    sure: bool
+
+
+class Download(NamedTuple):
+    """A plan as it is on the autopilot, home included."""
+
+    items: list[Raw]
+    id: int | None
+
+
+class Busy(Exception):
+    """The autopilot is in another's transaction."""
+
+
+def opaque_ids(frame: Frame, name: str) -> tuple[int | None, ...]:
+    """The ids of plans in the frame of MISSION_COUNT, _ACK or _CURRENT (mission, fence, rally); None: it gives none."""
+    start, count = OPAQUE_ID[name]
+    payload = frame.payload.ljust(start + 4 * count, b"\0")
+    return tuple(value or None for value in struct.unpack_from(f"<{count}I", payload, start))
+
+
+class MissionInbox(Inbox):
+    """Also reads the opaque ids, as ``opaque_id``."""
+
+    def _arrived(self, frame: Frame) -> None:
+        if (frame.sysid, frame.compid) == self._source:
+            name = self._port.dialect.name_of(frame.msgid)
+            fields: Mapping[str, Any] = decode(frame, self._port.dialect)
+            if name in OPAQUE_ID:
+                fields = {**fields, "opaque_id": opaque_ids(frame, name)[0]}
+            self._queue.put_nowait((name, fields))
+
+
+class Transfer:
+    """Transactions of one kind with the autopilot at ``source``. ``window``: how many items to ask for at once."""
+
+    def __init__(self, port: Port, source: tuple[int, int], kind: MissionKind, pace: Pace, window: int = 1) -> None:
+        self._port, self._source, self._kind, self._pace, self._window = port, source, kind, pace, window
+        self._wait = pace.reply
+
+    # The transactions.
+
+    async def upload(self, items: Sequence[Raw], step: Step) -> Ended:
+        """Send ``items`` (home included), which the autopilot asks for one by one.
+
+        Raises :class:`Refused` or :class:`Unsupported` with the result and the item, or :class:`TimedOut`: what the
+        autopilot then holds is not known.
+        """
+        return await self._patiently(lambda: self._upload(items, step))
+
+    async def download(self, step: Step) -> Download:
+        """Read the whole plan; begun anew where it changes meanwhile. Raises as :meth:`upload` does."""
+        for _ in range(3):
+            found = await self._patiently(lambda: self._download(step))
+            if found is not None:
+                return found
+        raise Refused(f"the {self._words} keep changing while they are read", vehicle=self._port.name)
+
+    async def clear(self) -> None:
+        """Remove every item. Raises as :meth:`upload` does."""
+        await self._patiently(self._clear)
+
+    # How it is done.
+
+    async def _patiently(self, transaction: Callable[[], Awaitable[T]]) -> T:
+        """Begin again for a while where the autopilot is busy with somebody else."""
+        deadline = time.monotonic() + self._pace.busy
+        while True:
+            try:
+                return await transaction()
+            except Busy:
+                if time.monotonic() + self._pace.again > deadline:
+                    text = f"the autopilot is in somebody else's transaction of {self._words}: try again later"
+                    raise Refused(text, vehicle=self._port.name, result="MAV_MISSION_DENIED") from None
+                await asyncio.sleep(self._pace.again)
+
+    async def _upload(self, items: Sequence[Raw], step: Step) -> Ended:
+        count, sent, complaints = len(items), [0] * len(items), 0
+        last, tries, asked_at = -1, 1, time.monotonic()
+        with self._inbox("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK") as inbox:
+            self._send("MISSION_COUNT", count=count)
+            for _ in range((count + 1) * self._pace.attempts):  # an autopilot that asks for ever is given up, too
+                heard = await self._next(inbox)
+                if heard is not None and heard[0] == "MISSION_ACK":
+                    complaints += heard[1]["type"] not in (ACCEPTED, INVALID_SEQUENCE)
+                    if last >= 0 or heard[1]["type"] != ERROR or complaints >= COMPLAINTS:
+                        ended = self._judge(heard[1], sent, last)
+                        if ended is not None:
+                            return ended
+                elif heard is not None and heard[1]["seq"] < count:
+                    seq = heard[1]["seq"]
+                    if seq != last:
+                        self._learn(asked_at, tries)
+                        last, tries, asked_at = seq, 0, time.monotonic()
+                        step(seq, count)
+                    tries += 1
+                    self._send_item(items, seq, sent)
+                elif heard is None:
+                    if all(sent) and tries >= 4:
+                        return Ended(None, sure=False)  # its last word was lost, and it says no other
+                    if tries >= self._pace.attempts:
+                        break
+                    tries += 1
+                    if last < 0:
+                        self._send("MISSION_COUNT", count=count)
+                    else:
+                        self._send_item(items, last, sent)
+        what = f"item {last} of {count} (home included)" if last >= 0 else "the number of items"
+        raise TimedOut(
+            f"upload of the {self._words}: the autopilot does not go on after {what}", vehicle=self._port.name
+        )
+
+    def _judge(self, ack: Mapping[str, Any], sent: list[int], last: int) -> Ended | None:
+        """What a MISSION_ACK says of an upload; None: nothing."""
+        result = ack["type"]
+        if result == ACCEPTED:
+            # Before everything was sent it is a late one, of some transaction before.
+            return Ended(ack["opaque_id"], sure=True) if all(sent) else None
+        if result == INVALID_SEQUENCE:
+            return None  # an item that we repeated came twice; ArduPilot says so and goes on
+        if result == DENIED and last < 0:
+            raise Busy
+        if all(sent) and sent[-1] > 1 and result == ERROR:
+            return Ended(None, sure=False)  # what it does not want is the repeated last item: it had the first
+        raise self._refusal(result, last if last >= 0 else None)
+
+    async def _download(self, step: Step) -> Download | None:
+        with self._inbox("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK") as inbox:
+            count, opaque_id = await self._count(inbox)
+            items: dict[int, Raw] = {}
+            complaints = 0
+            asked: dict[int, tuple[float, int]] = {}  # by item: when it was last asked for, and how often
+            while len(items) < count:
+                self._ask(count, items, asked)
+                heard = await self._next(inbox, until=min(at for at, _ in asked.values()) + self._wait)
+                if heard is None:
+                    continue
+                name, fields = heard
+                if name == "MISSION_ITEM_INT" and fields["seq"] < count and fields["seq"] not in items:
+                    items[fields["seq"]] = raw_from(fields)
+                    self._learn(*asked.pop(fields["seq"], (0.0, 0)))
+                    step(len(items), count)
+                elif name == "MISSION_COUNT" and fields["count"] != count:
+                    return None
+                elif name == "MISSION_ACK" and fields["type"] == DENIED:
+                    raise Busy
+                elif name == "MISSION_ACK" and fields["type"] not in (ACCEPTED, INVALID_SEQUENCE):
+                    complaints += 1
+                    if complaints >= COMPLAINTS:
+                        raise self._refusal(fields["type"], min(asked))
+            self._send("MISSION_ACK", type=ACCEPTED)
+        return Download([items[i] for i in range(count)], opaque_id)
+
+    async def _count(self, inbox: Inbox) -> tuple[int, int | None]:
+        for attempt in range(1, self._pace.attempts + 1):
+            asked = time.monotonic()
+            self._send("MISSION_REQUEST_LIST")
+            while (heard := await self._next(inbox, until=asked + self._wait)) is not None:
+                name, fields = heard
+                if name == "MISSION_COUNT":
+                    self._learn(asked, attempt)
+                    return fields["count"], fields["opaque_id"]
+                if name == "MISSION_ACK" and fields["type"] == DENIED:
+                    raise Busy
+                if name == "MISSION_ACK" and fields["type"] == UNSUPPORTED:
+                    raise self._refusal(UNSUPPORTED, None)
+        raise TimedOut(f"download of the {self._words}: the autopilot does not answer", vehicle=self._port.name)
+
+    def _ask(self, count: int, items: Mapping[int, Raw], asked: dict[int, tuple[float, int]]) -> None:
+        """Ask for the next items as far as the window goes, and again for those that are late."""
+        now = time.monotonic()
+        for seq, (at, tries) in asked.items():
+            if now - at >= self._wait:
+                if tries >= self._pace.attempts:
+                    text = f"download of the {self._words}: item {seq} of {count} (home included) does not come"
+                    raise TimedOut(text, vehicle=self._port.name)
+                asked[seq] = now, tries + 1
+                self._send("MISSION_REQUEST_INT", seq=seq)
+        for seq in range(count):
+            if len(asked) >= self._window:
+                return
+            if seq not in items and seq not in asked:
+                asked[seq] = now, 1
+                self._send("MISSION_REQUEST_INT", seq=seq)
+
+    async def _clear(self) -> None:
+        with self._inbox("MISSION_ACK") as inbox:
+            for attempt in range(1, self._pace.attempts + 1):
+                asked = time.monotonic()
+                self._send("MISSION_CLEAR_ALL")
+                heard = await self._next(inbox, until=asked + self._wait)
+                if heard is None:
+                    continue
+                self._learn(asked, attempt)
+                result = heard[1]["type"]
+                if result == ACCEPTED:
+                    return
+                if result == DENIED:
+                    raise Busy
+                raise self._refusal(result, None)
+        raise TimedOut(f"clearing the {self._words}: the autopilot does not answer", vehicle=self._port.name)
+
+    # What goes out and comes in.
+
+    @property
+    def _words(self) -> str:
+        return WORDS[self._kind]
+
+    def _inbox(self, *names: str) -> Inbox:
+        return MissionInbox(self._port, self._source, *names)
+
+    def _send(self, name: str, **fields: Any) -> None:
+        system, component = self._source
+        kind = KINDS[self._kind]
+        self._port.send(name, target_system=system, target_component=component, mission_type=kind, **fields)
+
+    def _send_item(self, items: Sequence[Raw], seq: int, sent: list[int]) -> None:
+        sent[seq] += 1
+        self._send("MISSION_ITEM_INT", seq=seq, **items[seq].fields())
+
+    async def _next(self, inbox: Inbox, until: float | None = None) -> tuple[str, Mapping[str, Any]] | None:
+        """The next message of this transaction; None: none came in time."""
+        until = time.monotonic() + self._wait if until is None else until
+        system, component = self._port.address
+        while (heard := await inbox.get(until - time.monotonic())) is not None:
+            fields = heard[1]
+            ours = fields["target_system"] in (0, system) and fields["target_component"] in (0, component)
+            if ours and fields["mission_type"] == KINDS[self._kind]:
+                return heard
+        return None
+
+    def _learn(self, asked: float, tries: int) -> None:
+        """Twice what an answer took is a fair time to wait for the next; of a repeated question nobody can tell."""
+        if tries == 1:
+            took = 2.0 * (time.monotonic() - asked)
+            smoothed = max(took, 0.8 * self._wait + 0.2 * took)
+            self._wait = min(max(smoothed, self._pace.shortest), self._pace.longest)
+
+    def _refusal(self, result: int, item: int | None) -> Refused | Unsupported:
+        name = self._port.dialect.enum_name("MAV_MISSION_RESULT", result) or str(result)
+        kind = Unsupported if result == UNSUPPORTED and item is None else Refused
+        return kind(name, vehicle=self._port.name, result=name, seq=item, plan=self._kind)

@@ -1,0 +1,114 @@
+"""``param`` and ``param/{NAME}``: answered from the cache, in the lane of questions."""
+
+from __future__ import annotations
+
+import asyncio
+import difflib
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from zmav import keys, wire
+from zmav.errors import BadInput
+from zmav.services.queries.questions import Questions, Reply
+from zmav.trust.verify import Allowance
+
+if TYPE_CHECKING:
+    from zmav.services.params.params import Params
+
+HINTS = 2.0
+"""a second: names like one that there is not take milliseconds to find"""
+LONGEST_NAME = 16
+
+
+def unknown(name: str, names: Iterable[str]) -> BadInput:
+    """The error for a name that no parameter has, with those like it; none for what is too long to be one."""
+    close = difflib.get_close_matches(name.upper(), names, n=3, cutoff=0.6) if len(name) <= LONGEST_NAME else []
+    expected = f"a name such as {', '.join(close)}" if close else "a parameter's name"
+    hint = f"; did you mean {', '.join(close)}?" if close else ""
+    return BadInput(f"no parameter {name!r}{hint}", field="name", value=name, expected=expected)
+
+
+class ParamQueries:
+    """Answers in the lane of questions; what is not in the cache is looked for on ``loop``."""
+
+    def __init__(self, questions: Questions, params: Params) -> None:
+        self._questions, self._params = questions, params
+        self._hints = Allowance(HINTS, time.monotonic)
+        self._encoded: tuple[tuple[object, ...], wire.ParamTable, bytes] | None = None
+        self._lines: tuple[tuple[object, ...], dict[str, bytes]] = ((), {})
+
+    def start(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._questions.declare(self._table_key(), self._on_table)
+        self._questions.declare(self._key("*"), lambda query: self._on_name(query, loop))
+
+    def _table_key(self) -> str:
+        return keys.PARAMS.key(self._params.fleet, self._params.vehicle)
+
+    def _key(self, name: str) -> str:
+        return keys.PARAM.key(self._params.fleet, self._params.vehicle, param=name)
+
+    @property
+    def _version(self) -> tuple[object, ...]:
+        """What the encoded answers are of."""
+        return self._params.known.version, self._params.known.complete, self._params.talk.encoding
+
+    def _on_table(self, query: zenoh.Query) -> Iterator[Reply]:
+        asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.ParamQuery, "param")
+        yield Reply(self._table_key(), self._table(asked.hash))
+
+    def _table(self, has: str) -> bytes:
+        """The set, or a line where the asker has it already."""
+        params, version = self._params, self._version
+        if self._encoded is None or self._encoded[0] != version:
+            table = params.table()
+            self._encoded = (version, table, wire.encode(table))
+        _, table, encoded = self._encoded
+        if table.hash != has:
+            return encoded
+        short = wire.ParamTable(
+            t=params.known.confirmed, complete=table.complete, count=table.count, hash=table.hash,
+            autopilot=table.autopilot, firmware=table.firmware, encoding=table.encoding, unchanged=True,
+        )  # fmt: skip
+        return wire.encode(short)
+
+    def _on_name(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:
+        asked = str(query.key_expr)
+        if asked.endswith("**"):
+            return  # who looks around for everything gets the table, and not every line of it once more
+        last = asked.rpartition("/")[2]
+        if "*" in asked:
+            yield from self._all(query, [last] if "*" not in last else sorted(self._params.known.entries))
+            return
+        found = self._line(last)
+        if found is None and self._params.known.complete:
+            hints = len(last) <= LONGEST_NAME and self._hints.take()
+            raise unknown(last, self._params.known.entries if hints else ())
+        if found is None:
+            yield (heard := asyncio.run_coroutine_threadsafe(self._params.find(last), loop))
+            found = wire.encode(heard.result())
+        yield Reply(self._key(last), found)
+
+    def _all(self, query: zenoh.Query, names: list[str]) -> Iterator[Reply]:
+        """Each that matches, under its own key; nothing where none does."""
+        for name in names:
+            line = self._line(name)
+            if line is not None and query.key_expr.intersects(self._key(name)):
+                yield Reply(self._key(name), line)
+
+    def _line(self, name: str) -> bytes | None:
+        """One parameter from the cache, encoded once."""
+        name, version = self._params.known.spelt(name), self._version
+        if self._lines[0] != version:
+            self._lines = (version, {})
+        lines = self._lines[1]
+        if name not in lines:
+            param = self._params.get(name)
+            if param is None:
+                return None
+            lines[name] = wire.encode(param)
+        return lines[name]

@@ -1,0 +1,276 @@
+"""The lane of questions: what is answered, and moves nothing.
+
+Every reader may ask, as often as the network carries it. So questions have a thread of their own, which uses a share of
+one core; they wait in a queue for each channel, whose oldest gives way; and an answer of many parts is given in slices,
+with other channels' questions between them. The event loop, which has orders, leases, setpoints and the watchdog, waits
+for none of it. Zenoh does not say who asks: what is bounded is a channel, and channels take turns.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import zenoh
+
+from zmav import keys
+from zmav.errors import BadInput, Forbidden, Refused, ZmavError
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import Answers, attached
+from zmav.trust.gate import Prove, anybody
+
+log = logging.getLogger(__name__)
+MOST = 32
+"""questions of one channel that wait"""
+GIVEN_UP = 2.0
+"""s: whoever asked has given up, or asked again; what zmav's clients wait for an answer"""
+SLICE = 0.002
+"""s of work for one question before another's turn"""
+SHARE, CREDIT = 0.25, 0.05
+"""of one core, for all questions together; s of work that are done at once after a pause"""
+PENDING = 8
+"""questions of one channel whose answer something else is to bring: the autopilot, the event loop"""
+
+LARGEST = 65_536
+"""bytes of a question; orders that a viewer may give are among them"""
+ENDING = 1.0
+"""s that its thread may take to end, where it speaks to who does not read"""
+
+
+class Reply(NamedTuple):
+    key: str
+    data: bytes
+    encoding: zenoh.Encoding = keys.JSON
+    attachment: bytes | None = None
+    introduce: bool = True
+    """with our certificate, where it is signed"""
+
+
+Steps = Iterator["Reply | Future[Any]"]
+"""an answer's parts, and between them what is to be waited for; raises :class:`~zmav.errors.ZmavError`"""
+Answer = Callable[[zenoh.Query], Steps]
+
+
+@dataclass
+class _Question:
+    query: zenoh.Query
+    at: float
+    """monotonic seconds"""
+    steps: Steps | None = None
+    """once it was begun"""
+
+
+@dataclass
+class Channel:
+    """One kind of questions: those that wait, and who answers them."""
+
+    answer: Answer
+    admit: Prove
+    signed: bool
+    """a member believes no other answer; of many parts none is signed: somebody looks around"""
+    waiting: collections.deque[_Question] = field(default_factory=collections.deque)
+    begun: collections.deque[_Question] = field(default_factory=collections.deque)
+    """that go on: these give way to nobody"""
+    pending: int = 0
+    """that something else is to bring the answer to"""
+
+
+class Questions:
+    """One program's lane. Thread-safe; answers are worked out in its own thread.
+
+    ``admit`` raises :class:`~zmav.errors.Forbidden` for a question that is not to be answered. ``counts``: those that
+    were ``answered``, ``dropped`` for newer ones, ``given_up`` by who asked, ``busy`` or ``refused``.
+    """
+
+    def __init__(self, session: zenoh.Session, answers: Answers, share: float = SHARE) -> None:
+        self._session, self._answering, self._share = session, answers, share
+        self.admit: Prove = anybody
+        self.on_dropped: Callable[[], object] = lambda: None
+        """called in any thread when one was dropped: they come faster than they can be answered"""
+        self.counts: collections.Counter[str] = collections.Counter()
+        self._channels: collections.deque[Channel] = collections.deque()
+        self._intakes: list[Intake] = []
+        self._news, self._closed = threading.Condition(), threading.Event()
+        self._credit, self._paid = CREDIT, time.monotonic()
+        self._thread: threading.Thread | None = None
+
+    def declare(self, key: str, answer: Answer, admit: Prove | None = None) -> None:
+        """Answer what is asked on ``key``; ``admit`` instead of the lane's own."""
+        channel = self.channel(answer, admit, signed=bool(keys.answerers(key.replace("*", "x"))))
+        self._intakes.append(
+            Intake(self._session.declare_queryable, key, lambda queries: self.put(channel, *queries), MOST)
+        )
+
+    def channel(self, answer: Answer, admit: Prove | None = None, *, signed: bool = False) -> Channel:
+        """A channel whose questions come by :meth:`put`."""
+        channel = Channel(answer, admit or (lambda *asked: self.admit(*asked)), signed)
+        with self._news:
+            self._channels.append(channel)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="questions", daemon=True)
+                self._thread.start()
+        return channel
+
+    def put(self, channel: Channel, *queries: zenoh.Query) -> None:
+        """Have them answered, in their turn."""
+        now, dropped = time.monotonic(), list[_Question]()
+        fits = [query for query in queries if self._fits(query)]
+        with self._news:
+            for query in fits:
+                if len(channel.waiting) >= MOST:
+                    dropped.append(channel.waiting.popleft())
+                channel.waiting.append(_Question(query, now))
+            self.counts["dropped"] += len(dropped)
+            self._news.notify()
+        if dropped:
+            self.on_dropped()
+        for question in dropped:
+            _end(question)
+
+    def refuse(self, channel: Channel, query: zenoh.Query, error: ZmavError) -> None:
+        """Answer in words why not, in its turn."""
+        with self._news:
+            oldest = channel.waiting.popleft() if len(channel.waiting) >= MOST else None
+            channel.waiting.append(_Question(query, time.monotonic(), _refusing(error)))
+            self._news.notify()
+        if oldest is not None:
+            _end(oldest)
+
+    def _fits(self, query: zenoh.Query) -> bool:
+        """Too large a question is refused in words, before it waits."""
+        size = 0 if query.payload is None else len(query.payload)
+        if size <= LARGEST:
+            return True
+        text = f"{size} bytes are too much for a question; at most {LARGEST} are read"
+        with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
+            error = BadInput(text, field="payload", value=size, expected=f"at most {LARGEST} bytes")
+            self._answering.refuse(query, error)
+        return False
+
+    def close(self) -> None:
+        """Answer no more."""
+        self._closed.set()
+        for intake in self._intakes:
+            intake.close()
+        with self._news:
+            left = [question for channel in self._channels for question in (*channel.begun, *channel.waiting)]
+            self._channels.clear()
+            self._news.notify()
+        for question in left:
+            _end(question)
+        if self._thread is not None:
+            self._thread.join(ENDING)
+
+    # In the lane's thread.
+
+    def _run(self) -> None:
+        while (turn := self._next()) is not None:
+            began = time.thread_time()
+            try:
+                self._serve(*turn)
+            except zenoh.ZError:  # who asked is gone, or the session is closed
+                _end(turn[1])
+            except Exception:  # the others are answered nevertheless
+                log.exception("a question was not answered")
+                _end(turn[1])
+            self._pay(time.thread_time() - began)
+
+    def _next(self) -> tuple[Channel, _Question] | None:
+        with self._news:
+            while not self._closed.is_set():
+                for _ in range(len(self._channels)):
+                    channel = self._channels[0]
+                    self._channels.rotate(-1)
+                    if found := channel.begun or channel.waiting:
+                        return channel, found.popleft()
+                self._news.wait()
+        return None
+
+    def _pay(self, work: float) -> None:
+        """Rest for as long as the work was more than the lane's share."""
+        now = time.monotonic()
+        self._credit = min(self._credit + (now - self._paid) * self._share, CREDIT) - work
+        self._paid = now
+        if self._credit < 0.0:
+            self._closed.wait(-self._credit / self._share)
+
+    def _serve(self, channel: Channel, question: _Question) -> None:
+        query = question.query
+        try:
+            if question.steps is None:
+                if time.monotonic() - question.at > GIVEN_UP:
+                    self.counts["given_up"] += 1
+                    _end(question)
+                    return
+                channel.admit(str(query.key_expr), query.payload.to_bytes() if query.payload else b"", attached(query))
+                question.steps = channel.answer(query)
+            if self._go_on(channel, question, question.steps):
+                return
+        except Forbidden as e:
+            self.counts["refused"] += 1
+            self._answering.refuse(query, e)
+        except ZmavError as e:
+            self._answering.refuse(query, e)
+        except zenoh.ZError:
+            raise
+        except Exception as e:  # the next one is answered nevertheless
+            self._answering.refuse(query, ZmavError(f"no answer: {e!r}"))
+        self.counts["answered"] += 1
+        _end(question)
+
+    def _go_on(self, channel: Channel, question: _Question, steps: Steps) -> bool:
+        """Give as much of the answer as a slice holds; whether there is more to come."""
+        until = time.thread_time() + SLICE
+        for step in steps:
+            if isinstance(step, Future):
+                self._wait_for(step, channel, question)
+                return True
+            if channel.signed and "*" not in str(question.query.key_expr):
+                self._answering.give(question.query, step.key, step.data, introduce=step.introduce)
+            else:
+                question.query.reply(step.key, step.data, encoding=step.encoding, attachment=step.attachment)
+            if time.thread_time() > until:
+                self._put_back(channel, question)
+                return True
+        return False
+
+    def _wait_for(self, result: Future[Any], channel: Channel, question: _Question) -> None:
+        with self._news:
+            if channel.pending >= PENDING:
+                self.counts["busy"] += 1
+                result.cancel()
+                raise Refused(f"{PENDING} questions wait for their answers already: ask again", reason="busy")
+            channel.pending += 1
+
+        def done(_: Future[Any]) -> None:
+            with self._news:
+                channel.pending -= 1
+            self._put_back(channel, question)
+
+        result.add_done_callback(done)
+
+    def _put_back(self, channel: Channel, question: _Question) -> None:
+        """It goes on when its channel's turn comes again."""
+        with self._news:
+            if not self._closed.is_set():
+                channel.begun.append(question)
+                self._news.notify()
+                return
+        _end(question)
+
+
+def _refusing(error: ZmavError) -> Steps:
+    raise error
+    yield
+
+
+def _end(question: _Question) -> None:
+    with contextlib.suppress(zenoh.ZError, ValueError, RuntimeError):  # ended already or just now, or its asker is gone
+        question.query.drop()

@@ -1,0 +1,282 @@
+"""Rates by demand: the autopilot sends what somebody reads, as fast as the fastest reader wants, and no longer.
+
+A floor of messages (position, attitude, system status...) always flows. What flows fast enough by itself is left alone;
+what was asked for is put back as it was when its last reader leaves; a rate that somebody else has raised on this link
+is not lowered. Where a serial link is full, the least wanted is slowed first (:mod:`zmav.services.rates.plan`). A
+rebooted autopilot has forgotten everything and is asked again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Iterator
+
+import zenoh
+
+from zmav import keys, wire
+from zmav.services.link.identity import Identity
+from zmav.services.link.port import Port
+from zmav.services.queries.questions import Questions, Reply
+from zmav.services.rates.demand import Demands
+from zmav.services.rates.meter import WINDOW, Measured, Meter
+from zmav.services.rates.plan import ENOUGH, Shedder, Target, wanted
+from zmav.services.rates.requests import ACCEPTED, DEFAULT, IntervalAsker
+from zmav.services.rates.standing import RequestedRate, rows
+from zmav.services.status.events import Events
+
+OWN = {"SYSTEM_TIME": 0.2}
+"""what the companion itself reads beside the floor: GPS time, for its clock"""
+LONGEST_PAUSE = 60.0
+"""s between two tries of what does not come"""
+UNANSWERED_PAUSE = 3.0
+"""... while it does not even answer: it may be starting"""
+SLOWER_FROM = 20.0
+"""Hz; a denied rate above it is tried at half: autopilots deny what is faster than their own loop"""
+
+
+class Rates:
+    """Keeps one autopilot sending what is read. Lives on the event loop."""
+
+    def __init__(
+        self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, events: Events
+    ) -> None:  # fmt: skip
+        self._port, self._identity, self._events = port, identity, events
+        self.meter, self.demands = Meter(port), Demands(session, port)
+        self.needs: dict[str, float] = {}
+        """what else the companion reads, in Hz: the pilot's switch"""
+        self._asker, self._shedder = IntervalAsker(port), Shedder(port.dialect)
+        self._targets: list[Target] = []
+        self._standing: dict[str, RequestedRate] = {}
+        self._of: tuple[int, int] | None = None
+        self._was_connected = False
+        self._shed: set[str] = set()
+        self._key = keys.RATES.key(port.fleet, port.name)
+        self._wake = asyncio.Event()
+        self._worker: asyncio.Task[None] | None = None
+        questions.declare(self._key, self._answer)
+
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        yield Reply(self._key, wire.encode(self.table()), keys.RATES.encoding)
+
+    def start(self) -> None:
+        self.demands.on_change = self.plan
+        self.demands.start()
+        self._worker = asyncio.get_running_loop().create_task(self._work())
+
+    def close(self) -> None:
+        """End it; what was asked for is put back without waiting for answers, so that nothing flows for nobody."""
+        if self._worker:
+            self._worker.cancel()
+        floor = {target.name: target.floor for target in self._targets}
+        for name, standing in self._standing.items():
+            if self._of is not None and standing.asked is not None and standing.asked > floor.get(name, 0.0):
+                interval = 1e6 / floor[name] if floor.get(name) and standing.before <= 0 else standing.before
+                self._asker.send(self._of, _msgid(name, self._port), interval)
+        self.demands.close()
+
+    def tick(self) -> None:
+        """Once a second."""
+        self.meter.tick()
+        source = self._identity.source
+        if source is not None:
+            self.demands.poll(source)
+        self.plan()
+
+    def restarted(self) -> None:
+        """The autopilot has begun anew: what it was told is forgotten, and what it refused it may take now."""
+        for standing in self._standing.values():
+            standing.forgotten = standing.asked is not None
+            standing.refused, standing.final, standing.ceiling = None, False, math.inf
+            standing.not_before, standing.pause = 0.0, 1.0
+        self.plan()
+
+    # What is wanted.
+
+    def plan(self) -> None:
+        """Put together what should flow, and have it asked for."""
+        source, autopilot = self._identity.source, self._identity.autopilot
+        if source != self._of:
+            self._of = source
+            self._standing.clear()
+            self._asker.silent = 0
+        back = self._identity.connected and not self._was_connected
+        self._was_connected = self._identity.connected
+        if source is None or autopilot is None or not self._identity.connected:
+            return
+        if back:  # after a silence; whether it was a restart is seen by what does not flow
+            for standing in self._standing.values():
+                standing.not_before, standing.pause = 0.0, 1.0
+        flows = self._flows()
+        targets = wanted(autopilot.floor, {**OWN, **self.needs}, self.demands.current())
+        ours = {name for name, standing in self._standing.items() if standing.asked is not None}
+        self._shedder.apply(targets, flows, self.meter.used, ours, self._port.link.capacity)
+        self._targets = targets
+        self._say_shed()
+        self._wake.set()
+
+    def _flows(self) -> dict[str, Measured]:
+        """What comes from the autopilot itself, by message."""
+        return {kind[0]: m for kind, m in self.meter.measured().items() if kind[1:] == self._of}
+
+    def _say_shed(self) -> None:
+        slowed = [target for target in self._targets if target.shed]
+        names = {target.name for target in slowed}
+        if names == self._shed:
+            return
+        self._shed = names
+        if not names:
+            self._events.emit("rate", "info", "there is room on the link: everything comes at the rate wanted")
+            return
+        rates = ", ".join(f"{t.name} {t.granted:.3g} of {t.hz:.3g} Hz" for t in slowed)
+        capacity = self._port.link.capacity or 0.0
+        text = f"the link is full ({self.meter.used:.0f} of {capacity:.0f} bytes/s): {rates}"
+        self._events.emit("rate", "warning", text, limit="shed", shed=sorted(names))
+
+    # Asking for it.
+
+    async def _work(self) -> None:
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            try:
+                await self._settle()
+            except Exception as e:
+                self._events.emit("fault", "error", f"rates: {e!r}", limit="rates")
+
+    async def _settle(self) -> None:
+        """Bring the autopilot nearer to the plan, one message after the other."""
+        source = self._of
+        for target in list(self._targets):
+            if source is None or not self._identity.connected or source != self._of:
+                return
+            if self._due(target):
+                await self._ask(source, target)
+        names = {target.name for target in self._targets}
+        for name in [name for name in self._standing if name not in names]:
+            if source is not None and source == self._of and self._identity.connected:
+                await self._put_back(source, name)
+
+    def _due(self, target: Target) -> bool:
+        """It must be asked for, now."""
+        if self._identity.autopilot is None or target.name in self._identity.autopilot.unrated:
+            return False
+        standing, flow = self._standing.get(target.name), self._flows().get(target.name)
+        heard = self._port.latest(target.name, self._of) if self._of else None
+        rate = target.granted if standing is None else standing.rate(target)
+        if standing is None or standing.asked is None:
+            if standing is not None and (standing.final or time.monotonic() < standing.not_before):
+                return False
+            if heard is None or (standing is not None and time.monotonic() - standing.since < WINDOW + 1):
+                return True
+            unmeasured = flow is None or flow.span < 2.0
+            # What has just begun to flow is measured first, unless it is silent again or somebody said a rate.
+            return heard.age > 3.0 / rate if unmeasured and not target.explicit else not _enough(flow, rate)
+        if standing.forgotten:
+            return True
+        if abs(rate - standing.asked) > 0.01 * standing.asked:
+            return True
+        fresh = heard is not None and heard.age < 3.0 / rate
+        if fresh and (time.monotonic() - standing.since < WINDOW + 1 or _enough(flow, rate / 2)):
+            standing.pause = 1.0
+            return False
+        return time.monotonic() >= standing.not_before
+
+    async def _ask(self, source: tuple[int, int], target: Target) -> None:
+        name, msgid = target.name, _msgid(target.name, self._port)
+        standing = self._standing.setdefault(name, RequestedRate())
+        if standing.asked is None and standing.refused is None and await self._comes(standing, target):
+            return
+        rate = standing.rate(target)
+        lower = standing.asked is not None and rate < standing.asked and not standing.forgotten
+        if lower and await self._raised(source, name, standing):
+            standing.asked = rate  # somebody else's by now: not ours to lower
+            return
+        had, standing.asked = standing.asked, rate  # from now on it is to be put back, whatever comes in between
+        result = await self._asker.set(source, msgid, 1e6 / rate)
+        standing.since, standing.forgotten = time.monotonic(), False
+        standing.not_before = standing.since + standing.pause + 3.0 / rate
+        standing.pause = min(2.0 * standing.pause, UNANSWERED_PAUSE if result is None else LONGEST_PAUSE)
+        if result is None or result == ACCEPTED:
+            standing.refused = None  # without an answer: what flows will tell
+        else:
+            standing.asked = had
+            self._refuse(standing, target, result, rate)
+
+    async def _comes(self, standing: RequestedRate, target: Target) -> bool:
+        """Learn how the message is sent before we ask; True where that is enough, and not yet known not to come."""
+        assert self._of is not None
+        interval = await self._asker.get(self._of, _msgid(target.name, self._port))
+        flow = self._flows().get(target.name)
+        standing.before = interval or (1e6 / flow.hz if flow and flow.hz > 0 else DEFAULT)
+        if not interval or interval < 0 or 1e6 / interval < ENOUGH * target.granted or standing.pause > 1.0:
+            return False
+        standing.not_before = time.monotonic() + 3.0 + interval / 1e6
+        standing.pause = 2.0
+        return True
+
+    def _refuse(self, standing: RequestedRate, target: Target, result: int, rate: float) -> None:
+        never = self._identity.autopilot is not None and result in self._identity.autopilot.never_rated
+        if never and rate > SLOWER_FROM:
+            standing.ceiling, standing.not_before = rate / 2, 0.0
+            self._wake.set()
+            return
+        word = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")
+        if standing.refused is None:
+            readers = ", ".join(target.readers)
+            text = f"{target.name} at {rate:.3g} Hz refused: {word} (wanted by {readers})"
+            self._events.emit("rate", "warning", text, message=target.name, result=word)
+        standing.refused = word
+        if standing.asked is None:
+            standing.final = never
+        else:
+            standing.ceiling = standing.asked  # what it sends already is the most there is
+
+    async def _put_back(self, source: tuple[int, int], name: str) -> None:
+        """Nobody reads it any more."""
+        standing = self._standing[name]
+        if standing.asked is None:
+            # What was refused for good is remembered, and so is for a while that the measured rate tells of the past.
+            if not standing.final and time.monotonic() - standing.since > WINDOW + 1:
+                del self._standing[name]
+            return
+        if time.monotonic() < standing.not_before and standing.tries:
+            return
+        if not await self._raised(source, name, standing):
+            result = await self._asker.set(source, _msgid(name, self._port), standing.before)
+            standing.tries += 1
+            standing.not_before = time.monotonic() + 1.0
+            if result is None and standing.tries < 5:
+                return
+        self._standing[name] = RequestedRate(since=time.monotonic())
+        self._wake.set()  # somebody may have come meanwhile
+
+    async def _raised(self, source: tuple[int, int], name: str, standing: RequestedRate) -> bool:
+        """It is sent faster than we asked for: a ground station on this link has asked, too. As the autopilot says: a
+        simulation may send everything faster than by the clock on the wall.
+        """
+        interval = await self._asker.get(source, _msgid(name, self._port))
+        return interval is not None and interval > 0 and 1e6 / interval > 1.3 * (standing.asked or 0.0)
+
+    # Statistics.
+
+    def table(self) -> wire.RateTable:
+        """What comes, what was asked for, what is wanted and by whom; in any thread."""
+        measured = self.meter.measured()
+        return wire.RateTable(
+            t=time.time(),
+            capacity=self._port.link.capacity,
+            used=self.meter.used,
+            junk=self.demands.junk,
+            messages=rows(measured, self._of, self._targets, self._standing),
+        )
+
+
+def _enough(flow: Measured | None, rate: float) -> bool:
+    return flow is not None and flow.hz >= ENOUGH * rate
+
+
+def _msgid(name: str, port: Port) -> int:
+    number = name.removeprefix("UNKNOWN_")
+    return int(number) if number.isdecimal() else port.dialect.message(name).id

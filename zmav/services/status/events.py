@@ -1,0 +1,125 @@
+"""``event``: what happened, in words; cached and recovered, so that a short outage loses none of it."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import zenoh
+import zenoh.ext
+
+from zmav import keys, wire
+from zmav.mavlink import Frame
+from zmav.mavlink.event import Event, read_event
+from zmav.mavlink.statustext import Text, TextJoiner
+from zmav.seldom import Seldom
+from zmav.trust.proof import Signer
+
+SEVERITIES: tuple[wire.Severity, ...] = (
+    "emergency",
+    "alert",
+    "critical",
+    "error",
+    "warning",
+    "notice",
+    "info",
+    "debug",
+)
+
+
+LIMITS = 256
+"""names of limits that are told apart within a second"""
+
+
+class EventText(NamedTuple):
+    """What an EVENT comes to."""
+
+    text: str
+    name: str = ""
+    reason: bool = True
+    """it may be why an order is refused"""
+
+
+class Events:
+    """Publishes a vehicle's events, from any thread; what reads frames lives on the event loop."""
+
+    def __init__(self, session: zenoh.Session, fleet: str, name: str, signer: Signer | None = None) -> None:
+        ext, self._signer, self._key = zenoh.ext, signer, keys.EVENT.key(fleet, name)
+        self._publisher = ext.declare_advanced_publisher(
+            session,
+            self._key,
+            encoding=keys.EVENT.encoding,
+            **keys.EVENT.qos.options(),
+            cache=ext.CacheConfig(max_samples=200),
+            publisher_detection=True,
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
+        )
+        self._limits: Seldom[str] = Seldom(1.0, LIMITS)
+        self._texts: collections.deque[tuple[float, str]] = collections.deque(maxlen=50)
+        self._joiner = TextJoiner()
+        self._sequences: dict[tuple[int, int], int] = {}
+        self.told: Callable[[Event, int], EventText | None] = lambda event, missed: EventText(str(event))
+        """what to say of an EVENT, given how many before it were lost; None: nothing"""
+
+    def close(self) -> None:
+        self._publisher.undeclare()
+
+    def emit(self, kind: str, severity: wire.Severity, text: str, *, limit: str = "", **detail: Any) -> None:
+        """Publish one event. With ``limit``: one a second of that name, and the next says how many were left out."""
+        if limit:
+            left_out = self._limits.take(limit)
+            if left_out is None:
+                return
+            if left_out:
+                detail["left_out"] = left_out
+        event = wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail)
+        with contextlib.suppress(zenoh.ZError):  # a closed session hears nothing: no reason to stop watching over it
+            data = wire.encode(event)
+            self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
+
+    def statustext(self, frame: Frame) -> None:
+        """Pass on a STATUSTEXT once it is whole, and remember it as a reason for a refusal that may follow."""
+        for text in self._joiner.add(frame, time.monotonic()):
+            self._say(text)
+
+    def tick(self) -> None:
+        """A few times a second: say what there is of texts whose pieces do not come."""
+        for text in self._joiner.flush(time.monotonic()):
+            self._say(text)
+
+    def _say(self, text: Text) -> None:
+        self._texts.append((text.at, text.text))
+        more: dict[str, Any] = {} if text.complete else {"incomplete": True}
+        self.emit("statustext", SEVERITIES[min(text.severity, 7)], text.text, component=text.compid, **more)
+
+    def numbered(self, frame: Frame) -> None:
+        """Pass on an EVENT (410), each once, in the words that :attr:`told` has for it."""
+        event = read_event(frame)
+        if event is None:
+            return
+        source = (frame.sysid, frame.compid)
+        before = self._sequences.get(source)
+        if before == event.sequence:
+            return  # sent again, for somebody else who missed it
+        self._sequences[source] = event.sequence
+        missed = (event.sequence - before - 1) & 0xFFFF if before is not None else 0
+        missed = missed if missed < 0x8000 else 0
+        told = self.told(event, missed)
+        if told is None or not event.for_people:
+            return
+        if told.reason:
+            self._texts.append((time.monotonic(), told.text))
+        detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
+        if missed:
+            detail["missed"] = missed
+        if told.name:
+            detail["name"] = told.name
+        self.emit("numbered", SEVERITIES[event.level], told.text, **detail, arguments=event.arguments.hex())
+
+    def texts_since(self, t: float) -> list[str]:
+        """The autopilot's words since monotonic time ``t``, the beginnings of texts that are not whole yet included."""
+        said = [text for when, text in list(self._texts) if when >= t]
+        return said + [text.text for text in self._joiner.unfinished() if text.at >= t]
