@@ -6,11 +6,11 @@ import asyncio
 import math
 from collections.abc import Iterator
 
-import zmav
 from zmav.autopilots.safety import SAFETY, Safety
 from zmav.doctor import topics
 from zmav.doctor.findings import Finding
 from zmav.errors import BadInput, TimedOut, ZmavError
+from zmav.vehicle.vehicle import Vehicle
 from zmav.waiting import within
 
 PATIENCE = 10.0
@@ -20,7 +20,7 @@ Value = tuple[str, float]
 """A parameter's name on this vehicle, and its value"""
 
 
-async def read_safety(vehicle: zmav.Vehicle) -> dict[Safety, Value | None] | ZmavError:
+async def read_safety(vehicle: Vehicle) -> dict[Safety, Value | None] | ZmavError:
     """The values of the parameters that matter for this vehicle; None for one that it does not have."""
     state = vehicle.last_state
     wanted = SAFETY.get((state.autopilot or "", state.kind or ""), ()) if state and state.connected else ()
@@ -33,7 +33,7 @@ async def read_safety(vehicle: zmav.Vehicle) -> dict[Safety, Value | None] | Zma
     return dict(zip(wanted, values, strict=True))
 
 
-async def _read(vehicle: zmav.Vehicle, wanted: tuple[Safety, ...]) -> list[Value | None]:
+async def _read(vehicle: Vehicle, wanted: tuple[Safety, ...]) -> list[Value | None]:
     """One by one from the vehicle's cache: the whole set is a hundred times as much for the radios between."""
     try:
         return [await _first(vehicle, safety.names) for safety in wanted]
@@ -42,7 +42,7 @@ async def _read(vehicle: zmav.Vehicle, wanted: tuple[Safety, ...]) -> list[Value
         return [await _first(vehicle, safety.names) for safety in wanted]
 
 
-async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
+async def _first(vehicle: Vehicle, names: tuple[str, ...]) -> Value | None:
     for name in names:
         try:
             value = (await vehicle.params.get(name)).value
@@ -53,7 +53,7 @@ async def _first(vehicle: zmav.Vehicle, names: tuple[str, ...]) -> Value | None:
     return None
 
 
-def judge(vehicle: zmav.Vehicle, values: dict[Safety, Value | None], who: str) -> Iterator[Finding]:
+def judge(vehicle: Vehicle, values: dict[Safety, Value | None], who: str) -> Iterator[Finding]:
     """A line for each parameter that is not as it should be, or one that all are."""
     state = vehicle.last_state
     sysid = (state.sysid if state else None) or 0

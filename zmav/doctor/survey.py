@@ -15,16 +15,16 @@ import msgspec
 import zenoh
 from zenoh import handlers
 
-import zmav
 from zmav import keys, wire
 from zmav.autopilots.safety import Safety
-from zmav.cli.info import routers
 from zmav.client import Answer, Client
 from zmav.config import FleetConfig
+from zmav.doctor.admin import routers
 from zmav.doctor.credentials import Trust, look_at_trust
 from zmav.doctor.failsafes import Value, read_safety
 from zmav.errors import BadInput, ZmavError
 from zmav.trust.credentials import Credentials
+from zmav.vehicle.vehicle import Vehicle
 from zmav.waiting import within
 
 PINGS = 5
@@ -53,7 +53,7 @@ class AgentReport(msgspec.Struct, frozen=True):
 class Survey(msgspec.Struct, frozen=True):
     """What was seen of the key space; the dicts are by vehicle (``fleet/name``), and lack those that said nothing."""
 
-    vehicles: list[zmav.Vehicle] = []
+    vehicles: list[Vehicle] = []
     routers: list[dict[str, Any]] = []
     links: dict[str, list[wire.LinkQuality]] = {}
     """oldest first"""
@@ -115,7 +115,7 @@ async def _of_all(names: list[str], work: list[Coroutine[Any, Any, T]]) -> dict[
     return dict(zip(names, await asyncio.gather(*work), strict=True))
 
 
-def label(vehicle: zmav.Vehicle) -> str:
+def label(vehicle: Vehicle) -> str:
     """``fleet/name``."""
     return f"{vehicle.fleet}/{vehicle.name}"
 
@@ -229,7 +229,7 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
             return e
 
 
-async def _clock_of(vehicle: zmav.Vehicle) -> Clock | ZmavError:
+async def _clock_of(vehicle: Vehicle) -> Clock | ZmavError:
     """By the quickest of a few round trips, taken to be as long there as back."""
     clocks = []
     try:

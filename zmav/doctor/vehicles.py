@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-import zmav
 from zmav import keys, wire
 from zmav.doctor import topics
 from zmav.doctor.computer import check_host, check_versions
@@ -22,6 +21,7 @@ from zmav.doctor.rules import loss_level, of_agent, reasons
 from zmav.doctor.survey import Survey, label
 from zmav.doctor.topics import Topic
 from zmav.errors import ZmavError
+from zmav.vehicle.vehicle import Vehicle
 
 MAX_CLOCK_OFFSET = 0.1
 """s; a setpoint is valid for half a second, by the sender's clock"""
@@ -76,7 +76,7 @@ def _heard(qualities: list[wire.LinkQuality] | None) -> wire.LinkQuality | None:
     return msgspec.structs.replace(last, loss=lost / (frames + lost) if frames + lost else 0.0)
 
 
-def _well(vehicle: zmav.Vehicle) -> Iterator[Finding]:
+def _well(vehicle: Vehicle) -> Iterator[Finding]:
     state, who = vehicle.last_state, label(vehicle)
     if state is None or not state.connected:
         return
@@ -177,7 +177,7 @@ def check_fleet(seen: Survey) -> Iterator[Finding]:
 
 
 def check_sysids(seen: Survey) -> Iterator[Finding]:
-    by_id: dict[int, list[zmav.Vehicle]] = defaultdict(list)
+    by_id: dict[int, list[Vehicle]] = defaultdict(list)
     for vehicle in seen.vehicles:
         state = vehicle.last_state
         if state is None or state.sysid is None or not state.connected:

@@ -38,7 +38,7 @@ def test_what_was_compiled_is_not_used_after_a_kernel_in_another_file_has_change
     package.mkdir()
     (package / "caller.py").write_text(CALLER.format(name=package.name))
     program = (
-        "import sys; from pathlib import Path; from agents.planner import jit\n"
+        "import sys; from pathlib import Path; from agents.planner.solve import jit\n"
         f"sys.path.insert(0, {str(tmp_path)!r}); jit.PACKAGE = Path({str(package)!r})\n"
         f"from {package.name}.caller import outer\n"
         "print(outer(1.0), sum(outer.stats.cache_hits.values()))"

@@ -17,9 +17,11 @@ import zenoh
 from zenoh.handlers import RingChannel
 
 logger = logging.getLogger(__name__)
+FREE, WINDOW = 100, 0.1
+"""so many in so many s are taken as they come: a controller's setpoints at 500 Hz, and a ground station's bursts"""
 NAP = 0.005
-"""s between two batches at least, and as long as the work of the last one took: a flood is looked at in batches of the
-ring's size, and leaves the event loop its share of the interpreter
+"""s between two batches of what is more than that, or as long as the work of the last one took: a flood is looked at in
+batches of the ring's size, and leaves the event loop its share of the interpreter
 """
 
 
@@ -42,7 +44,7 @@ class Intake:
             self._declared.undeclare()
 
     def _run(self) -> None:
-        ring = self._declared.handler
+        ring, since, count = self._declared.handler, 0.0, 0
         with contextlib.suppress(zenoh.ZError):  # undeclared
             while not self._closed.is_set():
                 batch = [ring.recv()]
@@ -53,5 +55,8 @@ class Intake:
                     self._take(batch)
                 except Exception:
                     logger.exception("not taken")  # what comes next is: an order may be behind it
+                now = time.monotonic()
+                since, count = (now, len(batch)) if now - since > WINDOW else (since, count + len(batch))
                 del batch
-                self._closed.wait(max(NAP, time.thread_time() - began))
+                if count > FREE:
+                    self._closed.wait(max(NAP, time.thread_time() - began))
