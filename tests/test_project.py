@@ -49,7 +49,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
     {"session": set(), "present": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
-    {"services": set()},
+    {"services": set(), "hil": set()},
     {
         # What runs beside an autopilot.
         "adapter": set(),

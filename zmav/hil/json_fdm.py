@@ -11,7 +11,7 @@ import struct
 from typing import NamedTuple
 
 from zmav.errors import BadMessage
-from zmav.sim.hil.plant import Plant, Truth
+from zmav.hil.plant import Plant, Truth
 
 PORT, PORT_STEP = 9002, 10
 MAGIC_16, MAGIC_32 = 18458, 29569

@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 
 from zmav.errors import BadMessage
+from zmav.hil.line import Line
+from zmav.hil.plant import Plant
+from zmav.hil.stream import FAULTS, HilStream
+from zmav.hil.vehicle import External, unopened
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Splitter
 from zmav.sim.endpoints import Wiring
-from zmav.sim.hil.line import Line
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.stream import FAULTS, HilStream
-from zmav.sim.hil.vehicle import External, unopened
 
 PORT = 4560
 SEND_BYTES = 32 * 1024  # readings that wait longer are worth nothing

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from zmav.hil.craft import Craft
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 from zmav.sim.geo import from_ned
-from zmav.sim.hil.craft import Craft
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -11,11 +11,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from zmav.hil.plant import Plant
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
 from zmav.sim.geo import from_ned
-from zmav.sim.hil.plant import Plant
 from zmav.sim.sensors.readings import GpsFix, Readings
 
 SENSOR_HZ = 250.0
