@@ -14,7 +14,7 @@ import msgspec
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
 
 # MAV_CMD whose items name a place: x and y are latitude and longitude, z an altitude.
-_MISSION_PLACES = (16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92, 94, 179, 188, 189, 191, 195, 201)
+_MISSION_PLACES = (16, 17, 19, 21, 22, 31, 179, 189, 195, 201)
 LOCATED = frozenset((*_MISSION_PLACES, 5000, 5001, 5002, 5003, 5004, 5100))
 
 

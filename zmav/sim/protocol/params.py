@@ -24,6 +24,7 @@ _BOUNDS = {2: 2**7, 4: 2**15, 6: 2**31}
 
 
 Table = tuple[tuple[str, float, int], ...]
+Observer = Callable[[str, float], None]
 
 
 @cache
@@ -56,7 +57,7 @@ def _row(prefix: str, word: str) -> tuple[str, float, int]:
 
 
 class ParamStore:
-    """Named values of one vehicle; ``changed(name, value)`` is called after every change."""
+    """Named values of one vehicle."""
 
     def __init__(self, table: Table, own: Table = ()) -> None:
         """``own``: rows that differ for this vehicle, or that only it has."""
@@ -65,7 +66,7 @@ class ParamStore:
         self.index = {name: i for i, name in enumerate(self.names)}
         self._values = {row[0]: to_float32(row[1]) for row in table}
         self._types = {row[0]: row[2] for row in table}
-        self.changed: Callable[[str, float], None] = lambda name, value: None
+        self._observers: list[Observer] = []
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]
@@ -92,7 +93,12 @@ class ParamStore:
         else:
             value = to_float32(value)
         self._values[name] = value
-        self.changed(name, value)
+        for observer in self._observers:
+            observer(name, value)
+
+    def watch(self, observer: Observer) -> None:
+        """Call ``observer(name, value)`` after every change."""
+        self._observers.append(observer)
 
     def preset(self, values: dict[str, float]) -> None:
         """Values from a configuration; :class:`BadConfig` for a name that is not a parameter."""

@@ -11,8 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.arducopter.modes import stop_here
+from zmav.sim.autopilots.ardupilot.mode import GuidedMode
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Quaternion, Target, YawWish
-from zmav.sim.autopilots.ardupilot.vehicle import GuidedMode
 from zmav.sim.control.setpoints import Axis, Spool
 
 if TYPE_CHECKING:

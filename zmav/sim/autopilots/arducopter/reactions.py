@@ -9,13 +9,13 @@ import enum
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.failsafe import announce
-from zmav.sim.autopilots.ardupilot.fence import ALWAYS_LAND, BRAKE_OR_LAND, CEILING, GIVE_UP_M, SMART_RTL_OR_LAND
+from zmav.sim.autopilots.ardupilot.fence import ALWAYS_LAND, BRAKE_OR_LAND, CEILING, GIVE_UP_M
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
-_STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE, _SMART_RTL, _AUTO_RTL = 0, 2, 6, 9, 17, 21, 27
+_STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE = 0, 2, 6, 9, 17
 _CRITICAL, _WARNING = 2, 4
 # FS_OPTIONS
 RADIO_AUTO, GCS_AUTO, RADIO_GUIDED, LANDING, GCS_BY_PILOT = 1, 2, 4, 8, 16
@@ -123,12 +123,10 @@ class CopterReactions(Reactions):
         if copter.landed or (thrown and not copter.fence.breached & CEILING):
             copter.disarm(forced=True)
             return
-        if beyond_m > GIVE_UP_M or action == ALWAYS_LAND:
+        if beyond_m > GIVE_UP_M or action in (ALWAYS_LAND, 5):  # 5: by its own way, or land
             tries: tuple[int, ...] = (_LAND,)
         elif action == BRAKE_OR_LAND:
             tries = (_BRAKE, _LAND)
-        elif action == SMART_RTL_OR_LAND:
-            tries = (_SMART_RTL, _LAND)
         else:
             tries = (_RTL, _LAND)
         for number in tries:
@@ -156,8 +154,6 @@ class CopterReactions(Reactions):
             self._land_with_pause()
         elif action == Action.RTL:
             self._return_or_land()
-        elif action in (Action.SMART_RTL, Action.SMART_RTL_OR_LAND) and copter.set_mode(_SMART_RTL):
-            return
         elif action == Action.SMART_RTL:
             copter.say(_WARNING, "SmartRTL Unavailable, Trying RTL Mode")
             self._return_or_land()
@@ -166,8 +162,6 @@ class CopterReactions(Reactions):
             self._land_with_pause()
         elif action == Action.TERMINATE:
             copter.disarm(forced=True)
-        elif action == Action.LAND_START and copter.set_mode(_AUTO_RTL):
-            return
         elif action == Action.LAND_START:
             copter.say(_WARNING, "Trying RTL Mode")
             self._return_or_land()

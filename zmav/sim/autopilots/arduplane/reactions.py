@@ -12,12 +12,12 @@ from zmav.sim.autopilots.ardupilot.reactions import Reactions
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arduplane.plane import ArduPlane
 
-MANUAL, CIRCLE, FBWA, FBWB, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 6, 10, 11, 15, 26
-BY_HAND = {0, 2, 3, 4, 5, 6, 7}
-ON_ERRANDS = {10, 12, 14, 15, 26}
+MANUAL, CIRCLE, FBWA, CRUISE, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 7, 10, 11, 15, 26
+BY_HAND = {0, 5, 7}
+ON_ERRANDS = {10, 12, 15, 26}
 _WARNING, _NOTICE, _INFO = 4, 5, 6
 # FS_SHORT_ACTN, FS_LONG_ACTN
-SHORT_BEST_GUESS, SHORT_CIRCLE, SHORT_FBWA, SHORT_DISABLED, SHORT_FBWB = range(5)
+SHORT_BEST_GUESS, SHORT_CIRCLE, SHORT_FBWA, SHORT_DISABLED = range(4)
 LONG_CONTINUE, LONG_RTL, LONG_GLIDE, LONG_PARACHUTE, LONG_AUTO, LONG_AUTOLAND = range(6)
 # BATT_FS_LOW_ACT
 BATTERY_RTL, BATTERY_LAND, BATTERY_TERMINATE, BATTERY_AUTOLAND = 1, 2, 3, 7
@@ -77,7 +77,7 @@ class PlaneReactions(Reactions):
         plane = self._plane
         self.state, self._before, self._lost_at = "short", plane.mode.number, plane.now
         action = int(plane.params["FS_SHORT_ACTN"])
-        target = {SHORT_FBWA: FBWA, SHORT_FBWB: FBWB}.get(action, CIRCLE)
+        target = FBWA if action == SHORT_FBWA else CIRCLE
         number = plane.mode.number
         if number in BY_HAND or (number in ON_ERRANDS and action != SHORT_BEST_GUESS):
             plane.set_mode(target)
@@ -106,7 +106,7 @@ class PlaneReactions(Reactions):
                 self._pending = what
             else:
                 self._act(action, otherwise=RTL)
-        elif number in (AUTO, GUIDED, 14):
+        elif number in (AUTO, GUIDED):
             if not (number == AUTO and self._landing):
                 self._act(action, otherwise=RTL if action == LONG_RTL else None)
         elif number == RTL and action in (LONG_AUTO, LONG_AUTOLAND):

@@ -21,7 +21,7 @@ RADIO, GCS = 1, 2  # what fails
 NO_PULSES_S = 0.5
 CONTINUE_MISSION = 2  # FS_THR_ENABLE, FS_GCS_ENABLE
 ACTIVE_IN_HOLD = 1  # FS_OPTIONS
-_HOLD, _LOITER, _RTL, _SMART_RTL = 4, 5, 11, 12
+_HOLD, _LOITER, _RTL = 4, 5, 11
 CRASH_AFTER, CRASH_THROTTLE, CRASH_SPEED = 20, 0.05, 0.08  # tenths of a second; share; m/s and rad/s
 
 
@@ -41,8 +41,8 @@ class Action(enum.IntEnum):
 _TRIES: dict[int, tuple[int, ...]] = {
     Action.RTL: (_RTL, _HOLD),
     Action.HOLD: (_HOLD,),
-    Action.SMART_RTL: (_SMART_RTL, _RTL, _HOLD),
-    Action.SMART_RTL_OR_HOLD: (_SMART_RTL, _HOLD),
+    Action.SMART_RTL: (_RTL, _HOLD),
+    Action.SMART_RTL_OR_HOLD: (_HOLD,),
     Action.LOITER_OR_HOLD: (_LOITER, _HOLD),
 }
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 
+from zmav.sim.autopilots.ardupilot.mode import GuidedMode
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
-from zmav.sim.autopilots.ardupilot.vehicle import WARNING, GuidedMode
+from zmav.sim.autopilots.ardupilot.vehicle import WARNING
 from zmav.sim.autopilots.ardurover.modes import RoverMode
 from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.control.roversetpoints import Point
@@ -28,8 +29,6 @@ class Guided(RoverMode, GuidedMode):
     _yaw = _rate = _speed = 0.0
     _turning = False
     _heard = -math.inf
-    _started: tuple[float, Point] = (0.0, (0.0, 0.0))
-    _limits: tuple[float, float] = (0.0, 0.0)
 
     def enter(self) -> None:
         self.doing = Doing.HOLD
@@ -73,22 +72,6 @@ class Guided(RoverMode, GuidedMode):
         else:
             w, x, y, z = target.attitude
             self.head(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), speed)
-
-    # ---- what a mission adds
-
-    def limit(self, seconds: float, metres: float) -> None:
-        """How long and how far a mission lets others steer; 0: no limit."""
-        self._limits = (seconds, metres)
-
-    def begin_limits(self) -> None:
-        self._started = (self.rover.now, self.rover.travel.here)
-
-    @property
-    def limits_breached(self) -> bool:
-        seconds, metres = self._limits
-        since, place = self._started
-        too_long = seconds > 0.0 and self.rover.now - since >= seconds
-        return too_long or (metres > 0.0 and math.dist(place, self.rover.travel.here) > metres)
 
     # ---- what it tells
 

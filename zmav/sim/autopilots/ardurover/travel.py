@@ -1,4 +1,4 @@
-"""A rover's way to a place in AUTO, RTL and SMART_RTL: straight legs with limited speed, acceleration and jerk that
+"""A rover's way to a place in AUTO and RTL: straight legs with limited speed, acceleration and jerk that
 run into each other in the corners, and turns on the spot where it can.
 
 After ArduRover's waypoint navigation (ardupilot.org, "Rover: Tuning Navigation", "Pivot Turns"): a point runs along the
@@ -59,7 +59,6 @@ class Travel:
         self.base_speed = max(speed if speed > 0.0 else self._rover.params["WP_SPEED"], SLOWEST)
         self.destination: Point | None = None
         self.reached = False
-        self.reversed = False
         self._onward: Point | None = None
         self._leg: Leg | None = None
         self._next: Leg | None = None
@@ -155,12 +154,9 @@ class Travel:
     @property
     def _speed(self) -> float:
         """The highest now: the pilot may ask for more with the throttle stick."""
-        return max(self.base_speed, abs(self._rover.nudged(-self.base_speed if self.reversed else self.base_speed)))
+        return max(self.base_speed, self._rover.nudged(self.base_speed))
 
     # ---- turns on the spot
-
-    def _heading(self) -> float:
-        return self.bearing + (math.pi if self.reversed else 0.0)
 
     def _can_pivot(self) -> bool:
         return self._rover.frame.skid and self._rover.params["WP_PIVOT_ANGLE"] > math.degrees(PIVOT_DONE)
@@ -175,7 +171,7 @@ class Travel:
     def _begin_pivot(self, destination: Point, *, forced: bool = False) -> None:
         """Turn first where the way there is far off the nose."""
         north, east = self.here
-        yaw = math.atan2(destination[1] - east, destination[0] - north) + (math.pi if self.reversed else 0.0)
+        yaw = math.atan2(destination[1] - east, destination[0] - north)
         off = abs(wrap(yaw - self._rover.sense.yaw))
         self._pivoting = self._can_pivot() and (forced or off > math.radians(self._rover.params["WP_PIVOT_ANGLE"]))
         self._pivot_until = None
@@ -192,7 +188,7 @@ class Travel:
 
     def _pivot(self) -> None:
         rover = self._rover
-        yaw = self._heading()
+        yaw = self.bearing
         still = abs(rover.speed_ahead) < STILL
         if still:
             rover.sp.head(yaw, 0.0, math.radians(max(rover.params["WP_PIVOT_RATE"], 1.0)))
@@ -207,7 +203,7 @@ class Travel:
 
     def ready(self) -> None:
         """Hand the limits and the direction to the controllers."""
-        self._rover.sp.back(self.reversed)
+        self._rover.sp.back(False)
         self._rover.sp.limits(self._speed, self.acceleration, self.jerk)
 
     def update(self) -> None:

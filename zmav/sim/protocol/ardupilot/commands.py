@@ -65,6 +65,8 @@ def from_int(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> 
 def run(node: MavNode, command: Command, handlers: Handlers) -> None:
     """Carry out what there is one of the ``handlers`` for, and acknowledge to who asked on the link it came by."""
     handler = handlers.get(command.number)
+    if command.number in UNKNOWN:
+        node.say(WARNING, f"MAV_CMD {command.number} is not simulated")
     if handler is None:
         result = UNSUPPORTED
     elif not all(math.isfinite(p) for p in (command.p1, command.p2)) and command.number not in _NAN_ALLOWED:
@@ -90,7 +92,8 @@ def _arm_disarm(node: MavNode, c: Command) -> int:
 def _set_mode(node: MavNode, c: Command) -> int:
     if not int(c.p1) & _CUSTOM_MODE:
         return DENIED
-    return verdict(node.vehicle.set_mode(int(c.p2)))
+    done = node.vehicle.set_mode(int(c.p2))
+    return UNSUPPORTED if int(c.p2) in node.vehicle.UNFLOWN else verdict(done)
 
 
 def enter(number: int) -> Handler:
@@ -241,4 +244,7 @@ HANDLERS: Handlers = {
     520: _request_version,
     42428: _banner,
 }
-_NAN_ALLOWED = {22, 84, 192, 1000}
+_NAN_ALLOWED = {22, 192, 1000}
+# NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, CONDITION_YAW, DO_REPEAT_RELAY, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START,
+# DO_GO_AROUND, DO_SET_REVERSE, DO_MOTOR_TEST, DO_AUX_FUNCTION, DO_JUMP_TAG, GUIDED_CHANGE_SPEED, _ALTITUDE, _HEADING
+UNKNOWN = {84, 85, 115, 182, 184, 186, 189, 191, 194, 209, 218, 601, 43000, 43001, 43002}

@@ -30,8 +30,6 @@ _AUTO, _RTL, _LOITER = 10, 11, 12
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _ABSOLUTE, _RELATIVE = (0, 5), (3, 6, 10, 11)  # MAV_FRAME
 _LOCAL_OFFSET = 7
-_AIRSPEED = 0  # SPEED_TYPE
-_COURSE, _HEADING, _CIRCLE = 0, 1, 2  # HEADING_TYPE
 _IGNORE_HEIGHT = 4  # POSITION_TARGET_TYPEMASK
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _HIGHEST = 80_000.0  # m
@@ -101,79 +99,13 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _change_altitude(node: MavNode, c: Command) -> int:
-    """DO_CHANGE_ALTITUDE: ``p1`` metres, ``p2`` the frame; for the place it goes to, in any mode."""
-    plane = _plane(node)
-    down = _down(plane, c.p1, int(c.p2))
-    if down is None:
-        return DENIED
-    plane.way.end = *plane.way.end[:2], down
-    plane.way.level()
-    return ACCEPTED
-
-
-def _guided_speed(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    if plane.mode is not plane.guided:
-        return FAILED
-    if int(c.p1) != _AIRSPEED:
-        return DENIED
-    rate = c.p3 if math.isfinite(c.p3) else 0.0
-    return verdict(plane.guided.change_airspeed(c.p2, rate))
-
-
-def _guided_altitude(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    if plane.mode is not plane.guided:
-        return FAILED
-    down = _down(plane, c.z, c.frame)
-    if down is None or c.z in (-1.0, 0.0):
-        return DENIED
-    rate = abs(c.p3) if math.isfinite(c.p3) else 0.0
-    plane.guided.change_height(down, rate)
-    return ACCEPTED
-
-
-def _guided_heading(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    if plane.mode is not plane.guided:
-        return FAILED
-    if not 0.0 <= c.p2 < 360.0 or int(c.p1) not in (_COURSE, _HEADING, _CIRCLE):
-        return DENIED
-    if int(c.p1) == _CIRCLE:
-        plane.guided.change_heading(None)
-    else:
-        accel = c.p3 if math.isfinite(c.p3) else 0.0
-        plane.guided.change_heading(math.radians(c.p2), course=int(c.p1) == _COURSE, accel=accel)
-    return ACCEPTED
-
-
-def _land_start(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    return verdict(plane.position_ok and plane.land_by_mission())
-
-
-def _go_around(node: MavNode, c: Command) -> int:
-    """Give up a landing: back to the approach."""
-    plane = _plane(node)
-    if plane.mode is not plane.auto or not plane.auto.is_landing or plane.auto.previous is None:
-        return FAILED
-    return verdict(plane.mission.set_current(plane.auto.previous.seq))
-
-
 COMMANDS: Handlers = {
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
     22: _takeoff,
     178: _change_speed,
-    186: _change_altitude,
-    189: _land_start,
-    191: _go_around,
     192: _reposition,
     300: _mission_start,
-    43000: _guided_speed,
-    43001: _guided_altitude,
-    43002: _guided_heading,
 }
 
 

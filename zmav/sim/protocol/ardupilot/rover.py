@@ -77,11 +77,6 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _set_reverse(node: MavNode, c: Command) -> int:
-    _rover(node).travel.reversed = c.p1 == 1
-    return ACCEPTED
-
-
 def _mission_start(node: MavNode, c: Command) -> int:
     if c.p1 or c.p2:
         return DENIED
@@ -92,7 +87,6 @@ COMMANDS: Handlers = {
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: _reposition,
-    194: _set_reverse,
     300: _mission_start,
 }
 UNKNOWN = (193,)  # what every other ArduPilot takes
@@ -232,13 +226,13 @@ def vfr_hud(node: MavNode) -> Fields:
 
 
 def nav_controller_output(node: MavNode) -> Fields | None:
-    """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in CIRCLE."""
+    """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in LOITER."""
     mode = _rover(node).driving_mode
     if not mode.autopilot:
         return None
     bearing = round(math.degrees(mode.bearing)) % 360
     return {
-        "nav_bearing": bearing if mode.number in (5, 9) else 0,
+        "nav_bearing": bearing if mode.number == 5 else 0,
         "target_bearing": bearing,
         "wp_dist": min(int(mode.distance), 65535),
         "xtrack_error": mode.cross_track,

@@ -20,7 +20,7 @@ from zmav.sim.autopilots.px4.modes import (
     LAND,
     MISSION,
     MODES,
-    ORBIT,
+    NOT_SIMULATED,
     RTL,
     TAKEOFF,
     TERMINATION,
@@ -84,6 +84,8 @@ def run(node: Px4Node, command: Command) -> None:
     channel, handler = command.channel, HANDLERS.get(command.number)
     if command.number == _SET_MODE:
         channel.acknowledge(command.number, ACCEPTED, command.sender)  # the receiver's, that passes it on
+    if command.number in UNKNOWN:
+        node.copter.say(4, f"MAV_CMD {command.number} is not simulated\t")
     result = UNSUPPORTED if handler is None else handler(node, command)
     channel.acknowledge(command.number, result, command.sender)
 
@@ -98,7 +100,11 @@ def _verdict(done: bool) -> int:
 def _set_mode(node: Px4Node, c: Command) -> int:
     if not (math.isfinite(c.p1) and math.isfinite(c.p2) and int(c.p1) & _CUSTOM_MODE):
         return TEMPORARILY_REJECTED
-    mode = BY_NUMBERS.get((int(c.p2), int(c.p3) if math.isfinite(c.p3) else 0))
+    numbers = (int(c.p2), int(c.p3) if math.isfinite(c.p3) else 0)
+    if numbers in NOT_SIMULATED:
+        node.copter.say(4, f"{NOT_SIMULATED[numbers]} is not simulated\t")
+        return UNSUPPORTED
+    mode = BY_NUMBERS.get(numbers)
     return _verdict(mode is not None and node.copter.set_mode(mode))
 
 
@@ -151,38 +157,6 @@ def _go(node: Px4Node, place: Vector, yaw: float | None, speed: float | None) ->
         copter.tell(events.OUTSIDE_FENCE)
     else:
         copter.navigator.reposition(place, yaw, speed)
-
-
-def _change_altitude(node: Px4Node, c: Command) -> int:
-    """A reposition that only changes the height, above mean sea level."""
-    copter = node.copter
-    if not math.isfinite(c.p1):
-        return DENIED
-    held = copter.navigator.target
-    here = copter.position
-    place = point(copter, here.lat_deg, here.lon_deg, c.p1, 0)
-    if place is None:
-        return DENIED
-    if not copter.set_mode(HOLD):
-        return TEMPORARILY_REJECTED
-    _go(node, place if held is None else (held[0], held[1], place[2]), None, None)
-    return ACCEPTED
-
-
-def _orbit(node: Px4Node, c: Command) -> int:
-    """Round a place; what is NaN is as it is, or as by default."""
-    copter = node.copter
-    here = copter.position
-    lat, lon = (c.lat, c.lon) if math.isfinite(c.lat) and math.isfinite(c.lon) else (here.lat_deg, here.lon_deg)
-    centre = point(copter, lat, lon, c.alt if math.isfinite(c.alt) else here.alt_amsl_m, 0)
-    if centre is None:
-        return DENIED
-    if not copter.set_mode(ORBIT):
-        return TEMPORARILY_REJECTED
-    radius, speed = (value if math.isfinite(value) else None for value in (c.p1, c.p2))
-    behaviour = int(c.p3) if math.isfinite(c.p3) else None
-    copter.navigator.orbit.ask(centre, radius, speed, behaviour)
-    return ACCEPTED
 
 
 def _change_speed(node: Px4Node, c: Command) -> int:
@@ -294,17 +268,17 @@ def _ask_for(name: str) -> Handler:
     return handler
 
 
+UNKNOWN = (33, 34, 186, 194, 310)  # DO_FIGURE_EIGHT, DO_ORBIT, DO_CHANGE_ALTITUDE, and what calibrates or tests
+
 HANDLERS: dict[int, Handler] = {
     17: _enter(HOLD),  # NAV_LOITER_UNLIM
     20: _enter(RTL),
     21: _enter(LAND),
     22: _takeoff,
-    34: _orbit,
     _SET_MODE: _set_mode,
     178: _change_speed,
     179: _set_home,
     185: _terminate,
-    186: _change_altitude,
     192: _reposition,
     246: _reboot,
     300: _mission_start,
