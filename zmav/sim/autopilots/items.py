@@ -89,20 +89,19 @@ class ItemStore(ABC):
     def open(self, count: int) -> Result:
         """A new list of ``count`` items is about to come, one :meth:`put` each."""
 
-    @abstractmethod
     def reopen(self) -> Result:
         """Some items of the list that is there are about to be replaced."""
+        return Result.ACCEPTED
 
     @abstractmethod
     def put(self, item: Item, last: int) -> Result:
         """Take one item of an upload that ends with number ``last``."""
 
-    @abstractmethod
     def close(self) -> Result:
         """All have come: the verdict on the whole."""
+        return Result.ACCEPTED
 
-    @abstractmethod
-    def abandon(self) -> None:
+    def abandon(self) -> None:  # noqa: B027 - what has come stays
         """The upload ends without its rest."""
 
     @abstractmethod

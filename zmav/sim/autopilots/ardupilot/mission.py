@@ -101,9 +101,6 @@ class Mission(ItemStore):
         self._truncate(count)
         return Result.ACCEPTED
 
-    def reopen(self) -> Result:
-        return Result.ACCEPTED
-
     def put(self, item: Item, last: int) -> Result:
         kept = self.stored(item)
         if kept is Result.UNSUPPORTED:
@@ -130,12 +127,6 @@ class Mission(ItemStore):
         self.changes += 1
         self._resized()
         return True
-
-    def close(self) -> Result:
-        return Result.ACCEPTED
-
-    def abandon(self) -> None:
-        """What has come stays."""
 
     def clear(self) -> bool:
         if self.armed() and self.state is State.RUNNING:
