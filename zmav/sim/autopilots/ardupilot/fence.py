@@ -179,16 +179,6 @@ class Fence:
                 return corner(item, self._vehicle.world)
         return None
 
-    def enable(self, on: bool, types: int = EVERYTHING) -> bool:
-        """Switch fences on or off in flight (DO_FENCE_ENABLE); False where there is none to switch on."""
-        wanted = self.configured & types
-        if on and not self.present & types:
-            return False
-        self.enabled = self.enabled | wanted if on else self.enabled & ~wanted
-        if not on:
-            self.breached &= ~wanted
-        return True
-
     @property
     def ceiling(self) -> float | None:
         """The height above home that flying back keeps below, m; None without a ceiling."""
@@ -234,7 +224,7 @@ class Fence:
 
     def on_arming(self) -> None:
         if int(self._vehicle.params.get("FENCE_AUTOENABLE")) == WHEN_ARMED:
-            self.enable(True, EVERYTHING & ~FLOOR)
+            self.enabled |= self.configured & ~FLOOR
             if self.active:
                 self._vehicle.say(_NOTICE, f"{names(self.active)} auto-enabled")
 

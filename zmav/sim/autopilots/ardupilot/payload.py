@@ -212,8 +212,6 @@ class Payload:
         if item.command == 206:
             self.camera.spacing_m = p1
             return p3 != 1 or self.camera.shoot()
-        if item.command == 207:
-            return self._vehicle.fence.enable(p1 == 1)
         if item.command == 1000:
             return self.gimbal_manager((p1, p2, p3, p4), item.x, int(item.z))
         if item.command == 2000:

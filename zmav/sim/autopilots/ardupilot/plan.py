@@ -78,7 +78,6 @@ _KEPT: dict[int, tuple[Keep, ...]] = {
     203: (_U8, _U8, _I8, _U8),  # DO_DIGICAM_CONTROL
     205: (_F, _F, _F),  # DO_MOUNT_CONTROL
     206: (_F, _none, _U8),  # DO_SET_CAM_TRIGG_DIST
-    207: (_U16,),  # DO_FENCE_ENABLE
     1000: (_I8, _I16, _I8, _I8),  # DO_GIMBAL_MANAGER_PITCHYAW
     2000: (_U8, _F, _U16, _U16),  # IMAGE_START_CAPTURE
     2001: (_U16,),
@@ -107,7 +106,6 @@ NAMES: dict[int, str] = {
     203: "DigiCamCtrl",
     205: "MountControl",
     206: "SetCamTrigDst",
-    207: "FenceEnable",
     1000: "GimbalPitchYaw",
     2000: "ImageStartCapture",
     2001: "ImageStopCapture",

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 CHANNELS = 16
 RELEASED = 0
 IGNORED, RELEASED_UPPER = 65535, 65534  # UINT16_MAX and one less
-IGNORE_RECEIVER, IGNORE_OVERRIDES = 1, 2  # RC_OPTIONS
-NO_PULSES, LOW_THROTTLE = 1, 2  # SIM_RC_FAIL
 NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 FRAME_S = 0.02
 CONFIRMATIONS = 3  # throttle values in a row that start or end the failsafe
@@ -92,13 +90,12 @@ class Radio(Sticks):
         if now < self._next:
             return
         self._next = now + FRAME_S
-        fail = int(self._vehicle.params["SIM_RC_FAIL"])
-        receiving = self.pilot.sending and fail != NO_PULSES
+        receiving = self.pilot.sending
         self._had_receiver |= receiving
         if receiving or self._fresh:
             self._fresh = False
             self._heard = now
-            self._read(fail)
+            self._read()
             self._watch_throttle()
         elif not self.lost and self._vehicle.params[self._vehicle.RADIO_PARAMS[0]]:
             self._set_lost(now - self._heard >= self._timeout)
@@ -109,21 +106,18 @@ class Radio(Sticks):
         params = self._vehicle.params
         return max(params.get("RC_FS_TIMEOUT", params.get("FS_SHORT_TIMEOUT", USUAL_TIMEOUT_S)), 0.1)
 
-    def _read(self, fail: int) -> None:
-        if not self._overrides and fail == 0:
+    def _read(self) -> None:
+        if not self._overrides:
             self.pwm = self.pilot.pwm
             return
-        options = int(self._vehicle.params["RC_OPTIONS"])
         source = self.pilot.pwm if self.pilot.sending else self.pwm
-        if fail == LOW_THROTTLE:
-            source = [950 if i == 2 else 1500 for i in range(8)]
         merged = [*source, *[0] * (CHANNELS - len(source))]
         held = self.pwm + [0] * (CHANNELS - len(self.pwm))
         for index in range(CHANNELS):
-            pwm = RELEASED if options & IGNORE_OVERRIDES else self._override_of(index)
+            pwm = self._override_of(index)
             if pwm != RELEASED:
                 merged[index] = pwm
-            elif not self._had_receiver or options & IGNORE_RECEIVER:
+            elif not self._had_receiver:
                 merged[index] = held[index]
         self.pwm = merged
 

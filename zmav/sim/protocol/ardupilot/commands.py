@@ -205,14 +205,6 @@ def _terminate(node: MavNode, c: Command) -> int:
     return verdict(c.p1 > 0.5 and node.vehicle.disarm(forced=True))
 
 
-def _storage(node: MavNode, c: Command) -> int:
-    """Only erasing is known, and that takes effect with the next boot: here, nothing comes of it."""
-    if c.p1 != 2:
-        return DENIED
-    node.say(WARNING, "All parameters reset, reboot board")
-    return ACCEPTED
-
-
 def _reboot(node: MavNode, c: Command) -> int:
     if c.p1 not in (1, 3):
         return UNSUPPORTED
@@ -233,7 +225,6 @@ HANDLERS: Handlers = {
     179: _set_home,
     185: _terminate,
     192: _reposition,
-    245: _storage,
     246: _reboot,
     400: _arm_disarm,
     401: _run_prearm,
@@ -246,5 +237,6 @@ HANDLERS: Handlers = {
 }
 _NAN_ALLOWED = {22, 192, 1000}
 # NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, CONDITION_YAW, DO_REPEAT_RELAY, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START,
-# DO_GO_AROUND, DO_SET_REVERSE, DO_MOTOR_TEST, DO_AUX_FUNCTION, DO_JUMP_TAG, GUIDED_CHANGE_SPEED, _ALTITUDE, _HEADING
-UNKNOWN = {84, 85, 115, 182, 184, 186, 189, 191, 194, 209, 218, 601, 43000, 43001, 43002}
+# DO_GO_AROUND, DO_SET_REVERSE, DO_FENCE_ENABLE, DO_MOTOR_TEST, DO_AUX_FUNCTION, PREFLIGHT_STORAGE, DO_JUMP_TAG,
+# GUIDED_CHANGE_SPEED, GUIDED_CHANGE_ALTITUDE, GUIDED_CHANGE_HEADING
+UNKNOWN = {84, 85, 115, 182, 184, 186, 189, 191, 194, 207, 209, 218, 245, 601, 43000, 43001, 43002}

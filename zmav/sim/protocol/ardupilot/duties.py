@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.ardupilot.fence import EVERYTHING, FLOOR
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.control.setpoints import Vector
@@ -70,16 +69,6 @@ def _pause_continue(node: MavNode, c: Command) -> int:
         node.say(INFO, "Failed to pause")
         return FAILED
     return ACCEPTED
-
-
-def _fence_enable(node: MavNode, c: Command) -> int:
-    fence, types = node.vehicle.fence, int(c.p2) & 0xFF or EVERYTHING
-    if c.p1 == 1:
-        return verdict(fence.enable(True, types))
-    if c.p1 in (0, 2):
-        fence.enable(False, types if c.p1 == 0 else FLOOR)
-        return ACCEPTED
-    return FAILED
 
 
 def _set_servo(node: MavNode, c: Command) -> int:
@@ -168,7 +157,6 @@ DUTIES: Handlers = {
     204: _mount_configure,
     205: _mount_control,
     206: _trigger_distance,
-    207: _fence_enable,
     224: _set_current,
     300: _mission_start,
     1000: _gimbal_pitch_yaw,
