@@ -138,7 +138,7 @@ def test_a_stack_that_starts_anew_begins_at_the_start(world: World, client: Clie
     client.frame = 0
     assert client.step()["timestamp"] == pytest.approx(1 / 400)
     assert world.status().vehicles[0].ned_m == (0.0, 0.0, 0.0)
-    assert any("started anew" in note for note in world.externals.notes)
+    assert any("started again" in note for note in world.externals.notes)
 
 
 def test_what_is_no_packet_is_counted_and_said_once(world: World, client: Client) -> None:

@@ -107,7 +107,7 @@ class JsonVehicle(External):
         self._peer = sender
         self.heard()
         if self.protocol.restarts != restarts:
-            self.say(f"{self.name}: the flight stack has started anew; the vehicle is back at its start")
+            self.say(f"{self.name}: the flight stack has started again; the vehicle is back at its start")
             self.restarted()
         if answer is not None:
             self._send(answer)

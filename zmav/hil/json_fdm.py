@@ -99,7 +99,7 @@ class JsonFdm:
     """The protocol of one vehicle, without a socket: :meth:`take` a packet, then :meth:`answer` when time may go on.
 
     ``frames``: steps made; ``lost``: frames by the counter that never came; ``repeated``: those that came twice, which
-    are answered without any time passing; ``restarts``: how often the flight stack started anew, which puts the vehicle
+    are answered without any time passing; ``restarts``: how often the flight stack started again, which puts it
     back to its start.
     """
 

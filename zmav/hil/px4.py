@@ -34,7 +34,7 @@ class Px4Vehicle(External):
     on, where its lock-step flag is set, each reading waits for the controls that follow the one before: those stamped
     with its time, which PX4 counts from the first reading that it got. A PX4 that stops answering is left out of the
     world's time and gets one reading a second, lest both wait for ever.
-    A further connection takes the place of the one before: PX4 has started anew, and the vehicle is put back.
+    A further connection takes the place of the one before: PX4 has started again, and the vehicle is put back.
     """
 
     autopilot = "px4"

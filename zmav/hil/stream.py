@@ -62,7 +62,7 @@ class HilStream:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew with another autopilot, or the same after its boot."""
+        """Begin again with another autopilot, or the same after its boot."""
         self.controls = self.answered_us = 0
         self.armed = self.lockstep = False
         self._due = dict.fromkeys(("mag", "baro", "state", "rc", "beat"), 0.0)

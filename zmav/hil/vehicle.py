@@ -89,7 +89,7 @@ class External(ABC):
             self.restarted()
 
     def restarted(self) -> None:
-        """The plant's clock has started anew."""
+        """The plant's clock has started again."""
         self._offset = self._now - self.plant.time_s
 
     def granted(self, seconds: float) -> bool:

@@ -198,7 +198,7 @@ class Node(ABC):
         return True
 
     def restart(self) -> None:
-        """Boot the autopilot anew: what it had been asked to send is forgotten, and all counting starts again."""
+        """Boot the autopilot again: what it had been asked to send is forgotten, and all counting starts again."""
         self.brain.power_on()
         for channel in self.channels:
             channel.restart(self.brain.now)

@@ -56,7 +56,7 @@ class ArduVehicle(Placed, ABC):
     MAV_TYPE: int
     MOTORS: int = 1
     """that share the battery's current"""
-    UNFLOWN: ClassVar[Mapping[int, str]]
+    NOT_SIMULATED: ClassVar[Mapping[int, str]]
     """modes that the real firmware has and this one does not"""
     MODE_PARAM: ClassVar[str] = "FLTMODE"
     """of the mode switch: this and 1 to 6, and with _CH its channel"""
@@ -155,7 +155,7 @@ class ArduVehicle(Placed, ABC):
         return faults if faults or self.boot.has("prearm") else ["AHRS not healthy"]
 
     def forget_mission(self) -> None:
-        """It was disarmed: the mission begins anew."""
+        """It was disarmed: the mission begins again."""
         self.mission.reset()
 
     # ---- power
@@ -304,8 +304,8 @@ class ArduVehicle(Placed, ABC):
         """Change mode; says why where it does not."""
         mode = self.modes.get(number)
         if mode is None:
-            unflown = self.UNFLOWN.get(number)
-            self.say(WARNING, f"No such mode {number}" if unflown is None else f"{unflown} is not simulated")
+            left_out = self.NOT_SIMULATED.get(number)
+            self.say(WARNING, f"No such mode {number}" if left_out is None else f"{left_out} is not simulated")
             return False
         if mode is self.mode:
             self.mode_by_fence = by_fence

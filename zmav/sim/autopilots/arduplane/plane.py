@@ -49,7 +49,7 @@ class ArduPlane(ArduVehicle):
     FIRMWARE: ClassVar[str] = "ArduPlane"
     FRAME = ""
     MAV_TYPE = 1
-    UNFLOWN: ClassVar[Mapping[int, str]] = {
+    NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
         2: "STABILIZE", 3: "TRAINING", 4: "ACRO", 6: "FBWB", 8: "AUTOTUNE", 14: "AVOID_ADSB", 24: "THERMAL",
     }  # fmt: skip
     STAGES: ClassVar[tuple[BootStage, ...]] = PLANE_STAGES

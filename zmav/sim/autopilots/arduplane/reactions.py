@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from zmav.sim.autopilots.arduplane.plane import ArduPlane
 
 MANUAL, CIRCLE, FBWA, CRUISE, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 7, 10, 11, 15, 26
-BY_HAND = {0, 5, 7}
-ON_ERRANDS = {10, 12, 15, 26}
+STICK_MODES = {0, 5, 7}
+NAVIGATING_MODES = {10, 12, 15, 26}
 _WARNING, _NOTICE, _INFO = 4, 5, 6
 # FS_SHORT_ACTN, FS_LONG_ACTN
 SHORT_BEST_GUESS, SHORT_FBWA, SHORT_DISABLED = 0, 2, 3
@@ -84,7 +84,7 @@ class PlaneReactions(Reactions):
         action = int(plane.params["FS_SHORT_ACTN"])
         target = FBWA if action == SHORT_FBWA else CIRCLE
         number = plane.mode.number
-        if number in BY_HAND or (number in ON_ERRANDS and action != SHORT_BEST_GUESS):
+        if number in STICK_MODES or (number in NAVIGATING_MODES and action != SHORT_BEST_GUESS):
             plane.set_mode(target)
         if plane.mode.number != self._before:
             self._mode_by_short = plane.mode.number
@@ -106,7 +106,7 @@ class PlaneReactions(Reactions):
         plane = self._plane
         plane.rc.clear_overrides()
         action, number = int(plane.params["FS_LONG_ACTN"]), plane.mode.number
-        if number in BY_HAND or number in (CIRCLE, 12, 13):
+        if number in STICK_MODES or number in (CIRCLE, 12, 13):
             if plane.taking_off and action not in (LONG_GLIDE, LONG_PARACHUTE):
                 self._pending = what
             else:

@@ -128,7 +128,6 @@ class Guided(RoverMode, GuidedMode):
             rover.stop()
             return
         speed = rover.nudged(self._speed)
-        rover.sp.back(False)
         if self._turning:
             rover.sp.turn(self._rate, speed)
         else:

@@ -53,7 +53,7 @@ class ArduRover(ArduVehicle):
     """Drives one rover of the :class:`~zmav.sim.fleets.rover.RoverFleet`."""
 
     FIRMWARE: ClassVar[str] = "ArduRover"
-    UNFLOWN: ClassVar[Mapping[int, str]] = {
+    NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
         1: "ACRO", 3: "STEERING", 6: "FOLLOW", 7: "SIMPLE", 8: "DOCK", 9: "CIRCLE", 12: "SMART_RTL",
     }  # fmt: skip
     MODE_PARAM: ClassVar[str] = "MODE"
@@ -194,13 +194,6 @@ class ArduRover(ArduVehicle):
     def stop(self) -> None:
         """A controlled stop without a turn."""
         self.sp.stop()
-
-    def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
-        before = self.mode
-        done = super().set_mode(number, by_fence=by_fence)
-        if done and self.mode is not before and self.driving_mode.autopilot:
-            self.sp.back(False)
-        return done
 
     def mode_refusal(self, mode: Mode) -> str:
         return mode.blocked() if isinstance(mode, RoverMode) else ""

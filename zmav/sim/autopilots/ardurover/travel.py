@@ -21,7 +21,7 @@ SLOWEST = 0.05  # m/s that a speed may be set to
 PIVOT_DONE = math.radians(5.0)
 STILL = 0.1  # m/s at which a turn on the spot begins
 AHEAD = 0.05  # of the speed, that the point gains on the rover
-PATIENCE_S = 0.5  # after which a way that nobody drove is begun anew
+PATIENCE_S = 0.5  # after which a way that nobody drove is begun again
 
 
 class Travel(Legs):
@@ -178,7 +178,6 @@ class Travel(Legs):
 
     def ready(self) -> None:
         """Hand the limits and the direction to the controllers."""
-        self._rover.sp.back(False)
         self._rover.sp.limits(self._speed, self.acceleration, self.jerk)
 
     def update(self) -> None:

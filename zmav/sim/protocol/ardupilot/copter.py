@@ -6,15 +6,9 @@ import math
 from typing import ClassVar
 
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
-from zmav.sim.protocol.ardupilot.commands import (
-    DENIED,
-    RELATIVE_ALT,
-    Command,
-    Handlers,
-    enter,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, enter, verdict
 from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.command import DENIED, RELATIVE_ALT, Command
 
 _LOITER, _RTL, _LAND = 5, 6, 9
 

@@ -11,16 +11,8 @@ from typing import TYPE_CHECKING
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.ardupilot.commands import (
-    ACCEPTED,
-    DENIED,
-    FAILED,
-    UNSUPPORTED,
-    Command,
-    Handlers,
-    place,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
+from zmav.sim.protocol.command import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Command
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode

@@ -11,23 +11,14 @@ from typing import Any, ClassVar
 
 from zmav.sim.autopilots.ardupilot.vehicle import INFO, WARNING
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
-from zmav.sim.protocol.ardupilot.commands import (
-    ACCEPTED,
-    COMMAND_INT_ONLY,
-    DENIED,
-    FAILED,
-    Command,
-    Handlers,
-    place,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.planereports import REPORTS
+from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
 from zmav.sim.protocol.part import Answer
 from zmav.sim.protocol.reports import Report
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _ABSOLUTE, _RELATIVE = (0, 5), (3, 6, 10, 11)  # MAV_FRAME
 _LOCAL_OFFSET = 7
 _IGNORE_HEIGHT = 4  # POSITION_TARGET_TYPEMASK
@@ -89,7 +80,7 @@ def _reposition(node: MavNode, c: Command) -> int:
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0) or not plane.fence.allows(where):
         return DENIED
-    change = math.isfinite(c.p2) and int(c.p2) & _CHANGE_MODE
+    change = math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE
     if plane.mode is not plane.guided and not change:
         return FAILED
     if not plane.set_mode(plane.guided.number):

@@ -11,26 +11,16 @@ from typing import Any, ClassVar
 
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
-from zmav.sim.protocol.ardupilot.commands import (
-    ACCEPTED,
-    COMMAND_INT_ONLY,
-    DENIED,
-    FAILED,
-    Command,
-    Handlers,
-    enter,
-    place,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place, verdict
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
 _POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # POSITION_TARGET_TYPEMASK
 _NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
@@ -63,7 +53,7 @@ def _reposition(node: MavNode, c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
     rover = _rover(node)
-    if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & _CHANGE_MODE):
+    if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
         return DENIED
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
