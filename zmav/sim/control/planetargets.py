@@ -73,7 +73,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "YAW2SRV_INT": (0.0, 2.0),
     "YAW2SRV_DAMP": (0.0, 2.0),
     "YAW2SRV_RLL": (0.0, 3.0),
-    "YAW2SRV_IMAX": (0.0, 4500.0),
     "KFF_RDDRMIX": (-1.0, 1.0),
     "SCALING_SPEED": (1.0, 100.0),
     "NAVL1_PERIOD": (1.0, 100.0),

@@ -62,7 +62,6 @@ TUNING: dict[str, tuple[str, float]] = {
     "vel_imax": ("PSC_VEL_IMAX", 1.0),
     "vel_filter": ("PSC_VEL_FLTE", 1.0),
     "steer_base": ("MOT_SPD_SCA_BASE", 1.0),
-    "throttle_min": ("MOT_THR_MIN", 0.01),
     "throttle_max": ("MOT_THR_MAX", 0.01),
     "slew": ("MOT_SLEWRATE", 0.01),
 }

@@ -71,15 +71,13 @@ class GuidedMode(Mode):
     doing = Doing.HOLD
     target = Target()
 
-    @abstractmethod
     def hold(self) -> None:
-        """Stop, or stay about here: what a target that makes no sense leads to as well."""
+        """Stop: what a target that makes no sense leads to as well."""
 
     @abstractmethod
     def aim(self, target: Target) -> None:
         """Take a target."""
 
-    @abstractmethod
     def lean(self, target: AttitudeTarget) -> None:
         """Take an attitude target."""
 

@@ -21,7 +21,7 @@ FREE_FUNCTIONS = frozenset((0, 1, 22, 23, 28, *range(51, 67)))  # SERVOn_FUNCTIO
 INFO = 6
 RETRACT, NEUTRAL, TARGETING, RC_TARGETING, GPS_POINT = 0, 1, 2, 3, 4  # MAV_MOUNT_MODE
 _RETRACTED, _NEUTRAL, _YAW_LOCK = 1, 2, 16  # GIMBAL_MANAGER_FLAGS
-PITCH_RANGE, YAW_RANGE = (-90.0, 20.0), 180.0  # degrees
+PITCH_RANGE = (-90.0, 20.0)  # degrees
 
 
 class Camera:
@@ -91,7 +91,7 @@ class Gimbal:
             return False
         self.mode, self.target, self.locked = TARGETING, None, locked
         self.pitch_rate = self.yaw_rate = 0.0
-        self.roll, self.pitch, self.yaw = roll, _within(pitch), _wrap(yaw)
+        self.roll, self.pitch, self.yaw = roll, _within(pitch), math.remainder(yaw, 360.0)
         return True
 
     def slew(self, pitch_rate: float, yaw_rate: float, *, locked: bool) -> bool:
@@ -120,12 +120,12 @@ class Gimbal:
             self.yaw, self.locked = math.degrees(math.atan2(east, north)), True
         elif self.pitch_rate or self.yaw_rate:
             self.pitch = _within(self.pitch + self.pitch_rate * dt)
-            self.yaw = _wrap(self.yaw + self.yaw_rate * dt)
+            self.yaw = math.remainder(self.yaw + self.yaw_rate * dt, 360.0)
 
     @property
     def yaw_ahead(self) -> float:
         """Degrees right of the nose."""
-        return _wrap(self.yaw - math.degrees(self._vehicle.sense.yaw)) if self.locked else self.yaw
+        return math.remainder(self.yaw - math.degrees(self._vehicle.sense.yaw), 360.0) if self.locked else self.yaw
 
 
 class Payload:
@@ -224,7 +224,3 @@ class Payload:
 
 def _within(pitch: float) -> float:
     return min(max(pitch, PITCH_RANGE[0]), PITCH_RANGE[1])
-
-
-def _wrap(yaw: float) -> float:
-    return (yaw + YAW_RANGE) % (2.0 * YAW_RANGE) - YAW_RANGE

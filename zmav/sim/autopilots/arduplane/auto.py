@@ -144,7 +144,7 @@ class AutoLand(PlaneMode):
         )
         here = plane.here
         from_start = math.atan2(here[1] - self._start[1], here[0] - self._start[0])
-        error = (course - from_start + math.pi) % (2.0 * math.pi) - math.pi
+        error = math.remainder(course - from_start, math.tau)
         left = error > 0.0  # it comes from the left of the approach
         aside = course + (-0.5 if left else 0.5) * math.pi
         self._radius = min(far / 3.0, abs(params["WP_LOITER_RAD"]) or far / 3.0)

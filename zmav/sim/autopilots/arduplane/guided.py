@@ -10,7 +10,7 @@ import math
 from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.mode import GuidedMode
-from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
+from zmav.sim.autopilots.ardupilot.targets import Doing, Target
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 
 ATTITUDE_S = 3.0
@@ -32,9 +32,6 @@ class Guided(PlaneMode, GuidedMode):
 
     # ---- what it is told
 
-    def hold(self) -> None:
-        """What makes no sense is not taken."""
-
     def aim(self, target: Target) -> None:
         """Circle about a place from now on."""
         if target.pos is not None:
@@ -54,9 +51,6 @@ class Guided(PlaneMode, GuidedMode):
         """To another height, as fast as it goes."""
         self.plane.way.end = *self.plane.way.end[:2], down
         self.plane.way.level()
-
-    def lean(self, target: AttitudeTarget) -> None:
-        """Not used: a plane takes angles one by one, see :meth:`force`."""
 
     def force(
         self,

@@ -102,7 +102,7 @@ class Waypoint(Leg):
             return 1.0
         onward = plane.place_of(following, way.end)
         course = math.atan2(onward[1] - way.end[1], onward[0] - way.end[0])
-        turn = abs((course - way.course + math.pi) % (2.0 * math.pi) - math.pi)
+        turn = abs(math.remainder(course - way.course, math.tau))
         return min(turn / (0.5 * math.pi), 1.0)
 
     def fly(self) -> None:

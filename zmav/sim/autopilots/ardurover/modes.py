@@ -9,7 +9,6 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.mode import Mode
-from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 
@@ -140,11 +139,11 @@ class Loiter(RoverMode):
         speed = min(beyond * params["LOIT_SPEED_GAIN"], params["WP_SPEED"])
         north, east = rover.travel.here
         self._yaw = math.atan2(self._place[1] - east, self._place[0] - north)
-        off = wrap(self._yaw - rover.sense.yaw)
+        off = math.remainder(self._yaw - rover.sense.yaw, math.tau)
         kind = int(params["LOIT_TYPE"])
         if kind == BACK or (kind == FORWARD_OR_BACK and abs(off) > math.pi / 2.0):
-            self._yaw = wrap(self._yaw + math.pi)
-            off, speed = wrap(self._yaw - rover.sense.yaw), -speed
+            self._yaw = math.remainder(self._yaw + math.pi, math.tau)
+            off, speed = math.remainder(self._yaw - rover.sense.yaw, math.tau), -speed
         # Slower while the nose is off: three quarters at 45 degrees, half at 90.
         speed *= 1.0 - 0.5 * min(abs(off) / (math.pi / 2.0), 1.0)
         rover.sp.head(self._yaw, speed)

@@ -141,13 +141,13 @@ class Travel(Legs):
             return False
         before = math.atan2(corner[1] - start[1], corner[0] - start[0])
         after = math.atan2(onward[1] - corner[1], onward[0] - corner[0])
-        return abs(wrap(after - before)) > math.radians(self._rover.params["WP_PIVOT_ANGLE"])
+        return abs(math.remainder(after - before, math.tau)) > math.radians(self._rover.params["WP_PIVOT_ANGLE"])
 
     def _begin_pivot(self, destination: Point, *, forced: bool = False) -> None:
         """Turn first where the way there is far off the nose."""
         north, east = self.here
         yaw = math.atan2(destination[1] - east, destination[0] - north)
-        off = abs(wrap(yaw - self._rover.sense.yaw))
+        off = abs(math.remainder(yaw - self._rover.sense.yaw, math.tau))
         self._pivoting = self._can_pivot() and (forced or off > math.radians(self._rover.params["WP_PIVOT_ANGLE"]))
         self._pivot_until = None
 
@@ -169,7 +169,7 @@ class Travel(Legs):
             rover.sp.head(yaw, 0.0, math.radians(max(rover.params["WP_PIVOT_RATE"], 1.0)))
         else:
             rover.sp.turn(0.0, 0.0)
-        if abs(wrap(yaw - rover.sense.yaw)) < PIVOT_DONE and self._pivot_until is None:
+        if abs(math.remainder(yaw - rover.sense.yaw, math.tau)) < PIVOT_DONE and self._pivot_until is None:
             self._pivot_until = rover.now + min(max(rover.params["WP_PIVOT_DELAY"], 0.0), 60.0)
         if self._pivot_until is not None and rover.now >= self._pivot_until:
             self._pivoting = False
@@ -224,8 +224,3 @@ class Travel(Legs):
         place, vel, acc = self._motion(leg)
         north, east = leg.end
         self._rover.sp.follow((north + place[0], east + place[1]), (vel[0], vel[1]), (acc[0], acc[1]))
-
-
-def wrap(angle: float) -> float:
-    """Brought into [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi

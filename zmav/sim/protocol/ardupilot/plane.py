@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO, WARNING
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
 from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
@@ -129,15 +130,13 @@ def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
     """Apply a SET_ATTITUDE_TARGET: of the attitude the angles whose rate is not ignored, or all with none; a yaw is
     taken for rudder.
     """
-    plane, mask, (w, x, y, z) = _plane(node), msg["type_mask"], msg["q"]
+    plane, mask = _plane(node), msg["type_mask"]
     if plane.mode is not plane.guided:
         return
-    if not all(math.isfinite(part) for part in (w, x, y, z, msg["thrust"])):
+    if not all(math.isfinite(part) for part in (*msg["q"], msg["thrust"])):
         return
     whole = mask & (_NO_ROLL | _NO_PITCH | _NO_YAW) == (_NO_ROLL | _NO_PITCH | _NO_YAW) and not mask & _NO_ATTITUDE
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    roll, pitch, yaw = rotation.euler(msg["q"])
     plane.guided.force(
         roll=roll if whole or not mask & _NO_ROLL else None,
         pitch=pitch if whole or not mask & _NO_PITCH else None,

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place, verdict
@@ -158,8 +159,7 @@ def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
     if not rover.takes_targets or mask & _NO_THRUST or not math.isfinite(msg["thrust"]):
         return
     speed = rover.params["WP_SPEED"] * min(max(msg["thrust"], -1.0), 1.0)
-    w, x, y, z = msg["q"]
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    yaw = rotation.heading(msg["q"])
     if not mask & _NO_TURN:
         rate = msg["body_yaw_rate"]
         if math.isfinite(rate):
