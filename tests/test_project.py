@@ -56,7 +56,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
     {"session": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
-    {"services": set()},
+    {"services": set(), "hil": set()},
     {
         # What runs beside an autopilot.
         "adapter": set(),

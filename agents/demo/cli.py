@@ -20,9 +20,9 @@ from agents.demo.stage import Stage
 from agents.demo.story import Demo, demos, find, on_stacks
 from zmav.cli.common import console
 from zmav.errors import BadConfig, ZmavError
+from zmav.hil.binaries import PX4_LAST_ONBOARD
 from zmav.process import free_port
 from zmav.session import DEFAULT_ROUTER
-from zmav.sim.hil.binaries import PX4_LAST_ONBOARD
 
 COPTERS = (None, "arducopter", "px4")
 MOST_PX4 = PX4_LAST_ONBOARD + 1

@@ -13,7 +13,7 @@ from types import TracebackType
 
 import zmav
 from zmav.errors import ZmavError
-from zmav.sim.hil import guard
+from zmav.hil import guard
 from zmav.trust.credentials import VARIABLE
 
 GRACE_S = 5.0

@@ -17,15 +17,15 @@ import subprocess
 import sys
 import time
 
+from zmav.hil.ardupilot import JsonVehicle
+from zmav.hil.craft import craft
+from zmav.hil.json_fdm import JsonFdm
+from zmav.hil.plant import Plant
+from zmav.hil.stream import SENSOR_HZ, HilStream
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.endpoints import Wiring
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Surroundings
-from zmav.sim.hil.ardupilot import JsonVehicle
-from zmav.sim.hil.craft import craft
-from zmav.sim.hil.json_fdm import JsonFdm
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.stream import SENSOR_HZ, HilStream
 
 JSON_HZ = 1200
 AIRFRAMES = ("quad", "hexa", "rover", "plane")

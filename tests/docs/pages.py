@@ -99,7 +99,7 @@ NOT_RUN: dict[str, str] = {
     r"zmav sim (--(ardupilot|px4|stack) .*|.* --px4 ~.*|--copters 10 .*|--speed max.*)":
         "real flight stacks, or as many vehicles as fill the machine: tests/sim",
     r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*":
-        "needs a device: tests/sim/hil, tests/agents/camera",
+        "needs a device: tests/hil, tests/agents/camera",
     r"pip install .*": "a network to the package registries; what it names is looked up among its extras",
     r"zmav view|zmav view --viewer .*": "opens a window, or wants one elsewhere: tests/ground/view",
     r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",

@@ -5,7 +5,6 @@ Figures that are said to be measured are ArduCopter SITL's on the same plan.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -83,12 +82,6 @@ class TestStart:
         assert ready.texts() == words
         assert mode(ready) == GUIDED
 
-    def test_a_delay_may_come_before_the_takeoff(self, ready: Desk) -> None:
-        fly(ready, [do(93, 3.0, -1, -1, -1), UP])
-        ready.world.step(4.0)
-        assert ready.ned[2] == 0.0
-        done(ready, 2)
-
     def test_chosen_with_the_stick_down_it_waits_for_throttle(self, ready: Desk) -> None:
         assert upload(ready, [UP]) == ACCEPTED
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
@@ -120,7 +113,6 @@ class Record:
         self.track: list[tuple[float, float, float]] = []
         self.speeds: list[tuple[float, float]] = []
         self.yaws: list[float] = []
-        self.servo: list[int] = []
         self.reached: dict[int, float] = {}
         self.order: list[int] = []
         self.said: dict[str, float] = {}
@@ -131,7 +123,6 @@ class Record:
         self.track.append(copter.local)
         self.speeds.append((sense.vn, sense.ve))
         self.yaws.append(sense.yaw)
-        self.servo.append(copter.payload.servos[8])
         for seq in reached(self.desk):
             self.reached[seq] = t
             self.order.append(seq)
@@ -173,32 +164,14 @@ PLANS: dict[str, list[dict[str, object]]] = {
     "line": [UP, at(16, 30, 0, 15)],
     "unlimited": [UP, at(17, 6, 0, 5), do(20)],
     "time": [UP, at(19, 6, 0, 5, 4.0), do(20)],
-    "right": [UP, at(18, 12, 0, 5, 1.0, 0.0, 6.0), do(20)],
-    "left": [UP, at(18, 12, 0, 5, 1.0, 0.0, -6.0), do(20)],
-    "to alt": [UP, at(31, 5, 0, 10), at(16, 10, 0, 10)],
-    "spline": [UP, at(82, 10, 5, 5), at(16, 20, 0, 5)],
     "return": [UP, at(16, 5, 0, 5), do(20)],
     "land there": [UP, at(21, 8, 3), at(16, 50, 0, 5)],
     "land": [UP, do(21)],
     "land and go on": [UP, at(21, 4, 0), takeoff(4.0), at(16, 8, 0, 4)],
-    "conditions": [
-        UP,
-        at(16, 40, 0, 5),
-        do(112, 2.0),
-        do(183, 9, 1600),
-        do(114, 10.0),
-        do(183, 9, 1700),
-        at(16, 80, 0, 5),
-    ],
-    "nav delay": [UP, do(93, 3.0, -1, -1, -1), at(16, 5, 0, 5)],
-    "clock": [UP, do(93, 0.0, 0, 0, 40), at(16, 5, 0, 5)],
-    "nose": [UP, at(16, 40, 0, 5), do(115, 90.0, 20.0, -1.0, 0.0), at(16, 300, 0, 5)],
     "interest": [UP, do(178, 1, 4.0), at(201, 0, 20), at(16, 30, 0, 5, 9.0), do(197), at(16, 60, 0, 5, 1.0)],
     "jumps": [UP, at(16, 3, 0, 5), at(16, 6, 0, 5), do(177, 2, 2), at(16, 9, 0, 5)],
-    "tag": [UP, at(16, 3, 0, 5), do(601, 7, 1), at(16, 6, 0, 5), do(600, 7), at(16, 9, 0, 5)],
     "no end": [UP, do(177, 3, -1), do(177, 2, -1)],
     "home": [UP, at(179, 3, 4, 584.09, 0.0, frame=0), at(16, 5, 0, 5)],
-    "unknown": [UP, do(83, 100.0), do(210, 1), at(16, 5, 0, 5)],
 }
 FLOWN_S = 65.0
 
@@ -269,26 +242,6 @@ class TestCommands:
         assert record.at(record.reached[2] - 3.8) == pytest.approx((6, 0, 5), abs=0.6)
         assert record.at(record.reached[2] - 6.5)[0] < 5.5
 
-    @pytest.mark.parametrize(("name", "way"), [("right", 1.0), ("left", -1.0)])
-    def test_loiter_turns_circles(self, flown: dict[str, Record], name: str, way: float) -> None:
-        record = flown[name]
-        first, last = (round(t * 10) for t in (record.said["Mission: starting circle 1/1"], record.reached[2]))
-        points = [(north - 12.0, east) for north, east, _ in record.track[first:last]]
-        assert [math.hypot(*point) for point in points] == pytest.approx([6.0] * len(points), abs=1.2)
-        angles = [math.atan2(east, north) for north, east in points]
-        turned = sum((b - a + math.pi) % (2 * math.pi) - math.pi for a, b in itertools.pairwise(angles))
-        assert math.degrees(turned) == pytest.approx(360.0 * way, abs=20.0)
-        # CIRCLE_RATE is 20 deg/s, and it takes a moment to get going.
-        assert record.reached[2] - first / 10 == pytest.approx(18.6, abs=0.5)
-
-    def test_loiter_to_alt_is_not_reported(self, flown: dict[str, Record]) -> None:
-        record = flown["to alt"]
-        assert record.order == [1, 3]
-        assert record.at(record.reached[3]) == pytest.approx((10, 0, 10), abs=1.0)
-
-    def test_a_spline_is_flown_straight(self, flown: dict[str, Record]) -> None:
-        assert flown["spline"].order == [1, 2, 3]
-
     def test_return_lands_and_disarms(self, flown: dict[str, Record]) -> None:
         record = flown["return"]
         assert record.disarmed is not None
@@ -306,28 +259,6 @@ class TestCommands:
     def test_it_can_go_on_after_a_landing(self, flown: dict[str, Record]) -> None:
         assert flown["land and go on"].order == [1, 2, 3, 4]
 
-    def test_delays_and_distances_hold_commands_back(self, flown: dict[str, Record]) -> None:
-        record = flown["conditions"]
-        first, second = record.servo.index(1600), record.servo.index(1700)
-        assert first / 10 - record.reached[2] == pytest.approx(2.0, abs=0.3)
-        assert record.track[second][0] == pytest.approx(70.0, abs=1.5)
-        assert [seq for seq in record.order if seq in (3, 5)] == [3, 5]
-
-    def test_a_nav_delay_waits(self, flown: dict[str, Record]) -> None:
-        record = flown["nav delay"]
-        assert record.reached[2] - record.reached[1] == pytest.approx(3.0, abs=0.2)
-        assert "Delaying 3 sec" in record.said
-
-    def test_a_nav_delay_until_a_time_of_day(self, flown: dict[str, Record]) -> None:
-        # Midnight was two seconds and a bit before the start.
-        assert flown["clock"].reached[2] == pytest.approx(40.0 - 1.0, abs=0.5)
-
-    def test_the_nose_turns_as_told_and_only_then_is_the_item_reached(self, flown: dict[str, Record]) -> None:
-        record = flown["nose"]
-        took = record.reached[3] - record.reached[2]
-        assert took == pytest.approx(270.0 / 20.0, abs=2.0)  # the long way, to the left
-        assert record.yaws[round(record.reached[3] * 10)] == pytest.approx(math.pi / 2, abs=0.1)
-
     def test_a_region_of_interest_keeps_the_nose(self, flown: dict[str, Record]) -> None:
         record = flown["interest"]
         there = next(i for i, point in enumerate(record.track) if point[0] > 20.0)
@@ -339,9 +270,6 @@ class TestCommands:
         assert [seq for seq in record.order if seq in (2, 3, 5)] == [2, 3, 2, 3, 2, 3, 5]
         assert [t for t in record.said if "Jump" in t] == ["Mission: 4 Jump 1/2", "Mission: 4 Jump 2/2"]
 
-    def test_a_jump_to_a_tag(self, flown: dict[str, Record]) -> None:
-        assert [seq for seq in flown["tag"].order if seq != 5] == [1, 2, 6]
-
     def test_jumps_without_end_do_not_hang_it(self, flown: dict[str, Record]) -> None:
         record = flown["no end"]
         assert record.at(FLOWN_S)[2] == pytest.approx(5.0, abs=0.3)
@@ -350,9 +278,6 @@ class TestCommands:
     def test_home_can_be_moved(self, flown: dict[str, Record]) -> None:
         assert flown["home"].desk.vehicle.copter.home_world == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
         assert 3 in flown["home"].reached
-
-    def test_what_a_copter_cannot_do_is_passed_over(self, flown: dict[str, Record]) -> None:
-        assert 4 in flown["unknown"].reached
 
 
 def test_wind_does_not_blow_it_off(make_desk: MakeDesk) -> None:
@@ -373,15 +298,6 @@ def test_speeds_are_changed_for_this_mission_only(ready: Desk) -> None:
     assert ready.vehicle.copter.sense.vn == pytest.approx(4.0, abs=0.2)
     assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
     assert ready.vehicle.copter.sp.limit_of("speed") == pytest.approx(10.0)
-
-
-def test_targets_from_outside_while_the_mission_lets_them(ready: Desk) -> None:
-    aloft(ready, [do(92, 1), at(16, 10, 0, 5)])
-    ready.world.step(0.5)
-    ready.goto(0.0, 6.0, -5.0)
-    ready.until(lambda: ready.near(0, 6, -5))
-    assert ready.command(224, 3) == ACCEPTED
-    done(ready, 3)
 
 
 class TestUnderWay:

@@ -46,7 +46,7 @@ class TestGroundStation:
         return desk
 
     @pytest.mark.parametrize(
-        ("action", "expected"), [(0, GUIDED), (1, RTL), (2, RTL), (3, 21), (4, 21), (5, LAND), (7, BRAKE), (9, RTL)]
+        ("action", "expected"), [(0, GUIDED), (1, RTL), (2, RTL), (3, RTL), (4, LAND), (5, LAND), (7, BRAKE), (9, RTL)]
     )
     def test_does_what_fs_gcs_enable_says(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = self.silent(make_desk, FS_GCS_ENABLE=action)
@@ -224,7 +224,7 @@ class TestBattery:
 class TestPosition:
     def test_without_gps_it_lands_in_the_end(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk)
-        setp(desk, "SIM_GPS1_ENABLE", 0.0)
+        desk.world.fault("copter1", "gps-loss")
         desk.world.step(6.8)
         assert desk.last("GPS_RAW_INT")["fix_type"] == 1
         assert desk.last("EKF_STATUS_REPORT")["flags"] == 0x33F
@@ -236,7 +236,7 @@ class TestPosition:
         assert desk.command(176, 1, LOITER) == FAILED
         desk.world.step(7.0)
         assert desk.last("EKF_STATUS_REPORT")["flags"] == 0xA7
-        setp(desk, "SIM_GPS1_ENABLE", 1.0)
+        desk.world.clear()
         desk.world.step(1.5)
         assert "EKF Failsafe Cleared" in desk.texts()
         assert desk.command(176, 1, LOITER) == ACCEPTED
@@ -244,7 +244,7 @@ class TestPosition:
     @pytest.mark.parametrize(("action", "expected"), [(0, GUIDED), (2, ALT_HOLD)])
     def test_what_it_does_is_a_parameter(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = aloft(make_desk, FS_EKF_ACTION=action)
-        setp(desk, "SIM_GPS1_ENABLE", 0.0)
+        desk.world.fault("copter1", "gps-loss")
         desk.world.step(8.5)
         assert mode(desk) == expected
 
@@ -252,7 +252,7 @@ class TestPosition:
         desk = aloft(make_desk)
         desk.vehicle.copter.pilot.sticks(throttle=0.5)
         assert desk.command(176, 1, ALT_HOLD) == ACCEPTED
-        setp(desk, "SIM_GPS1_ENABLE", 0.0)
+        desk.world.fault("copter1", "gps-loss")
         desk.world.step(8.5)
         assert mode(desk) == ALT_HOLD
         assert "EKF Failsafe" in desk.texts()
@@ -297,7 +297,7 @@ class TestFence:
         assert "Max Alt fence breached" in desk.texts()
         assert desk.last("FENCE_STATUS")["breach_type"] == 2
 
-    @pytest.mark.parametrize(("action", "expected"), [(1, RTL), (2, LAND), (3, RTL), (4, BRAKE), (5, 21)])
+    @pytest.mark.parametrize(("action", "expected"), [(1, RTL), (2, LAND), (3, RTL), (4, BRAKE), (5, LAND)])
     def test_does_what_fence_action_says(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = make_desk([VehicleSpec(params={"FENCE_ACTION": action})])
         self.square(desk)
@@ -388,16 +388,6 @@ class TestFence:
         assert desk.command(400, 1) == FAILED
         assert "".join(desk.texts()) == f"Arm: {words}"
         assert [(m["id"] > 0, m["chunk_seq"]) for m in desk.all("STATUSTEXT")][1:] in ([], [(True, 1)])
-
-    def test_is_switched_by_command(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(params={"FENCE_RADIUS": 15})])
-        desk.world.step(1.0)
-        assert desk.command(207, 1) == ACCEPTED
-        assert desk.vehicle.copter.fence.enabled == 7
-        assert desk.command(207, 0, 2) == ACCEPTED
-        assert desk.vehicle.copter.fence.enabled == 5
-        assert desk.command(207, 1, 4) == FAILED  # there is no polygon
-        assert desk.command(207, 9) == FAILED
 
     def test_can_come_on_with_arming(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk, FENCE_AUTOENABLE=3, FENCE_RADIUS=15)

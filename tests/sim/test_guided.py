@@ -235,16 +235,6 @@ def test_speed_can_be_changed_in_flight(up: Desk) -> None:
     assert up.command(178, 1, 2.0) == FAILED  # BRAKE has no speed
 
 
-def test_condition_yaw_absolute_and_relative(up: Desk) -> None:
-    assert up.command(115, 90, 0, 1, 0) == ACCEPTED
-    up.world.step(4.0)
-    assert up.vehicle.copter.sense.yaw == pytest.approx(math.pi / 2, abs=0.05)
-    assert up.command(115, 45, 0, -1, 1) == ACCEPTED
-    up.world.step(3.0)
-    assert up.vehicle.copter.sense.yaw == pytest.approx(math.pi / 4, abs=0.05)
-    assert up.command(115, 400, 0, 1, 0) == FAILED
-
-
 class TestAttitude:
     def lean(self, desk: Desk, **fields: object) -> None:
         pitch = math.radians(-10.0)

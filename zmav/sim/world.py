@@ -22,8 +22,8 @@ from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import Address, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
+from zmav.sim.external import Externals, MakeExternals
 from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
-from zmav.sim.hil.externals import Externals
 from zmav.sim.lineup import gather, line_up
 from zmav.sim.listener import Listener
 from zmav.sim.lockstep import Lockstep
@@ -77,6 +77,7 @@ class World:
     per axis. ``tick_hz``: how often links are served, 100 to 1000 in hundreds: no stream is quicker, and a controller
     outside hears and is heard that often (each tick costs as much). ``epoch_s``: UTC at the start. ``scene``: what
     cameras see on the ground (:mod:`zmav.sim.camera`); ``cameras``, ``pads``: more of them, by vehicles' names.
+    ``externals``: flies vehicles whose spec has a ``stack``, :class:`zmav.hil.externals.Externals`.
 
     ``with World(copters=3) as world:`` opens the endpoints and runs it in a thread of its own; :meth:`open` and
     :meth:`run` do so in the caller's; :meth:`step` advances without any clock. Raises :class:`BadConfig`,
@@ -109,6 +110,7 @@ class World:
         scene: Scene | None = None,
         cameras: Mapping[str, CameraSpec] | None = None,
         pads: Mapping[str, PadSpec] | None = None,
+        externals: MakeExternals | None = None,
     ) -> None:
         self.epoch_s = time.time() if epoch_s is None else epoch_s
         for field, value in (("spacing_m", spacing_m), ("ready_s", ready_s), ("gps_noise_m", gps_noise_m)):
@@ -131,11 +133,24 @@ class World:
         self._squads: list[Squad] = []
         self._addresses: list[list[Address]] = []
         self._build(specs, reached, seed=seed, ready_s=ready_s, noise=noise, gps_noise_m=gps_noise_m)
-        self.externals = Externals(
-            specs, reached, home=self.home, environment=self.environment, seed=seed, epoch_us=int(self.epoch_s * 1e6),
-            speed=speed, noise=noise,
-        )  # fmt: skip
+        self.externals = Externals()
         """the vehicles that flight stacks outside the simulator fly"""
+        outside = next((spec.name for spec in specs if spec.stack is not None), None)
+        if externals is not None:
+            self.externals = externals(
+                specs,
+                reached,
+                home=self.home,
+                environment=self.environment,
+                seed=seed,
+                epoch_us=int(self.epoch_s * 1e6),
+                speed=speed,
+                noise=noise,
+            )
+        elif outside is not None:
+            expected = "externals=zmav.hil.externals.Externals"
+            text = f"{outside} has a flight stack of its own; expected {expected}"
+            raise BadConfig(text, field="stack", value=outside, expected=expected)
         self.say: Callable[[str], None] = lambda text: None
         """takes what a person should know, a line at a time"""
         self.failures: list[tuple[SimVehicle, Exception]] = []

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from zmav.errors import BadConfig, BadInput
+from zmav.hil.externals import Externals
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import Area, CameraSpec, Light, PadSpec, PlacedPad, Road, Roof, Scene, load_scene
 from zmav.sim.camera import scene as scene_module
@@ -135,7 +136,7 @@ def test_cameras_and_pads_by_names() -> None:
 def test_a_vehicle_that_a_real_autopilot_flies_has_a_camera_and_is_seen() -> None:
     real = VehicleSpec(name="real", stack=Stack(), camera=CameraSpec(), pad=PadSpec(), start_ned_m=(4.0, 5.0, 0.0))
     own = VehicleSpec(name="own", camera=CameraSpec(), start_ned_m=(4.0, 4.0, 0.0))
-    world = World([real, own], epoch_s=0.0)
+    world = World([real, own], externals=Externals, epoch_s=0.0)
     assert world.camera("real").frame().position == pytest.approx((4.0, 5.0, -0.1))
     assert world.camera("own").frame().position == pytest.approx((4.0, 4.0, -0.1))
     world.close()

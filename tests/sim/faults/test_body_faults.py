@@ -1,4 +1,4 @@
-"""Motors, battery, radio, links, and autopilots that hang or start anew: from a ground station's desk."""
+"""Motors, battery, radio, links, and autopilots that hang or start again: from a ground station's desk."""
 
 from __future__ import annotations
 
@@ -40,13 +40,6 @@ class TestMotor:
         aloft.world.step(3.0)
         outputs = aloft.last("SERVO_OUTPUT_RAW")
         assert abs(outputs["servo1_raw"] - outputs["servo2_raw"]) < 20
-
-    def test_sitls_own_parameters_do_the_same(self, aloft: Desk) -> None:
-        aloft.send("PARAM_SET", param_id="SIM_ENGINE_MUL", param_value=0.9, param_type=9)
-        aloft.send("PARAM_SET", param_id="SIM_ENGINE_FAIL", param_value=4, param_type=9)
-        assert aloft.vehicle.node.seat.fleet.efficiency[:, 0].tolist() == [1.0, 1.0, pytest.approx(0.9), 1.0]
-        aloft.send("PARAM_SET", param_id="SIM_ENGINE_FAIL", param_value=0, param_type=9)
-        assert aloft.vehicle.node.seat.fleet.efficiency.min() == 1.0
 
     def test_there_is_no_fifth(self, aloft: Desk) -> None:
         with pytest.raises(BadInput, match="no motor 5; expected 1 to 4") as refused:

@@ -119,13 +119,6 @@ class TestGpsGlitch:
         assert ekf(aloft)["pos_horiz_variance"] < 0.05
         assert aloft.last("HEARTBEAT")["custom_mode"] == GUIDED
 
-    def test_sitls_own_parameter_does_the_same(self, aloft: Desk) -> None:
-        aloft.send("PARAM_SET", param_id="SIM_GPS1_GLTCH_X", param_value=0.0005, param_type=9)
-        aloft.world.step(2.0)
-        assert "GPS Glitch or Compass error" in aloft.texts()
-        raw = aloft.last("GPS_RAW_INT")
-        assert raw["lat"] - aloft.last("GLOBAL_POSITION_INT")["lat"] == pytest.approx(5000, abs=5)
-
 
 class TestCompass:
     def test_a_small_error_pulls_the_heading(self, aloft: Desk) -> None:

@@ -129,28 +129,6 @@ def test_the_trainer_turns_somewhat_wider_as_it_slips() -> None:
     assert flown[1] / coordinated[1] == pytest.approx(72.0 / 96.0, abs=0.06)
 
 
-def test_rates_are_flown() -> None:
-    flight = Flight()
-    flight.fly(2.0)
-    flight.plane.rates(1.0, 0.0)
-    flight.plane.power(0.5)
-    flight.fly(0.7)
-    assert flight.fleet.dynamics.rate[0, 0] == pytest.approx(1.0, abs=0.2)
-
-
-def test_sticks_mix_in_and_take_over_at_their_ends() -> None:
-    flight = Flight()
-    flight.fly(2.0)
-    flight.plane.pitch(0.0)
-    flight.plane.roll(0.0)
-    flight.plane.mix(1.0, 0.0)
-    flight.fly(0.1)
-    assert flight.fleet.control.surface[0, 0] == 1.0
-    flight.plane.mix(0.0, 0.0)
-    flight.fly(2.0)
-    assert abs(flight.euler[0, 0]) < 5.0
-
-
 def test_a_line_is_captured_and_kept_in_any_wind() -> None:
     winds = [(0.0, 0.0, 0.0), (0.0, 8.0, 0.0), (-9.0, -3.0, 0.0)]
     flight = Flight(winds=winds)

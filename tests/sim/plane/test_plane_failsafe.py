@@ -66,7 +66,7 @@ def test_on_errands_the_long_action_decides(flying: Field, action: int, mode: in
     assert f"RC Long Failsafe On: {flying.plane.mode.name}" in warnings(flying)
 
 
-@pytest.mark.parametrize(("action", "mode"), [(1, CIRCLE), (2, FBWA), (3, LOITER), (4, 6)])
+@pytest.mark.parametrize(("action", "mode"), [(1, CIRCLE), (2, FBWA), (3, LOITER)])
 def test_the_short_action_decides(flying: Field, action: int, mode: int) -> None:
     flying.set("FS_SHORT_ACTN", action)
     flying.plane.pilot.lose()
@@ -80,7 +80,7 @@ def test_the_short_action_decides(flying: Field, action: int, mode: int) -> None
 
 
 def test_a_low_throttle_is_a_lost_radio_unless_it_is_not_watched(flying: Field) -> None:
-    flying.set("SIM_RC_FAIL", 2)
+    flying.plane.pilot.pwm[2] = 950
     flying.set("THR_FS_VALUE", 960)
     flying.wait(0.5)
     assert flying.plane.rc.lost
@@ -160,7 +160,7 @@ def test_with_everything_lost_it_flies_on_without_a_stall(flying: Field) -> None
     flying.set("FS_GCS_ENABL", 1)
     flying.heartbeat()
     flying.plane.pilot.lose()
-    flying.set("SIM_GPS1_ENABLE", 0)
+    flying.desk.world.fault("plane1", "gps-loss")
     speeds = flying.track(20.0, lambda: flying.plane.eas)
     assert 18.0 < min(speeds) <= max(speeds) < 28.0
     assert 40.0 < flying.plane.height < 130.0

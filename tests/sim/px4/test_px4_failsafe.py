@@ -239,19 +239,6 @@ class TestRadio:
         companion.world.step(0.3)
         assert companion.arm() == [0]
 
-    def test_position_slow_is_slower(self, make_companion: MakeCompanion) -> None:
-        companion = make_companion(params={"MC_SLOW_DEF_HVEL": 2.0})
-
-        def stick(x: int = 0) -> None:
-            companion.send("MANUAL_CONTROL", target=1, x=x, y=0, z=500, r=0, buttons=0)
-
-        companion.take_off()
-        companion.stream(0.5, stick)
-        assert companion.mode(3, 2) == [0, 0]
-        companion.stream(8.0, lambda: stick(1000))
-        assert companion.flying == "POSITION_SLOW"
-        assert companion.vehicle.px4.sense.vn == pytest.approx(1.9, abs=0.2)
-
 
 def test_flight_termination_by_command_is_for_good(companion: Companion) -> None:
     companion.take_off()

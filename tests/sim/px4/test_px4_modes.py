@@ -224,3 +224,16 @@ class TestGroundStation:
         assert companion.vehicle.px4.system_status == 5
         companion.world.step(2.0)
         assert companion.flying == "LAND"
+
+
+@pytest.mark.parametrize(("numbers", "name"), [((3, 1), "Orbit"), ((5, 0), "Acro"), ((4, 8), "Follow")])
+def test_a_mode_that_is_not_simulated(companion: Companion, numbers: tuple[int, int], name: str) -> None:
+    companion.beat()
+    assert companion.mode(*numbers) == [0, 3]
+    assert f"{name} is not simulated\t" in companion.texts()
+
+
+def test_a_command_that_is_not_simulated(companion: Companion) -> None:
+    companion.beat()
+    assert companion.command(34, 5.0, 1.0) == [3]
+    assert "MAV_CMD 34 is not simulated\t" in companion.texts()

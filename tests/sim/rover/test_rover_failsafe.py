@@ -10,7 +10,7 @@ import pytest
 if TYPE_CHECKING:
     from tests.sim.rover.conftest import MakeYard, Yard
 
-HOLD, AUTO, RTL, GUIDED, MANUAL, ACRO = 4, 10, 11, 15, 0, 1
+HOLD, AUTO, RTL, GUIDED, MANUAL = 4, 10, 11, 15, 0
 HEARTBEAT = {"type": 6, "autopilot": 8}
 
 
@@ -108,13 +108,13 @@ def test_lost_position(yard: Yard) -> None:
     yard.ready()
     yard.goto(80.0, 0.0)
     yard.desk.world.step(2.0)
-    set_param(yard, "SIM_GPS1_ENABLE", 0)
+    yard.desk.world.fault("rover1", "gps-loss")
     took = yard.desk.until(lambda: yard.rover.mode.number == HOLD, 20.0)
     assert took == pytest.approx(8.5, abs=1.5)
     assert [t for t in yard.desk.texts() if "EKF" in t and "IMU" not in t][:2] == ["EKF variance", "EKF failsafe"]
     assert yard.desk.last("HEARTBEAT")["system_status"] == 5
     yard.desk.until(yard.stands)
-    assert [yard.mode(m) for m in (5, RTL, ACRO)] == [4, 4, 0]
+    assert [yard.mode(m) for m in (5, RTL, MANUAL)] == [4, 4, 0]
 
 
 @pytest.mark.parametrize(("action", "mode"), [(1, "RTL"), (2, "HOLD"), (6, "LOITER"), (0, "MANUAL")])

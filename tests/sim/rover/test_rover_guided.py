@@ -176,15 +176,6 @@ def test_change_of_speed(yard: Yard) -> None:
     assert [yard.desk.command(178, *p) for p in ((1, 0), (2, 1), (3, 1), (1, 5))] == [4, 2, 2, 0]
 
 
-def test_reverse(yard: Yard) -> None:
-    yard.ready()
-    assert yard.desk.command(194, 1) == 0
-    yard.goto(-20.0, 0.0)
-    yard.desk.world.step(5.0)
-    assert yard.speed < -1.0
-    assert abs(yard.rover.sense.yaw) < 0.2
-
-
 def test_accelerations_are_not_taken(yard: Yard) -> None:
     yard.ready()
     yard.goto(20.0, 0.0, mask=0xC3F)

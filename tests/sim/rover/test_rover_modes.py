@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import pytest
-
 if TYPE_CHECKING:
     from tests.sim.rover.conftest import MakeYard, Yard
 
-MANUAL, ACRO, STEERING, HOLD, LOITER, FOLLOW, SIMPLE, DOCK, CIRCLE = 0, 1, 3, 4, 5, 6, 7, 8, 9
-AUTO, RTL, SMART_RTL, GUIDED, INITIALISING = 10, 11, 12, 15, 16
+MANUAL, HOLD, LOITER, AUTO, RTL, GUIDED, INITIALISING = 0, 4, 5, 10, 11, 15, 16
 
 
 def test_wakes_up(make_yard: MakeYard) -> None:
@@ -34,8 +31,7 @@ def test_wakes_up(make_yard: MakeYard) -> None:
 def test_mode_in_the_heartbeat(yard: Yard) -> None:
     yard.desk.until(lambda: yard.rover.position_ok)
     for mode, flags, state in (
-        (MANUAL, 65, 4), (ACRO, 65, 4), (STEERING, 65, 4), (HOLD, 1, 3), (LOITER, 9, 4), (SIMPLE, 1, 4), (CIRCLE, 9, 4),
-        (RTL, 9, 4), (SMART_RTL, 9, 4), (GUIDED, 9, 4),
+        (MANUAL, 65, 4), (HOLD, 1, 3), (LOITER, 9, 4), (RTL, 9, 4), (GUIDED, 9, 4),
     ):  # fmt: skip
         assert yard.mode(mode) == 0
         beat = yard.desk.last("HEARTBEAT")
@@ -48,8 +44,6 @@ def test_modes_that_are_refused(yard: Yard) -> None:
     for mode, texts in {
         2: ["No such mode 2"],
         13: ["No such mode 13"],
-        FOLLOW: ["Flight mode change failed"],
-        DOCK: ["Dock: target not acquired", "Flight mode change failed"],
         INITIALISING: ["Flight mode change failed"],
         AUTO: ["No Mission. Can't set AUTO.", "Flight mode change failed"],
     }.items():
@@ -130,28 +124,6 @@ def test_backs_up_as_the_stick_points(yard: Yard) -> None:
     assert yard.rover.sense.r < -0.3
 
 
-def test_acro_holds_speed_and_turn_rate(yard: Yard) -> None:
-    """4 % of 16.7 m/s; 7/47 of ACRO_TURN_RATE."""
-    yard.ready(ACRO)
-    yard.keep(8.0, lambda: yard.sticks(1600, 1550))
-    assert yard.speed == pytest.approx(0.04 * 5.0 / 0.30, abs=0.1)
-    assert math.degrees(yard.rover.sense.r) == pytest.approx(180.0 * 70 / 470, rel=0.4)
-
-
-def test_steering_holds_lateral_acceleration(yard: Yard) -> None:
-    yard.ready(STEERING)
-    yard.keep(7.0, lambda: yard.sticks(1970, 1650))
-    lateral = yard.speed * yard.rover.sense.r
-    assert lateral == pytest.approx(0.6 * 9.80665, rel=0.15)  # ATC_TURN_MAX_G
-
-
-def test_simple_drives_where_the_sticks_point(yard: Yard) -> None:
-    yard.ready(SIMPLE)
-    yard.keep(8.0, lambda: yard.sticks(1600, 1500))
-    assert yard.rover.sense.yaw == pytest.approx(math.pi / 2.0, abs=0.1)
-    assert yard.speed == pytest.approx(70 / 470 * 5.0 / 0.30, rel=0.15)
-
-
 def test_hold_coasts(yard: Yard) -> None:
     yard.ready(MANUAL)
     yard.keep(3.0, lambda: yard.sticks(1500, 1650))
@@ -180,33 +152,6 @@ def test_loiter_stays_within_its_radius(yard: Yard) -> None:
     assert abs(yard.rover.sense.yaw) < 0.5, "it has turned round instead of backing"
 
 
-def test_circle(make_yard: MakeYard) -> None:
-    """To the edge, then round it clockwise at WP_SPEED, or what the lateral acceleration allows."""
-    yard = make_yard(params={"CIRC_RADIUS": 8.0, "CIRC_SPEED": 3.0})
-    yard.ready(CIRCLE)
-    yard.desk.world.step(12.0)
-    assert math.hypot(*yard.place) == pytest.approx(8.0, abs=1.0)
-    assert yard.speed == pytest.approx(3.0, abs=0.5)
-    assert yard.rover.sense.r == pytest.approx(3.0 / 8.0, rel=0.2)
-    assert yard.desk.last("NAV_CONTROLLER_OUTPUT")["nav_bearing"] != 0
-    assert yard.desk.command(178, 1, 20) == 0
-    assert yard.desk.texts()[-1] == f"Circle: max speed is {math.sqrt(0.6 * 9.80665 * 8.0):4.1f}"
-
-
-def test_circle_no_smaller_than_it_can_turn(make_yard: MakeYard) -> None:
-    yard = make_yard(params={"CIRC_RADIUS": 0.3})
-    yard.ready(CIRCLE)
-    yard.desk.world.step(0.1)
-    assert "Circle: radius increased to TURN_RADIUS ( 0.9)" in [*yard.desk.texts(), *_said_before(yard)]
-
-
-def _said_before(yard: Yard) -> list[str]:
-    yard.mode(HOLD)
-    yard.desk.clear()
-    yard.mode(CIRCLE)
-    return yard.desk.texts()
-
-
 def test_mode_switch_is_on_channel_eight(yard: Yard) -> None:
     """MODE1 to MODE6 and MODE_CH."""
     yard.ready(HOLD)
@@ -228,18 +173,3 @@ def test_return_home(yard: Yard) -> None:
     yard.desk.until(yard.stands)
     assert math.hypot(*yard.place) < yard.rover.params["WP_RADIUS"]
     assert yard.rover.armed
-
-
-def test_smart_return_keeps_to_its_track(yard: Yard) -> None:
-    """Round the corner it came by, not straight across."""
-    yard.ready()
-    for place in ((10.0, 0.0), (10.0, 10.0)):
-        yard.goto(*place)
-        yard.desk.until(lambda p=place: math.dist(yard.place, p) < 2.0 and yard.stands(), 40.0)  # type: ignore[misc]
-    assert yard.mode(SMART_RTL) == 0
-    nearest, start = math.inf, yard.desk.world.time_s
-    while yard.rover.from_home > 2.5:
-        assert yard.desk.world.time_s - start < 90.0
-        yard.desk.world.step(0.2)
-        nearest = min(nearest, math.dist(yard.place, (10.0, 0.0)))
-    assert nearest < 3.0

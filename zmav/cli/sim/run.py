@@ -17,10 +17,11 @@ from rich.console import Console
 from zmav.cli.sim.cameras import CAMERA_OPTIONS, parse_cameras, serve_cameras
 from zmav.cli.sim.line import StatusLine
 from zmav.cli.sim.stacks import STACK_OPTIONS, flown_by, stack_vehicles
+from zmav.hil.externals import Externals
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
 from zmav.sim.camera import PadSpec, load_scene
+from zmav.sim.external import External
 from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
-from zmav.sim.hil.vehicle import External
 from zmav.sim.lineup import KINDS, field_of
 from zmav.sim.remote import control_path
 from zmav.sim.sensors.noise import PROFILES
@@ -126,7 +127,7 @@ def make_world(
         noise=noise or table.noise, scene=file.scene if scene is None else load_scene(scene),
         tick_hz=table.tick_hz if tick_hz is None else tick_hz,
         cameras=parse_cameras(cameras), pads={name: PadSpec() for name in pads},
-        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
+        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S, externals=Externals,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import click
 import msgspec
 
 from zmav.errors import BadConfig
-from zmav.sim.hil.binaries import ARDUPILOT_PROGRAMS
+from zmav.hil.binaries import ARDUPILOT_PROGRAMS
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import AIRFRAMES, ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, Stack, VehicleSpec
 

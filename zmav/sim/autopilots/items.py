@@ -14,7 +14,7 @@ import msgspec
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
 
 # MAV_CMD whose items name a place: x and y are latitude and longitude, z an altitude.
-_MISSION_PLACES = (16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92, 94, 179, 188, 189, 191, 195, 201)
+_MISSION_PLACES = (16, 17, 19, 21, 22, 31, 179, 189, 195, 201)
 LOCATED = frozenset((*_MISSION_PLACES, 5000, 5001, 5002, 5003, 5004, 5100))
 
 
@@ -89,20 +89,19 @@ class ItemStore(ABC):
     def open(self, count: int) -> Result:
         """A new list of ``count`` items is about to come, one :meth:`put` each."""
 
-    @abstractmethod
     def reopen(self) -> Result:
         """Some items of the list that is there are about to be replaced."""
+        return Result.ACCEPTED
 
     @abstractmethod
     def put(self, item: Item, last: int) -> Result:
         """Take one item of an upload that ends with number ``last``."""
 
-    @abstractmethod
     def close(self) -> Result:
         """All have come: the verdict on the whole."""
+        return Result.ACCEPTED
 
-    @abstractmethod
-    def abandon(self) -> None:
+    def abandon(self) -> None:  # noqa: B027 - what has come stays
         """The upload ends without its rest."""
 
     @abstractmethod

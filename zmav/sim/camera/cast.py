@@ -9,8 +9,8 @@ import msgspec
 
 from zmav.errors import BadConfig
 from zmav.sim.camera.spec import CameraSpec, PadSpec, check_camera, check_pad
+from zmav.sim.external import External
 from zmav.sim.fleets.base import Fleet
-from zmav.sim.hil.vehicle import External
 from zmav.sim.spec import VehicleSpec
 from zmav.sim.vehicle import SimVehicle
 

@@ -49,7 +49,7 @@ class Allocator:
 
 
 class Lame:
-    """One vehicle with five rotors or more that has lost some of them: what is left is allocated anew, as PX4 does with
+    """One vehicle with five rotors or more that has lost some of them: the others are used as PX4 does with
     CA_FAILURE_MODE 1 and ArduPilot's mixers with a lost motor. Thrust and leaning come first; turning gets what room
     there is, because a hexarotor with one rotor less can hold its heading only in one direction (G.-X. Du, Q. Quan,
     B. Yang, K.-Y. Cai, "Controllability analysis for multirotor helicopter rotor degradation and failure", Journal of

@@ -89,9 +89,6 @@ class Cascade:
         sp = self.setpoints
         self._flying = sp.spool == FLY
         self._idle[:] = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0)
-        for i, (rotor, throttle) in sp.tests.items():
-            self._idle[:, i] = 0.0
-            self._idle[rotor, i] = throttle
         grounded = ~self._flying
         if grounded.all():
             self._stand(est)

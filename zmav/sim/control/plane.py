@@ -16,7 +16,7 @@ import numpy as np
 from zmav.sim.arrays import Array, Flags, clamp, wrap_pi
 from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.l1 import L1
-from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, RATE, ROLL, Flown, PlaneTargets
+from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, ROLL, Flown, PlaneTargets
 from zmav.sim.control.tecs import Tecs
 from zmav.sim.dynamics.airframe import GRAVITY
 
@@ -122,7 +122,6 @@ class PlaneControl:
         by_energy = t.upright == ENERGY
         self.pitch = np.where(by_energy, self.tecs.pitch, t.pitch)
         roll_rate = clamp(wrap_pi(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *self._roll_rates)
-        roll_rate = np.where(t.lateral == RATE, t.p, roll_rate)
         pitch_rate = self._pitch_rate(euler, airspeed)
         idle = t.idle
         aileron = self._roll_loop.update(
@@ -133,8 +132,6 @@ class PlaneControl:
         )
         self.surface[0] = np.where(t.lateral == 0, t.aileron, aileron)
         self.surface[1] = np.where(t.upright == 0, t.elevator, elevator)
-        if t.mixing.any():
-            self.surface[:2] = self.surface[:2] * (1.0 - np.abs(t.mixing)) + t.mixing
         self.surface[2] = self._rudder(est, euler, force, airspeed, scale, dt)
         wanted = np.where(t.auto_throttle, self.tecs.throttle, t.throttle)
         self.throttle = clamp(wanted, 0.0, 1.0)
@@ -171,7 +168,7 @@ class PlaneControl:
         margin = self._bank_margin
         over = clamp((lean - margin) / (0.5 * math.pi - margin), 0.0, 1.0)
         rate = np.where(np.abs(pitch) < STEEP, rate * (1.0 - over), rate)
-        result: Array = np.where(t.upright == RATE, t.q, np.where(t.upright >= PITCH, rate, 0.0))
+        result: Array = np.where(t.upright >= PITCH, rate, 0.0)
         return result
 
     def _rudder(self, est: Estimated, euler: Array, force: Array, airspeed: Array, scale: Array, dt: float) -> Array:

@@ -19,21 +19,18 @@ class Lateral(enum.IntEnum):
     """What holds the roll axis."""
 
     DIRECT = 0  # the aileron, as given
-    RATE = 1
-    BANK = 2  # without limits
-    ROLL = 3
-    LINE = 4  # from one place to another
-    CIRCLE = 5  # about a place
-    HEADING = 6
+    ROLL = 1
+    LINE = 2  # from one place to another
+    CIRCLE = 3  # about a place
+    HEADING = 4
 
 
 class Upright(enum.IntEnum):
     """What holds the pitch axis."""
 
     DIRECT = 0  # the elevator, as given
-    RATE = 1
-    PITCH = 2
-    ENERGY = 3  # height and speed
+    PITCH = 1
+    ENERGY = 2  # height and speed
 
 
 class Stage(enum.IntEnum):
@@ -46,9 +43,7 @@ class Stage(enum.IntEnum):
 
 
 # As plain numbers, for comparing whole rows many times a second.
-LINE, CIRCLE, HEADING, ROLL, RATE = (
-    int(k) for k in (Lateral.LINE, Lateral.CIRCLE, Lateral.HEADING, Lateral.ROLL, Lateral.RATE)
-)
+LINE, CIRCLE, HEADING, ROLL = (int(k) for k in (Lateral.LINE, Lateral.CIRCLE, Lateral.HEADING, Lateral.ROLL))
 ENERGY, PITCH = int(Upright.ENERGY), int(Upright.PITCH)
 TAKEOFF, LAND, FLARE = int(Stage.TAKEOFF), int(Stage.LAND), int(Stage.FLARE)
 
@@ -78,7 +73,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "YAW2SRV_INT": (0.0, 2.0),
     "YAW2SRV_DAMP": (0.0, 2.0),
     "YAW2SRV_RLL": (0.0, 3.0),
-    "YAW2SRV_IMAX": (0.0, 4500.0),
     "KFF_RDDRMIX": (-1.0, 1.0),
     "SCALING_SPEED": (1.0, 100.0),
     "NAVL1_PERIOD": (1.0, 100.0),
@@ -154,9 +148,7 @@ class PlaneTargets:
         self.auto_rudder = np.zeros(n, dtype=bool)
         self.idle = np.ones(n, dtype=bool)  # integrators rest: it stands
         self.aileron, self.elevator, self.rudder, self.throttle = row(), row(), row(), row()
-        self.p, self.q = row(), row()  # body rates, rad/s
         self.roll, self.pitch = row(), row()
-        self.mixing: Array = np.zeros((2, n))  # shares of aileron and elevator that sticks take over
         self.heading = row()
         self.start: Array = np.zeros((2, n))
         self.end: Array = np.zeros((2, n))  # of a line; the centre of a circle
@@ -206,28 +198,17 @@ class PlaneHandle:
         t.aileron[i], t.elevator[i], t.rudder[i] = aileron, elevator, rudder
         t.auto_rudder[i] = False
 
-    def rates(self, p: float, q: float) -> None:
-        """Hold body rates of roll and pitch, rad/s."""
-        self._t.lateral[self._i], self._t.upright[self._i] = Lateral.RATE, Upright.RATE
-        self._t.p[self._i], self._t.q[self._i] = p, q
-        self._t.auto_rudder[self._i] = True
-
     def yaw(self, rudder: float) -> None:
         """The pilot's rudder: on top of what coordinates turns."""
         self._t.rudder[self._i] = rudder
 
-    def mix(self, aileron: float, elevator: float) -> None:
-        """Sticks on top of what the controllers do, and at their ends instead of it; until the next :meth:`pitch`."""
-        self._t.mixing[:, self._i] = aileron, elevator
-
-    def roll(self, angle: float, *, hard: bool = False) -> None:
-        """Hold a bank; ``hard``: any, whatever the limits and the airspeed."""
-        self._t.lateral[self._i], self._t.roll[self._i] = Lateral.BANK if hard else Lateral.ROLL, angle
+    def roll(self, angle: float) -> None:
+        """Hold a bank."""
+        self._t.lateral[self._i], self._t.roll[self._i] = Lateral.ROLL, angle
         self._t.auto_rudder[self._i] = True
 
     def pitch(self, angle: float) -> None:
         self._t.upright[self._i], self._t.pitch[self._i] = Upright.PITCH, angle
-        self._t.mixing[:, self._i] = 0.0
 
     def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         t, i = self._t, self._i
@@ -249,7 +230,6 @@ class PlaneHandle:
         t, i = self._t, self._i
         t.upright[i], t.auto_throttle[i] = Upright.ENERGY, True
         t.height[i], t.airspeed[i] = height, airspeed
-        t.mixing[:, i] = 0.0
 
     def power(self, throttle: float) -> None:
         self._t.auto_throttle[self._i] = False

@@ -189,13 +189,12 @@ class RoverControl:
         lateral = acc[1] * c - acc[0] * s
         forward = wanted[0] * c + wanted[1] * s
         # Exactly astern there is no side to turn to. Noise decides on a real rover; here, it is the right.
-        astern = (np.where(sp.reversed, -forward, forward) < 0.0) & (np.abs(lateral) < ASTERN)
+        astern = (forward < 0.0) & (np.abs(lateral) < ASTERN)
         lateral = np.where(stopping, 0.0, np.where(astern, ASTERN, lateral))
         # In a turn it goes no slower than it can take with half the lateral acceleration it may.
         least = np.sqrt(np.maximum(0.5 * k["lateral"] * k["turn_radius"], 0.0)) * (not self.skid)
         least = np.minimum(np.sqrt((wanted * wanted).sum(0)), least) * ~stopping
-        backing = np.where(stopping, forward, np.minimum(-least, forward))
-        pace = np.where(sp.reversed, backing, np.where(stopping, forward, np.maximum(least, forward)))
+        pace = np.where(stopping, forward, np.maximum(least, forward))
         pace = self._limited(pace, self._begun(ahead), dt)
         speed[path] = pace[path]
         turn[path] = (lateral / _divisor(pace))[path]
@@ -279,5 +278,5 @@ class RoverControl:
 
 
 def _divisor(speed: Array) -> Array:
-    """A speed to divide a lateral acceleration by: never near nought."""
+    """A speed to divide a lateral acceleration by: never near zero."""
     return np.where(speed < 0.0, np.minimum(speed, -STEER_SPEED_MIN), np.maximum(speed, STEER_SPEED_MIN))

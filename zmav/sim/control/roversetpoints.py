@@ -62,7 +62,6 @@ TUNING: dict[str, tuple[str, float]] = {
     "vel_imax": ("PSC_VEL_IMAX", 1.0),
     "vel_filter": ("PSC_VEL_FLTE", 1.0),
     "steer_base": ("MOT_SPD_SCA_BASE", 1.0),
-    "throttle_min": ("MOT_THR_MIN", 0.01),
     "throttle_max": ("MOT_THR_MAX", 0.01),
     "slew": ("MOT_SLEWRATE", 0.01),
 }
@@ -79,7 +78,6 @@ class RoverSetpoints:
     def __init__(self, n: int) -> None:
         self.armed = np.zeros(n, dtype=bool)
         self.task = np.zeros(n, dtype=np.int8)
-        self.reversed = np.zeros(n, dtype=bool)
         self.scaled = np.ones(n, dtype=bool)  # the steering goes back with speed
         self.pos: Array = np.zeros((2, n))
         self.vel: Array = np.zeros((2, n))
@@ -152,10 +150,6 @@ class RoverHandle:
     def limits(self, speed: float, accel: float, jerk: float) -> None:
         t, i = self._t, self._i
         t.speed_limit[i], t.accel_limit[i], t.jerk_limit[i] = speed, accel, jerk
-
-    def back(self, on: bool) -> None:
-        """Drive paths backwards."""
-        self._t.reversed[self._i] = on
 
     def tune(self, row: str, value: float) -> None:
         """Set one of :data:`TUNING` by its row; never beyond :data:`HIGHEST`."""

@@ -100,8 +100,6 @@ class Setpoints:
         self.yaw_rate: Array = np.zeros(n)
         self.body: Array = np.zeros((3, n))  # body rates, rad/s; or torque, -1..1
         self.raw = np.zeros(n, dtype=bool)
-        self.tests: dict[int, tuple[int, float]] = {}
-        """vehicle -> the one rotor that turns, and its throttle"""
         self.limits = Limits(n)
         self.gains = gains or arducopter_gains(n)
 
@@ -183,12 +181,6 @@ class SetpointHandle:
         """Turn to ``yaw`` (radians) at the allowed rate and stay there."""
         self._t.yaw_kind[self._i] = Yaw.ANGLE
         self._t.yaw[self._i] = yaw
-
-    def test(self, rotor: int | None, throttle: float) -> None:
-        """Turn one rotor alone, whatever the spool says; None: no longer."""
-        self._t.tests.pop(self._i, None)
-        if rotor is not None:
-            self._t.tests[self._i] = (rotor, throttle)
 
     def turn(self, rate: float) -> None:
         """Turn at ``rate`` rad/s, clockwise from above."""

@@ -118,7 +118,7 @@ class Frozen(AutopilotFault, frozen=True):
 
 
 class Reboot(AutopilotFault, frozen=True):
-    """The autopilot starts anew, wherever it is: its outputs stop, its clock and its sequence numbers begin again. One
+    """The autopilot starts again, wherever it is: its outputs stop, its clock and its sequence numbers begin again. One
     that hangs is well again.
     """
 

@@ -104,7 +104,7 @@ class Fleet(ABC):
     """
 
     ACTUATORS: ClassVar[tuple[str, ...]] = ("throttle",)
-    """the inputs of the dynamics, (..., N) each, which controllers set anew before each step"""
+    """the inputs of the dynamics, (..., N) each, which controllers set again before each step"""
 
     THINKS_EVERY: ClassVar[int] = 1
     """ticks between two updates of its autopilots"""

@@ -82,13 +82,13 @@ class CopterFleet(Fleet):
         dyn.supply = self.battery.volts / self.airframe.battery_v
 
     def _jumped(self, index: int, by: Vector) -> None:
-        """A filter has set the position anew: what is held and flown to moves along, so that nobody darts off."""
+        """A filter has set the position again: what is held and flown to moves along, so that nobody darts off."""
         shift = np.array(by)
         self.cascade.reference.pos[:, index] += shift
         self.setpoints.pos[:, index] += shift
 
     def _turned(self, index: int, by: float) -> None:
-        """A filter has set the heading anew."""
+        """A filter has set the heading again."""
         self.cascade.yaw[index] += by
         self.setpoints.yaw[index] += by
 

@@ -94,7 +94,7 @@ class Node(ABC):
         self.answer("TIMESYNC", self._timesync)
         self.answer("PING", self._ping)
         brain.say, brain.beat, brain.announce = self.say, self.beat, self.announce
-        self._hook_params()
+        self.brain.params.watch(self._param_changed)
 
     def answer(self, name: str, answer: Answer) -> None:
         """Have messages of that name answered by ``answer`` from now on."""
@@ -198,7 +198,7 @@ class Node(ABC):
         return True
 
     def restart(self) -> None:
-        """Boot the autopilot anew: what it had been asked to send is forgotten, and all counting starts again."""
+        """Boot the autopilot again: what it had been asked to send is forgotten, and all counting starts again."""
         self.brain.power_on()
         for channel in self.channels:
             channel.restart(self.brain.now)
@@ -280,17 +280,11 @@ class Node(ABC):
                 target_component=sender[1],
             )
 
-    def _hook_params(self) -> None:
+    def _param_changed(self, name: str, value: float) -> None:
         """A new system id is spoken with at once."""
-        flying = self.brain.params.changed
-
-        def changed(name: str, value: float) -> None:
-            flying(name, value)
-            if name == self.SYSID_PARAM:
-                for channel in self.channels:
-                    channel.adopt(self.sysid)
-
-        self.brain.params.changed = changed
+        if name == self.SYSID_PARAM:
+            for channel in self.channels:
+                channel.adopt(self.sysid)
 
 
 def _raise(error: Exception) -> None:

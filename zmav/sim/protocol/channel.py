@@ -49,7 +49,7 @@ class Channel:
         self._packer = Packer(dialect, sysid, compid)
 
     def restart(self, now: float) -> None:
-        """The autopilot has started anew: it counts from 0, and sends what nobody has to ask for."""
+        """The autopilot has started again: it counts from 0, and sends what nobody has to ask for."""
         self._packer.restart()
         self.streams = Streams(now)
         self.params_next = None

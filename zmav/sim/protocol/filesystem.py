@@ -40,7 +40,7 @@ class FileSystem:
             self._directories.update("/" + "/".join(parts[: i + 1]) for i in range(len(parts)))
 
     def generate(self, path: str, maker: Maker, size: Callable[[], int]) -> None:
-        """Have ``path`` made anew whenever it is opened; ``size`` is what it is said to have before."""
+        """Have ``path`` made again whenever it is opened; ``size`` is what it is said to have before."""
         self._makers[path] = (maker, size)
 
     def attach(self, directory: str, stored: Stored, remove: Callable[[str], bool]) -> None:

@@ -6,6 +6,7 @@ Protocol: https://mavlink.io/en/services/parameter.html (MAV_PROTOCOL_CAPABILITY
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -18,27 +19,45 @@ from zmav.sim.protocol.part import Answer, Part, Sender
 
 NO_INDEX = 65535
 PER_TICK = 16  # PARAM_VALUEs of a download in one tick: 1354 of them take about 0.9 s, as measured
-_TYPES = {"int8": 2, "int16": 4, "int32": 6, "float": 9}  # MAV_PARAM_TYPE
+_TYPES = {"b": 2, "h": 4, "i": 6}  # MAV_PARAM_TYPE, by the letter behind a value in a file; none: 9, a float
 _BOUNDS = {2: 2**7, 4: 2**15, 6: 2**31}
 
 
-@cache
-def defaults(name: str) -> tuple[tuple[str, float, int], ...]:
-    """(name, value, MAV_PARAM_TYPE) of every parameter in ``data/<name>.parm``, in the order of a download."""
-    text = resources.files("zmav.sim").joinpath("data", f"{name}.parm").read_text(encoding="ascii")
-    rows = []
-    for line in text.splitlines():
-        if line and not line.startswith("#"):
-            param, value, kind = line.split()
-            rows.append((param, float(value), _TYPES[kind]))
-    return tuple(rows)
-
-
 Table = tuple[tuple[str, float, int], ...]
+Observer = Callable[[str, float], None]
+
+
+@cache
+def defaults(name: str) -> Table:
+    """(name, value, MAV_PARAM_TYPE) of every parameter in ``data/<name>.parm``, in the order of a download.
+
+    A line there begins with what its names have in common ("-": nothing; "SERVO1-8_": eight times the same) and goes on
+    where the next one is indented. "ALT=1500i" is a name's rest, its value, and the letter of its type.
+    """
+    groups: list[tuple[str, list[str]]] = []
+    for line in resources.files("zmav.sim").joinpath("data", f"{name}.parm").read_text(encoding="ascii").splitlines():
+        words = line.partition("#")[0].split()
+        if words and not line.startswith(" "):
+            groups.append((words.pop(0), []))
+        if words:
+            groups[-1][1].extend(words)
+    return tuple(_row(prefix, word) for common, words in groups for prefix in _prefixes(common) for word in words)
+
+
+def _prefixes(common: str) -> list[str]:
+    if common == "-":
+        return [""]
+    many = re.fullmatch(r"(\w+?)(\d+)-(\d+)_", common)
+    return [f"{many[1]}{i}_" for i in range(int(many[2]), int(many[3]) + 1)] if many else [common]
+
+
+def _row(prefix: str, word: str) -> tuple[str, float, int]:
+    rest, value = word.split("=")
+    return prefix + rest, float(value.rstrip("bhi")), _TYPES.get(value[-1], 9)
 
 
 class ParamStore:
-    """Named values of one vehicle; ``changed(name, value)`` is called after every change."""
+    """Named values of one vehicle."""
 
     def __init__(self, table: Table, own: Table = ()) -> None:
         """``own``: rows that differ for this vehicle, or that only it has."""
@@ -47,7 +66,7 @@ class ParamStore:
         self.index = {name: i for i, name in enumerate(self.names)}
         self._values = {row[0]: to_float32(row[1]) for row in table}
         self._types = {row[0]: row[2] for row in table}
-        self.changed: Callable[[str, float], None] = lambda name, value: None
+        self._observers: list[Observer] = []
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]
@@ -74,7 +93,12 @@ class ParamStore:
         else:
             value = to_float32(value)
         self._values[name] = value
-        self.changed(name, value)
+        for observer in self._observers:
+            observer(name, value)
+
+    def watch(self, observer: Observer) -> None:
+        """Call ``observer(name, value)`` after every change."""
+        self._observers.append(observer)
 
     def preset(self, values: dict[str, float]) -> None:
         """Values from a configuration; :class:`BadConfig` for a name that is not a parameter."""

@@ -38,7 +38,7 @@ class Estimator:
     and ``force``.
 
     ``jumped(index, (north, east, down))`` and ``turned(index, angle)`` are told when a filter sets one vehicle's
-    position or heading anew, so that its controllers can move with it.
+    position or heading again, so that its controllers can move with it.
     """
 
     def __init__(self, dynamics: Body, sensors: SensorSuite, seed: tuple[int, ...] = (0,)) -> None:
@@ -193,7 +193,7 @@ class Belief:
         self._estimate.lead(self._index, led=led)
 
     def forget(self) -> None:
-        """Start anew: at what the sensors say now."""
+        """Start again: at what the sensors say now."""
         self.reset_position()
         self.reset_height()
         self.turn(0.0)

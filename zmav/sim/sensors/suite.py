@@ -153,7 +153,7 @@ class SensorSuite:
         self._clips = bool(self.troubles.clipping.any())
 
     def restart(self, index: int) -> None:
-        """One vehicle is powered on anew: its receiver looks for satellites again."""
+        """One vehicle is powered on again: its receiver looks for satellites again."""
         self._back[index] = self.time_s + self.noise.gps_acquire_s
 
     # ---- what is slow

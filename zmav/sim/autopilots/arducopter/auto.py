@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.arducopter.heading import Look
 from zmav.sim.autopilots.arducopter.legs import (
     LEGS,
-    Delay,
-    GuidedBounds,
-    GuidedEnable,
     LandAt,
     Leg,
     LoiterForever,
     LoiterTime,
-    LoiterToAlt,
-    LoiterTurns,
     ReturnToLaunch,
     Takeoff,
     Waypoint,
 )
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
-from zmav.sim.autopilots.ardupilot.waits import UNREPORTED, Conditions
+from zmav.sim.autopilots.ardupilot.mode import AutoMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
@@ -33,17 +26,15 @@ if TYPE_CHECKING:
 CRITICAL, WARNING = 2, 4
 ALLOW_ARMING, ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2  # AUTO_OPTIONS
 SPEEDS = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}  # SPEED_TYPE
-AUTO_RTL = 27  # the mode that AUTO calls itself on the way to a landing
-GUIDED_LIMITS = 222  # MAV_CMD_DO_GUIDED_LIMITS
-CONDITION_YAW = 115  # MAV_CMD
 # Commands that go on with the way there is; the others set their own targets.
-KEEPS_WAY = (Waypoint, LoiterForever, LoiterTime, LoiterToAlt, LandAt, LoiterTurns, Delay)
+KEEPS_WAY = (Waypoint, LoiterForever, LoiterTime, LandAt)
 
 
 class Auto(AutoMode):
     """Also the mission's performer: starts its commands and says when they are done."""
 
     number, name, changes_speed = 3, "AUTO", True
+    NAVIGATION = LEGS
 
     def __init__(self, copter: ArduCopter) -> None:
         super().__init__(copter)
@@ -53,8 +44,6 @@ class Auto(AutoMode):
         self.waiting = False
         self._flown: tuple[Item, ...] = ()
         self._changes = 0
-        self._conditions = Conditions()
-        self.bounds = GuidedBounds()
 
     # ---- the mode
 
@@ -81,27 +70,7 @@ class Auto(AutoMode):
     def on_arming(self) -> None:
         """The mission runs already; arming changes nothing about it."""
 
-    def come_back(self) -> bool:
-        """AUTO RTL: join the mission at its DO_LAND_START; False, with the reason said, where it has none."""
-        copter = self.copter
-        here = (copter.sense.north, copter.sense.east, copter.sense.down)
-        start = copter.mission.landing_start(lambda item: math.dist(copter.place_of(item, here), here))
-        if start == 0:
-            text = "No return path or landing sequence found"
-            copter.say(WARNING, f"Mode change to AUTO RTL failed: {text}")
-            return False
-        if copter.mode is not self and not copter.set_mode(3):
-            return False
-        self.waiting = False
-        copter.mission.resume()
-        copter.mission.set_current(start)
-        self._note_mission()
-        self.number, self.name = AUTO_RTL, "AUTO RTL"
-        copter.beat()
-        return True
-
     def leave(self) -> None:
-        self.number, self.name = 3, "AUTO"
         if self.copter.mission.state is State.RUNNING:
             self.copter.mission.stop()
         self.leg = None
@@ -118,7 +87,7 @@ class Auto(AutoMode):
             return
         if int(copter.params["AUTO_OPTIONS"]) & ALLOW_TAKEOFF_WITHOUT_THROTTLE and isinstance(self.leg, Takeoff):
             copter.auto_armed = True
-        if self.leg is None or isinstance(self.leg, Delay):
+        if self.leg is None:
             copter.spool()
             copter.travel.update()
         else:
@@ -174,11 +143,6 @@ class Auto(AutoMode):
     def resume(self) -> None:
         self.copter.travel.resume()
 
-    @property
-    def takes_targets(self) -> bool:
-        """Somebody outside may steer now."""
-        return isinstance(self.leg, GuidedEnable)
-
     def look_ahead(self) -> None:
         """Where the nose points on the way to a place, unless it is kept on a point."""
         copter = self.copter
@@ -187,55 +151,20 @@ class Auto(AutoMode):
 
     # ---- the mission's performer
 
-    def start(self, item: Item) -> bool:
-        leg = LEGS.get(item.command)
-        if leg is not None:
-            if leg not in KEEPS_WAY:
-                self.copter.travel.release()
-            self.leg = leg(self, item)
-            self.leg.begin()
-            self._note_mission()
-            return True
-        return self._conditions.begin(item, self.copter.now) or self._do(item)
+    def set_out(self, item: Item) -> None:
+        leg = LEGS[item.command]
+        if leg not in KEEPS_WAY:
+            self.copter.travel.release()
+        self.leg = leg(self, item)
+        self.leg.begin()
+        self._note_mission()
 
-    def _do(self, item: Item) -> bool:
-        """Commands that are done as soon as they are begun, and CONDITION_YAW."""
-        copter = self.copter
-        if item.command == CONDITION_YAW:
-            angle, rate = math.radians(item.p1), math.radians(item.p2)
-            copter.heading.sweep(copter.sense.yaw, angle, rate, item.p3, relative=item.p4 > 0)
-        elif item.command == 178:
-            if item.p2 > 0 and int(item.p1) in SPEEDS:
-                copter.change_speed(SPEEDS[int(item.p1)], item.p2)
-        elif item.command == 179:
-            copter.move_home(None if item.p1 == 1 or (item.here and item.z == 0) else copter.place_of(item, None))
-        elif item.command in (195, 197, 201):
-            copter.region_of_interest(None if item.here and item.z == 0 else copter.place_of(item, None))
-        elif item.command in (188, 189):
-            return True
-        elif item.command == GUIDED_LIMITS:
-            self.bounds.limit(item.p1, item.p2, item.p3, item.p4)
-        else:
-            return copter.payload.perform(item)
-        return True
+    def arrived(self, item: Item) -> bool:
+        return self.leg is not None and self.leg.done()
 
-    def verify(self, item: Item) -> bool:
-        if item.command in UNREPORTED:
-            return True
-        done = self._is_done(item)
-        if done and not isinstance(self.leg, LoiterToAlt):
-            self.copter.reached(item.seq)
-        return done
-
-    def _is_done(self, item: Item) -> bool:
-        copter = self.copter
-        if item.command in LEGS:
-            return self.leg is not None and self.leg.done()
-        if item.command == CONDITION_YAW:
-            # A leg that began meanwhile has turned the nose its own way.
-            copter.heading.insist()
-            return copter.heading.arrived(copter.sense.yaw)
-        return self._conditions.met(item, copter.now, copter.travel.distance)
+    def change_speed(self, item: Item) -> None:
+        if item.p2 > 0 and int(item.p1) in SPEEDS:
+            self.copter.change_speed(SPEEDS[int(item.p1)], item.p2)
 
     def finished(self) -> None:
         """The end of the mission: stay there, or disarm where it stands on the ground."""

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
-from zmav.sim.autopilots.arducopter.auto import AUTO_RTL, Auto
-from zmav.sim.autopilots.arducopter.circle import Circle
+from zmav.sim.autopilots.arducopter.auto import Auto
 from zmav.sim.autopilots.arducopter.crash import ANGLE_ERROR_DEG, CrashCheck
 from zmav.sim.autopilots.arducopter.guided import Guided
 from zmav.sim.autopilots.arducopter.heading import Heading
 from zmav.sim.autopilots.arducopter.modes import AltHold, Brake, Land, Loiter, Rtl, Stabilize
-from zmav.sim.autopilots.arducopter.motortest import MotorTest
 from zmav.sim.autopilots.arducopter.reactions import CopterReactions
-from zmav.sim.autopilots.arducopter.smartrtl import Breadcrumbs, SmartRtl
-from zmav.sim.autopilots.arducopter.sticks import Acro, Drift, PosHold, Sport
 from zmav.sim.autopilots.arducopter.travel import Travel
 from zmav.sim.autopilots.arducopter.tuning import GAINS, HIGHEST
 from zmav.sim.autopilots.ardupilot.mode import Mode
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
 from zmav.sim.autopilots.ardupilot.vehicle import INFO, ArduVehicle
-from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import SetpointHandle, Spool, Vector
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.fleets.base import Sense
@@ -32,7 +28,6 @@ LOW_THRUST_SHARE = 0.65  # of the hover throttle
 HARD_TOUCH = 0.25  # m/s
 MAV_TYPE_QUADROTOR, MAV_TYPE_HEXAROTOR = 2, 13
 HIGHEST_M = 80_000.0
-NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF = 16, 21, 22  # MAV_CMD
 # To thrust, as measured: from the order to lift off, and from arming (after which the motors stand still for 2 s).
 SPOOL_UP_S, ARMING_S = 2.0, 3.2
 
@@ -54,8 +49,10 @@ class ArduCopter(ArduVehicle):
     """Flies one multirotor of the :class:`~zmav.sim.fleets.copter.CopterFleet`."""
 
     FIRMWARE: ClassVar[str] = "ArduCopter"
-    SWITCH_MODES: ClassVar[dict[int, int]] = {
-        4: 6, 16: 3, 18: 9, 33: 17, 42: 21, 52: 1, 55: 4, 56: 5, 68: 0, 69: 16, 70: 2, 72: 7, 73: 11, 99: AUTO_RTL,
+    NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
+        1: "ACRO", 7: "CIRCLE", 11: "DRIFT", 13: "SPORT", 14: "FLIP", 15: "AUTOTUNE", 16: "POSHOLD", 18: "THROW",
+        19: "AVOID_ADSB", 20: "GUIDED_NOGPS", 21: "SMARTRTL", 22: "FLOWHOLD", 23: "FOLLOW", 24: "ZIGZAG",
+        25: "SYSTEMID", 26: "AUTOROTATE", 27: "AUTO RTL", 28: "TURTLE",
     }  # fmt: skip
 
     auto: Auto
@@ -78,7 +75,6 @@ class ArduCopter(ArduVehicle):
         self.sp = setpoint
         self.speeds: dict[str, float] = {}  # chosen for this mode: limits of the cascade, m/s
         self.heading = Heading(setpoint)
-        self.crumbs, self.motor_test = Breadcrumbs(self), MotorTest(self)
         super().__init__(params, sense, world, ready_s)
         for name in (*_LIMITS, *GAINS):
             self.param_changed(name, params[name])
@@ -86,10 +82,8 @@ class ArduCopter(ArduVehicle):
     def make_modes(self) -> list[Mode]:
         self.travel = Travel(self)
         self.guided, self.auto, self.land, self.rtl = Guided(self), Auto(self), Land(self), Rtl(self)
-        self.smart_rtl = SmartRtl(self)
-        kinds = (Stabilize, Acro, AltHold, Loiter, Circle, Drift, Sport, PosHold, Brake)
-        modes: list[Mode] = [kind(self) for kind in kinds]
-        return [*modes, self.guided, self.auto, self.land, self.rtl, self.smart_rtl]
+        modes: list[Mode] = [kind(self) for kind in (Stabilize, AltHold, Loiter, Brake)]
+        return [*modes, self.guided, self.auto, self.land, self.rtl]
 
     def make_reactions(self) -> Reactions:
         return CopterReactions(self)
@@ -99,15 +93,9 @@ class ArduCopter(ArduVehicle):
         self._idle_since = self._landed_at = self.now
         self.crash_check = CrashCheck(self)
         self._choose_speeds()
-        self.crumbs.points = []
         self.on_disarm()
 
     # ---- what it knows
-
-    @property
-    def takes_targets(self) -> bool:
-        """Somebody outside may steer: GUIDED, or a mission that lets them."""
-        return self.mode is self.guided or (self.mode is self.auto and self.auto.takes_targets)
 
     @property
     def taking_off(self) -> bool:
@@ -170,38 +158,13 @@ class ArduCopter(ArduVehicle):
         self.sp.spool(Spool.IDLE if self.landed else Spool.FLY)
         return not self.landed
 
-    def save_waypoint(self) -> None:
-        """The pilot's switch adds where it is to the mission: a takeoff first, a landing with the throttle down."""
-        low = self.rc.throttle < 0.03
-        if self.mode is self.auto or not self.armed or (low and not self.mission.present):
-            return
-        here = self.position
-        place = Item(
-            command=NAV_LAND if low else NAV_WAYPOINT,
-            x=round(here.lat_deg * 1e7),
-            y=round(here.lon_deg * 1e7),
-            z=self.height,
-        )
-        if not self.mission.present:
-            self.mission.add(Item(command=NAV_TAKEOFF, z=max(self.height, 1.0)))
-        self.mission.add(place)
-
-    def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
-        if number == AUTO_RTL:
-            return self.auto.come_back()
-        return super().set_mode(number, by_fence=by_fence)
-
     def arm(self, *, forced: bool = False) -> bool:
         if self.armed:
             return True
         self._idle_since = self.now
-        done = super().arm(forced=forced)
-        if done:
-            self.crumbs.begin()
-        return done
+        return super().arm(forced=forced)
 
     def on_disarm(self) -> None:
-        self.motor_test.stop()
         self.sp.spool(Spool.OFF)
 
     def take_off(self, height: float) -> bool:
@@ -219,13 +182,6 @@ class ArduCopter(ArduVehicle):
     # ---- what it does by itself
 
     def update(self, now: float, sense: Sense, dt: float) -> None:
-        if self.motor_test.running:
-            # No mode flies then: the state machine takes it for disarmed.
-            self.armed = False
-            super().update(now, sense, dt)
-            self.armed = self.motor_test.running
-            self.motor_test.update()
-            return
         super().update(now, sense, dt)
         if sense.impact > HARD_TOUCH:
             self.say(INFO, f"SIM Hit ground at {sense.impact:.6f} m/s")
@@ -236,8 +192,6 @@ class ArduCopter(ArduVehicle):
         super().watch(dt)
         self.crash_check.update(dt)
         if self.armed:
-            if self.mode is not self.smart_rtl:
-                self.crumbs.note()
             if self.rc.throttle > 0.03:
                 self.auto_armed = True
             elif self.mode.manual_throttle and self.rc.valid:
@@ -266,7 +220,7 @@ class ArduCopter(ArduVehicle):
 
     def _disarm_idle(self) -> None:
         """Disarm after a landing, and after DISARM_DELAY of standing armed with the throttle down."""
-        lands = isinstance(self.mode, (Land, Rtl, SmartRtl))  # whatever the throttle stick says
+        lands = isinstance(self.mode, (Land, Rtl))  # whatever the throttle stick says
         if not self.landed or self.taking_off or (self.rc.throttle > 0.05 and not lands):
             self._idle_since = self.now
             return

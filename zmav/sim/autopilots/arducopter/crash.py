@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 AFTER_S, ANGLE_ERROR_DEG, LEAN_DEG, SPEED_MAX, ACCEL_MAX = 2.0, 30.0, 15.0, 10.0, 3.0
 FILTER_S = 1.0 / (2.0 * math.pi)  # of the acceleration: 1 Hz
-_EMERGENCY, _ACRO = 0, 1
+_EMERGENCY = 0
 
 
 class CrashCheck:
@@ -29,7 +29,7 @@ class CrashCheck:
     def update(self, dt: float) -> None:
         copter, s = self._copter, self._copter.sense
         self._accel += (self._felt() - self._accel) * min(dt / FILTER_S, 1.0)
-        if not copter.armed or copter.landed or not copter.params["FS_CRASH_CHECK"] or copter.mode.number == _ACRO:
+        if not copter.armed or copter.landed or not copter.params["FS_CRASH_CHECK"]:
             self._lasting = 0.0
             return
         off = self.off_deg

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from zmav import rotation
 from zmav.sim.autopilots.arducopter.modes import stop_here
+from zmav.sim.autopilots.ardupilot.mode import GuidedMode
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Quaternion, Target, YawWish
-from zmav.sim.autopilots.ardupilot.vehicle import GuidedMode
 from zmav.sim.control.setpoints import Axis, Spool
 
 if TYPE_CHECKING:
@@ -99,26 +100,17 @@ class Guided(GuidedMode):
     def _incline(self, q: Quaternion) -> None:
         """Hold this attitude; never leaning more than ANGLE_MAX."""
         copter = self.copter
-        w, x, y, z = q
+        roll, pitch, yaw = rotation.euler(q)
         most = copter.sp.limit_of("lean")
-        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
         copter.sp.lean(min(max(roll, -most), most), min(max(pitch, -most), most))
-        copter.heading.hold(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        copter.heading.hold(yaw)
 
     def _turn_on(self) -> None:
         """An attitude with body rates turns on by itself until the next one comes."""
         if self._turned is None or not any(self._wanted.rates):
             return
         half = 0.5 * self.copter.dt
-        a, b, c = (rate * half for rate in self._wanted.rates)
-        w, x, y, z = self._turned
-        turned = (
-            w - x * a - y * b - z * c,
-            x + w * a + y * c - z * b,
-            y + w * b + z * a - x * c,
-            z + w * c + x * b - y * a,
-        )
+        turned = rotation.product(self._turned, (1.0, *(rate * half for rate in self._wanted.rates)))
         norm = math.sqrt(sum(part * part for part in turned))
         self._turned = (turned[0] / norm, turned[1] / norm, turned[2] / norm, turned[3] / norm)
         self._incline(self._turned)

@@ -9,20 +9,16 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.arducopter.modes import CENTI, descend
-from zmav.sim.autopilots.ardupilot.waits import delay
+from zmav.sim.autopilots.arducopter.modes import descend
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.auto import Auto
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 INFO = 6
-EDGE_M = 3.0  # so near to its centre, circling begins at once
-PASSING = (16, 17, 19, 82)  # commands that a waypoint before them is passed to without a stop
+PASSING = (16, 17, 19)  # commands that a waypoint before them is passed to without a stop
 LEAST_CLIMB_M = 1.0
-SLOWEST_TURN = math.radians(2.0)  # rad/s^2
 
 
 class Leg(ABC):
@@ -113,7 +109,7 @@ class Takeoff(Leg):
 
 
 class Waypoint(Leg):
-    """To a place, and on after ``p1`` seconds there; also for splines, which are flown straight."""
+    """To a place, and on after ``p1`` seconds there."""
 
     restarts = True
 
@@ -148,100 +144,6 @@ class LoiterTime(LoiterForever):
             return False
         self.copter.say(INFO, f"Reached command #{self.item.seq}")
         return True
-
-
-class LoiterToAlt(Leg):
-    """Over a place, then up or down to a height. Its end is not reported as an item reached."""
-
-    def begin(self) -> None:
-        place = self.go(self.item)
-        self._down = self.copter.place_of(self.item, place)[2]
-        s = self.copter.sense
-        self.copter.travel.go((place[0], place[1], s.down))
-        self._over = False
-
-    def run(self) -> None:
-        if not self.copter.spool():
-            return
-        self.copter.travel.update()
-        if self.copter.travel.reached and not self._over:
-            self._over = True
-            north, east, _ = self.copter.travel.destination
-            self.copter.travel.go((north, east, self._down))
-
-    def done(self) -> bool:
-        return self._over and abs(self.copter.sense.down - self._down) < 0.1
-
-
-class LoiterTurns(Leg):
-    """Circles about a place: ``p1`` turns with a radius of ``p3`` metres, counter-clockwise where that is negative."""
-
-    def begin(self) -> None:
-        copter, s = self.copter, self.copter.sense
-        self._centre = copter.place_of(self.item, (s.north, s.east, s.down))
-        self._radius = abs(self.item.p3) or copter.params["CIRCLE_RADIUS"] * CENTI
-        self._way = -1.0 if self.item.p3 < 0 else 1.0
-        self._angle: float | None = None
-        self._turned = self._rate = 0.0
-        self._said = -1
-        north, east = s.north - self._centre[0], s.east - self._centre[1]
-        off = math.hypot(north, east)
-        if math.hypot(off, s.down - self._centre[2]) <= EDGE_M:
-            self._circle()
-            return
-        angle = math.atan2(east, north) if off > 0.01 else s.yaw + math.pi
-        copter.travel.go(self._on_circle(angle))
-        self.auto.travelled = True
-        if off > self._radius and off > 5.0:
-            self.auto.look_ahead()
-        else:
-            copter.heading.hold(s.yaw)
-
-    def _circle(self) -> None:
-        s = self.copter.sense
-        self.copter.travel.release()
-        self._angle = math.atan2(s.east - self._centre[1], s.north - self._centre[0])
-
-    def _on_circle(self, angle: float) -> Vector:
-        north, east, down = self._centre
-        return north + self._radius * math.cos(angle), east + self._radius * math.sin(angle), down
-
-    def run(self) -> None:
-        copter = self.copter
-        if not self.copter.spool():
-            return
-        if self._angle is None:
-            copter.travel.update()
-            if copter.travel.reached:
-                self._circle()
-            return
-        accel = copter.sp.limit_of("accel")
-        fastest = min(copter.sp.limit_of("speed"), math.sqrt(0.5 * accel * self._radius)) / max(self._radius, 0.1)
-        wanted = min(math.radians(abs(copter.params["CIRCLE_RATE"])), fastest)
-        ramp = max(accel / max(self._radius, 0.1), SLOWEST_TURN) * copter.dt
-        self._rate = min(self._rate + ramp, wanted)
-        self._angle += self._way * self._rate * copter.dt
-        self._turned += self._rate * copter.dt
-        speed, toward = self._rate * self._radius, self._angle + self._way * math.pi / 2.0
-        copter.sp.move(
-            pos=self._on_circle(self._angle),
-            vel=(speed * math.cos(toward), speed * math.sin(toward), 0.0),
-            acc=(
-                -self._rate * speed * math.cos(self._angle),
-                -self._rate * speed * math.sin(self._angle),
-                0.0,
-            ),
-        )
-        copter.heading.hold(self._angle + math.pi)
-
-    def done(self) -> bool:
-        if self._angle is None:
-            return False
-        turns = self._turned / (2.0 * math.pi)
-        if int(turns) != self._said:
-            self._said = int(turns)
-            self.copter.say(INFO, f"Mission: starting circle {self._said + 1}/{int(self.item.p1)}")
-        return turns >= self.item.p1
 
 
 class ReturnToLaunch(Leg):
@@ -295,68 +197,11 @@ class LandAt(Leg):
         return False
 
 
-class Delay(Leg):
-    """``p1`` seconds from now, or until a time of day (UTC: hours, minutes and seconds in ``p2`` to ``p4``)."""
-
-    def begin(self) -> None:
-        seconds = delay(self.item, self.copter.unix_s())
-        self._end = self.copter.now + seconds
-        self.copter.say(INFO, f"Delaying {int(seconds)} sec")
-
-    def done(self) -> bool:
-        return self.copter.now > self._end
-
-
-class GuidedBounds:
-    """DO_GUIDED_LIMITS: how long and how far somebody outside may steer in a mission; a zero is no limit."""
-
-    def __init__(self) -> None:
-        self.limit(0.0, 0.0, 0.0, 0.0)
-        self._since, self._from = 0.0, (0.0, 0.0)
-
-    def limit(self, seconds: float, lowest: float, highest: float, away: float) -> None:
-        """Seconds; metres above the EKF's origin; metres over the ground."""
-        self._seconds, self._lowest, self._highest, self._away = seconds, lowest, highest, away
-
-    def begin(self, copter: ArduCopter) -> None:
-        self._since, self._from = copter.now, copter.local[:2]
-
-    def passed(self, copter: ArduCopter) -> bool:
-        north, east, down = copter.local
-        if self._seconds > 0.0 and copter.now - self._since >= self._seconds:
-            return True
-        if (self._lowest != 0.0 and -down < self._lowest) or (self._highest != 0.0 and -down > self._highest):
-            return True
-        return self._away > 0.0 and math.dist((north, east), self._from) > self._away
-
-
-class GuidedEnable(Leg):
-    """Targets from outside are taken as in GUIDED, until somebody sets another item or DO_GUIDED_LIMITS are passed."""
-
-    def begin(self) -> None:
-        if self.item.p1 > 0:
-            self.copter.guided.enter()
-            self.auto.bounds.begin(self.copter)
-
-    def run(self) -> None:
-        self.copter.guided.update()
-
-    def done(self) -> bool:
-        return self.item.p1 == 0 or self.auto.bounds.passed(self.copter)
-
-
 LEGS: dict[int, type[Leg]] = {
     16: Waypoint,
     17: LoiterForever,
-    18: LoiterTurns,
     19: LoiterTime,
     20: ReturnToLaunch,
     21: LandAt,
     22: Takeoff,
-    31: LoiterToAlt,
-    82: Waypoint,
-    84: Takeoff,
-    85: LandAt,
-    92: GuidedEnable,
-    93: Delay,
 }

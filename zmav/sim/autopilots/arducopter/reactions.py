@@ -5,35 +5,33 @@ https://ardupilot.org/copter/docs/failsafe-landing-page.html; what each says and
 
 from __future__ import annotations
 
-import enum
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.failsafe import announce
-from zmav.sim.autopilots.ardupilot.fence import ALWAYS_LAND, BRAKE_OR_LAND, CEILING, GIVE_UP_M, SMART_RTL_OR_LAND
-from zmav.sim.autopilots.ardupilot.reactions import Reactions
+from zmav.sim.autopilots.ardupilot.fence import ALWAYS_LAND, BRAKE_OR_LAND, CEILING, GIVE_UP_M
+from zmav.sim.autopilots.ardupilot.reactions import DISARM, Reactions, Steps
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
-_STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE, _SMART_RTL, _AUTO_RTL = 0, 2, 6, 9, 17, 21, 27
+_STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE = 0, 2, 6, 9, 17
 _CRITICAL, _WARNING = 2, 4
 # FS_OPTIONS
 RADIO_AUTO, GCS_AUTO, RADIO_GUIDED, LANDING, GCS_BY_PILOT = 1, 2, 4, 8, 16
 
 
-class Action(enum.IntEnum):
-    """What to do; the numbers of BATT_FS_LOW_ACT and BATT_FS_CRT_ACT."""
-
-    NONE = 0
-    LAND = 1
-    RTL = 2
-    SMART_RTL = 3
-    SMART_RTL_OR_LAND = 4
-    TERMINATE = 5
-    LAND_START = 6
-    BRAKE_OR_LAND = 7
-
-
+# The numbers of BATT_FS_LOW_ACT and BATT_FS_CRT_ACT.
+LAND, RTL = 1, 2
+ACTIONS: dict[int, Steps] = {
+    LAND: (_LAND,),
+    RTL: (_RTL, _LAND),
+    3: ("SmartRTL Unavailable, Trying RTL Mode", _RTL, _LAND),
+    4: ("SmartRTL Unavailable, Using Land Mode", _LAND),
+    5: (DISARM,),
+    6: ("Trying RTL Mode", _RTL, _LAND),  # a landing of the mission
+    7: (_BRAKE, "Trying Land Mode", _LAND),
+}
+FENCE_ACTIONS: dict[int, Steps] = {ALWAYS_LAND: (_LAND,), BRAKE_OR_LAND: (_BRAKE, _LAND), 5: (_LAND,)}
 _BY_GCS = {1: 2, 2: 2, 3: 3, 4: 4, 5: 1, 6: 6, 7: 7}  # FS_GCS_ENABLE -> Action
 _BY_THROTTLE = {1: 2, 2: 2, 3: 1, 4: 3, 5: 4, 6: 6, 7: 7}  # FS_THR_ENABLE -> Action
 _LAND_URGENCY = 1
@@ -43,8 +41,10 @@ class CopterReactions(Reactions):
     """By the numbers and texts of ArduCopter."""
 
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (5, 1, 2, 4, 3, 0)
+    ACTIONS = ACTIONS
 
     def __init__(self, copter: ArduCopter) -> None:
+        super().__init__(copter)
         self._copter = copter
 
     def gps_glitched(self, on: bool) -> None:
@@ -73,7 +73,7 @@ class CopterReactions(Reactions):
             announce(copter, "GCS", "Continuing Pilot Control")
         else:
             announce(copter, "GCS")
-            self._act(_BY_GCS.get(int(copter.params["FS_GCS_ENABLE"]), Action.RTL))
+            self.act(_BY_GCS.get(int(copter.params["FS_GCS_ENABLE"]), RTL))
 
     def radio_changed(self, lost: bool) -> None:
         copter = self._copter
@@ -90,19 +90,19 @@ class CopterReactions(Reactions):
             announce(copter, "Radio", "Continuing Guided Mode")
         else:
             announce(copter, "Radio")
-            self._act(_BY_THROTTLE.get(int(copter.params["FS_THR_ENABLE"]), Action.LAND))
+            self.act(_BY_THROTTLE.get(int(copter.params["FS_THR_ENABLE"]), LAND))
 
     def battery_failed(self, action: int) -> None:
         copter = self._copter
         if self._disarms():
             copter.disarm(forced=True)
             announce(copter, "Battery", "Disarming")
-        elif copter.mode.is_landing and self._option(LANDING) and action != Action.NONE:
+        elif copter.mode.is_landing and self._option(LANDING) and action:
             announce(copter, "Battery", "Continuing Landing")
-            self._act(Action.LAND)
+            self.act(LAND)
         else:
             announce(copter, "Battery")
-            self._act(action)
+            self.act(action)
 
     def estimate_lost(self) -> None:
         copter = self._copter
@@ -113,7 +113,7 @@ class CopterReactions(Reactions):
             copter.say(_CRITICAL, "EKF Failsafe")
             return
         if action != 2 or copter.rc.lost or not copter.set_mode(_ALT_HOLD):
-            self._land_with_pause()
+            self.act(LAND)
         copter.say(_CRITICAL, f"EKF Failsafe: changed to {copter.mode.name} Mode")
 
     def fence_breached(self, new: int, beyond_m: float) -> None:
@@ -123,17 +123,8 @@ class CopterReactions(Reactions):
         if copter.landed or (thrown and not copter.fence.breached & CEILING):
             copter.disarm(forced=True)
             return
-        if beyond_m > GIVE_UP_M or action == ALWAYS_LAND:
-            tries: tuple[int, ...] = (_LAND,)
-        elif action == BRAKE_OR_LAND:
-            tries = (_BRAKE, _LAND)
-        elif action == SMART_RTL_OR_LAND:
-            tries = (_SMART_RTL, _LAND)
-        else:
-            tries = (_RTL, _LAND)
-        for number in tries:
-            if copter.set_mode(number, by_fence=True):
-                return
+        steps = (_LAND,) if beyond_m > GIVE_UP_M else FENCE_ACTIONS.get(action, (_RTL, _LAND))
+        self.attempt(steps, by_fence=True)
 
     # ---- what is done
 
@@ -149,40 +140,12 @@ class CopterReactions(Reactions):
             return not copter.auto_armed and copter.landed
         return copter.landed
 
-    def _act(self, action: int) -> None:
-        """Carry out an :class:`Action`."""
-        copter = self._copter
-        if action == Action.LAND:
-            self._land_with_pause()
-        elif action == Action.RTL:
-            self._return_or_land()
-        elif action in (Action.SMART_RTL, Action.SMART_RTL_OR_LAND) and copter.set_mode(_SMART_RTL):
-            return
-        elif action == Action.SMART_RTL:
-            copter.say(_WARNING, "SmartRTL Unavailable, Trying RTL Mode")
-            self._return_or_land()
-        elif action == Action.SMART_RTL_OR_LAND:
-            copter.say(_WARNING, "SmartRTL Unavailable, Using Land Mode")
-            self._land_with_pause()
-        elif action == Action.TERMINATE:
-            copter.disarm(forced=True)
-        elif action == Action.LAND_START and copter.set_mode(_AUTO_RTL):
-            return
-        elif action == Action.LAND_START:
-            copter.say(_WARNING, "Trying RTL Mode")
-            self._return_or_land()
-        elif action == Action.BRAKE_OR_LAND and not copter.set_mode(_BRAKE):
-            copter.say(_WARNING, "Trying Land Mode")
-            self._land_with_pause()
-
-    def _land_with_pause(self) -> None:
-        """LAND, and four seconds for the pilot before it goes down."""
-        if self._copter.set_mode(_LAND):
+    def enter(self, mode: int, *, by_fence: bool) -> bool:
+        """Before a landing by itself the pilot has four seconds."""
+        done = super().enter(mode, by_fence=by_fence)
+        if done and mode == _LAND and not by_fence:
             self._copter.land.pause()
-
-    def _return_or_land(self) -> None:
-        if not self._copter.set_mode(_RTL):
-            self._land_with_pause()
+        return done
 
     def _goes_on_landing(self, what: str) -> bool:
         """A landing under way is not broken off; says so and sees that it is LAND."""
@@ -195,5 +158,5 @@ class CopterReactions(Reactions):
             announce(copter, what, "Continuing Landing")
         else:
             return False
-        self._act(Action.LAND)
+        self.act(LAND)
         return True

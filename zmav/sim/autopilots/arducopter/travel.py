@@ -1,16 +1,14 @@
 """Flying from one place to the next, as ArduCopter's waypoint navigation does: straight, with limited jerk, and
-through a corner without stopping where the way goes on.
-
-In a corner the next leg begins while the last one ends, and their motions add up; it begins as late as keeps the turn
-within WPNAV_RADIUS of the corner. Source: ardupilot.org, "Copter Position Control and Navigation", "S-Curves".
+through a corner without stopping where the way goes on, within WPNAV_RADIUS of it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.arducopter.profile import Profile
+from zmav.sim.autopilots.ardupilot.legs import Leg, Legs
 from zmav.sim.control.setpoints import Axis, Vector
 
 if TYPE_CHECKING:
@@ -21,40 +19,16 @@ SHORTEST_LEG_M = 0.1
 CENTI = 0.01
 
 
-class Leg:
-    """One straight from ``start`` to ``end``, and how far it is flown; ``planned``: the ground speed that it is for."""
-
-    def __init__(self, start: Vector, end: Vector, limits: tuple[float, float, float], planned: float) -> None:
-        self.end = end
-        self.planned = planned
-        self.time = 0.0
-        length = math.dist(start, end)
-        self.profile = Profile(length, *limits)
-        self.along = tuple((e - s) / length if length > 0 else 0.0 for s, e in zip(start, end, strict=True))
-
-    @property
-    def left(self) -> float:
-        """Seconds to the end."""
-        return max(self.profile.duration - self.time, 0.0)
-
-    def motion(self, ahead: float = 0.0) -> tuple[float, float, float]:
-        """Distance gone, speed and acceleration, now or so many seconds later."""
-        return self.profile.at(self.time + ahead)
-
-
-class Travel:
+class Travel(Legs):
     """One vehicle's way to a place."""
 
     def __init__(self, copter: ArduCopter) -> None:
+        super().__init__()  # without a leg it is led by the position controller alone
         self._copter = copter
         self.destination: Vector = (0.0, 0.0, 0.0)
         self.reached = True
         self.paused = False
         self._onward: Vector | None = None
-        self._leg: Leg | None = None  # None: led by the position controller alone
-        self._last: Leg | None = None  # the end of the one before, in a corner
-        self._next: Leg | None = None
-        self._pace = 1.0
 
     def go(self, destination: Vector, onward: Vector | None = None) -> None:
         """Fly to ``destination`` (the world's NED), and not stop there where there is a place to go ``onward`` to."""
@@ -141,16 +115,8 @@ class Travel:
 
     def _fly(self, leg: Leg) -> None:
         copter = self._copter
-        step = self._advance(leg)
-        leg.time += step
-        if self._last is not None:
-            self._last.time += step
-            if self._last.left == 0.0:
-                self._last = None
-        if self._next is not None:
-            self._next.time += step
-        elif self._onward is not None and not self.reached and leg.left <= leg.profile.ramp:
-            self._begin_turn(leg, self._onward)
+        if self._advance(leg, self._step(leg)) and self._onward is not None:
+            self._begin_turn(leg, self._plan((leg.end[0], leg.end[1], leg.end[2]), self._onward))
         self._aim(leg)
         if not self.reached:
             if self._next is not None:
@@ -159,7 +125,7 @@ class Travel:
                 self.reached = self._near(self.destination) or self._onward is not None
         copter.sp.raw(True)
 
-    def _advance(self, leg: Leg) -> float:
+    def _step(self, leg: Leg) -> float:
         """Seconds of the leg that this tick flies: fewer or more where the speed was changed, none in a pause."""
         copter = self._copter
         wanted = 0.0 if self.paused else copter.speeds["speed"] / leg.planned
@@ -167,46 +133,17 @@ class Travel:
         self._pace += min(max(wanted - self._pace, -most), most)
         return copter.dt * self._pace
 
-    def _begin_turn(self, leg: Leg, onward: Vector) -> None:
-        """Begin the next leg where the middle of the turn would pass the corner close and slow enough."""
-        following = self._plan(leg.end, onward)
-        half = 0.5 * leg.left
-        if leg.left > following.profile.ramp:
-            return
-        gone, speed, slowing = leg.motion(half)
-        on, start, rising = following.motion(half)
-        before = gone - leg.profile.length
-        off = [a * before + b * on for a, b in zip(leg.along, following.along, strict=True)]
-        turn = [a * speed + b * start for a, b in zip(leg.along, following.along, strict=True)]
-        push = [a * slowing + b * rising for a, b in zip(leg.along, following.along, strict=True)]
-        corner = self._copter.params["WPNAV_ACCEL_C"] or 2.0 * self._copter.params["WPNAV_ACCEL"]
-        if (
-            math.hypot(*off) < self._copter.params["WPNAV_RADIUS"] * CENTI
-            and math.hypot(*turn) <= min(leg.profile.speed, following.profile.speed) + 1e-6
-            and math.hypot(push[0], push[1]) < corner * CENTI
-        ):
-            self._next = following
+    def _turn_fits(self, leg: Leg, following: Leg, off: float, speed: float, push: Sequence[float]) -> bool:
+        params = self._copter.params
+        corner = params["WPNAV_ACCEL_C"] or 2.0 * params["WPNAV_ACCEL"]
+        slow = speed <= min(leg.profile.speed, following.profile.speed) + 1e-6
+        return off < params["WPNAV_RADIUS"] * CENTI and slow and math.hypot(push[0], push[1]) < corner * CENTI
 
     def _aim(self, leg: Leg) -> None:
-        """The sum of what the legs of a corner ask for."""
-        pace = self._pace
-        gone, speed, accel = leg.motion()
-        left = leg.profile.length - gone
-        parts = [(leg.along, -left, speed, accel)]
-        if self._last is not None:
-            gone, speed, accel = self._last.motion()
-            parts.append((self._last.along, gone - self._last.profile.length, speed, accel))
-        if self._next is not None:
-            parts.append((self._next.along, *self._next.motion()))
-        place = [sum(along[i] * far for along, far, _, _ in parts) for i in range(3)]
-        d = self.destination
+        place, vel, acc = self._motion(leg)
+        pace, d = self._pace, self.destination
         self._copter.sp.move(
             pos=(d[0] + place[0], d[1] + place[1], d[2] + place[2]),
-            vel=_sum([(along, speed * pace) for along, _, speed, _ in parts]),
-            acc=_sum([(along, accel * pace * pace) for along, _, _, accel in parts]),
+            vel=(vel[0] * pace, vel[1] * pace, vel[2] * pace),
+            acc=(acc[0] * pace * pace, acc[1] * pace * pace, acc[2] * pace * pace),
         )
-
-
-def _sum(parts: list[tuple[tuple[float, ...], float]]) -> Vector:
-    north, east, down = (sum(along[i] * size for along, size in parts) for i in range(3))
-    return north, east, down

@@ -1,94 +1,75 @@
-"""ArduPilot's navigation filter (EKF3) as its vehicle and a ground station see it: which sensors it trusts, for how
-long it goes on without them, what it says, and what EKF_STATUS_REPORT shows.
+"""ArduPilot's navigation filter (EKF3): for how long it goes on without a sensor, what it says, and what
+EKF_STATUS_REPORT shows.
 
-The sensors' errors themselves are in :mod:`zmav.sim.sensors`; this decides what becomes of them. Gates, noises and
-times are EK3_POS_I_GATE, EK3_POSNE_M_NSE, EK3_GLITCH_RAD and their like at their defaults, and the sequences follow a
-real ArduCopter with each sensor failing in flight. Source: https://ardupilot.org/copter/docs/common-apm-navigation-
-extended-kalman-filter-overview.html
+Gates, noises and times are EK3_POS_I_GATE, EK3_POSNE_M_NSE, EK3_GLITCH_RAD and their like at their defaults, and the
+sequences follow a real ArduCopter with each sensor failing in flight. Source: https://ardupilot.org/copter/docs/common-
+apm-navigation-extended-kalman-filter-overview.html
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.boot import Flag
-from zmav.sim.dynamics.airframe import GRAVITY
+from zmav.sim.autopilots.navigation import DEAD_RECKONING, GATE, NavigationFilter
 from zmav.sim.sensors.estimate import Belief
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 _CRITICAL, _WARNING, _INFO = 2, 4, 6
-GATE = 5.0  # standard deviations that a position may be off
-POSITION_VARIANCE, GROWTH = 0.28, 0.0172  # m^2 of a GPS innovation per axis; m^2/s without fusion
-HEIGHT_VARIANCE = 4.1  # m^2
+GROWTH = 0.0172  # m^2/s of the position without fusion
 RETRY_WITH_VELOCITY_S, RETRY_S, TILT_DRIFT_S = 10.0, 7.0, 15.0
 RESET_AFTER_S = 0.2  # the next solution comes
 DOUBT_AFTER_S, TRUST_AFTER_S = 1.1, 10.0  # innovations out of their gate; within
-HEIGHT_RETRY_S = 10.0
 REACQUIRE_S = 0.5  # from the GPS's return until it is used again, after it was given up
-DEAD_RECKONING = 0.02  # m/s^2 that a tilt error of a tenth of a degree makes
 # Compass: its test ratio per gauss that it disagrees, how fast the heading follows it while that is below 1, how fast
 # the filter learns the disagreement away, and how long it waits for a compass that it does not believe.
 MAG_PER_GAUSS, MAG_FOLLOW_S, MAG_LEARN_S, MAG_RETRY_S = 5.2, 4.0, 14.0, 10.0
-TURNED_ENOUGH = 0.5  # rad of error that flying can show
-SHOWN_MPS = 6.0  # of speed gained the wrong way, until the heading is taken from the GPS
 _BASE = {"velocity": 0.008, "position": 0.004, "height": 0.0005, "compass": 0.011}
 
 
-class Ekf3:
-    """One vehicle's filter. :meth:`update` is called ten times a second."""
+class Ekf3(NavigationFilter):
+    """One vehicle's filter."""
+
+    USUAL = _BASE
+    POSITION_VARIANCE: ClassVar[float] = 0.28
+    HEIGHT_VARIANCE: ClassVar[float] = 4.1
+    HEIGHT_RETRY_S: ClassVar[float] = 10.0
 
     def __init__(self, vehicle: ArduVehicle) -> None:
         self._vehicle = vehicle
-        self._belief: Belief | None = None
-        self.power_on()
-
-    def attach(self, belief: Belief) -> None:
-        """Steer the estimate of the body that the vehicle sits in."""
-        self._belief = belief
-
-    @property
-    def belief(self) -> Belief | None:
-        """What it steers, once it sits in a body."""
-        return self._belief
+        super().__init__(vehicle)
 
     def power_on(self) -> None:
-        """Start from nothing."""
         now = self._vehicle.now
-        self._leading = False
-        self._passed = self._vel_passed = self._height_passed = now
+        self._vel_passed = now
         self._back_at: float | None = None
         self._failing_since: float | None = None
         self._good_since: float | None = None
-        self._variance = POSITION_VARIANCE
         self._lane = 0
         self._slip = (0.0, 0.0)
-        self._shown = 0.0
-        self._compass_seen = 0.0
         self._compass_off = 0.0  # how far the compass disagrees, as the filter sees it
         self._heading_taken = 0.0  # of that, what it has believed
         self._mag_passed = now
-        self._gps_heading = False
-        self.aiding = True
+        self._aiding = True
         self.position_timeout = False
-        self.glitching = False
-        self.ratios = dict(_BASE)
-        if self._belief is not None and self._belief.led:
-            self._belief.forget()
+        super().power_on()
 
     # ---- what it knows
 
     @property
     def good(self) -> bool:
-        """Its position is one to go by, once there has been one."""
         return self.aiding and not self.position_timeout
 
     @property
-    def has_fix(self) -> bool:
-        """The GPS has a solution."""
-        return self._belief is None or self._belief.has_fix
+    def aiding(self) -> bool:
+        return self._aiding
+
+    @property
+    def started(self) -> bool:
+        return self._vehicle.boot.has("position")
 
     @property
     def flags(self) -> Flag:
@@ -126,42 +107,17 @@ class Ekf3:
 
     @property
     def _height_lost(self) -> bool:
-        return self._leading and self._vehicle.now - self._height_passed > HEIGHT_RETRY_S
+        return self._leading and self._vehicle.now - self._height_passed > self.HEIGHT_RETRY_S
 
-    # ---- ten times a second
+    def begin(self) -> None:
+        self._vel_passed = self._good_since = self._vehicle.now
 
-    def update(self, dt: float) -> None:
-        belief = self._belief
-        if belief is None or not (belief.troubled or self._leading):
-            return
-        if not self._vehicle.boot.has("position"):
-            return
-        if not self._leading:
-            self._begin(belief)
-        self._watch_gps(belief, dt)
-        self._watch_compass(belief, dt)
-        self._watch_height(belief)
-        if not belief.troubled and self._recovered:
-            self._leading = False
-            belief.lead(False)
-
-    @property
-    def _recovered(self) -> bool:
-        """Nothing is left of what was wrong."""
-        assert self._belief is not None
-        close = max(map(abs, self._belief.innovation)) < 0.05 and abs(self._belief.yaw_error) < 0.005
-        return close and self.good and not self.glitching and self._compass_off < 0.005
-
-    def _begin(self, belief: Belief) -> None:
-        now = self._vehicle.now
-        self._leading = True
-        self._passed = self._vel_passed = self._height_passed = now
-        self._good_since = now
-        belief.lead(True)
+    def recovered(self, belief: Belief) -> bool:
+        return super().recovered(belief) and self._compass_off < 0.005
 
     # ---- GPS
 
-    def _watch_gps(self, belief: Belief, dt: float) -> None:
+    def watch_gps(self, belief: Belief, dt: float) -> None:
         now = self._vehicle.now
         if not belief.has_fix:
             self._back_at = None
@@ -190,7 +146,7 @@ class Ekf3:
         now = self._vehicle.now
         self._passed = now
         self.position_timeout = False
-        self._variance = POSITION_VARIANCE
+        self._variance = self.POSITION_VARIANCE
         self._failing_since = None
         belief.follow(True)
         self._good_since = now if self._good_since is None else self._good_since
@@ -221,7 +177,7 @@ class Ekf3:
         self._passed = self._vel_passed = self._vehicle.now
         self.position_timeout = False
         self._failing_since = None
-        self._variance = POSITION_VARIANCE
+        self._variance = self.POSITION_VARIANCE
         self.ratios["position"], self.ratios["velocity"] = _BASE["position"], _BASE["velocity"]
         self._switch_lane()
 
@@ -244,7 +200,7 @@ class Ekf3:
         if self.aiding and now - self._passed > RETRY_S:
             self.position_timeout = True
         if self.aiding and now - self._passed > TILT_DRIFT_S:
-            self.aiding = False
+            self._aiding = False
             self.glitching = False
             assert self._belief is not None
             self._belief.slide(0.0, 0.0)
@@ -252,7 +208,7 @@ class Ekf3:
             self._say_both("stopped aiding", _WARNING)
 
     def _restart(self, belief: Belief) -> None:
-        self.aiding, self.position_timeout = True, False
+        self._aiding, self.position_timeout = True, False
         belief.reset_position()
         self._slip = (0.0, 0.0)
         self._passed = self._vel_passed = self._vehicle.now
@@ -265,11 +221,11 @@ class Ekf3:
 
     # ---- compass
 
-    def _watch_compass(self, belief: Belief, dt: float) -> None:
+    def watch_compass(self, belief: Belief, dt: float) -> None:
         turn, now = belief.compass_turn, self._vehicle.now
-        if turn != self._compass_seen:
+        if turn != self._turn_seen:
             self._compass_off = min(abs(math.remainder(turn - self._heading_taken, math.tau)), math.pi)
-            self._compass_seen, self._gps_heading = turn, False
+            self._turn_seen, self._by_course = turn, False
             self._shown, self._mag_passed = 0.0, now
         ratio = MAG_PER_GAUSS * belief.level_field * 2.0 * math.sin(self._compass_off / 2.0)
         self.ratios["compass"] = max(ratio, _BASE["compass"])
@@ -278,50 +234,14 @@ class Ekf3:
         if ratio < 1.0:
             self._mag_passed = now
             self._compass_off *= math.exp(-dt / MAG_LEARN_S)
-            self._follow_compass(belief, turn, dt)
+            if not self._by_course:
+                self._heading_taken = turn
+                self._follow_compass(belief, dt / MAG_FOLLOW_S)
         elif now - self._mag_passed > MAG_RETRY_S:
             self._mag_passed = now
             for other in (1, 0):
                 self._say_both(f"switching to compass {other}", _INFO)
         self._watch_course(belief, dt)
 
-    def _follow_compass(self, belief: Belief, turn: float, dt: float) -> None:
-        if self._gps_heading:
-            return
-        self._heading_taken = turn
-        error = belief.yaw_error
-        error += math.remainder(turn - error, math.tau) * min(dt / MAG_FOLLOW_S, 1.0)
-        if error != belief.yaw_error:
-            belief.turn(0.0 if abs(error) < 1e-4 and turn == 0.0 else error)
-
-    def _watch_course(self, belief: Belief, dt: float) -> None:
-        """A wrong heading shows in the GPS's velocity as soon as the vehicle speeds up: it goes the wrong way."""
-        vehicle, error = self._vehicle, belief.yaw_error
-        sense = vehicle.sense
-        level = math.hypot(sense.roll, sense.pitch) * GRAVITY
-        astray = level * abs(2.0 * math.sin(error / 2.0))
-        if self.aiding and belief.has_fix:
-            wanted = _BASE["velocity"] + 0.35 * astray
-            self.ratios["velocity"] += (wanted - self.ratios["velocity"]) * min(dt / 1.0, 1.0)
-        if vehicle.armed and abs(error) > TURNED_ENOUGH:
-            self._shown += astray * dt
-            if self._shown >= SHOWN_MPS:
-                self._gps_heading, self._shown = True, 0.0
-                belief.turn(0.0, reset=True)
-                self._switch_lane()
-
-    # ---- height
-
-    def _watch_height(self, belief: Belief) -> None:
-        now = self._vehicle.now
-        if belief.baro_lost:
-            return  # the GPS's vertical speed and the accelerometers hold it, until the times are over
-        down = belief.innovation[2]
-        ratio = down * down / (GATE * GATE * HEIGHT_VARIANCE)
-        self.ratios["height"] = max(math.sqrt(ratio), _BASE["height"])
-        if ratio < 1.0:
-            self._height_passed = now
-            belief.follow_height()
-        elif now - self._height_passed > HEIGHT_RETRY_S:
-            belief.reset_height()
-            self._height_passed = now
+    def course_taken(self) -> None:
+        self._switch_lane()

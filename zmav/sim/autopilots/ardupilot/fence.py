@@ -8,12 +8,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar
 
-import msgspec
-
 from zmav.sim.autopilots import items
+from zmav.sim.autopilots.areas import CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, Area, Corner, areas_of, corner
 from zmav.sim.autopilots.items import Item, ItemStore, Result, check_place
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.geo import Position, to_ned
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
@@ -21,38 +19,15 @@ if TYPE_CHECKING:
 CEILING, CIRCLE, POLYGON, FLOOR = 1, 2, 4, 8  # FENCE_TYPE
 EVERYTHING = CEILING | CIRCLE | POLYGON | FLOOR
 REPORT_ONLY, ALWAYS_LAND, BRAKE_OR_LAND = 0, 2, 4  # FENCE_ACTION
-SMART_RTL, SMART_RTL_OR_LAND = 3, 5
 UNION, NO_MODE_CHANGE = 2, 1  # FENCE_OPTIONS
 WHEN_ARMED = 3  # FENCE_AUTOENABLE
 GIVE_UP_M = 100.0  # beyond, it just lands
 BACKUP_M = 20.0  # farther out: another breach
 RECOVERY_S = 10.0
-RETURN_POINT, STAY_IN, STAY_OUT, CIRCLE_IN, CIRCLE_OUT = 5000, 5001, 5002, 5003, 5004  # MAV_CMD_NAV_FENCE_...
+RETURN_POINT = 5000  # MAV_CMD_NAV_FENCE_RETURN_POINT
 _FRAMES = (0, 3, 5, 6, 10, 11)
 _NAMES = ((CEILING, "Max Alt"), (CIRCLE, "Circle"), (POLYGON, "Polygon"), (FLOOR, "Min Alt"))
 _WARNING, _NOTICE, _INFO, _DEBUG = 4, 5, 6, 7
-
-Point = tuple[float, float]
-
-
-class Area(msgspec.Struct, frozen=True):
-    """A polygon (``radius`` None) or a circle (one corner) of the world's NED, to stay in or out of."""
-
-    corners: tuple[Point, ...]
-    radius: float | None
-    inside: bool
-
-    def outside_by(self, north: float, east: float) -> float:
-        """Metres on the wrong side; negative on the right one."""
-        if self.radius is not None:
-            beyond = math.hypot(north - self.corners[0][0], east - self.corners[0][1]) - self.radius
-            return beyond if self.inside else -beyond
-        edge = min(
-            _to_edge((north, east), a, b)
-            for a, b in zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
-        )
-        within = _contains(self.corners, north, east)
-        return -edge if within == self.inside else edge
 
 
 class FenceItems(ItemStore):
@@ -89,9 +64,9 @@ class FenceItems(ItemStore):
             return Result.UNSUPPORTED_FRAME
         if not RETURN_POINT <= item.command <= CIRCLE_OUT:
             return Result.UNSUPPORTED
-        if item.command in (STAY_IN, STAY_OUT) and not item.p1 <= 255:
+        if item.command in (POLYGON_IN, POLYGON_OUT) and not item.p1 <= 255:
             return Result.INVALID_PARAM1
-        p1 = float(int(item.p1)) if item.command in (STAY_IN, STAY_OUT) and item.p1 > 0 else item.p1
+        p1 = float(int(item.p1)) if item.command in (POLYGON_IN, POLYGON_OUT) and item.p1 > 0 else item.p1
         p1 = 0.0 if item.command == RETURN_POINT else p1
         self._new[item.seq] = Item(
             command=item.command, frame=0, p1=p1, x=item.x, y=item.y, seq=item.seq, autocontinue=0
@@ -107,7 +82,7 @@ class FenceItems(ItemStore):
             self._vehicle.say(_WARNING, "Fence validation failed")
             return Result.ERROR
         self._items = new
-        self.areas = self._as_areas()
+        self.areas = list(areas_of(new, self._vehicle.world))
         self._vehicle.say(_DEBUG, "Fence Indexed OK")
         self._vehicle.sized("FENCE_TOTAL", len(new) + 2 if len(new) >= 3 else 0)
         return Result.ACCEPTED
@@ -126,7 +101,7 @@ class FenceItems(ItemStore):
         """What is wrong with the whole, in ArduPilot's words; empty: nothing."""
         left, kind, size, returns = 0, 0, 0.0, 0
         for item in new:
-            if item.command in (STAY_IN, STAY_OUT):
+            if item.command in (POLYGON_IN, POLYGON_OUT):
                 if not item.p1 >= 3:
                     return f"Invalid vertex count ({int(item.p1) if item.p1 > 0 else 0})"
                 if left == 0:
@@ -147,20 +122,6 @@ class FenceItems(ItemStore):
             if check_place(item) is not Result.ACCEPTED:
                 return "Bad lat or lon"
         return "Incorrect item count" if left else ""
-
-    def _as_areas(self) -> list[Area]:
-        areas = []
-        corners: list[Point] = []
-        for item in self._items:
-            north, east, _ = to_ned(Position(item.x * 1e-7, item.y * 1e-7, 0.0), self._vehicle.world)
-            if item.command in (CIRCLE_IN, CIRCLE_OUT):
-                areas.append(Area(((north, east),), item.p1, item.command == CIRCLE_IN))
-            elif item.command in (STAY_IN, STAY_OUT):
-                corners.append((north, east))
-                if len(corners) == int(item.p1):
-                    areas.append(Area(tuple(corners), None, item.command == STAY_IN))
-                    corners = []
-        return areas
 
 
 class Fence:
@@ -210,23 +171,13 @@ class Fence:
         return not any(outside)
 
     @property
-    def return_point(self) -> Point | None:
+    def return_point(self) -> Corner | None:
         """Where a plane returns to, north and east in the world; None where none was uploaded."""
         for seq in range(len(self.items)):
             item = self.items.read(seq)
             if isinstance(item, Item) and item.command == RETURN_POINT:
-                return to_ned(Position(item.x * 1e-7, item.y * 1e-7, 0.0), self._vehicle.world)[:2]
+                return corner(item, self._vehicle.world)
         return None
-
-    def enable(self, on: bool, types: int = EVERYTHING) -> bool:
-        """Switch fences on or off in flight (DO_FENCE_ENABLE); False where there is none to switch on."""
-        wanted = self.configured & types
-        if on and not self.present & types:
-            return False
-        self.enabled = self.enabled | wanted if on else self.enabled & ~wanted
-        if not on:
-            self.breached &= ~wanted
-        return True
 
     @property
     def ceiling(self) -> float | None:
@@ -273,7 +224,7 @@ class Fence:
 
     def on_arming(self) -> None:
         if int(self._vehicle.params.get("FENCE_AUTOENABLE")) == WHEN_ARMED:
-            self.enable(True, EVERYTHING & ~FLOOR)
+            self.enabled |= self.configured & ~FLOOR
             if self.active:
                 self._vehicle.say(_NOTICE, f"{names(self.active)} auto-enabled")
 
@@ -373,21 +324,3 @@ def names(kinds: int) -> str:
     if len(found) < 2:
         return f"{''.join(found)} fence"
     return f"{', '.join(found[:-1])} and {found[-1]} fences"
-
-
-def _to_edge(p: Point, a: Point, b: Point) -> float:
-    """From ``p`` to the line from ``a`` to ``b``, metres."""
-    along = (b[0] - a[0], b[1] - a[1])
-    length = along[0] * along[0] + along[1] * along[1]
-    share = ((p[0] - a[0]) * along[0] + (p[1] - a[1]) * along[1]) / length if length > 0 else 0.0
-    share = min(max(share, 0.0), 1.0)
-    return math.hypot(p[0] - a[0] - share * along[0], p[1] - a[1] - share * along[1])
-
-
-def _contains(corners: tuple[Point, ...], north: float, east: float) -> bool:
-    """Whether a ray to the east from the point crosses the polygon's edges an odd number of times."""
-    inside = False
-    for (n1, e1), (n2, e2) in zip(corners, (*corners[1:], corners[0]), strict=True):
-        if (n1 > north) != (n2 > north) and east < e1 + (north - n1) / (n2 - n1) * (e2 - e1):
-            inside = not inside
-    return inside

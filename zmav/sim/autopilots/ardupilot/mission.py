@@ -17,14 +17,13 @@ from zmav.sim.autopilots import items
 from zmav.sim.autopilots.ardupilot.plan import NAMES, is_navigation, stored
 from zmav.sim.autopilots.items import Item, ItemStore, Result
 
-JUMP, TAG, JUMP_TO_TAG = 177, 600, 601
-TAKEOFFS = (22, 84)
+JUMP, TAKEOFF = 177, 22
 LAND_START = 189
-LANDINGS = (21, 85, 208)
+LAND = 21
 FOREVER = -1  # of a jump
 MOST_LOOPS = 64
 CLEAR_ON_BOOT, CONTINUE_AFTER_LAND, KEEP_COUNTER = 1, 4, 8  # MIS_OPTIONS
-INFO = 6
+WARNING, INFO = 4, 6
 
 
 class State(enum.IntEnum):
@@ -102,11 +101,10 @@ class Mission(ItemStore):
         self._truncate(count)
         return Result.ACCEPTED
 
-    def reopen(self) -> Result:
-        return Result.ACCEPTED
-
     def put(self, item: Item, last: int) -> Result:
         kept = self.stored(item)
+        if kept is Result.UNSUPPORTED:
+            self._say(WARNING, f"Mission: MAV_CMD {item.command} is not simulated")
         if isinstance(kept, Result):
             return kept
         if kept.command == JUMP:
@@ -129,12 +127,6 @@ class Mission(ItemStore):
         self.changes += 1
         self._resized()
         return True
-
-    def close(self) -> Result:
-        return Result.ACCEPTED
-
-    def abandon(self) -> None:
-        """What has come stays."""
 
     def clear(self) -> bool:
         if self.armed() and self.state is State.RUNNING:
@@ -256,22 +248,6 @@ class Mission(ItemStore):
         running = self.state is State.RUNNING and self.nav is not None and 0 < self.nav.seq < len(self._items)
         return running and self.nav is not None and self.set_current(self.nav.seq)
 
-    def landing_start(self, distance: Callable[[Item], float]) -> int:
-        """Number of the nearest DO_LAND_START, by its own place or that of what is flown to after it; 0 for none."""
-        found = []
-        for index in range(1, len(self._items)):
-            if self._items[index].command == LAND_START:
-                item: Item | None = self._items[index]
-                if item is not None and item.here:
-                    item = self.next_navigation(index)
-                if item is not None:
-                    found.append((distance(item), index))
-        return min(found)[1] if found else 0
-
-    def jump_to_tag(self, tag: int) -> bool:
-        index = self._index_of_tag(tag)
-        return index > 0 and self.set_current(index)
-
     # ---- looking ahead
 
     def next_navigation(self, index: int) -> Item | None:
@@ -284,17 +260,9 @@ class Mission(ItemStore):
         return None
 
     def takeoff_next(self, index: int) -> bool:
-        """Whether a takeoff comes at or after ``index``, with nothing but delays before it."""
-        for _ in range(16):
-            item = self.next_navigation(index)
-            if item is None:
-                return False
-            if item.command in TAKEOFFS:
-                return True
-            if item.command != 93:
-                return False
-            index = index + 1
-        return False
+        """Whether a takeoff is the next thing to fly at or after ``index``."""
+        item = self.next_navigation(index)
+        return item is not None and item.command == TAKEOFF
 
     def starts_with_takeoff(self) -> bool:
         restart = int(self._param("MIS_RESTART")) == 1
@@ -361,9 +329,9 @@ class Mission(ItemStore):
             if index >= len(self._items):
                 return None
             item = self._items[index]
-            if item.command not in (JUMP, JUMP_TO_TAG):
+            if item.command != JUMP:
                 return item
-            target = int(item.p1) if item.command == JUMP else self._index_of_tag(int(item.p1))
+            target = int(item.p1)
             if not 0 < target < len(self._items) or (not counting and first_jump == index):
                 return None
             first_jump = index if first_jump is None else first_jump
@@ -381,17 +349,13 @@ class Mission(ItemStore):
             self._jumped.pop(item.seq, None)
         return item.seq + 1
 
-    def _index_of_tag(self, tag: int) -> int:
-        return next((item.seq for item in self._items[1:] if item.command == TAG and int(item.p1) == tag), 0)
-
     def _start(self, item: Item) -> bool:
-        if item.command in LANDINGS or item.command == LAND_START:
+        if item.command in (LAND, LAND_START):
             self.landing = True
-        elif item.command in TAKEOFFS:
+        elif item.command == TAKEOFF:
             self.landing = False
         name = NAMES.get(item.command, "?")
-        more = f" {int(item.p1)}" if item.command == TAG else ""
-        self._say(INFO, f"Mission: {item.seq} {name}{more}")
+        self._say(INFO, f"Mission: {item.seq} {name}")
         return self.performer is not None and self.performer.start(item)
 
     def _verify(self, item: Item) -> bool:

@@ -21,7 +21,7 @@ FREE_FUNCTIONS = frozenset((0, 1, 22, 23, 28, *range(51, 67)))  # SERVOn_FUNCTIO
 INFO = 6
 RETRACT, NEUTRAL, TARGETING, RC_TARGETING, GPS_POINT = 0, 1, 2, 3, 4  # MAV_MOUNT_MODE
 _RETRACTED, _NEUTRAL, _YAW_LOCK = 1, 2, 16  # GIMBAL_MANAGER_FLAGS
-PITCH_RANGE, YAW_RANGE = (-90.0, 20.0), 180.0  # degrees
+PITCH_RANGE = (-90.0, 20.0)  # degrees
 
 
 class Camera:
@@ -91,7 +91,7 @@ class Gimbal:
             return False
         self.mode, self.target, self.locked = TARGETING, None, locked
         self.pitch_rate = self.yaw_rate = 0.0
-        self.roll, self.pitch, self.yaw = roll, _within(pitch), _wrap(yaw)
+        self.roll, self.pitch, self.yaw = roll, _within(pitch), math.remainder(yaw, 360.0)
         return True
 
     def slew(self, pitch_rate: float, yaw_rate: float, *, locked: bool) -> bool:
@@ -120,19 +120,12 @@ class Gimbal:
             self.yaw, self.locked = math.degrees(math.atan2(east, north)), True
         elif self.pitch_rate or self.yaw_rate:
             self.pitch = _within(self.pitch + self.pitch_rate * dt)
-            self.yaw = _wrap(self.yaw + self.yaw_rate * dt)
+            self.yaw = math.remainder(self.yaw + self.yaw_rate * dt, 360.0)
 
     @property
     def yaw_ahead(self) -> float:
         """Degrees right of the nose."""
-        return _wrap(self.yaw - math.degrees(self._vehicle.sense.yaw)) if self.locked else self.yaw
-
-
-class Repeat:
-    """A servo (with ``pwm``) or a relay that goes to and fro; ``left`` half cycles, for ever where it is negative."""
-
-    def __init__(self, number: int, pwm: int | None, left: int, every_s: float, now: float) -> None:
-        self.number, self.pwm, self.left, self.every_s, self.due = number, pwm, left, every_s, now
+        return math.remainder(self.yaw - math.degrees(self._vehicle.sense.yaw), 360.0) if self.locked else self.yaw
 
 
 class Payload:
@@ -144,11 +137,9 @@ class Payload:
         self.relays: list[bool] = [False] * RELAYS
         self.camera = Camera(vehicle)
         self.gimbal = Gimbal(vehicle)
-        self._repeat: Repeat | None = None
 
     def power_on(self) -> None:
         params = self._vehicle.params
-        self._repeat = None
         self.servos = [0] * OUTPUTS
         # Only a relay that is set up has the parameter that says how it starts.
         starts = [f"RELAY{i}_DEFAULT" for i in range(1, RELAYS + 1)]
@@ -159,8 +150,6 @@ class Payload:
 
     def update(self, dt: float) -> None:
         """Ten times a second."""
-        if self._repeat is not None:
-            self._go_on(self._repeat)
         if self.camera.present:
             self.camera.update()
         if self.gimbal.present:
@@ -169,50 +158,14 @@ class Payload:
     # ---- orders
 
     def set_servo(self, channel: int, pwm: int) -> bool:
-        """Set an output that nothing else drives, and end a repetition on it; else False, with the reason said."""
-        if not self._is_free(channel):
-            return False
-        if self._repeat is not None and self._repeat.pwm is not None and self._repeat.number == channel:
-            self._repeat = None
-        self.servos[channel - 1] = pwm
-        return True
-
-    def _is_free(self, channel: int) -> bool:
+        """Set an output that nothing else drives; else False, with the reason said."""
         if not 1 <= channel <= OUTPUTS:
             return False
         if int(self._vehicle.params[f"SERVO{channel}_FUNCTION"]) not in FREE_FUNCTIONS:
             self._vehicle.say(INFO, f"ServoRelayEvent: Channel {channel} is already in use")
             return False
+        self.servos[channel - 1] = pwm
         return True
-
-    def repeat_servo(self, channel: int, pwm: int, count: int, cycle_s: float) -> bool:
-        """Between that pulse width and SERVOn_TRIM, so many times, one there and back in ``cycle_s`` seconds."""
-        if not self._is_free(channel):
-            return False
-        self._repeat = Repeat(channel, pwm, 2 * count, 0.5 * cycle_s, self._vehicle.now)
-        self._go_on(self._repeat)
-        return True
-
-    def repeat_relay(self, index: int, count: int, cycle_s: float) -> bool:
-        """The other way and back, so many times."""
-        if not self.has_relay(index):
-            return False
-        self._repeat = Repeat(index, None, 2 * count, 0.5 * cycle_s, self._vehicle.now)
-        self._go_on(self._repeat)
-        return True
-
-    def _go_on(self, repeat: Repeat) -> None:
-        if repeat.left == 0:
-            self._repeat = None
-        elif self._vehicle.now >= repeat.due:
-            repeat.due += repeat.every_s
-            if repeat.pwm is None:
-                self.relays[repeat.number] = not self.relays[repeat.number]
-            else:
-                trim = int(self._vehicle.params[f"SERVO{repeat.number}_TRIM"])
-                self.servos[repeat.number - 1] = trim if repeat.left % 2 else repeat.pwm
-            if repeat.left > 0:
-                repeat.left -= 1
 
     def has_relay(self, index: int) -> bool:
         return 0 <= index < RELAYS and self._vehicle.params[f"RELAY{index + 1}_FUNCTION"] == 1
@@ -221,8 +174,6 @@ class Payload:
         """0: off, 1: on, anything else: the other way; False for a relay that is not set up."""
         if not self.has_relay(index):
             return False
-        if self._repeat is not None and self._repeat.pwm is None and self._repeat.number == index:
-            self._repeat = None
         self.relays[index] = bool(state) if state in (0, 1) else not self.relays[index]
         return True
 
@@ -252,12 +203,8 @@ class Payload:
         p1, p2, p3, p4 = item.params
         if item.command == 181:
             return self.set_relay(int(p1), int(p2))
-        if item.command == 182:
-            return self.repeat_relay(int(p1), int(p2), p3)
         if item.command == 183:
             return self.set_servo(int(p1), int(p2))
-        if item.command == 184:
-            return self.repeat_servo(int(p1), int(p2), int(p3), p4)
         if item.command == 203:
             return item.x == 1 and self.camera.shoot()
         if item.command == 205:
@@ -265,10 +212,6 @@ class Payload:
         if item.command == 206:
             self.camera.spacing_m = p1
             return p3 != 1 or self.camera.shoot()
-        if item.command == 207:
-            return self._vehicle.fence.enable(p1 == 1)
-        if item.command == 218:
-            return self._vehicle.rc.run_function(int(p1), int(p2))
         if item.command == 1000:
             return self.gimbal_manager((p1, p2, p3, p4), item.x, int(item.z))
         if item.command == 2000:
@@ -281,7 +224,3 @@ class Payload:
 
 def _within(pitch: float) -> float:
     return min(max(pitch, PITCH_RANGE[0]), PITCH_RANGE[1])
-
-
-def _wrap(yaw: float) -> float:
-    return (yaw + YAW_RANGE) % (2.0 * YAW_RANGE) - YAW_RANGE

@@ -54,18 +54,6 @@ def _side(value: float) -> float:
     return -1.0 if value < 0 else 1.0
 
 
-def _turns(value: float) -> float:
-    if 0.0 < value < 1.0:
-        return math.floor(value * 256.0) / 256.0
-    return float(min(255, _U16(value)))
-
-
-def _radius(value: float) -> float:
-    size = abs(value)
-    kept = float(int(size)) if size <= 255 else float(min(255, int(size * 0.1)) * 10)
-    return math.copysign(kept, value) if kept else 0.0
-
-
 _U8, _U16, _I8, _I16 = _whole(8), _whole(16), _whole(8, signed=True), _whole(16, signed=True)
 _F = _single
 
@@ -73,118 +61,51 @@ _F = _single
 _KEPT: dict[int, tuple[Keep, ...]] = {
     16: (_U16,),  # NAV_WAYPOINT
     17: (_none, _none, _signed_u16),  # NAV_LOITER_UNLIM
-    18: (_turns, _none, _radius, _flag),  # NAV_LOITER_TURNS
     19: (_U16, _none, _side, _flag),  # NAV_LOITER_TIME
     20: (),  # NAV_RETURN_TO_LAUNCH
     21: (_U16, _none, _none, _side),  # NAV_LAND
     22: (_U16,),  # NAV_TAKEOFF
-    30: (_U16,),
     31: (_none, _signed_u16, _none, _flag),  # NAV_LOITER_TO_ALT
-    82: (_U16,),  # NAV_SPLINE_WAYPOINT
-    83: (_F, _F, _U8),
-    84: (),
-    85: (_U16,),
-    92: (_U16,),  # NAV_GUIDED_ENABLE
-    93: (_F, _I8, _I8, _I8),  # NAV_DELAY
-    94: (lambda value: _U16(value * 100.0) * 0.01,),  # NAV_PAYLOAD_PLACE
-    112: (_F,),  # CONDITION_DELAY
-    114: (_F,),  # CONDITION_DISTANCE
-    115: (_F, _F, _I8, _U8),  # CONDITION_YAW
     177: (_U16, _I16),  # DO_JUMP
     178: (_U8, _F, _F),  # DO_CHANGE_SPEED
     179: (_U16,),  # DO_SET_HOME
     181: (_U8, _U8),  # DO_SET_RELAY
-    182: (_U8, _I16, _F),
     183: (_U8, _U16),  # DO_SET_SERVO
-    184: (_U8, _U16, _I16, _F),
-    188: (),
     189: (),
-    191: (),
-    193: (_U16,),
-    194: (_U16,),
     195: (_U16,),  # DO_SET_ROI_LOCATION
     197: (_U16,),  # DO_SET_ROI_NONE
     201: (_U16,),  # DO_SET_ROI
-    202: (_U8, _U16, _U8, _U16),
     203: (_U8, _U8, _I8, _U8),  # DO_DIGICAM_CONTROL
     205: (_F, _F, _F),  # DO_MOUNT_CONTROL
     206: (_F, _none, _U8),  # DO_SET_CAM_TRIGG_DIST
-    207: (_U16,),  # DO_FENCE_ENABLE
-    208: (_U16,),
-    210: (_U16,),
-    211: (_U8, _U8),
-    212: (_U16,),
-    213: (_F, _F, _U8),
-    215: (_U16,),
-    216: (_U16,),
-    217: (_U16, _F, _F, _F),
-    218: (_U16, _U8),  # DO_AUX_FUNCTION
-    222: (_U16, _F, _F, _F),  # DO_GUIDED_LIMITS
-    223: (_flag, _flag, _F),
-    531: (_U8, _F),
-    532: (_U8, _F),
-    534: (_U8, _U8, _U8),
-    600: (_U16,),  # JUMP_TAG
-    601: (_U16, _I16),  # DO_JUMP_TAG
     1000: (_I8, _I16, _I8, _I8),  # DO_GIMBAL_MANAGER_PITCHYAW
     2000: (_U8, _F, _U16, _U16),  # IMAGE_START_CAPTURE
     2001: (_U16,),
-    2500: (_U8,),
-    2501: (_U8,),
-    3000: (_U8,),
-    42600: (_U8, _U8, _F, _F),
-    42702: (_U8, _U8, _F, _F),
-    42703: (_U16, _I16, _I8, _I16),
 }
 _XY_BYTES = {203, 1000}  # keep small numbers in x and y, or x and z
-_NAN_ALLOWED = {16: (3,), 17: (3,), 21: (3,), 22: (3,), 84: (3,), 85: (2, 3)}
+_NAN_ALLOWED = {16: (3,), 17: (3,), 21: (3,), 22: (3,)}
 _INVALID_PARAM = (Result.INVALID_PARAM1, Result.INVALID_PARAM2, Result.INVALID_PARAM3, Result.INVALID_PARAM4)
 
 NAMES: dict[int, str] = {
     16: "WP",
     17: "LoitUnlim",
-    18: "LoitTurns",
     19: "LoitTime",
     20: "RTL",
     21: "Land",
     22: "Takeoff",
-    30: "ContinueAndChangeAlt",
     31: "LoitAltitude",
-    82: "SplineWP",
-    84: "VTOLTakeoff",
-    85: "VTOLLand",
-    92: "GuidedEnable",
-    93: "Delay",
-    94: "PayloadPlace",
-    112: "CondDelay",
-    114: "CondDist",
-    115: "CondYaw",
     177: "Jump",
     178: "ChangeSpeed",
     179: "SetHome",
     181: "SetRelay",
-    182: "RepeatRelay",
     183: "SetServo",
-    184: "RepeatServo",
-    188: "ReturnPathStart",
     189: "LandStart",
-    191: "Go Around",
-    193: "PauseContinue",
-    194: "SetReverse",
     195: "SetROILocation",
     197: "SetROINone",
     201: "SetROI",
-    202: "DigiCamCfg",
     203: "DigiCamCtrl",
     205: "MountControl",
     206: "SetCamTrigDst",
-    207: "FenceEnable",
-    208: "Parachute",
-    213: "SetYawSpd",
-    218: "AuxFunction",
-    222: "GuidedLimits",
-    600: "Tag",
-    601: "JumpToTag",
     1000: "GimbalPitchYaw",
     2000: "ImageStartCapture",
     2001: "ImageStopCapture",
@@ -230,4 +151,4 @@ def _placed(item: Item, bare: Item) -> Item | Result:
 
 def is_navigation(item: Item) -> bool:
     """Only one such command runs at a time; the others run beside it."""
-    return item.command <= 95 or item.command in (213, 42702, 42703)
+    return item.command <= 95

@@ -16,25 +16,15 @@ if TYPE_CHECKING:
 CHANNELS = 16
 RELEASED = 0
 IGNORED, RELEASED_UPPER = 65535, 65534  # UINT16_MAX and one less
-IGNORE_RECEIVER, IGNORE_OVERRIDES = 1, 2  # RC_OPTIONS
-NO_PULSES, LOW_THROTTLE = 1, 2  # SIM_RC_FAIL
 NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 FRAME_S = 0.02
 CONFIRMATIONS = 3  # throttle values in a row that start or end the failsafe
-DEBOUNCE_S = 0.2
 USUAL_TIMEOUT_S = 1.0
-SHORTEST, LONGEST = 800, 2200  # microseconds: pulses beyond are none
-LOW, MIDDLE, HIGH = 0, 1, 2
-# RCn_OPTION
-SAVE_WAYPOINT, CAMERA_TRIGGER, FENCE, MISSION_RESET, CLEAR_WAYPOINTS = 7, 9, 11, 24, 58
-OVERRIDE_ENABLE, ARM_DISARM = 46, 153
-RELAYS = {28: 0, 34: 1, 35: 2, 36: 3}
-_NAMES = {7: "SaveWaypoint", 9: "CameraTrigger", 11: "Fence", 24: "MissionReset", 58: "ClearWaypoint"}
-_NAMES |= {option: f"Relay{index + 1}" for option, index in RELAYS.items()}
-_FUNCTIONS = {*_NAMES, OVERRIDE_ENABLE, ARM_DISARM}
-_POSITIONS = ("LOW", "MIDDLE", "HIGH")
-_UNTOUCHED_AT_FIRST = {ARM_DISARM}
-_INFO = 6
+
+
+SWITCHES = {7: "SaveWaypoint"}  # RCn_OPTION of the real simulation's defaults; what a switch does is not simulated
+LOW_PWM, HIGH_PWM = 1200, 1800
+INFO = 6
 
 
 class Radio(Sticks):
@@ -44,14 +34,13 @@ class Radio(Sticks):
         super().__init__()
         self.pilot = pilot
         self.lost = False
-        self.overridable = True
         self._vehicle = vehicle
         self._overrides: dict[int, tuple[int, float]] = {}
         self._fresh = False
         self._next = self._heard = vehicle.now
         self._low = 0
         self._had_receiver = False
-        self._switches: dict[int, tuple[int, int, float]] = {}
+        self._switches_told = False
 
     # ---- from the ground
 
@@ -80,8 +69,6 @@ class Radio(Sticks):
             self.set_override(index, max(int(low + (high - low) * (value + offset) / scale), 0))
 
     def set_override(self, index: int, pwm: int) -> None:
-        if not self.overridable:
-            return
         self._overrides[index] = (pwm, self._vehicle.now)
         self._fresh = True
 
@@ -103,13 +90,12 @@ class Radio(Sticks):
         if now < self._next:
             return
         self._next = now + FRAME_S
-        fail = int(self._vehicle.params["SIM_RC_FAIL"])
-        receiving = self.pilot.sending and fail != NO_PULSES
+        receiving = self.pilot.sending
         self._had_receiver |= receiving
         if receiving or self._fresh:
             self._fresh = False
             self._heard = now
-            self._read(fail)
+            self._read()
             self._watch_throttle()
         elif not self.lost and self._vehicle.params[self._vehicle.RADIO_PARAMS[0]]:
             self._set_lost(now - self._heard >= self._timeout)
@@ -120,21 +106,18 @@ class Radio(Sticks):
         params = self._vehicle.params
         return max(params.get("RC_FS_TIMEOUT", params.get("FS_SHORT_TIMEOUT", USUAL_TIMEOUT_S)), 0.1)
 
-    def _read(self, fail: int) -> None:
-        if not self._overrides and fail == 0:
+    def _read(self) -> None:
+        if not self._overrides:
             self.pwm = self.pilot.pwm
             return
-        options = int(self._vehicle.params["RC_OPTIONS"])
         source = self.pilot.pwm if self.pilot.sending else self.pwm
-        if fail == LOW_THROTTLE:
-            source = [950 if i == 2 else 1500 for i in range(8)]
         merged = [*source, *[0] * (CHANNELS - len(source))]
         held = self.pwm + [0] * (CHANNELS - len(self.pwm))
         for index in range(CHANNELS):
-            pwm = RELEASED if options & IGNORE_OVERRIDES else self._override_of(index)
+            pwm = self._override_of(index)
             if pwm != RELEASED:
                 merged[index] = pwm
-            elif not self._had_receiver or options & IGNORE_RECEIVER:
+            elif not self._had_receiver:
                 merged[index] = held[index]
         self.pwm = merged
 
@@ -168,79 +151,14 @@ class Radio(Sticks):
         """The sticks may be believed."""
         return not self.lost and self._low == 0
 
-    # ---- auxiliary switches
-
-    def read_switches(self) -> None:
-        """Ten times a second: what RCn_OPTION says, for each switch that was moved."""
-        if not self.valid:
+    def tell_switches(self) -> None:
+        """Say once after the boot how the auxiliary switches stand."""
+        if self._switches_told or not self.valid:
             return
-        now = self._vehicle.now
+        self._switches_told = True
         for channel in range(5, len(self.pwm) + 1):
-            option = int(self._vehicle.params[f"RC{channel}_OPTION"])
+            name = SWITCHES.get(int(self._vehicle.params[f"RC{channel}_OPTION"]))
             pwm = self.pwm[channel - 1]
-            if option == 0 or not SHORTEST < pwm < LONGEST:
-                continue
-            position = LOW if pwm < 1200 else HIGH if pwm > 1800 else MIDDLE
-            first = position if option in _UNTOUCHED_AT_FIRST else -1
-            stands, moving, since = self._switches.get(channel, (first, first, now))
-            if stands == position:
-                moving = position
-            elif moving != position:
-                moving, since = position, now
-            elif now - since >= DEBOUNCE_S:
-                stands = position
-                if option in _NAMES:
-                    self._vehicle.say(_INFO, f"RC{channel}: {_NAMES[option]} {_POSITIONS[position]}")
-                self.run_function(option, position)
-            self._switches[channel] = stands, moving, since
-
-    def run_function(self, option: int, position: int) -> bool:
-        """Do what an auxiliary switch in that position does; False for a function that is not simulated."""
-        modes = self._vehicle.SWITCH_MODES
-        if option in modes:
-            self._change_mode(modes[option], position)
-            return True
-        _act(self._vehicle, option, position)
-        return option in _FUNCTIONS
-
-    def _change_mode(self, number: int, position: int) -> None:
-        if position == HIGH:
-            self._vehicle.set_mode(number)
-        elif self._vehicle.mode.number == number:
-            self._vehicle.follow_switch(force=True)
-
-
-def _override_enable(vehicle: ArduVehicle, position: int) -> None:
-    if position == HIGH:
-        vehicle.rc.overridable = True
-    elif position == LOW:
-        vehicle.rc.overridable = False
-        vehicle.rc.clear_overrides()
-
-
-def _arm(vehicle: ArduVehicle, position: int) -> None:
-    if position == HIGH:
-        vehicle.arm()
-    elif position == LOW:
-        vehicle.disarm(forced=True)
-
-
-def _act(vehicle: ArduVehicle, option: int, position: int) -> None:
-    """The functions that are no modes."""
-    high = position == HIGH
-    if option == FENCE:
-        vehicle.fence.enable(high)
-    elif option in RELAYS:
-        vehicle.payload.set_relay(RELAYS[option], int(high))
-    elif option == SAVE_WAYPOINT and high:
-        vehicle.save_waypoint()
-    elif option == CAMERA_TRIGGER and high:
-        vehicle.payload.camera.shoot()
-    elif option == MISSION_RESET and high:
-        vehicle.mission.reset()
-    elif option == CLEAR_WAYPOINTS and high:
-        vehicle.mission.clear()
-    elif option == OVERRIDE_ENABLE:
-        _override_enable(vehicle, position)
-    elif option == ARM_DISARM:
-        _arm(vehicle, position)
+            if name is not None and pwm:
+                stands = "LOW" if pwm < LOW_PWM else "HIGH" if pwm > HIGH_PWM else "MIDDLE"
+                self._vehicle.say(INFO, f"RC{channel}: {name} {stands}")

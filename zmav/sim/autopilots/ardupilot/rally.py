@@ -39,9 +39,6 @@ class Rally(ItemStore):
         self._vehicle.sized("RALLY_TOTAL", len(self._items))
         return Result.ACCEPTED
 
-    def reopen(self) -> Result:
-        return Result.ACCEPTED
-
     def put(self, item: Item, last: int) -> Result:
         if item.command != RALLY_POINT:
             return Result.UNSUPPORTED
@@ -63,12 +60,6 @@ class Rally(ItemStore):
             self._items.append(kept)
             self._vehicle.sized("RALLY_TOTAL", len(self._items))
         return Result.ACCEPTED
-
-    def close(self) -> Result:
-        return Result.ACCEPTED
-
-    def abandon(self) -> None:
-        """What has come stays."""
 
     def clear(self) -> bool:
         self._items = []

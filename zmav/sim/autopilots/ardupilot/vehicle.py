@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.arming import arming_faults, mandatory_faults, prearm_faults
@@ -16,15 +16,13 @@ from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Flag, Stage
 from zmav.sim.autopilots.ardupilot.ekf import Ekf3
 from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import Fence
-from zmav.sim.autopilots.ardupilot.mission import Mission, Performer
-from zmav.sim.autopilots.ardupilot.mode import Mode
+from zmav.sim.autopilots.ardupilot.mission import Mission
+from zmav.sim.autopilots.ardupilot.mode import AutoMode, GuidedMode, Mode
 from zmav.sim.autopilots.ardupilot.payload import Payload
 from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
 from zmav.sim.autopilots.ardupilot.radio import Radio
 from zmav.sim.autopilots.ardupilot.rally import Rally
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
-from zmav.sim.autopilots.ardupilot.simulated import SimParams
-from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.autopilots.placed import Placed
@@ -43,46 +41,6 @@ NAV_WAYPOINT = 16  # MAV_CMD
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
 
 
-class GuidedMode(Mode):
-    """GUIDED, as the protocol sees it."""
-
-    doing = Doing.HOLD
-    target = Target()
-
-    @abstractmethod
-    def hold(self) -> None:
-        """Stop, or stay about here: what a target that makes no sense leads to as well."""
-
-    @abstractmethod
-    def aim(self, target: Target) -> None:
-        """Take a target."""
-
-    @abstractmethod
-    def lean(self, target: AttitudeTarget) -> None:
-        """Take an attitude target."""
-
-
-class AutoMode(Mode, Performer):
-    """AUTO, as the protocol sees it: the mission's performer."""
-
-    @property
-    @abstractmethod
-    def target(self) -> Vector | None:
-        """The place that it goes to, in the world's NED."""
-
-    @property
-    def paused(self) -> bool:
-        """It stands still on its way."""
-        return False
-
-    def pause(self) -> bool:
-        """Stand still on the way; False where there is none."""
-        return False
-
-    def resume(self) -> None:
-        """Go on after :meth:`pause`."""
-
-
 class ArduVehicle(Placed, ABC):
     """Modes, arming and failsafes of one vehicle.
 
@@ -98,8 +56,8 @@ class ArduVehicle(Placed, ABC):
     MAV_TYPE: int
     MOTORS: int = 1
     """that share the battery's current"""
-    SWITCH_MODES: ClassVar[dict[int, int]]
-    """RCn_OPTION -> the mode that the switch turns on"""
+    NOT_SIMULATED: ClassVar[Mapping[int, str]]
+    """modes that the real firmware has and this one does not"""
     MODE_PARAM: ClassVar[str] = "FLTMODE"
     """of the mode switch: this and 1 to 6, and with _CH its channel"""
     STAGES: ClassVar[tuple[Stage, ...]] = STAGES
@@ -128,7 +86,6 @@ class ArduVehicle(Placed, ABC):
         self.unix_s: Callable[[], float] = lambda: self.now
         self.power = BatteryHandle.bench()
         self.filter = Ekf3(self)
-        self.simulated: SimParams | None = None
         self._ready_s = ready_s
         self._ticks = 0
         self.pilot = Pilot()
@@ -143,7 +100,8 @@ class ArduVehicle(Placed, ABC):
         self.armed = False
         self.landed = True
         self.power_on()
-        params.changed = self.param_changed
+        params.watch(self.param_changed)
+        params.watch(self._battery_changed)
 
     # ---- what a kind of vehicle says
 
@@ -197,18 +155,15 @@ class ArduVehicle(Placed, ABC):
         return faults if faults or self.boot.has("prearm") else ["AHRS not healthy"]
 
     def forget_mission(self) -> None:
-        """It was disarmed: the mission begins anew."""
+        """It was disarmed: the mission begins again."""
         self.mission.reset()
-
-    def save_waypoint(self) -> None:
-        """The pilot's switch adds where it is to the mission."""
 
     # ---- power
 
     def plug(self, power: BatteryHandle) -> None:
         """Take the battery of the body that it sits in; SIM_BATT_VOLTAGE and SIM_BATT_CAP_AH say what it is like."""
         self.power = power
-        params, changed = self.params, self.params.changed
+        params = self.params
         if abs(params["SIM_BATT_VOLTAGE"] - SITL_BATTERY_V) < 1e-3 and params["SIM_BATT_CAP_AH"] == 0:
             # Nobody chose another than the body's own.
             params.set("SIM_BATT_VOLTAGE", power.pack.full_v)
@@ -217,17 +172,13 @@ class ArduVehicle(Placed, ABC):
                 params.set("BATT_CAPACITY", power.pack.capacity_mah)
         self._fit_battery()
 
-        def also(name: str, value: float) -> None:
-            changed(name, value)
-            if name in ("SIM_BATT_VOLTAGE", "SIM_BATT_CAP_AH"):
-                self._fit_battery()
-
-        params.changed = also
+    def _battery_changed(self, name: str, value: float) -> None:
+        if name in ("SIM_BATT_VOLTAGE", "SIM_BATT_CAP_AH"):
+            self._fit_battery()
 
     def sit(self, seat: Seat) -> None:
-        """Take the sensors of the body that it sits in; the SIM_ parameters say what is wrong with them."""
+        """Take the sensors of the body that it sits in."""
         self.filter.attach(seat.belief())
-        self.simulated = SimParams(self.params, seat, self.world.lat_deg)
 
     def _fit_battery(self) -> None:
         volts, capacity = self.params["SIM_BATT_VOLTAGE"], max(self.params["SIM_BATT_CAP_AH"], 0.0) * 1e3
@@ -353,7 +304,8 @@ class ArduVehicle(Placed, ABC):
         """Change mode; says why where it does not."""
         mode = self.modes.get(number)
         if mode is None:
-            self.say(WARNING, f"No such mode {number}")
+            left_out = self.NOT_SIMULATED.get(number)
+            self.say(WARNING, f"No such mode {number}" if left_out is None else f"{left_out} is not simulated")
             return False
         if mode is self.mode:
             self.mode_by_fence = by_fence
@@ -454,7 +406,7 @@ class ArduVehicle(Placed, ABC):
         self.ekf.update()
         self.payload.update(dt)
         if self.boot.has("initialised"):
-            self.rc.read_switches()
+            self.rc.tell_switches()
 
     def _wake(self, stage: Stage) -> None:
         for text in stage.text:
@@ -464,14 +416,14 @@ class ArduVehicle(Placed, ABC):
             self.move_home(None)
             self.say(INFO, f"Field Elevation Set: {self.place(self.home_world).alt_amsl_m:.0f}m")
 
-    def follow_switch(self, *, force: bool = False) -> None:
-        """A turn of the pilot's mode switch changes the mode; ``force``: as if it had just been turned."""
+    def follow_switch(self) -> None:
+        """A turn of the pilot's mode switch changes the mode."""
         pwm = self.rc.switch_pwm
-        if (pwm == self._switch_pwm and not force) or self.rc.lost:
+        if pwm == self._switch_pwm or self.rc.lost:
             return
         self._switch_pwm = pwm
         switch = self.rc.switch
-        if switch != self._switch or force:
+        if switch != self._switch:
             self._switch = switch
             self.set_mode(int(self.params[f"{self.MODE_PARAM}{switch}"]))
 

@@ -9,19 +9,16 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
-from zmav.sim.autopilots.ardupilot.waits import UNREPORTED, Conditions
+from zmav.sim.autopilots.ardupilot.mode import AutoMode
 from zmav.sim.autopilots.arduplane.legs import LEGS, Leg, ReturnToLaunch, Takeoff
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
 if TYPE_CHECKING:
-    from zmav.sim.autopilots.arduplane.plane import ArduPlane
+    pass
 
 _WARNING, _INFO = 4, 6
-CHANGE_SPEED, SET_HOME, SET_ROI, NO_ROI, ROI = 178, 179, 195, 197, 201
-MARKS = (188, 189)  # where a return path or a landing starts
 
 
 class Auto(PlaneMode, AutoMode):
@@ -29,16 +26,13 @@ class Auto(PlaneMode, AutoMode):
 
     number, name, auto_throttle, navigates, changes_speed = 10, "AUTO", True, True, True
     armable: ClassVar[bool] = True
+    NAVIGATION = LEGS
 
     leg: Leg | None = None
     previous: Item | None = None
     """the navigation command before the running one"""
     _item: Item | None = None
     force_resume = False
-
-    def __init__(self, plane: ArduPlane) -> None:
-        super().__init__(plane)
-        self._conditions = Conditions()
 
     # ---- the mode
 
@@ -100,46 +94,22 @@ class Auto(PlaneMode, AutoMode):
 
     # ---- the mission's performer
 
-    def start(self, item: Item) -> bool:
-        leg = LEGS.get(item.command)
-        if leg is not None:
-            self.previous, self._item = self._item, item
-            self.plane.landing.stop()
-            self.plane.taken_off = True
-            if leg is ReturnToLaunch:
-                self.plane.set_mode(11)
-                return True
+    def set_out(self, item: Item) -> None:
+        leg = LEGS[item.command]
+        self.previous, self._item = self._item, item
+        self.plane.landing.stop()
+        self.plane.taken_off = True
+        if leg is ReturnToLaunch:
+            self.plane.set_mode(11)
+        else:
             self.leg = leg(self.plane, item)
             self.leg.begin()
-            return True
-        return item.command in MARKS or self._conditions.begin(item, self.plane.now) or self._do(item)
 
-    def _do(self, item: Item) -> bool:
-        """Commands that are done as soon as they are begun."""
-        plane = self.plane
-        if item.command == CHANGE_SPEED:
-            plane.ask_speed(int(item.p1), item.p2, item.p3)
-        elif item.command == SET_HOME:
-            plane.move_home(None if item.p1 == 1 or (item.here and item.z == 0) else plane.place_of(item, None))
-        elif item.command in (SET_ROI, NO_ROI, ROI):
-            plane.region_of_interest(None if item.here and item.z == 0 else plane.place_of(item, None))
-        else:
-            return plane.payload.perform(item)
-        return True
+    def arrived(self, item: Item) -> bool:
+        return self.leg is not None and self.leg.done()
 
-    def verify(self, item: Item) -> bool:
-        if item.command in UNREPORTED:
-            return True
-        done = self._is_done(item)
-        if done:
-            self.plane.reached(item.seq)
-        return done
-
-    def _is_done(self, item: Item) -> bool:
-        plane = self.plane
-        if item.command in LEGS:
-            return self.leg is not None and self.leg.done()
-        return self._conditions.met(item, plane.now, plane.way.distance)
+    def change_speed(self, item: Item) -> None:
+        self.plane.ask_speed(int(item.p1), item.p2, item.p3)
 
     def finished(self) -> None:
         """The end of the mission."""
@@ -174,7 +144,7 @@ class AutoLand(PlaneMode):
         )
         here = plane.here
         from_start = math.atan2(here[1] - self._start[1], here[0] - self._start[0])
-        error = (course - from_start + math.pi) % (2.0 * math.pi) - math.pi
+        error = math.remainder(course - from_start, math.tau)
         left = error > 0.0  # it comes from the left of the approach
         aside = course + (-0.5 if left else 0.5) * math.pi
         self._radius = min(far / 3.0, abs(params["WP_LOITER_RAD"]) or far / 3.0)

@@ -9,7 +9,6 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.ardupilot.waits import delay
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 INFO = 6
 COURSE_SPEED = 5.0  # m/s
 NO_PITCH = math.radians(4.0)  # of a takeoff whose item names none
-NEAR_M, PUSHED_M, FAR_M = 200.0, 300.0, 1000.0  # of "continue and change altitude"
 CLOSE_M = 5.0
 
 
@@ -104,7 +102,7 @@ class Waypoint(Leg):
             return 1.0
         onward = plane.place_of(following, way.end)
         course = math.atan2(onward[1] - way.end[1], onward[0] - way.end[0])
-        turn = abs((course - way.course + math.pi) % (2.0 * math.pi) - math.pi)
+        turn = abs(math.remainder(course - way.course, math.tau))
         return min(turn / (0.5 * math.pi), 1.0)
 
     def fly(self) -> None:
@@ -168,16 +166,6 @@ class LoiterForever(Leg):
         return False
 
 
-class LoiterTurns(LoiterForever):
-    def done(self) -> bool:
-        if not self.plane.way.circling or self.plane.way.turned < self.item.p1 * 2.0 * math.pi:
-            return False
-        if not self._leaves():
-            return False
-        self.plane.say(INFO, "Loiter orbits complete")
-        return True
-
-
 class LoiterTime(LoiterForever):
     @property
     def _radius(self) -> float:
@@ -205,36 +193,6 @@ class LoiterToAlt(LoiterForever):
             return False
         self.plane.say(INFO, "Loiter to alt complete")
         return True
-
-
-class ContinueToAlt(Leg):
-    """Straight on until the height is reached; ``p1`` 1: climbing to it, 2: sinking to it."""
-
-    def begin(self) -> None:
-        plane, way, s = self.plane, self.plane.way, self.plane.sense
-        down = self.place[2]
-        if way.start[:2] == way.end[:2]:
-            course = math.atan2(s.ve, s.vn)
-            way.direct(self._ahead(plane.here, course, FAR_M, down))
-        way.end = *way.end[:2], down
-        way.level()
-
-    @staticmethod
-    def _ahead(place: Vector, course: float, far: float, down: float) -> Vector:
-        return place[0] + far * math.cos(course), place[1] + far * math.sin(course), down
-
-    def fly(self) -> None:
-        way = self.plane.way
-        if way.distance < NEAR_M:
-            way.end = self._ahead(way.end, way.course, PUSHED_M, way.end[2])
-        way.follow()
-        self._keep_height()
-
-    def done(self) -> bool:
-        over = self.plane.way.end[2] - self.plane.sense.down
-        if self.item.p1 == 1:
-            return over >= 0.0
-        return over <= 0.0 if self.item.p1 == 2 else abs(over) <= CLOSE_M
 
 
 class LandAt(Leg):
@@ -271,30 +229,12 @@ class ReturnToLaunch(Leg):
         return False
 
 
-class Delay(Leg):
-    """A plane in the air cannot wait."""
-
-    def begin(self) -> None:
-        seconds = delay(self.item, self.plane.unix_s())
-        self._end = self.plane.now + seconds
-        self.plane.say(INFO, f"Delaying {int(seconds)} sec")
-
-    def fly(self) -> None:
-        self._keep_height()
-
-    def done(self) -> bool:
-        return self.plane.armed or self.plane.now > self._end
-
-
 LEGS: dict[int, type[Leg]] = {
     16: Waypoint,
     17: LoiterForever,
-    18: LoiterTurns,
     19: LoiterTime,
     20: ReturnToLaunch,
     21: LandAt,
     22: Takeoff,
-    30: ContinueToAlt,
     31: LoiterToAlt,
-    93: Delay,
 }

@@ -84,79 +84,6 @@ class Circle(PlaneMode):
         plane.fly_height(-self._down, plane.airspeed_wanted)
 
 
-class Stabilize(PlaneMode):
-    number, name, by_pilot, manual_throttle = 2, "STABILIZE", True, True
-    captures_direction = True
-
-    def fly(self) -> None:
-        plane = self.plane
-        plane.sp.roll(0.0)
-        plane.sp.pitch(0.0)
-        plane.sp.mix(plane.stick_roll, plane.stick_pitch)
-        plane.sp.power(plane.stick_throttle)
-
-    def rest(self) -> None:
-        self.fly()
-
-
-class Training(PlaneMode):
-    """By hand, within the limits of bank and pitch."""
-
-    number, name, by_pilot, manual_throttle = 3, "TRAINING", True, True
-    captures_direction = True
-
-    def update(self) -> None:
-        self.fly()  # a stick at its end reaches a limit too fast for less
-
-    def fly(self) -> None:
-        plane, s = self.plane, self.plane.sense
-        bank = math.radians(plane.params["ROLL_LIMIT_DEG"])
-        up, down = (math.radians(plane.params[f"PTCH_LIM_{end}_DEG"]) for end in ("MAX", "MIN"))
-        roll, pitch = plane.stick_roll, plane.stick_pitch
-        plane.sp.surfaces(roll, pitch, plane.stick_yaw)
-        if abs(s.roll) >= bank and roll * s.roll >= 0.0:
-            plane.sp.roll(math.copysign(bank, s.roll))
-        if s.pitch >= up and pitch >= 0.0:
-            plane.sp.pitch(up)
-        elif s.pitch <= down and pitch <= 0.0:
-            plane.sp.pitch(down)
-        plane.sp.power(plane.stick_throttle)
-
-    def rest(self) -> None:
-        self.fly()
-
-
-class Acro(PlaneMode):
-    """Sticks are rates; in the middle they hold the attitude there is (ACRO_LOCKING)."""
-
-    number, name, by_pilot, manual_throttle = 4, "ACRO", True, True
-    captures_direction = True
-
-    def enter(self) -> None:
-        self._held: tuple[float, float] = (self.plane.sense.roll, self.plane.sense.pitch)
-
-    def _lock(self, roll: float, pitch: float) -> None:
-        plane, s = self.plane, self.plane.sense
-        self._held = (self._held[0] if roll == 0.0 else s.roll, self._held[1] if pitch == 0.0 else s.pitch)
-        if roll == 0.0:
-            plane.sp.roll(self._held[0], hard=True)
-        if pitch == 0.0:
-            plane.sp.pitch(self._held[1])
-
-    def fly(self) -> None:
-        plane = self.plane
-        roll = plane.stick_roll * math.radians(plane.params["ACRO_ROLL_RATE"])
-        pitch = plane.stick_pitch * math.radians(plane.params["ACRO_PITCH_RATE"])
-        plane.sp.rates(roll, pitch)
-        if plane.params["ACRO_LOCKING"]:
-            self._lock(roll, pitch)
-        plane.sp.yaw(plane.stick_yaw)
-        plane.sp.power(plane.stick_throttle)
-
-    def rest(self) -> None:
-        self.fly()
-
-
 class FlyByWireA(PlaneMode):
     number, name, by_pilot, manual_throttle = 5, "FBWA", True, True
     captures_direction = True
@@ -183,42 +110,15 @@ class FlyByWireA(PlaneMode):
         self.fly()
 
 
-class FlyByWireB(PlaneMode):
-    """The stick's pitch climbs, its throttle asks for an airspeed."""
+class Cruise(PlaneMode):
+    """The stick's pitch climbs, its throttle asks for an airspeed, and a course is held where the sticks let it."""
 
-    number, name, by_pilot, auto_throttle = 6, "FBWB", True, True
+    number, name, by_pilot, auto_throttle = 7, "CRUISE", True, True
     captures_direction = True
 
     def enter(self) -> None:
         self._down = self.plane.sense.down
         self._pushed = 0.0
-
-    def fly(self) -> None:
-        plane = self.plane
-        plane.sp.roll(plane.stick_roll * math.radians(plane.params["ROLL_LIMIT_DEG"]))
-        plane.sp.yaw(plane.stick_yaw)
-        self.keep_height()
-
-    def keep_height(self) -> None:
-        plane, params = self.plane, self.plane.params
-        push = plane.stick_pitch * (-1.0 if params["FBWB_ELEV_REV"] else 1.0)
-        if (push <= 0.0 < self._pushed) or (self._pushed < 0.0 <= push):
-            self._down = plane.sense.down
-        self._pushed = push
-        climb = min(max(params["FBWB_CLIMB_RATE"] * push, -params["TECS_SINK_MAX"]), params["TECS_CLMB_MAX"])
-        self._down -= climb * plane.turn_s
-        slow, fast = params["AIRSPEED_MIN"], params["AIRSPEED_MAX"]
-        speed = plane.airspeed_wanted if plane.rc.lost else slow + (fast - slow) * plane.stick_throttle
-        plane.fly_height(-self._down, speed)
-
-
-class Cruise(FlyByWireB):
-    """As FBWB, and a course is held where the sticks let it."""
-
-    number, name = 7, "CRUISE"
-
-    def enter(self) -> None:
-        super().enter()
         self._since: float | None = None
         self._course: float | None = None
 
@@ -237,13 +137,25 @@ class Cruise(FlyByWireB):
             plane.sp.yaw(plane.stick_yaw)
         else:
             self._hold(self._course)
-        self.keep_height()
+        self._keep_height()
 
     def _hold(self, course: float) -> None:
         plane, way = self.plane, self.plane.way
         gone = math.hypot(plane.here[0] - way.start[0], plane.here[1] - way.start[1]) + CRUISE_AHEAD_M
         way.end = way.start[0] + gone * math.cos(course), way.start[1] + gone * math.sin(course), self._down
         way.follow()
+
+    def _keep_height(self) -> None:
+        plane, params = self.plane, self.plane.params
+        push = plane.stick_pitch * (-1.0 if params["FBWB_ELEV_REV"] else 1.0)
+        if (push <= 0.0 < self._pushed) or (self._pushed < 0.0 <= push):
+            self._down = plane.sense.down
+        self._pushed = push
+        climb = min(max(params["FBWB_CLIMB_RATE"] * push, -params["TECS_SINK_MAX"]), params["TECS_CLMB_MAX"])
+        self._down -= climb * plane.turn_s
+        slow, fast = params["AIRSPEED_MIN"], params["AIRSPEED_MAX"]
+        speed = plane.airspeed_wanted if plane.rc.lost else slow + (fast - slow) * plane.stick_throttle
+        plane.fly_height(-self._down, speed)
 
 
 class Rtl(PlaneMode):
@@ -369,12 +281,6 @@ class Takeoff(PlaneMode):
     def _aim(self, course: float, far: float, up: float) -> None:
         here = self.plane.here
         self.plane.way.direct((here[0] + far * math.cos(course), here[1] + far * math.sin(course), here[2] - up))
-
-
-class AvoidAdsb(Loiter):
-    """There is nobody to avoid: it circles, and takes targets no more than LOITER does."""
-
-    number, name = 14, "AVOID_ADSB"
 
 
 class Initialising(PlaneMode):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.boot import Stage as BootStage
@@ -48,8 +49,9 @@ class ArduPlane(ArduVehicle):
     FIRMWARE: ClassVar[str] = "ArduPlane"
     FRAME = ""
     MAV_TYPE = 1
-    SWITCH_MODES: ClassVar[dict[int, int]] = {4: 11, 16: 10, 51: 0, 52: 4, 55: 15, 56: 12, 62: 3, 77: 13, 92: 5, 93: 6,
-                                              94: 7, 95: 3, 96: 2, 72: 1}  # fmt: skip
+    NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
+        2: "STABILIZE", 3: "TRAINING", 4: "ACRO", 6: "FBWB", 8: "AUTOTUNE", 14: "AVOID_ADSB", 24: "THERMAL",
+    }  # fmt: skip
     STAGES: ClassVar[tuple[BootStage, ...]] = PLANE_STAGES
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")
     RADIO_PARAMS: ClassVar[tuple[str, str]] = ("THR_FAILSAFE", "THR_FS_VALUE")
@@ -80,8 +82,7 @@ class ArduPlane(ArduVehicle):
         self.guided, self.auto = Guided(self), Auto(self)
         self.autoland = AutoLand(self)
         kinds: tuple[type[PlaneMode], ...] = (
-            modes.Manual, modes.Circle, modes.Stabilize, modes.Training, modes.Acro, modes.FlyByWireA,
-            modes.FlyByWireB, modes.Cruise, modes.Rtl, modes.Loiter, modes.Takeoff, modes.AvoidAdsb,
+            modes.Manual, modes.Circle, modes.FlyByWireA, modes.Cruise, modes.Rtl, modes.Loiter, modes.Takeoff,
             modes.Initialising,
         )  # fmt: skip
         return [*(kind(self) for kind in kinds), self.guided, self.auto, self.autoland]
@@ -222,8 +223,6 @@ class ArduPlane(ArduVehicle):
         """
         params = self.params
         speed = self.airspeed_chosen or self.cruise
-        if self.mode is self.guided and self.guided.airspeed is not None:
-            speed = self.guided.airspeed
         push = self.rc.throttle - 0.5
         if params["THROTTLE_NUDGE"] and push > 0.0 and not self.rc.lost and self.mode.number != INITIALISING:
             speed += (params["AIRSPEED_MAX"] - self.cruise) * 2.0 * push
@@ -276,9 +275,7 @@ class ArduPlane(ArduVehicle):
             self.say(_INFO, "Q_ENABLE 0")
             return False
         if mode is None:
-            known = number in (8, 24)  # AUTOTUNE and THERMAL are not simulated
-            self.say(_WARNING, "Flight mode change failed" if known else f"No such mode {number}")
-            return False
+            return super().set_mode(number)  # says why not
         if mode is self.mode:
             self.mode_by_fence |= by_fence
             return True

@@ -7,29 +7,34 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from zmav.sim.autopilots.ardupilot.reactions import Reactions
+from zmav.sim.autopilots.ardupilot.reactions import DISARM, Reactions, Steps
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.arduplane.plane import ArduPlane
 
-MANUAL, CIRCLE, FBWA, FBWB, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 6, 10, 11, 15, 26
-BY_HAND = {0, 2, 3, 4, 5, 6, 7}
-ON_ERRANDS = {10, 12, 14, 15, 26}
+MANUAL, CIRCLE, FBWA, CRUISE, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 7, 10, 11, 15, 26
+STICK_MODES = {0, 5, 7}
+NAVIGATING_MODES = {10, 12, 15, 26}
 _WARNING, _NOTICE, _INFO = 4, 5, 6
 # FS_SHORT_ACTN, FS_LONG_ACTN
-SHORT_BEST_GUESS, SHORT_CIRCLE, SHORT_FBWA, SHORT_DISABLED, SHORT_FBWB = range(5)
-LONG_CONTINUE, LONG_RTL, LONG_GLIDE, LONG_PARACHUTE, LONG_AUTO, LONG_AUTOLAND = range(6)
+SHORT_BEST_GUESS, SHORT_FBWA, SHORT_DISABLED = 0, 2, 3
+LONG_RTL, LONG_GLIDE, LONG_PARACHUTE, LONG_AUTO, LONG_AUTOLAND = range(1, 6)
 # BATT_FS_LOW_ACT
-BATTERY_RTL, BATTERY_LAND, BATTERY_TERMINATE, BATTERY_AUTOLAND = 1, 2, 3, 7
-FENCE_RTL, FENCE_GUIDED, FENCE_GUIDED_THROTTLE, FENCE_AUTOLAND = 1, 6, 7, 8
+BATTERY_LAND, BATTERY_TERMINATE = 2, 3
+ACTIONS: dict[int, Steps] = {1: (RTL,), BATTERY_LAND: (RTL,), BATTERY_TERMINATE: (DISARM,), 7: (AUTOLAND, RTL)}
+FENCE_ACTIONS: dict[int, Steps] = {1: (RTL,), 8: (AUTOLAND, RTL)}
+FENCE_GUIDED, FENCE_GUIDED_THROTTLE = 6, 7
+LONG_ACTIONS: dict[int, Steps] = {LONG_GLIDE: (FBWA,), LONG_AUTO: (AUTO,), LONG_AUTOLAND: (AUTOLAND, RTL)}
 
 
 class PlaneReactions(Reactions):
     """Losing the pilot has two steps, short and long; losing the ground station only the long one."""
 
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (3, 5, 6, 4, 2, 7, 1, 0)
+    ACTIONS = ACTIONS
 
     def __init__(self, plane: ArduPlane) -> None:
+        super().__init__(plane)
         self._plane = plane
         self.reset()
 
@@ -77,9 +82,9 @@ class PlaneReactions(Reactions):
         plane = self._plane
         self.state, self._before, self._lost_at = "short", plane.mode.number, plane.now
         action = int(plane.params["FS_SHORT_ACTN"])
-        target = {SHORT_FBWA: FBWA, SHORT_FBWB: FBWB}.get(action, CIRCLE)
+        target = FBWA if action == SHORT_FBWA else CIRCLE
         number = plane.mode.number
-        if number in BY_HAND or (number in ON_ERRANDS and action != SHORT_BEST_GUESS):
+        if number in STICK_MODES or (number in NAVIGATING_MODES and action != SHORT_BEST_GUESS):
             plane.set_mode(target)
         if plane.mode.number != self._before:
             self._mode_by_short = plane.mode.number
@@ -101,29 +106,21 @@ class PlaneReactions(Reactions):
         plane = self._plane
         plane.rc.clear_overrides()
         action, number = int(plane.params["FS_LONG_ACTN"]), plane.mode.number
-        if number in BY_HAND or number in (CIRCLE, 12, 13):
+        if number in STICK_MODES or number in (CIRCLE, 12, 13):
             if plane.taking_off and action not in (LONG_GLIDE, LONG_PARACHUTE):
                 self._pending = what
             else:
-                self._act(action, otherwise=RTL)
-        elif number in (AUTO, GUIDED, 14):
+                self._act_long(action, otherwise=RTL)
+        elif number in (AUTO, GUIDED):
             if not (number == AUTO and self._landing):
-                self._act(action, otherwise=RTL if action == LONG_RTL else None)
+                self._act_long(action, otherwise=RTL if action == LONG_RTL else None)
         elif number == RTL and action in (LONG_AUTO, LONG_AUTOLAND):
-            self._act(action, otherwise=None)
+            self._act_long(action, otherwise=None)
         plane.say(_WARNING, f"{what} Failsafe On: {plane.mode.name}")
 
-    def _act(self, action: int, *, otherwise: int | None) -> None:
-        plane = self._plane
-        if action == LONG_GLIDE:
-            plane.set_mode(FBWA)
-        elif action == LONG_AUTO:
-            plane.set_mode(AUTO)
-        elif action == LONG_AUTOLAND:
-            if not plane.set_mode(AUTOLAND):
-                plane.set_mode(RTL)
-        elif otherwise is not None and action != LONG_PARACHUTE:
-            plane.set_mode(otherwise)
+    def _act_long(self, action: int, *, otherwise: int | None) -> None:
+        default = () if otherwise is None or action == LONG_PARACHUTE else (otherwise,)
+        self.attempt(LONG_ACTIONS.get(action, default))
 
     # ---- the rest
 
@@ -140,28 +137,18 @@ class PlaneReactions(Reactions):
     def battery_failed(self, action: int) -> None:
         plane = self._plane
         landing = plane.landing.active or plane.mode.number == AUTOLAND
-        if action == BATTERY_TERMINATE:
-            plane.disarm(forced=True)
-        elif action == BATTERY_LAND and not landing and plane.land_by_mission():
-            return
-        elif action in (BATTERY_RTL, BATTERY_LAND, BATTERY_AUTOLAND) and not landing:
-            lands = action == BATTERY_AUTOLAND and plane.set_mode(AUTOLAND)
-            if not lands:
-                plane.set_mode(RTL)
-
-    def estimate_lost(self) -> None:
-        """A plane goes on flying by what it has."""
+        if action == BATTERY_TERMINATE or not (landing or (action == BATTERY_LAND and plane.land_by_mission())):
+            self.act(action)
 
     def fence_breached(self, new: int, beyond_m: float) -> None:
         plane = self._plane
         action = int(plane.params["FENCE_ACTION"])
         if not plane.armed or plane.mode_by_fence or plane.landing.flaring:
             return
-        if action in (FENCE_RTL, FENCE_AUTOLAND):
+        if action in FENCE_ACTIONS:
             if plane.mode.number == AUTOLAND or (plane.mode.number == AUTO and plane.mission.landing):
                 return
-            if action != FENCE_AUTOLAND or not plane.set_mode(AUTOLAND, by_fence=True):
-                plane.set_mode(RTL, by_fence=True)
+            self.attempt(FENCE_ACTIONS[action], by_fence=True)
         elif action in (FENCE_GUIDED, FENCE_GUIDED_THROTTLE):
             plane.set_mode(GUIDED, by_fence=True)
             plane.guided.fly_to(self._return_point())

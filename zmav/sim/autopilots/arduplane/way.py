@@ -154,7 +154,7 @@ class Way:
             return
         bearing = math.atan2(here[1] - self.end[1], here[0] - self.end[0])
         if self._bearing is not None:
-            self.turned += abs((bearing - self._bearing + math.pi) % (2.0 * math.pi) - math.pi)
+            self.turned += abs(math.remainder(bearing - self._bearing, math.tau))
         self._bearing = bearing
         self.reached_height |= abs(here[2] - self.end[2]) < HEIGHT_REACHED_M
 
@@ -167,5 +167,5 @@ class Way:
             # It lies inside the circle, whose tangents never meet it: the turn is as good as any.
             return True
         allowed = math.radians(10.0) * (1 + int(self.turned / (2.0 * math.pi)))
-        miss = (wanted - math.atan2(s.ve, s.vn) + math.pi) % (2.0 * math.pi) - math.pi
+        miss = math.remainder(wanted - math.atan2(s.ve, s.vn), math.tau)
         return abs(miss) <= allowed

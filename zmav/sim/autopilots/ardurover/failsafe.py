@@ -6,12 +6,11 @@ https://ardupilot.org/rover/docs/rover-failsafes.html
 
 from __future__ import annotations
 
-import enum
 from typing import TYPE_CHECKING, ClassVar
 
 from zmav.sim.autopilots.ardupilot.failsafe import GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import GIVE_UP_M
-from zmav.sim.autopilots.ardupilot.reactions import Reactions
+from zmav.sim.autopilots.ardupilot.reactions import DISARM, Reactions, Steps
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.ardurover.rover import ArduRover
@@ -21,60 +20,26 @@ RADIO, GCS = 1, 2  # what fails
 NO_PULSES_S = 0.5
 CONTINUE_MISSION = 2  # FS_THR_ENABLE, FS_GCS_ENABLE
 ACTIVE_IN_HOLD = 1  # FS_OPTIONS
-_HOLD, _LOITER, _RTL, _SMART_RTL = 4, 5, 11, 12
+_HOLD, _LOITER, _RTL = 4, 5, 11
 CRASH_AFTER, CRASH_THROTTLE, CRASH_SPEED = 20, 0.05, 0.08  # tenths of a second; share; m/s and rad/s
 
 
-class Action(enum.IntEnum):
-    """FS_ACTION, FENCE_ACTION, BATT_FS_LOW_ACT and BATT_FS_CRT_ACT."""
-
-    NONE = 0
-    RTL = 1
-    HOLD = 2
-    SMART_RTL = 3
-    SMART_RTL_OR_HOLD = 4
-    TERMINATE = 5
-    LOITER_OR_HOLD = 6
-
-
-# What is tried, one after another.
-_TRIES: dict[int, tuple[int, ...]] = {
-    Action.RTL: (_RTL, _HOLD),
-    Action.HOLD: (_HOLD,),
-    Action.SMART_RTL: (_SMART_RTL, _RTL, _HOLD),
-    Action.SMART_RTL_OR_HOLD: (_SMART_RTL, _HOLD),
-    Action.LOITER_OR_HOLD: (_LOITER, _HOLD),
-}
+# FS_ACTION, FENCE_ACTION, BATT_FS_LOW_ACT and BATT_FS_CRT_ACT. 3 and 4 ask for SMART_RTL first.
+RTL, HOLD, TERMINATE = 1, 2, 5
+ACTIONS: dict[int, Steps] = {
+    RTL: (_RTL, _HOLD), HOLD: (_HOLD,), 3: (_RTL, _HOLD), 4: (_HOLD,), TERMINATE: (DISARM,), 6: (_LOITER, _HOLD),
+}  # fmt: skip
 
 
 class RoverReactions(Reactions):
     """What it does; the radio's and the ground station's are in :class:`Failsafe`."""
 
-    BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (Action.TERMINATE, Action.HOLD, Action.RTL, 3, 4, 0)
+    BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (TERMINATE, HOLD, RTL, 3, 4, 0)
+    ACTIONS = ACTIONS
 
     def __init__(self, rover: ArduRover) -> None:
+        super().__init__(rover)
         self._rover = rover
-
-    def act(self, action: int, *, by_fence: bool = False) -> None:
-        """Carry out an :class:`Action`."""
-        if action == Action.TERMINATE:
-            self._rover.disarm(forced=True)
-            return
-        for number in _TRIES.get(action, ()):
-            if self._rover.set_mode(number, by_fence=by_fence):
-                return
-
-    def gcs_lost(self) -> None:
-        """See :class:`Failsafe`."""
-
-    def gcs_back(self) -> None:
-        """See :class:`Failsafe`."""
-
-    def radio_changed(self, lost: bool) -> None:
-        """See :class:`Failsafe`."""
-
-    def battery_failed(self, action: int) -> None:
-        self.act(action)
 
     def estimate_lost(self) -> None:
         """FS_EKF_ACTION: 1 holds, 2 says it only."""
@@ -88,7 +53,8 @@ class RoverReactions(Reactions):
     def fence_breached(self, new: int, beyond_m: float) -> None:
         rover = self._rover
         if rover.armed:
-            self.act(int(rover.params["FENCE_ACTION"]) if beyond_m <= GIVE_UP_M else Action.HOLD, by_fence=True)
+            action = int(rover.params["FENCE_ACTION"]) if beyond_m <= GIVE_UP_M else HOLD
+            self.attempt(self.ACTIONS.get(action, ()), by_fence=True)
 
 
 class GcsWatch(GcsFailsafe):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
-from zmav.sim.autopilots.ardupilot.vehicle import WARNING, GuidedMode
+from zmav.sim.autopilots.ardupilot.mode import GuidedMode
+from zmav.sim.autopilots.ardupilot.targets import Doing, Target
+from zmav.sim.autopilots.ardupilot.vehicle import WARNING
 from zmav.sim.autopilots.ardurover.modes import RoverMode
-from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 
@@ -28,15 +28,10 @@ class Guided(RoverMode, GuidedMode):
     _yaw = _rate = _speed = 0.0
     _turning = False
     _heard = -math.inf
-    _started: tuple[float, Point] = (0.0, (0.0, 0.0))
-    _limits: tuple[float, float] = (0.0, 0.0)
 
     def enter(self) -> None:
         self.doing = Doing.HOLD
         self.rover.travel.begin()
-
-    def hold(self) -> None:
-        self.doing = Doing.HOLD
 
     # ---- orders
 
@@ -64,31 +59,6 @@ class Guided(RoverMode, GuidedMode):
             self.go((target.pos[0], target.pos[1]))
         elif target.vel is not None:
             self.head(math.atan2(target.vel[1], target.vel[0]), math.hypot(target.vel[0], target.vel[1]))
-
-    def lean(self, target: AttitudeTarget) -> None:
-        """The thrust is a share of WP_SPEED; the heading is the attitude's, unless there is none."""
-        speed = self.rover.params["WP_SPEED"] * min(max(target.thrust or 0.0, -1.0), 1.0)
-        if target.attitude is None:
-            self.turn(target.rates[2], speed)
-        else:
-            w, x, y, z = target.attitude
-            self.head(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), speed)
-
-    # ---- what a mission adds
-
-    def limit(self, seconds: float, metres: float) -> None:
-        """How long and how far a mission lets others steer; 0: no limit."""
-        self._limits = (seconds, metres)
-
-    def begin_limits(self) -> None:
-        self._started = (self.rover.now, self.rover.travel.here)
-
-    @property
-    def limits_breached(self) -> bool:
-        seconds, metres = self._limits
-        since, place = self._started
-        too_long = seconds > 0.0 and self.rover.now - since >= seconds
-        return too_long or (metres > 0.0 and math.dist(place, self.rover.travel.here) > metres)
 
     # ---- what it tells
 
@@ -145,8 +115,7 @@ class Guided(RoverMode, GuidedMode):
             rover.stop()
             return
         speed = rover.nudged(self._speed)
-        rover.sp.back(False)
         if self._turning:
             rover.sp.turn(self._rate, speed)
         else:
-            rover.sp.head(wrap(self._yaw), speed)
+            rover.sp.head(math.remainder(self._yaw, math.tau), speed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.arming import mandatory_faults, prearm_faults
@@ -11,26 +12,10 @@ from zmav.sim.autopilots.ardupilot.mode import Mode
 from zmav.sim.autopilots.ardupilot.reactions import Reactions
 from zmav.sim.autopilots.ardupilot.vehicle import CRITICAL, INFO, ArduVehicle
 from zmav.sim.autopilots.ardurover.auto import Auto
-from zmav.sim.autopilots.ardurover.circle import Circle
 from zmav.sim.autopilots.ardurover.failsafe import Failsafe, GcsWatch, RoverReactions
 from zmav.sim.autopilots.ardurover.guided import Guided
-from zmav.sim.autopilots.ardurover.modes import (
-    Acro,
-    Dock,
-    Follow,
-    Hold,
-    Initialising,
-    Loiter,
-    Manual,
-    RoverMode,
-    Rtl,
-    Simple,
-    SmartRtl,
-    Steering,
-)
-from zmav.sim.autopilots.ardurover.track import Track
+from zmav.sim.autopilots.ardurover.modes import Hold, Initialising, Loiter, Manual, RoverMode, Rtl
 from zmav.sim.autopilots.ardurover.travel import Travel
-from zmav.sim.autopilots.items import Item
 from zmav.sim.control.roversetpoints import BY_PARAM, Point, RoverHandle
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.fleets.base import Sense
@@ -68,8 +53,8 @@ class ArduRover(ArduVehicle):
     """Drives one rover of the :class:`~zmav.sim.fleets.rover.RoverFleet`."""
 
     FIRMWARE: ClassVar[str] = "ArduRover"
-    SWITCH_MODES: ClassVar[dict[int, int]] = {
-        4: 11, 16: 10, 42: 12, 51: 0, 52: 1, 53: 3, 54: 4, 55: 15, 56: 5, 57: 6, 59: 7,
+    NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
+        1: "ACRO", 3: "STEERING", 6: "FOLLOW", 7: "SIMPLE", 8: "DOCK", 9: "CIRCLE", 12: "SMART_RTL",
     }  # fmt: skip
     MODE_PARAM: ClassVar[str] = "MODE"
     STAGES: ClassVar[tuple[Stage, ...]] = ROVER_STAGES
@@ -102,12 +87,11 @@ class ArduRover(ArduVehicle):
 
     def make_modes(self) -> list[Mode]:
         self.pilot.pwm[2] = self.pilot.pwm[3] = MIDDLE
-        self.travel, self.track = Travel(self), Track(self)
-        self.rtl, self.loiter, self.simple = Rtl(self), Loiter(self), Simple(self)
+        self.travel = Travel(self)
+        self.rtl, self.loiter = Rtl(self), Loiter(self)
         self.initialising = Initialising(self)
         self.guided, self.auto = Guided(self), Auto(self)
-        plain: list[Mode] = [m(self) for m in (Manual, Acro, Steering, Hold, Follow, Dock, Circle, SmartRtl)]
-        return [*plain, self.rtl, self.loiter, self.simple, self.initialising, self.guided, self.auto]
+        return [Manual(self), Hold(self), self.rtl, self.loiter, self.initialising, self.guided, self.auto]
 
     def make_reactions(self) -> Reactions:
         self.rover_reactions = RoverReactions(self)
@@ -211,13 +195,6 @@ class ArduRover(ArduVehicle):
         """A controlled stop without a turn."""
         self.sp.stop()
 
-    def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
-        before = self.mode
-        done = super().set_mode(number, by_fence=by_fence)
-        if done and self.mode is not before and self.driving_mode.autopilot:
-            self.sp.back(False)
-        return done
-
     def mode_refusal(self, mode: Mode) -> str:
         return mode.blocked() if isinstance(mode, RoverMode) else ""
 
@@ -240,8 +217,6 @@ class ArduRover(ArduVehicle):
         self._armed_at = self.now
         self.say(INFO, self.ARMING_TEXTS[0])
         self.sp.power(True)
-        self.track.begin()
-        self.simple.face()
         self.fence.on_arming()
         self.mode.on_arming()
         return True
@@ -270,20 +245,13 @@ class ArduRover(ArduVehicle):
     def on_disarm(self) -> None:
         self.sp.power(False)
 
-    def save_waypoint(self) -> None:
-        """The pilot's switch adds where it is to the mission."""
-        if self.mode is self.auto or not self.armed:
-            return
-        here = self.position
-        self.mission.add(Item(command=16, x=round(here.lat_deg * 1e7), y=round(here.lon_deg * 1e7), z=self.height))
-
     # ---- what it does by itself
 
     def update(self, now: float, sense: Sense, dt: float) -> None:
         super().update(now, sense, dt)
         if self.mode is self.initialising and self.boot.has("initialised"):
             self.set_mode(int(self.params["INITIAL_MODE"]))
-            self.follow_switch(force=True)
+            self.follow_switch()
         if self._ticks % RADIO_EVERY == 0:
             self.failsafes.watch_radio()
 
@@ -291,7 +259,6 @@ class ArduRover(ArduVehicle):
         super().watch(dt)
         self.failsafes.watch_gcs()
         self.failsafes.watch_crash()
-        self.track.note()
         if not self.armed and self.now >= self._home_due and not self._home_locked:
             self._home_due = self.now + HOME_EVERY_S
             if self.boot.has("origin") and self.from_home >= HOME_MOVED_M:

@@ -1,4 +1,4 @@
-"""A rover's way to a place in AUTO, RTL and SMART_RTL: straight legs with limited speed, acceleration and jerk that
+"""A rover's way to a place in AUTO and RTL: straight legs with limited speed, acceleration and jerk that
 run into each other in the corners, and turns on the spot where it can.
 
 After ArduRover's waypoint navigation (ardupilot.org, "Rover: Tuning Navigation", "Pivot Turns"): a point runs along the
@@ -8,9 +8,10 @@ leg, slower where the rover falls behind.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.arducopter.profile import Profile
+from zmav.sim.autopilots.ardupilot.legs import Leg, Legs
 from zmav.sim.control.roversetpoints import Point
 
 if TYPE_CHECKING:
@@ -20,37 +21,14 @@ SLOWEST = 0.05  # m/s that a speed may be set to
 PIVOT_DONE = math.radians(5.0)
 STILL = 0.1  # m/s at which a turn on the spot begins
 AHEAD = 0.05  # of the speed, that the point gains on the rover
-PATIENCE_S = 0.5  # after which a way that nobody drove is begun anew
+PATIENCE_S = 0.5  # after which a way that nobody drove is begun again
 
 
-class Leg:
-    """One straight from ``start`` to ``end``."""
-
-    def __init__(self, start: Point, end: Point, limits: tuple[float, float, float]) -> None:
-        self.start, self.end = start, end
-        length = math.dist(start, end)
-        self.profile = Profile(length, *limits)
-        self.along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length) if length > 0 else (0.0, 0.0)
-        self.time = 0.0
-
-    @property
-    def left(self) -> float:
-        """Seconds to the end."""
-        return max(self.profile.duration - self.time, 0.0)
-
-    def motion(self) -> tuple[float, float, float]:
-        """Distance gone, speed and acceleration now."""
-        return self.profile.at(self.time)
-
-    def passed(self, place: Point) -> bool:
-        """Beyond the line through the end, across the leg."""
-        return (place[0] - self.end[0]) * self.along[0] + (place[1] - self.end[1]) * self.along[1] >= 0.0
-
-
-class Travel:
+class Travel(Legs):
     """One rover's way."""
 
     def __init__(self, rover: ArduRover) -> None:
+        super().__init__()
         self._rover = rover
         self.begin()
 
@@ -59,15 +37,11 @@ class Travel:
         self.base_speed = max(speed if speed > 0.0 else self._rover.params["WP_SPEED"], SLOWEST)
         self.destination: Point | None = None
         self.reached = False
-        self.reversed = False
         self._onward: Point | None = None
-        self._leg: Leg | None = None
-        self._next: Leg | None = None
-        self._last: Leg | None = None
+        self._leg = self._next = self._last = None
         self._pivoting = self._pivot_next = False
         self._pivot_until: float | None = None
         self._pace = 1.0
-        self._planned = self.base_speed
         self._driven_at = -math.inf
 
     # ---- what it knows
@@ -149,18 +123,15 @@ class Travel:
             self._onward, self._pivot_next = None, True
 
     def _plan(self, start: Point, end: Point) -> Leg:
-        self._planned = self._speed
-        return Leg(start, end, (self._planned, self.acceleration, self.jerk))
+        speed = self._speed
+        return Leg(start, end, (speed, self.acceleration, self.jerk), speed)
 
     @property
     def _speed(self) -> float:
         """The highest now: the pilot may ask for more with the throttle stick."""
-        return max(self.base_speed, abs(self._rover.nudged(-self.base_speed if self.reversed else self.base_speed)))
+        return max(self.base_speed, self._rover.nudged(self.base_speed))
 
     # ---- turns on the spot
-
-    def _heading(self) -> float:
-        return self.bearing + (math.pi if self.reversed else 0.0)
 
     def _can_pivot(self) -> bool:
         return self._rover.frame.skid and self._rover.params["WP_PIVOT_ANGLE"] > math.degrees(PIVOT_DONE)
@@ -170,13 +141,13 @@ class Travel:
             return False
         before = math.atan2(corner[1] - start[1], corner[0] - start[0])
         after = math.atan2(onward[1] - corner[1], onward[0] - corner[0])
-        return abs(wrap(after - before)) > math.radians(self._rover.params["WP_PIVOT_ANGLE"])
+        return abs(math.remainder(after - before, math.tau)) > math.radians(self._rover.params["WP_PIVOT_ANGLE"])
 
     def _begin_pivot(self, destination: Point, *, forced: bool = False) -> None:
         """Turn first where the way there is far off the nose."""
         north, east = self.here
-        yaw = math.atan2(destination[1] - east, destination[0] - north) + (math.pi if self.reversed else 0.0)
-        off = abs(wrap(yaw - self._rover.sense.yaw))
+        yaw = math.atan2(destination[1] - east, destination[0] - north)
+        off = abs(math.remainder(yaw - self._rover.sense.yaw, math.tau))
         self._pivoting = self._can_pivot() and (forced or off > math.radians(self._rover.params["WP_PIVOT_ANGLE"]))
         self._pivot_until = None
 
@@ -192,13 +163,13 @@ class Travel:
 
     def _pivot(self) -> None:
         rover = self._rover
-        yaw = self._heading()
+        yaw = self.bearing
         still = abs(rover.speed_ahead) < STILL
         if still:
             rover.sp.head(yaw, 0.0, math.radians(max(rover.params["WP_PIVOT_RATE"], 1.0)))
         else:
             rover.sp.turn(0.0, 0.0)
-        if abs(wrap(yaw - rover.sense.yaw)) < PIVOT_DONE and self._pivot_until is None:
+        if abs(math.remainder(yaw - rover.sense.yaw, math.tau)) < PIVOT_DONE and self._pivot_until is None:
             self._pivot_until = rover.now + min(max(rover.params["WP_PIVOT_DELAY"], 0.0), 60.0)
         if self._pivot_until is not None and rover.now >= self._pivot_until:
             self._pivoting = False
@@ -207,7 +178,6 @@ class Travel:
 
     def ready(self) -> None:
         """Hand the limits and the direction to the controllers."""
-        self._rover.sp.back(self.reversed)
         self._rover.sp.limits(self._speed, self.acceleration, self.jerk)
 
     def update(self) -> None:
@@ -220,18 +190,19 @@ class Travel:
             return
         if self.pivots():
             return
-        self._advance(leg)
+        if self._advance(leg, self._step(leg)) and self._onward is not None:
+            self._begin_turn(leg, self._plan((leg.end[0], leg.end[1]), self._onward))
         self._aim(leg)
         if not self.reached:
             if self._next is not None:
                 self.reached = self._next.time >= leg.left
             elif leg.left == 0.0:
-                self.reached = self.distance <= rover.params["WP_RADIUS"] or leg.passed(self.here)
+                self.reached = self.distance <= rover.params["WP_RADIUS"] or leg.gone_beyond(self.here) >= 0.0
 
-    def _advance(self, leg: Leg) -> None:
-        """The point goes on, as fast as the rover can follow."""
+    def _step(self, leg: Leg) -> float:
+        """Seconds of the plan that the point goes on by: no faster than the rover can follow."""
         rover = self._rover
-        wanted = self._speed / max(self._planned, SLOWEST)
+        wanted = self._speed / max(leg.planned, SLOWEST)
         _, speed, _ = leg.motion()
         if speed > 0.0:
             along, s = leg.along, rover.sense
@@ -240,55 +211,16 @@ class Travel:
             keeps_up = AHEAD + (s.vn * along[0] + s.ve * along[1] - rover.params["PSC_POS_P"] * behind) / speed
             wanted = min(wanted, max(keeps_up, 0.0))
         self._pace += (wanted - self._pace) * min(rover.dt * self.jerk / self.acceleration, 1.0)
-        step = rover.dt * max(self._pace, 0.0)
-        leg.time += step
-        if self._last is not None:
-            self._last.time += step
-            if self._last.left == 0.0:
-                self._last = None
-        if self._next is not None:
-            self._next.time += step
-        elif self._onward is not None and not self.reached and leg.left <= leg.profile.ramp:
-            self._begin_turn(leg, self._onward)
+        return rover.dt * max(self._pace, 0.0)
 
-    def _begin_turn(self, leg: Leg, onward: Point) -> None:
-        """Begin the next leg where the middle of the turn passes the corner close and gently enough."""
+    def _turn_fits(self, leg: Leg, following: Leg, off: float, speed: float, push: Sequence[float]) -> bool:
         params = self._rover.params
-        following = self._plan(leg.end, onward)
-        if leg.left > following.profile.ramp:
-            return
-        half = 0.5 * leg.left
-        gone, speed, slowing = leg.profile.at(leg.time + half)
-        on, start, rising = following.profile.at(half)
-        before = gone - leg.profile.length
-        off = [a * before + b * on for a, b in zip(leg.along, following.along, strict=True)]
-        push = [a * slowing + b * rising for a, b in zip(leg.along, following.along, strict=True)]
-        turn = [a * speed + b * start for a, b in zip(leg.along, following.along, strict=True)]
-        radius = max(params["WP_RADIUS"], params["TURN_RADIUS"])
-        if (
-            math.hypot(*off) < radius
-            and math.hypot(*push) < params["ATC_TURN_MAX_G"] * 9.81
-            and math.hypot(*turn) <= max(leg.profile.speed, following.profile.speed) + 1e-6
-        ):
-            self._next = following
+        gentle = math.hypot(*push) < params["ATC_TURN_MAX_G"] * 9.81
+        slow = speed <= max(leg.profile.speed, following.profile.speed) + 1e-6
+        return off < max(params["WP_RADIUS"], params["TURN_RADIUS"]) and gentle and slow
 
     def _aim(self, leg: Leg) -> None:
-        """The sum of what the legs of a corner ask for."""
-        gone, speed, accel = leg.motion()
-        parts = [(leg.along, gone - leg.profile.length, speed, accel)]
-        if self._last is not None:
-            gone, speed, accel = self._last.motion()
-            parts.append((self._last.along, gone - self._last.profile.length, speed, accel))
-        if self._next is not None:
-            parts.append((self._next.along, *self._next.motion()))
-        corner = leg.end
-        north, east = (corner[i] + sum(part[0][i] * part[1] for part in parts) for i in (0, 1))
-        # However slowly the point goes on, it asks for the speed of the plan: that is what draws the rover along.
-        vn, ve = (sum(part[0][i] * part[2] for part in parts) for i in (0, 1))
-        an, ae = (sum(part[0][i] * part[3] for part in parts) for i in (0, 1))
-        self._rover.sp.follow((north, east), (vn, ve), (an, ae))
-
-
-def wrap(angle: float) -> float:
-    """Brought into [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+        """However slowly the point goes on, it asks for the speed of the plan: that is what draws the rover along."""
+        place, vel, acc = self._motion(leg)
+        north, east = leg.end
+        self._rover.sp.follow((north + place[0], east + place[1]), (vel[0], vel[1]), (acc[0], acc[1]))

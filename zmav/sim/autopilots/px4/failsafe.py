@@ -25,9 +25,7 @@ from zmav.sim.autopilots.px4.modes import (
     LAND,
     MISSION,
     OFFBOARD,
-    ORBIT,
     POSCTL,
-    POSITION_SLOW,
     RTL,
     STABILIZED,
     TERMINATION,
@@ -256,8 +254,6 @@ class Failsafe:
         self._grow(dt, waiting=delayed is not Action.NONE)
         if action > max(self.action, Action.WARN):
             self._notify(worst, action, delayed)
-            if self.action <= Action.WARN and self._copter.wanted is ORBIT:
-                self._copter.wanted = HOLD  # an orbit is not taken up again
         self.action = action
 
     def _grow(self, dt: float, *, waiting: bool) -> None:
@@ -315,7 +311,7 @@ class Failsafe:
             rule = int(copter.params["COM_OBL_RC_ACT"])
             action = OFFBOARD_LOSS[rule] if 0 <= rule < len(OFFBOARD_LOSS) else Action.POSCTL
             mode = MODE_OF.get(action, TERMINATION)
-        if mode in (POSCTL, POSITION_SLOW) and not self.can_run(mode):
+        if mode is POSCTL and not self.can_run(mode):
             action, mode = Action.ALTCTL, ALTCTL
         if mode is ALTCTL and not self.can_run(mode):
             action, mode = Action.STABILIZED, STABILIZED

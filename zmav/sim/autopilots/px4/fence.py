@@ -10,33 +10,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from zmav.sim.autopilots.items import Item
+from zmav.sim.autopilots.areas import Area, areas_of
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.geo import Position, to_ned
 
 if TYPE_CHECKING:
     from zmav.sim.autopilots.px4.copter import Px4Copter
-
-_POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004  # MAV_CMD_NAV_FENCE_...
-_CRITICAL = 2
-Corner = tuple[float, float]
-
-
-class Area(NamedTuple):
-    """A polygon, or (with a radius) a circle about its only corner; metres NED of the world."""
-
-    corners: tuple[Corner, ...]
-    radius: float
-    inclusion: bool
-
-    def allows(self, north: float, east: float) -> bool:
-        inside = _in_polygon(self.corners, north, east) if self.radius == 0.0 else self._in_circle(north, east)
-        return inside is self.inclusion
-
-    def _in_circle(self, north: float, east: float) -> bool:
-        about = self.corners[0]
-        return math.hypot(north - about[0], east - about[1]) < self.radius
 
 
 class Breach(NamedTuple):
@@ -64,15 +43,15 @@ class Fence:
         items = self._copter.fence
         if self._known != items.opaque_id:
             self._known = items.opaque_id
-            self._areas = tuple(area for area in _areas(items.items, self._copter.world) if self._fits(area))
+            self._areas = tuple(area for area in areas_of(items.items, self._copter.world) if self._fits(area))
 
     def _fits(self, area: Area) -> bool:
         copter = self._copter
-        if copter.has_home and not area.allows(*copter.home_world[:2]):
+        if copter.has_home and area.outside_by(*copter.home_world[:2]) > 0.0:
             copter.tell(events.FENCE_WITHOUT_HOME)
             return False
         sense = copter.sense
-        if copter.params["GF_ACTION"] and not copter.landed and not area.allows(sense.north, sense.east):
+        if copter.params["GF_ACTION"] and not copter.landed and area.outside_by(sense.north, sense.east) > 0.0:
             copter.tell(events.FENCE_WITHOUT_VEHICLE)
             return False
         return True
@@ -85,7 +64,7 @@ class Fence:
         return Breach(
             copter.has_home and farthest > 0.0 and math.hypot(place[0] - north, place[1] - east) >= farthest,
             copter.has_home and highest > 0.0 and down - place[2] >= highest,
-            not all(area.allows(place[0], place[1]) for area in self._areas),
+            any(area.outside_by(place[0], place[1]) > 0.0 for area in self._areas),
         )
 
     @property
@@ -102,37 +81,3 @@ class Fence:
             self.breach = Breach()
         elif copter.position_ok:
             self.breach = self.at((sense.north, sense.east, sense.down))
-
-
-def _areas(items: tuple[Item, ...], world: Position) -> list[Area]:
-    """The items of a plan as areas; those that make none are passed over."""
-    areas, at = [], 0
-    while at < len(items):
-        item = items[at]
-        if item.command in (_CIRCLE_IN, _CIRCLE_OUT):
-            if item.p1 > 0.0:
-                areas.append(Area((_corner(item, world),), item.p1, item.command == _CIRCLE_IN))
-            at += 1
-        elif item.command in (_POLYGON_IN, _POLYGON_OUT) and item.p1 >= 1:
-            count = int(item.p1)
-            corners = tuple(_corner(each, world) for each in items[at : at + count])
-            if len(corners) >= 3:
-                areas.append(Area(corners, 0.0, item.command == _POLYGON_IN))
-            at += count
-        else:
-            at += 1
-    return areas
-
-
-def _corner(item: Item, world: Position) -> Corner:
-    north, east, _ = to_ned(Position(item.x * 1e-7, item.y * 1e-7, world.alt_amsl_m), world)
-    return north, east
-
-
-def _in_polygon(corners: tuple[Corner, ...], north: float, east: float) -> bool:
-    """By how often a ray to the east crosses the sides (W. R. Franklin's even-odd rule)."""
-    inside = False
-    for (n1, e1), (n2, e2) in zip(corners, (*corners[1:], corners[0]), strict=True):
-        if (n1 >= north) != (n2 >= north) and east < (e2 - e1) * (north - n1) / (n2 - n1) + e1:
-            inside = not inside
-    return inside

@@ -29,7 +29,7 @@ _NO_PLACE = 2**31 - 1
 
 
 class Px4Items(ItemStore):
-    """One list; ``opaque_id`` is nought for an empty one, and another for every other list."""
+    """One list; ``opaque_id`` is zero for an empty one, and another for every other list."""
 
     known: ClassVar[set[int]]
     placed: ClassVar[set[int]]

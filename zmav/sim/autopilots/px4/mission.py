@@ -70,7 +70,7 @@ class Mission:
         return True
 
     def enter(self) -> None:
-        """MISSION is entered: go on where it was left, or begin anew after its end."""
+        """MISSION is entered: go on where it was left, or begin again after its end."""
         self.renew()
         if self.finished:
             self.jump(0)

@@ -39,26 +39,22 @@ class Mode(msgspec.Struct, frozen=True, kw_only=True):
 MANUAL = Mode(name="MANUAL", number=0, main=1, manual=True, position=False, height=False)
 ALTCTL = Mode(name="ALTCTL", number=1, main=2, manual=True, position=False, standard=4)
 POSCTL = Mode(name="POSCTL", number=2, main=3, manual=True, standard=1)
-POSITION_SLOW = Mode(name="POSITION_SLOW", number=6, main=3, sub=2, manual=True)
 MISSION = Mode(name="MISSION", number=3, main=4, sub=4, auto=True, standard=6)
 HOLD = Mode(name="HOLD", number=4, main=4, sub=3, auto=True)
 RTL = Mode(name="RTL", number=5, main=4, sub=5, auto=True, arms=False, standard=5)
-ACRO = Mode(name="ACRO", number=10, main=5, manual=True, position=False, height=False)
 DESCEND = Mode(name="DESCEND", number=12, main=4, sub=6, auto=True, position=False, height=False, arms=False)
 TERMINATION = Mode(name="TERMINATION", number=13, main=10, position=False, height=False, arms=False)
 OFFBOARD = Mode(name="OFFBOARD", number=14, main=6, position=False, height=False)
 STABILIZED = Mode(name="STABILIZED", number=15, main=7, manual=True, position=False, height=False)
 TAKEOFF = Mode(name="TAKEOFF", number=17, main=4, sub=2, auto=True, standard=8)
 LAND = Mode(name="LAND", number=18, main=4, sub=6, auto=True, arms=False, standard=7)
-ORBIT = Mode(name="ORBIT", number=21, main=3, sub=1, auto=True, arms=False, standard=2)
 
-# Those that can be asked for: DESCEND is a failsafe's only. FOLLOW (4/8) and PRECLAND (4/9) are refused: nothing here
-# gives them a target.
+# Those that can be asked for: DESCEND is a failsafe's only.
 MODES = (
-    MANUAL, ALTCTL, POSCTL, POSITION_SLOW, MISSION, HOLD, RTL, ACRO, TERMINATION, OFFBOARD, STABILIZED, TAKEOFF, LAND,
-    ORBIT,
+    MANUAL, ALTCTL, POSCTL, MISSION, HOLD, RTL, TERMINATION, OFFBOARD, STABILIZED, TAKEOFF, LAND,
 )  # fmt: skip
 BY_NUMBERS = {(mode.main, mode.sub): mode for mode in MODES}
+NOT_SIMULATED = {(3, 1): "Orbit", (3, 2): "Position slow", (4, 8): "Follow", (4, 9): "Precision land", (5, 0): "Acro"}
 
 # COM_FLTMODE1..6 and COM_FLTMODE: what a position of the pilot's switch means.
 SWITCH: dict[int, Mode] = {
@@ -68,10 +64,8 @@ SWITCH: dict[int, Mode] = {
     3: MISSION,
     4: HOLD,
     5: RTL,
-    6: ACRO,
     7: OFFBOARD,
     8: STABILIZED,
     10: TAKEOFF,
     11: LAND,
-    13: POSITION_SLOW,
 }

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.px4.modes import DESCEND, LAND, MISSION, ORBIT, RTL, TAKEOFF, Mode
-from zmav.sim.autopilots.px4.orbit import Orbit
+from zmav.sim.autopilots.px4.modes import DESCEND, LAND, MISSION, RTL, TAKEOFF, Mode
 from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 if TYPE_CHECKING:
@@ -28,7 +27,6 @@ class Navigator:
         self.target: Vector | None = None  # of HOLD and on the way home, world NED
         self.yaw: float | None = None
         self.takeoff_amsl: float | None = None  # asked for by NAV_TAKEOFF
-        self.orbit = Orbit(copter)
         self._leg = ""
         self._wait_until = 0.0
         self._takeoff_down = 0.0
@@ -45,8 +43,6 @@ class Navigator:
             self._plan_return()
         elif mode is MISSION:
             copter.mission.enter()
-        elif mode is ORBIT:
-            self.orbit.begin()
 
     def reposition(self, target: Vector, yaw: float | None, speed: float | None) -> None:
         """HOLD at that place of the world's NED, when HOLD flies."""
@@ -105,8 +101,6 @@ class Navigator:
             copter.sp.climb(copter.params["MPC_LAND_SPEED"])
         elif mode is MISSION:
             copter.mission.fly()
-        elif mode is ORBIT:
-            self.orbit.fly()
         elif self.target is not None:
             self.go(self.target, self.yaw)
 

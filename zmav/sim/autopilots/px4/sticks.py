@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.autopilots.px4 import events
-from zmav.sim.autopilots.px4.modes import ACRO, ALTCTL, POSCTL, POSITION_SLOW, Mode
+from zmav.sim.autopilots.px4.modes import ALTCTL, POSCTL, Mode
 from zmav.sim.control.setpoints import Axis, Spool
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ TAKEOVER = 0.12  # of a stick's way: a pilot who moves it more takes an automati
 MOVING_S = 0.15  # how long a joystick that moved counts as moving
 TAKEOFF_STICK = 0.15
 DEADZONE = 0.05
-_BY_HEIGHT = (ALTCTL, POSCTL, POSITION_SLOW)
+_BY_HEIGHT = (ALTCTL, POSCTL)
 
 
 class Sticks:
@@ -124,38 +124,28 @@ class Sticks:
         roll, pitch, yaw, throttle = self.values
         sp.turn(yaw * math.radians(p["MPC_MAN_Y_MAX"]))
         lean = math.radians(p["MPC_MAN_TILT_MAX"])
-        if mode in (POSCTL, POSITION_SLOW):
-            self._by_speed(roll, pitch, yaw, slow=mode is POSITION_SLOW)
+        if mode is POSCTL:
+            self._by_speed(roll, pitch)
             return
-        if mode is ACRO:
-            sp.rates(
-                roll * math.radians(p["MC_ACRO_R_MAX"]),
-                -pitch * math.radians(p["MC_ACRO_P_MAX"]),
-                yaw * math.radians(p["MC_ACRO_Y_MAX"]),
-            )
-        else:
-            sp.lean(roll * lean, -pitch * lean)
+        sp.lean(roll * lean, -pitch * lean)
         if mode is ALTCTL:
             self._by_climb()
         else:
             hover = copter.hover_thrust
             sp.direct_thrust(throttle * 2 * hover if throttle < 0.5 else hover + (throttle - 0.5) * 2 * (1.0 - hover))
 
-    def _by_speed(self, roll: float, pitch: float, yaw: float, *, slow: bool) -> None:
-        copter, p = self._copter, self._copter.params
-        speed = min(p["MPC_VEL_MANUAL"], p["MC_SLOW_DEF_HVEL"]) if slow else p["MPC_VEL_MANUAL"]
+    def _by_speed(self, roll: float, pitch: float) -> None:
+        copter, speed = self._copter, self._copter.params["MPC_VEL_MANUAL"]
         c, s = math.cos(copter.sense.yaw), math.sin(copter.sense.yaw)
         forward, right = pitch * speed, roll * speed
         vel = (forward * c - right * s, forward * s + right * c, 0.0)
         copter.sp.limit("speed", speed)
         copter.sp.move(vel=vel, horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-        if slow:
-            copter.sp.turn(yaw * math.radians(min(p["MPC_MAN_Y_MAX"], p["MC_SLOW_DEF_YAWR"])))
-        self._by_climb(p["MC_SLOW_DEF_VVEL"] if slow else math.inf)
+        self._by_climb()
 
-    def _by_climb(self, most: float = math.inf) -> None:
+    def _by_climb(self) -> None:
         copter, climb = self._copter, self.climb
-        up, down = (min(copter.params[name], most) for name in ("MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"))
+        up, down = (copter.params[name] for name in ("MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"))
         copter.sp.limit("speed_up", up)
         copter.sp.limit("speed_down", down)
         copter.sp.climb(-climb * (up if climb > 0 else down))

@@ -52,13 +52,7 @@ class Tuning:
         self._params = params
         self._sp = setpoint
         self._airframe = airframe
-        before = params.changed
-
-        def changed(name: str, value: float) -> None:
-            before(name, value)
-            self.apply(name)
-
-        params.changed = changed
+        params.watch(lambda name, value: self.apply(name))
         for name in (*GAINS, HOVER[0]):
             self.apply(name)
 

@@ -8,63 +8,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
-import msgspec
+from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.ardupilot.targets import Target
 from zmav.sim.autopilots.ardupilot.vehicle import WARNING
 from zmav.sim.protocol.ardupilot.setpoint import point
-from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.command import (
+    ACCEPTED,
+    CHANGE_MODE,
+    COMMAND_INT_ONLY,
+    CUSTOM_MODE,
+    DENIED,
+    FAILED,
+    FORCE,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+    Command,
+)
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
 
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
-COMMAND_INT_ONLY = 8
-
-_FORCE = 21196  # param2 of arming that skips the checks, and of disarming in flight
-_CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-RELATIVE_ALT = 3  # MAV_FRAME_GLOBALRELATIVE_ALT
 _E7 = 1e7
-
-
-class Command(msgspec.Struct, frozen=True):
-    """A command in either form: ``x`` and ``y`` as COMMAND_INT carries them; ``sender`` is who asked."""
-
-    number: int
-    p1: float
-    p2: float
-    p3: float
-    p4: float
-    x: float
-    y: float
-    z: float
-    frame: int
-    as_int: bool
-    channel: Channel
-    sender: tuple[int, int]
 
 
 Handler = Callable[["MavNode", Command], int]
 Handlers = dict[int, Handler]
 
 
-def from_long(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
-    p1, p2, p3, p4, x, y, z = (msg[f"param{i}"] for i in range(1, 8))
-    return Command(msg["command"], p1, p2, p3, p4, x, y, z, RELATIVE_ALT, False, channel, sender)
-
-
-def from_int(msg: dict[str, Any], channel: Channel, sender: tuple[int, int]) -> Command:
-    p1, p2, p3, p4 = (msg[f"param{i}"] for i in range(1, 5))
-    return Command(msg["command"], p1, p2, p3, p4, msg["x"], msg["y"], msg["z"], msg["frame"], True, channel, sender)
-
-
 def run(node: MavNode, command: Command, handlers: Handlers) -> None:
     """Carry out what there is one of the ``handlers`` for, and acknowledge to who asked on the link it came by."""
     handler = handlers.get(command.number)
+    if command.number in NOT_SIMULATED:
+        node.say(WARNING, f"MAV_CMD {command.number} is not simulated")
     if handler is None:
         result = UNSUPPORTED
     elif not all(math.isfinite(p) for p in (command.p1, command.p2)) and command.number not in _NAN_ALLOWED:
@@ -79,7 +56,7 @@ def verdict(done: bool) -> int:
 
 
 def _arm_disarm(node: MavNode, c: Command) -> int:
-    forced = round(c.p2) == _FORCE
+    forced = round(c.p2) == FORCE
     if c.p1 == 1:
         return verdict(node.vehicle.arm(forced=forced))
     if c.p1 == 0:
@@ -88,9 +65,10 @@ def _arm_disarm(node: MavNode, c: Command) -> int:
 
 
 def _set_mode(node: MavNode, c: Command) -> int:
-    if not int(c.p1) & _CUSTOM_MODE:
+    if not int(c.p1) & CUSTOM_MODE:
         return DENIED
-    return verdict(node.vehicle.set_mode(int(c.p2)))
+    done = node.vehicle.set_mode(int(c.p2))
+    return UNSUPPORTED if int(c.p2) in node.vehicle.NOT_SIMULATED else verdict(done)
 
 
 def enter(number: int) -> Handler:
@@ -172,7 +150,7 @@ def _reposition(node: MavNode, c: Command) -> int:
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
         return DENIED
-    if vehicle.mode is not vehicle.guided and not int(c.p2) & _CHANGE_MODE:
+    if vehicle.mode is not vehicle.guided and not int(c.p2) & CHANGE_MODE:
         return DENIED
     if not vehicle.fence.allows(where) or not vehicle.set_mode(vehicle.guided.number):
         return FAILED
@@ -202,18 +180,10 @@ def _terminate(node: MavNode, c: Command) -> int:
     return verdict(c.p1 > 0.5 and node.vehicle.disarm(forced=True))
 
 
-def _storage(node: MavNode, c: Command) -> int:
-    """Only erasing is known, and that takes effect with the next boot: here, nothing comes of it."""
-    if c.p1 != 2:
-        return DENIED
-    node.say(WARNING, "All parameters reset, reboot board")
-    return ACCEPTED
-
-
 def _reboot(node: MavNode, c: Command) -> int:
     if c.p1 not in (1, 3):
         return UNSUPPORTED
-    if node.vehicle.armed and round(c.y) != _FORCE:
+    if node.vehicle.armed and round(c.y) != FORCE:
         return FAILED
     node.reboot_after_ack()
     return ACCEPTED
@@ -230,7 +200,6 @@ HANDLERS: Handlers = {
     179: _set_home,
     185: _terminate,
     192: _reposition,
-    245: _storage,
     246: _reboot,
     400: _arm_disarm,
     401: _run_prearm,
@@ -241,4 +210,8 @@ HANDLERS: Handlers = {
     520: _request_version,
     42428: _banner,
 }
-_NAN_ALLOWED = {22, 84, 192, 1000}
+_NAN_ALLOWED = {22, 192, 1000}
+# NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, CONDITION_YAW, DO_REPEAT_RELAY, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START,
+# DO_GO_AROUND, DO_SET_REVERSE, DO_FENCE_ENABLE, DO_MOTOR_TEST, DO_AUX_FUNCTION, PREFLIGHT_STORAGE, DO_JUMP_TAG,
+# GUIDED_CHANGE_SPEED, GUIDED_CHANGE_ALTITUDE, GUIDED_CHANGE_HEADING
+NOT_SIMULATED = {84, 85, 115, 182, 184, 186, 189, 191, 194, 207, 209, 218, 245, 601, 43000, 43001, 43002}

@@ -8,27 +8,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.ardupilot.fence import EVERYTHING, FLOOR
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.ardupilot.commands import (
-    ACCEPTED,
-    DENIED,
-    FAILED,
-    UNSUPPORTED,
-    Command,
-    Handlers,
-    place,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
+from zmav.sim.protocol.command import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Command
 
 if TYPE_CHECKING:
     from zmav.sim.protocol.ardupilot.node import MavNode
 
 _AUTO = 3
 _E7 = 1e7
-_HIGHEST_POSITION = 2  # of an auxiliary switch
 
 
 def _mission_start(node: MavNode, c: Command) -> int:
@@ -60,12 +50,6 @@ def _set_current(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _jump_to_tag(node: MavNode, c: Command) -> int:
-    if not 0 <= c.p1 <= 65535:
-        return DENIED
-    return verdict(node.vehicle.mission.jump_to_tag(int(c.p1)))
-
-
 def _pause_continue(node: MavNode, c: Command) -> int:
     vehicle = node.vehicle
     if int(c.p1) == 1:
@@ -79,40 +63,12 @@ def _pause_continue(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _fence_enable(node: MavNode, c: Command) -> int:
-    fence, types = node.vehicle.fence, int(c.p2) & 0xFF or EVERYTHING
-    if c.p1 == 1:
-        return verdict(fence.enable(True, types))
-    if c.p1 in (0, 2):
-        fence.enable(False, types if c.p1 == 0 else FLOOR)
-        return ACCEPTED
-    return FAILED
-
-
-def _aux_function(node: MavNode, c: Command) -> int:
-    if not 0 <= c.p2 <= _HIGHEST_POSITION:
-        return DENIED
-    return verdict(node.vehicle.rc.run_function(int(c.p1), int(c.p2)))
-
-
 def _set_servo(node: MavNode, c: Command) -> int:
     return verdict(node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)))
 
 
 def _set_relay(node: MavNode, c: Command) -> int:
     return verdict(node.vehicle.payload.set_relay(int(c.p1), int(c.p2)))
-
-
-def _repeat_servo(node: MavNode, c: Command) -> int:
-    if not (math.isfinite(c.p3) and math.isfinite(c.p4)):
-        return DENIED
-    return verdict(node.vehicle.payload.repeat_servo(int(c.p1), min(max(int(c.p2), 0), 65535), int(c.p3), c.p4))
-
-
-def _repeat_relay(node: MavNode, c: Command) -> int:
-    if not math.isfinite(c.p3):
-        return DENIED
-    return verdict(node.vehicle.payload.repeat_relay(int(c.p1), int(c.p2), c.p3))
 
 
 def _region_of_interest(node: MavNode, c: Command) -> int:
@@ -184,9 +140,7 @@ def _stop_capture(node: MavNode, c: Command) -> int:
 
 DUTIES: Handlers = {
     181: _set_relay,
-    182: _repeat_relay,
     183: _set_servo,
-    184: _repeat_servo,
     193: _pause_continue,
     195: _region_of_interest,
     197: _no_region_of_interest,
@@ -195,11 +149,8 @@ DUTIES: Handlers = {
     204: _mount_configure,
     205: _mount_control,
     206: _trigger_distance,
-    207: _fence_enable,
-    218: _aux_function,
     224: _set_current,
     300: _mission_start,
-    601: _jump_to_tag,
     1000: _gimbal_pitch_yaw,
     2000: _start_capture,
     2001: _stop_capture,

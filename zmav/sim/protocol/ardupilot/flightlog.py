@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.dataflash import DataflashWriter, Layout
 from zmav.sim.protocol.logs import MOST_ONE, Log, LogStore
@@ -111,6 +112,5 @@ class FlightLog(Part):
 
 def _tilt(w: float, x: float, y: float, z: float) -> tuple[float, float]:
     """Roll and pitch of an attitude, degrees."""
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    roll, pitch, _ = rotation.euler((w, x, y, z))
     return math.degrees(roll), math.degrees(pitch)

@@ -18,6 +18,7 @@ from zmav.sim.protocol.ardupilot.storage import Storage
 from zmav.sim.protocol.ardupilot.telemetry import REPORTS
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.command import read_command
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.reports import Report
@@ -59,8 +60,8 @@ class MavNode(Node):
             "HEARTBEAT": self._heartbeat,
             "SET_MODE": self._set_mode,
             "REQUEST_DATA_STREAM": self._data_stream,
-            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who), self.HANDLERS),
-            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who), self.HANDLERS),
+            "COMMAND_LONG": self._command,
+            "COMMAND_INT": self._command,
             "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(vehicle, m),
             "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(vehicle, m),
             "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(vehicle, m),
@@ -136,6 +137,9 @@ class MavNode(Node):
             channel.send("STATUSTEXT", severity=INFO, text=text)
 
     # ---- in
+
+    def _command(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        commands.run(self, read_command(msg, channel, sender), self.HANDLERS)
 
     def _heartbeat(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         self.vehicle.gcs.heard(sender[0])

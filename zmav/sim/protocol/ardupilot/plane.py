@@ -9,29 +9,19 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO, WARNING
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
-from zmav.sim.protocol.ardupilot.commands import (
-    ACCEPTED,
-    COMMAND_INT_ONLY,
-    DENIED,
-    FAILED,
-    Command,
-    Handlers,
-    place,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.planereports import REPORTS
+from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
 from zmav.sim.protocol.part import Answer
 from zmav.sim.protocol.reports import Report
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _ABSOLUTE, _RELATIVE = (0, 5), (3, 6, 10, 11)  # MAV_FRAME
 _LOCAL_OFFSET = 7
-_AIRSPEED = 0  # SPEED_TYPE
-_COURSE, _HEADING, _CIRCLE = 0, 1, 2  # HEADING_TYPE
 _IGNORE_HEIGHT = 4  # POSITION_TARGET_TYPEMASK
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _HIGHEST = 80_000.0  # m
@@ -91,7 +81,7 @@ def _reposition(node: MavNode, c: Command) -> int:
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0) or not plane.fence.allows(where):
         return DENIED
-    change = math.isfinite(c.p2) and int(c.p2) & _CHANGE_MODE
+    change = math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE
     if plane.mode is not plane.guided and not change:
         return FAILED
     if not plane.set_mode(plane.guided.number):
@@ -101,79 +91,13 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _change_altitude(node: MavNode, c: Command) -> int:
-    """DO_CHANGE_ALTITUDE: ``p1`` metres, ``p2`` the frame; for the place it goes to, in any mode."""
-    plane = _plane(node)
-    down = _down(plane, c.p1, int(c.p2))
-    if down is None:
-        return DENIED
-    plane.way.end = *plane.way.end[:2], down
-    plane.way.level()
-    return ACCEPTED
-
-
-def _guided_speed(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    if plane.mode is not plane.guided:
-        return FAILED
-    if int(c.p1) != _AIRSPEED:
-        return DENIED
-    rate = c.p3 if math.isfinite(c.p3) else 0.0
-    return verdict(plane.guided.change_airspeed(c.p2, rate))
-
-
-def _guided_altitude(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    if plane.mode is not plane.guided:
-        return FAILED
-    down = _down(plane, c.z, c.frame)
-    if down is None or c.z in (-1.0, 0.0):
-        return DENIED
-    rate = abs(c.p3) if math.isfinite(c.p3) else 0.0
-    plane.guided.change_height(down, rate)
-    return ACCEPTED
-
-
-def _guided_heading(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    if plane.mode is not plane.guided:
-        return FAILED
-    if not 0.0 <= c.p2 < 360.0 or int(c.p1) not in (_COURSE, _HEADING, _CIRCLE):
-        return DENIED
-    if int(c.p1) == _CIRCLE:
-        plane.guided.change_heading(None)
-    else:
-        accel = c.p3 if math.isfinite(c.p3) else 0.0
-        plane.guided.change_heading(math.radians(c.p2), course=int(c.p1) == _COURSE, accel=accel)
-    return ACCEPTED
-
-
-def _land_start(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
-    return verdict(plane.position_ok and plane.land_by_mission())
-
-
-def _go_around(node: MavNode, c: Command) -> int:
-    """Give up a landing: back to the approach."""
-    plane = _plane(node)
-    if plane.mode is not plane.auto or not plane.auto.is_landing or plane.auto.previous is None:
-        return FAILED
-    return verdict(plane.mission.set_current(plane.auto.previous.seq))
-
-
 COMMANDS: Handlers = {
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
     22: _takeoff,
     178: _change_speed,
-    186: _change_altitude,
-    189: _land_start,
-    191: _go_around,
     192: _reposition,
     300: _mission_start,
-    43000: _guided_speed,
-    43001: _guided_altitude,
-    43002: _guided_heading,
 }
 
 
@@ -206,15 +130,13 @@ def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
     """Apply a SET_ATTITUDE_TARGET: of the attitude the angles whose rate is not ignored, or all with none; a yaw is
     taken for rudder.
     """
-    plane, mask, (w, x, y, z) = _plane(node), msg["type_mask"], msg["q"]
+    plane, mask = _plane(node), msg["type_mask"]
     if plane.mode is not plane.guided:
         return
-    if not all(math.isfinite(part) for part in (w, x, y, z, msg["thrust"])):
+    if not all(math.isfinite(part) for part in (*msg["q"], msg["thrust"])):
         return
     whole = mask & (_NO_ROLL | _NO_PITCH | _NO_YAW) == (_NO_ROLL | _NO_PITCH | _NO_YAW) and not mask & _NO_ATTITUDE
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    roll, pitch, yaw = rotation.euler(msg["q"])
     plane.guided.force(
         roll=roll if whole or not mask & _NO_ROLL else None,
         pitch=pitch if whole or not mask & _NO_PITCH else None,

@@ -9,28 +9,19 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
-from zmav.sim.protocol.ardupilot.commands import (
-    ACCEPTED,
-    COMMAND_INT_ONLY,
-    DENIED,
-    FAILED,
-    Command,
-    Handlers,
-    enter,
-    place,
-    verdict,
-)
+from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place, verdict
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
 _POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # POSITION_TARGET_TYPEMASK
 _NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
@@ -63,7 +54,7 @@ def _reposition(node: MavNode, c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
     rover = _rover(node)
-    if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & _CHANGE_MODE):
+    if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
         return DENIED
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
@@ -77,11 +68,6 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _set_reverse(node: MavNode, c: Command) -> int:
-    _rover(node).travel.reversed = c.p1 == 1
-    return ACCEPTED
-
-
 def _mission_start(node: MavNode, c: Command) -> int:
     if c.p1 or c.p2:
         return DENIED
@@ -92,7 +78,6 @@ COMMANDS: Handlers = {
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: _reposition,
-    194: _set_reverse,
     300: _mission_start,
 }
 UNKNOWN = (193,)  # what every other ArduPilot takes
@@ -174,8 +159,7 @@ def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
     if not rover.takes_targets or mask & _NO_THRUST or not math.isfinite(msg["thrust"]):
         return
     speed = rover.params["WP_SPEED"] * min(max(msg["thrust"], -1.0), 1.0)
-    w, x, y, z = msg["q"]
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    yaw = rotation.heading(msg["q"])
     if not mask & _NO_TURN:
         rate = msg["body_yaw_rate"]
         if math.isfinite(rate):
@@ -232,13 +216,13 @@ def vfr_hud(node: MavNode) -> Fields:
 
 
 def nav_controller_output(node: MavNode) -> Fields | None:
-    """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in CIRCLE."""
+    """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in LOITER."""
     mode = _rover(node).driving_mode
     if not mode.autopilot:
         return None
     bearing = round(math.degrees(mode.bearing)) % 360
     return {
-        "nav_bearing": bearing if mode.number in (5, 9) else 0,
+        "nav_bearing": bearing if mode.number == 5 else 0,
         "target_bearing": bearing,
         "wp_dist": min(int(mode.distance), 65535),
         "xtrack_error": mode.cross_track,

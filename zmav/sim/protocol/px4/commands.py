@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
-import msgspec
+from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.modes import (
@@ -20,15 +18,24 @@ from zmav.sim.autopilots.px4.modes import (
     LAND,
     MISSION,
     MODES,
-    ORBIT,
+    NOT_SIMULATED,
     RTL,
     TAKEOFF,
     TERMINATION,
     Mode,
 )
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Sender
+from zmav.sim.protocol.command import (
+    ACCEPTED,
+    CHANGE_MODE,
+    CUSTOM_MODE,
+    DENIED,
+    FAILED,
+    FORCE,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+    Command,
+)
 from zmav.sim.protocol.px4.links import UDP
 from zmav.sim.protocol.px4.setpoint import point
 from zmav.sim.protocol.px4.telemetry import REPORTS
@@ -36,47 +43,13 @@ from zmav.sim.protocol.px4.telemetry import REPORTS
 if TYPE_CHECKING:
     from zmav.sim.protocol.px4.node import Px4Node
 
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
-
 _SET_MODE = 176
-_FORCE = 21196
-_CUSTOM_MODE = 1
-_CHANGE_MODE = 1
-_NO_PLACE = 2**31 - 1  # x and y of a COMMAND_INT that names none
 _REBOOT = 1
 _AVAILABLE_MODES = 435
 _UNRATED = ("HEARTBEAT", "MISSION_CURRENT")  # sent at a rate of their own
 
 
-class Command(msgspec.Struct, frozen=True):
-    """A command in either form: latitude and longitude in degrees, NaN where not given; ``sender`` is who asked."""
-
-    number: int
-    p1: float
-    p2: float
-    p3: float
-    p4: float
-    lat: float
-    lon: float
-    alt: float
-    channel: Channel
-    sender: Sender
-
-
 Handler = Callable[["Px4Node", Command], int]
-
-
-def from_long(msg: dict[str, Any], channel: Channel, sender: Sender) -> Command:
-    p1, p2, p3, p4, lat, lon, alt = (msg[f"param{i}"] for i in range(1, 8))
-    return Command(msg["command"], p1, p2, p3, p4, lat, lon, alt, channel, sender)
-
-
-def from_int(msg: dict[str, Any], channel: Channel, sender: Sender) -> Command:
-    p1, p2, p3, p4 = (msg[f"param{i}"] for i in range(1, 5))
-    lat, lon = msg["x"] * 1e-7, msg["y"] * 1e-7
-    if msg["x"] == msg["y"] == _NO_PLACE:
-        lat = lon = math.nan
-    return Command(msg["command"], p1, p2, p3, p4, lat, lon, msg["z"], channel, sender)
 
 
 def run(node: Px4Node, command: Command) -> None:
@@ -84,6 +57,8 @@ def run(node: Px4Node, command: Command) -> None:
     channel, handler = command.channel, HANDLERS.get(command.number)
     if command.number == _SET_MODE:
         channel.acknowledge(command.number, ACCEPTED, command.sender)  # the receiver's, that passes it on
+    if command.number in COMMANDS_NOT_SIMULATED:
+        node.copter.say(4, f"MAV_CMD {command.number} is not simulated\t")
     result = UNSUPPORTED if handler is None else handler(node, command)
     channel.acknowledge(command.number, result, command.sender)
 
@@ -96,14 +71,18 @@ def _verdict(done: bool) -> int:
 
 
 def _set_mode(node: Px4Node, c: Command) -> int:
-    if not (math.isfinite(c.p1) and math.isfinite(c.p2) and int(c.p1) & _CUSTOM_MODE):
+    if not (math.isfinite(c.p1) and math.isfinite(c.p2) and int(c.p1) & CUSTOM_MODE):
         return TEMPORARILY_REJECTED
-    mode = BY_NUMBERS.get((int(c.p2), int(c.p3) if math.isfinite(c.p3) else 0))
+    numbers = (int(c.p2), int(c.p3) if math.isfinite(c.p3) else 0)
+    if numbers in NOT_SIMULATED:
+        node.copter.say(4, f"{NOT_SIMULATED[numbers]} is not simulated\t")
+        return UNSUPPORTED
+    mode = BY_NUMBERS.get(numbers)
     return _verdict(mode is not None and node.copter.set_mode(mode))
 
 
 def _arm_disarm(node: Px4Node, c: Command) -> int:
-    forced = c.p2 == _FORCE
+    forced = c.p2 == FORCE
     if c.p1 == 1:
         return _verdict(node.copter.arm(forced=forced))
     if c.p1 == 0:
@@ -120,7 +99,7 @@ def _enter(mode: Mode) -> Handler:
 
 def _takeoff(node: Px4Node, c: Command) -> int:
     navigator = node.copter.navigator
-    navigator.takeoff_amsl = c.alt if math.isfinite(c.alt) else None
+    navigator.takeoff_amsl = c.z if math.isfinite(c.z) else None
     done = node.copter.set_mode(TAKEOFF)
     if not done:
         navigator.takeoff_amsl = None
@@ -130,11 +109,11 @@ def _takeoff(node: Px4Node, c: Command) -> int:
 def _reposition(node: Px4Node, c: Command) -> int:
     """Fly to a place and HOLD there; what is NaN stays as it is."""
     copter = node.copter
-    if not math.isfinite(c.p2) or int(c.p2) != _CHANGE_MODE:
+    if not math.isfinite(c.p2) or int(c.p2) != CHANGE_MODE:
         return UNSUPPORTED
     here = copter.position
-    lat, lon = (c.lat, c.lon) if math.isfinite(c.lat) and math.isfinite(c.lon) else (here.lat_deg, here.lon_deg)
-    place = point(copter, lat, lon, c.alt if math.isfinite(c.alt) else here.alt_amsl_m, 0)
+    lat, lon = c.degrees if all(map(math.isfinite, c.degrees)) else (here.lat_deg, here.lon_deg)
+    place = point(copter, lat, lon, c.z if math.isfinite(c.z) else here.alt_amsl_m, 0)
     if place is None:
         return DENIED
     if not copter.set_mode(HOLD):
@@ -153,40 +132,8 @@ def _go(node: Px4Node, place: Vector, yaw: float | None, speed: float | None) ->
         copter.navigator.reposition(place, yaw, speed)
 
 
-def _change_altitude(node: Px4Node, c: Command) -> int:
-    """A reposition that only changes the height, above mean sea level."""
-    copter = node.copter
-    if not math.isfinite(c.p1):
-        return DENIED
-    held = copter.navigator.target
-    here = copter.position
-    place = point(copter, here.lat_deg, here.lon_deg, c.p1, 0)
-    if place is None:
-        return DENIED
-    if not copter.set_mode(HOLD):
-        return TEMPORARILY_REJECTED
-    _go(node, place if held is None else (held[0], held[1], place[2]), None, None)
-    return ACCEPTED
-
-
-def _orbit(node: Px4Node, c: Command) -> int:
-    """Round a place; what is NaN is as it is, or as by default."""
-    copter = node.copter
-    here = copter.position
-    lat, lon = (c.lat, c.lon) if math.isfinite(c.lat) and math.isfinite(c.lon) else (here.lat_deg, here.lon_deg)
-    centre = point(copter, lat, lon, c.alt if math.isfinite(c.alt) else here.alt_amsl_m, 0)
-    if centre is None:
-        return DENIED
-    if not copter.set_mode(ORBIT):
-        return TEMPORARILY_REJECTED
-    radius, speed = (value if math.isfinite(value) else None for value in (c.p1, c.p2))
-    behaviour = int(c.p3) if math.isfinite(c.p3) else None
-    copter.navigator.orbit.ask(centre, radius, speed, behaviour)
-    return ACCEPTED
-
-
 def _change_speed(node: Px4Node, c: Command) -> int:
-    """A speed that is not above nought goes back to the parameter's."""
+    """A speed that is not above zero goes back to the parameter's."""
     node.copter.cruise_speed = c.p2 if math.isfinite(c.p2) and c.p2 > 0 else None
     return ACCEPTED
 
@@ -198,7 +145,7 @@ def _set_home(node: Px4Node, c: Command) -> int:
     if c.p1 == 1:
         copter.home_world = (copter.sense.north, copter.sense.east, copter.sense.down)
     else:
-        place = point(copter, c.lat, c.lon, c.alt, 0)
+        place = point(copter, *c.degrees, c.z, 0)
         if place is None:
             return DENIED
         copter.home_world = place
@@ -254,7 +201,7 @@ def _get_interval(node: Px4Node, c: Command) -> int:
     name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
     period = c.channel.streams.period(name) if name else None
     msgid = round(c.p1) & 0xFFFF if math.isfinite(c.p1) else 0
-    # Nought says that there is no such message, -1 that it is not sent.
+    # Zero says that there is no such message, -1 that it is not sent.
     interval = round(period * 1e6) if period else (-1 if name else 0)
     c.channel.send("MESSAGE_INTERVAL", message_id=msgid, interval_us=interval)
     return ACCEPTED
@@ -294,17 +241,17 @@ def _ask_for(name: str) -> Handler:
     return handler
 
 
+COMMANDS_NOT_SIMULATED = (34, 35, 186, 310)  # DO_ORBIT, DO_FIGURE_EIGHT, DO_CHANGE_ALTITUDE, ACTUATOR_TEST
+
 HANDLERS: dict[int, Handler] = {
     17: _enter(HOLD),  # NAV_LOITER_UNLIM
     20: _enter(RTL),
     21: _enter(LAND),
     22: _takeoff,
-    34: _orbit,
     _SET_MODE: _set_mode,
     178: _change_speed,
     179: _set_home,
     185: _terminate,
-    186: _change_altitude,
     192: _reposition,
     246: _reboot,
     300: _mission_start,

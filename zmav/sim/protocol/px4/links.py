@@ -40,7 +40,6 @@ _ONBOARD: Mapping[str, float] = {
     "HOME_POSITION": 0.5,
     "EXTENDED_SYS_STATE": 5,
     "ODOMETRY": 30,
-    "ORBIT_EXECUTION_STATUS": 5,  # in ORBIT
     "TIME_ESTIMATE_TO_TARGET": 0.5,
     "CURRENT_EVENT_SEQUENCE": 1 / 3,
     "CURRENT_MODE": 0.5,
@@ -72,7 +71,6 @@ _GROUND: Mapping[str, float] = {
     "VIBRATION": 0.1,
     "HOME_POSITION": 0.5,
     "EXTENDED_SYS_STATE": 1,
-    "ORBIT_EXECUTION_STATUS": 2,  # in ORBIT
     "TIME_ESTIMATE_TO_TARGET": 0.5,
     "CURRENT_EVENT_SEQUENCE": 1 / 3,
     "CURRENT_MODE": 0.5,

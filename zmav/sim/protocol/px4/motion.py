@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4.ground import Stage
-from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD, ORBIT
+from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD
 from zmav.sim.autopilots.px4.offboard import Motion
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
@@ -174,22 +174,6 @@ def position_target_local_ned(node: Px4Node) -> Fields | None:
         mask |= (pos is None) << axis
         fields[name] = _NO if pos is None else pos - about[axis]
     return {**fields, "type_mask": mask}
-
-
-def orbit_execution_status(node: Px4Node) -> Fields | None:
-    """Where it circles, while it does."""
-    copter, orbit = node.copter, node.copter.navigator.orbit
-    if copter.mode is not ORBIT or not copter.armed:
-        return None
-    place = copter.place(orbit.centre)
-    return {
-        "time_usec": boot_us(node),
-        "radius": orbit.radius,
-        "frame": 0,
-        "x": e7(place.lat_deg),
-        "y": e7(place.lon_deg),
-        "z": place.alt_amsl_m,
-    }
 
 
 def position_target_global_int(node: Px4Node) -> Fields | None:

@@ -9,6 +9,7 @@ from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.command import read_command
 from zmav.sim.protocol.part import Answer, Sender
 from zmav.sim.protocol.px4 import commands, links, setpoint
 from zmav.sim.protocol.px4.events import EventPart
@@ -61,8 +62,8 @@ class Px4Node(Node):
             "SET_MODE": self._set_mode,
             "MANUAL_CONTROL": self._manual_control,
             "MISSION_SET_CURRENT": self._set_current,
-            "COMMAND_LONG": lambda ch, m, who: commands.run(self, commands.from_long(m, ch, who)),
-            "COMMAND_INT": lambda ch, m, who: commands.run(self, commands.from_int(m, ch, who)),
+            "COMMAND_LONG": lambda ch, m, who: commands.run(self, read_command(m, ch, who)),
+            "COMMAND_INT": lambda ch, m, who: commands.run(self, read_command(m, ch, who)),
             "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(copter, m),
             "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(copter, m),
             "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(copter, m),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from zmav import rotation
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import OFFBOARD
 from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Torque, Wish
@@ -93,11 +94,7 @@ def attitude_target(copter: Px4Copter, msg: dict[str, Any]) -> None:
         norm = math.sqrt(sum(c * c for c in msg["q"]))
         if norm < 1e-3:
             return
-        w, x, y, z = (c / norm for c in msg["q"])
-        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        pitch = math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        wish = Attitude(roll, pitch, yaw, turn, thrust)
+        wish = Attitude(*rotation.euler(c / norm for c in msg["q"]), turn, thrust)
     else:
         wish = Rates(msg["body_roll_rate"], msg["body_pitch_rate"], turn or 0.0, thrust)
     copter.offboard.take(wish)

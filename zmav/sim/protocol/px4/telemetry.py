@@ -31,7 +31,6 @@ REPORTS: dict[str, Callable[[Px4Node], Fields | None]] = {
     "ATTITUDE_TARGET": motion.attitude_target,
     "POSITION_TARGET_LOCAL_NED": motion.position_target_local_ned,
     "POSITION_TARGET_GLOBAL_INT": motion.position_target_global_int,
-    "ORBIT_EXECUTION_STATUS": motion.orbit_execution_status,
     "HIGHRES_IMU": sensors.highres_imu,
     "TIMESYNC": status.timesync,
     "DISTANCE_SENSOR": sensors.distance_sensor,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from zmav import rotation
 from zmav.sim.autopilots.ardupilot.targets import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
@@ -56,10 +57,10 @@ def gps_global_origin(node: MavNode) -> Fields | None:
 
 def nav_controller_output(node: MavNode) -> Fields:
     s = node.vehicle.sense
-    w, x, y, z = s.want_qw, s.want_qx, s.want_qy, s.want_qz
+    roll, pitch, _ = rotation.euler((s.want_qw, s.want_qx, s.want_qy, s.want_qz))
     fields: Fields = {
-        "nav_roll": math.degrees(math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))),
-        "nav_pitch": math.degrees(math.asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))),
+        "nav_roll": math.degrees(roll),
+        "nav_pitch": math.degrees(pitch),
         "nav_bearing": round(math.degrees(s.want_yaw)),
     }
     target = _held_position(node)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from zmav import rotation
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7, int16
 from zmav.sim.sensors.readings import Readings
@@ -207,18 +208,12 @@ def gimbal_device_attitude_status(node: MavNode) -> Fields | None:
     if not gimbal.present:
         return None
     yaw = gimbal.yaw if gimbal.locked else gimbal.yaw_ahead
-    half = [math.radians(angle) / 2.0 for angle in (gimbal.roll, gimbal.pitch, yaw)]
-    (cr, cp, cy), (sr, sp, sy) = [math.cos(a) for a in half], [math.sin(a) for a in half]
+    angles = [math.radians(angle) for angle in (gimbal.roll, gimbal.pitch, yaw)]
     flags = _LEVEL_LOCKS | (_YAW_IN_EARTH | _YAW_LOCK if gimbal.locked else _YAW_IN_VEHICLE)
     return {
         "time_boot_ms": boot_ms(node),
         "flags": flags | {0: 1, 1: 2}.get(gimbal.mode, 0),
-        "q": [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
+        "q": list(rotation.from_euler(*angles)),
         "angular_velocity_x": math.nan,
         "angular_velocity_y": math.nan,
         "angular_velocity_z": math.nan,

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from tests.sim.hil.conftest import MakeWorld, plant, until
-from tests.sim.hil.px4_peer import Px4Peer, TcpPeer
+from tests.hil.conftest import MakeWorld, hil_world, plant, until
+from tests.hil.px4_peer import Px4Peer, TcpPeer
+from zmav.hil.px4 import Px4Vehicle
+from zmav.hil.stream import BARO, IMU, MAG, HilStream
 from zmav.mavlink.dialect import load_dialect
 from zmav.mavlink.frames import Splitter
 from zmav.sim import VehicleSpec, World
-from zmav.sim.hil.px4 import Px4Vehicle
-from zmav.sim.hil.stream import BARO, IMU, MAG, HilStream
 from zmav.sim.sensors.atmosphere import pressure_hpa
 from zmav.sim.spec import Stack
 
@@ -206,7 +206,7 @@ class TestServer:
         assert only(world).plant.time_s - resumed == pytest.approx(world.time_s - begun, abs=0.2)
 
     def test_a_late_answer_to_an_earlier_reading_answers_nothing(self) -> None:
-        world = World([WAITING], epoch_s=0.0)
+        world = hil_world([WAITING], epoch_s=0.0)
         try:
             world.open()
             peer = TcpPeer(only(world).port)

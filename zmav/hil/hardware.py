@@ -16,17 +16,17 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from zmav.errors import BadMessage
+from zmav.hil.line import BACKLOG_BYTES, Line
+from zmav.hil.metronome import Metronome
+from zmav.hil.plant import Plant
+from zmav.hil.relay import Relay
+from zmav.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
+from zmav.hil.tty import is_usb, open_device, parse_device
+from zmav.hil.vehicle import External
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim.endpoints import Address, Endpoint, Wiring, open_endpoint
-from zmav.sim.hil.line import BACKLOG_BYTES, Line
-from zmav.sim.hil.metronome import Metronome
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.relay import Relay
-from zmav.sim.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
-from zmav.sim.hil.tty import is_usb, open_device, parse_device
-from zmav.sim.hil.vehicle import External
 from zmav.sim.status import HilLoop, VehicleStatus
 
 READING_BYTES = 76  # a HIL_SENSOR frame

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zmav.errors import BadConfig
+from zmav.hil.craft import Craft
 from zmav.sim.geo import Position
-from zmav.sim.hil.craft import Craft
 
 ARDUPILOT_PLACES = ("", "bin", "build/sitl/bin")
 PX4_PLACES = ("", "bin", "build/px4_sitl_default/bin")

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from zmav.hil.craft import Craft
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 from zmav.sim.geo import from_ned
-from zmav.sim.hil.craft import Craft
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -87,7 +87,7 @@ class Plant(Fleet):
         self._since_air = 0.0
 
     def reset(self) -> None:
-        """Back to the start at time 0: its flight stack has started anew. What has failed stays so, and the battery is
+        """Back to the start at time 0: its flight stack has started again. What has failed stays so, and the battery is
         as empty as it was.
         """
         battery, troubles, weak = self.battery, self.sensors.troubles, self._weak

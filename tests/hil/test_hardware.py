@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from tests.sim.hil.conftest import MakeWorld, until
-from tests.sim.hil.px4_peer import Px4Peer
+from tests.hil.conftest import MakeWorld, hil_world, until
+from tests.hil.px4_peer import Px4Peer
 from zmav.errors import BadConfig, BadUrl
+from zmav.hil.hardware import HardwareVehicle, fitting_hz
+from zmav.hil.tty import parse_device
 from zmav.sim import VehicleSpec, World
-from zmav.sim.hil.hardware import HardwareVehicle, fitting_hz
-from zmav.sim.hil.tty import parse_device
 from zmav.sim.spec import Stack
 
 HIL, ARMED = 32, 128
@@ -201,13 +201,13 @@ def test_a_device_that_is_not_there_yet_is_waited_for(
 
 def test_what_is_no_serial_device_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(BadUrl, match="no serial device"), World([hardware(tmp_path / "file")]):
+    with pytest.raises(BadUrl, match="no serial device"), hil_world([hardware(tmp_path / "file")]):
         raise AssertionError("opened")
 
 
 def test_hardware_flies_in_real_time_only(tmp_path: Path) -> None:
     with pytest.raises(BadConfig, match="real time"):
-        World([hardware(tmp_path / "ttyACM0")], speed=2.0)
+        hil_world([hardware(tmp_path / "ttyACM0")], speed=2.0)
 
 
 @pytest.mark.parametrize("text", ["", ":921600", "/dev/ttyACM0:fast", "/dev/ttyACM0:12345", "/dev/ttyACM0:0"])

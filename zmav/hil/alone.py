@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from zmav.hil.plant import Plant
+from zmav.hil.vehicle import External
 from zmav.sim.endpoints import Wiring
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.vehicle import External
 from zmav.sim.spec import PX4
 
 

@@ -10,19 +10,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zmav.errors import BadConfig
+from zmav.hil.alone import Alone
+from zmav.hil.ardupilot import JsonVehicle, json_port
+from zmav.hil.binaries import Job, ardupilot_job, find_ardupilot, find_px4, px4_job
+from zmav.hil.craft import Craft, craft
+from zmav.hil.hardware import HardwareVehicle
+from zmav.hil.plant import Plant
+from zmav.hil.program import Program
+from zmav.hil.px4 import Px4Vehicle, px4_port
+from zmav.hil.vehicle import External
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim.endpoints import Address, Wiring
 from zmav.sim.environment import Environment
+from zmav.sim.external import Externals as NoExternals
 from zmav.sim.fleets.base import Surroundings
-from zmav.sim.hil.alone import Alone
-from zmav.sim.hil.ardupilot import JsonVehicle, json_port
-from zmav.sim.hil.binaries import Job, ardupilot_job, find_ardupilot, find_px4, px4_job
-from zmav.sim.hil.craft import Craft, craft
-from zmav.sim.hil.hardware import HardwareVehicle
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.program import Program
-from zmav.sim.hil.px4 import Px4Vehicle, px4_port
-from zmav.sim.hil.vehicle import External
 from zmav.sim.spec import PX4, Home, VehicleSpec, airframe_of
 from zmav.sim.status import VehicleStatus
 
@@ -33,7 +34,7 @@ MOST_NOTES = 1000
 NOISE = "typical"  # flight stacks take sensors without any for broken ones
 
 
-class Externals:
+class Externals(NoExternals):
     """``specs``: all of the world's vehicles, of which those with a ``stack`` are made here; ``addresses``: of the
     endpoints of each. The instance number of a stack, unless it is given, is its place among the world's vehicles with
     such an autopilot; of a PX4 that is started here, whose system id follows from it, one less than that. ``speed``:

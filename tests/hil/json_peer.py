@@ -18,8 +18,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
-from tests.sim.hil.hover import PLUS, state_of, steer
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from tests.hil.hover import PLUS, state_of, steer
 
 
 def options() -> tuple[argparse.Namespace, list[str]]:

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import Any
 
 from zmav.errors import BadMessage
+from zmav.hil.json_fdm import PORT, PORT_STEP, JsonFdm
+from zmav.hil.plant import Plant
+from zmav.hil.vehicle import External, unopened
 from zmav.sim.endpoints import Wiring
-from zmav.sim.hil.json_fdm import PORT, PORT_STEP, JsonFdm
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.vehicle import External, unopened
 
 READ_BYTES = 2048
 READS_PER_TURN = 16
@@ -107,7 +107,7 @@ class JsonVehicle(External):
         self._peer = sender
         self.heard()
         if self.protocol.restarts != restarts:
-            self.say(f"{self.name}: the flight stack has started anew; the vehicle is back at its start")
+            self.say(f"{self.name}: the flight stack has started again; the vehicle is back at its start")
             self.restarted()
         if answer is not None:
             self._send(answer)

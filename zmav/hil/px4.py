@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 
 from zmav.errors import BadMessage
+from zmav.hil.line import Line
+from zmav.hil.plant import Plant
+from zmav.hil.stream import FAULTS, HilStream
+from zmav.hil.vehicle import External, unopened
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Splitter
 from zmav.sim.endpoints import Wiring
-from zmav.sim.hil.line import Line
-from zmav.sim.hil.plant import Plant
-from zmav.sim.hil.stream import FAULTS, HilStream
-from zmav.sim.hil.vehicle import External, unopened
 
 PORT = 4560
 SEND_BYTES = 32 * 1024  # readings that wait longer are worth nothing
@@ -34,7 +34,7 @@ class Px4Vehicle(External):
     on, where its lock-step flag is set, each reading waits for the controls that follow the one before: those stamped
     with its time, which PX4 counts from the first reading that it got. A PX4 that stops answering is left out of the
     world's time and gets one reading a second, lest both wait for ever.
-    A further connection takes the place of the one before: PX4 has started anew, and the vehicle is put back.
+    A further connection takes the place of the one before: PX4 has started again, and the vehicle is put back.
     """
 
     autopilot = "px4"

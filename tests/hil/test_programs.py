@@ -16,15 +16,15 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tests.sim.hil.conftest import MakeWorld, peer_params, until
+from tests.hil.conftest import MakeWorld, hil_world, peer_params, until
 from zmav.cli.sim.stacks import flown_by, stack_vehicles
 from zmav.errors import BadConfig
+from zmav.hil.ardupilot import JsonVehicle
+from zmav.hil.binaries import Job, find_ardupilot, find_px4, px4_job
+from zmav.hil.craft import craft
+from zmav.hil.px4 import Px4Vehicle
 from zmav.sim import Home, VehicleSpec, World
 from zmav.sim.geo import Position
-from zmav.sim.hil.ardupilot import JsonVehicle
-from zmav.sim.hil.binaries import Job, find_ardupilot, find_px4, px4_job
-from zmav.sim.hil.craft import craft
-from zmav.sim.hil.px4 import Px4Vehicle
 from zmav.sim.spec import Stack
 
 
@@ -134,7 +134,7 @@ class TestEnds:
         assert not alive(pid)
 
     def test_they_outlive_the_thread_that_opened_the_world(self, tree: Path) -> None:
-        world = World([flown(tree)], speed=float("inf"), epoch_s=0.0)
+        world = hil_world([flown(tree)], speed=float("inf"), epoch_s=0.0)
         try:
             opened, over = threading.Event(), threading.Event()
 
@@ -159,10 +159,11 @@ class TestEnds:
     def test_they_end_with_a_simulator_that_is_killed(self, tree: Path, tmp_path: Path) -> None:
         code = (
             "import sys, time\n"
+            "from zmav.hil.externals import Externals\n"
             "from zmav.sim import VehicleSpec, World\n"
             "from zmav.sim.spec import Stack\n"
             f"stack = Stack(program={str(tree)!r}, port=0, directory={str(tmp_path)!r})\n"
-            "with World([VehicleSpec(stack=stack)], epoch_s=0.0):\n"
+            "with World([VehicleSpec(stack=stack)], externals=Externals, epoch_s=0.0):\n"
             "    time.sleep(60)\n"
         )
         simulator = subprocess.Popen([sys.executable, "-c", code])
@@ -209,7 +210,7 @@ class TestFinding:
         with pytest.raises(BadConfig, match=r"no px4: .*make px4_sitl_default"):
             find_px4(tmp_path)
         with pytest.raises(BadConfig, match="there is no"):
-            World([flown(tmp_path / "nowhere")])
+            hil_world([flown(tmp_path / "nowhere")])
         with pytest.raises(BadConfig, match="is ardurover"):
             find_ardupilot(tree / "build/sitl/bin/ardurover", "arducopter")
 
@@ -246,7 +247,7 @@ class TestFinding:
         binary.write_text('#!/bin/sh\necho "$*" > argv\necho "$PX4_SYS_AUTOSTART" > autostart\nexec sleep 60\n')
         binary.chmod(0o755)
         stack = Stack(program=str(binary), directory=str(tmp_path))
-        world = World([VehicleSpec(), VehicleSpec(autopilot="px4", name="p", stack=stack)], endpoint="tcp:0")
+        world = hil_world([VehicleSpec(), VehicleSpec(autopilot="px4", name="p", stack=stack)], endpoint="tcp:0")
         try:
             world.open()
             until(lambda: (tmp_path / "p/autostart").exists() and (tmp_path / "p/autostart").read_text())
@@ -257,7 +258,7 @@ class TestFinding:
         finally:
             world.close()
         stack = Stack(program=str(binary), instance=5)
-        world = World([VehicleSpec(autopilot="px4", stack=stack)])
+        world = hil_world([VehicleSpec(autopilot="px4", stack=stack)])
         try:
             with pytest.raises(BadConfig, match="system id 6, not 1"):
                 world.open()
@@ -318,7 +319,7 @@ class TestOptions:
 
     def test_the_world_s_noise_is_theirs_but_never_none(self) -> None:
         for asked, theirs in (("none", "typical"), ("rtk", "rtk")):
-            world = World([VehicleSpec(stack=Stack())], noise=asked)
+            world = hil_world([VehicleSpec(stack=Stack())], noise=asked)
             try:
                 assert world.externals.vehicles[0].plant.sensors.noise.name == theirs
             finally:
@@ -356,3 +357,8 @@ class TestOptions:
         result = CliRunner().invoke(command, ["--ardupilot", str(tmp_path)])
         assert isinstance(result.exception, BadConfig)
         assert "build/sitl/bin/arducopter" in str(result.exception)
+
+
+def test_a_world_alone_does_not_know_what_flies_a_stack() -> None:
+    with pytest.raises(BadConfig, match="copter1 has a flight stack of its own; expected externals="):
+        World([VehicleSpec(stack=Stack(port=0))])

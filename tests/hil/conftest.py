@@ -5,17 +5,18 @@ from __future__ import annotations
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from zmav.hil.craft import craft
+from zmav.hil.externals import Externals
+from zmav.hil.plant import Plant
 from zmav.sim import VehicleSpec, World
 from zmav.sim.environment import Environment, Terrain
 from zmav.sim.fleets.base import Surroundings
-from zmav.sim.hil.craft import craft
-from zmav.sim.hil.plant import Plant
 
 HERE = Path(__file__).resolve().parent
 
@@ -34,6 +35,11 @@ def plant(
     return Plant(craft(name), start, yaw, 1.0 / 400.0, around)
 
 
+def hil_world(vehicles: Sequence[VehicleSpec], **options: Any) -> World:
+    """A world that lets stacks outside the simulator fly."""
+    return World(vehicles, externals=Externals, **options)
+
+
 MakeWorld = Callable[..., World]
 
 
@@ -43,7 +49,7 @@ def make_world() -> Iterator[MakeWorld]:
     worlds = []
 
     def make(*vehicles: VehicleSpec, **options: Any) -> World:
-        world = World(vehicles, **{"speed": float("inf"), "epoch_s": 0.0, **options})
+        world = hil_world(vehicles, **{"speed": float("inf"), "epoch_s": 0.0, **options})
         worlds.append(world)
         world.start()
         return world
@@ -63,7 +69,7 @@ def until(true: Callable[[], object], wall_s: float = 30.0) -> None:
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """A source tree whose SITL programs are the protocol peer of :mod:`tests.sim.hil.json_peer`."""
+    """A source tree whose SITL programs are the protocol peer of :mod:`tests.hil.json_peer`."""
     folder = tmp_path / "tree"
     for program in ("arducopter", "ardurover"):
         path = folder / "build/sitl/bin" / program

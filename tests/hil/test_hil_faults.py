@@ -9,15 +9,16 @@ from typing import Any
 
 import pytest
 
-from tests.sim.hil.conftest import plant
-from tests.sim.hil.px4_peer import Px4Peer
+from tests.hil.conftest import hil_world, plant
+from tests.hil.px4_peer import Px4Peer
 from zmav.errors import BadInput
+from zmav.hil.ardupilot import JsonVehicle
+from zmav.hil.json_fdm import compose
+from zmav.hil.plant import Plant
+from zmav.hil.px4 import Px4Vehicle
+from zmav.hil.stream import BARO, MAG, HilStream
 from zmav.mavlink.dialect import load_dialect
 from zmav.sim import VehicleSpec, World
-from zmav.sim.hil.ardupilot import JsonVehicle
-from zmav.sim.hil.json_fdm import compose
-from zmav.sim.hil.px4 import Px4Vehicle
-from zmav.sim.hil.stream import BARO, MAG, HilStream
 from zmav.sim.spec import Stack
 
 NAMES = ("a", "p")
@@ -27,7 +28,7 @@ NAMES = ("a", "p")
 def world() -> Iterator[World]:
     """An ArduPilot and a PX4 that nobody has started."""
     stack = Stack(port=0)
-    made = World([VehicleSpec(name="a", stack=stack), VehicleSpec(autopilot="px4", name="p", stack=stack)])
+    made = hil_world([VehicleSpec(name="a", stack=stack), VehicleSpec(autopilot="px4", name="p", stack=stack)])
     yield made
     made.close()
 
@@ -60,6 +61,7 @@ def told(vehicle: JsonVehicle) -> Any:
 def test_a_motor_that_fails_turns_the_body_over(world: World, name: str) -> None:
     world.fault(name, "motor", number=1)
     body = next(v.plant for v in world.externals.vehicles if v.name == name)
+    assert isinstance(body, Plant)
     body.dynamics.pos[2] = -50.0
     body.drive([0.6] * 4)
     body.advance(100)
@@ -130,13 +132,15 @@ def test_a_stack_that_starts_anew_has_what_has_failed_still() -> None:
     body.battery.drain(0, 0.3)
     troubles = body.sensors.troubles
     stream = HilStream(body, load_dialect("ardupilotmega"), 1, 0)
-    world = World([VehicleSpec(autopilot="px4", name="p", stack=Stack(port=0))])
+    world = hil_world([VehicleSpec(autopilot="px4", name="p", stack=Stack(port=0))])
     try:
         world.fault("p", "compass", degrees=90.0)
-        world.externals.vehicles[0].plant.reset()
-        assert world.externals.vehicles[0].plant.sensors.troubles.compass_turn[0] == pytest.approx(math.pi / 2)
+        flown = world.externals.vehicles[0].plant
+        assert isinstance(flown, Plant)
+        flown.reset()
+        assert flown.sensors.troubles.compass_turn[0] == pytest.approx(math.pi / 2)
         world.clear()
-        assert world.externals.vehicles[0].plant.sensors.troubles.compass_turn[0] == 0.0
+        assert flown.sensors.troubles.compass_turn[0] == 0.0
     finally:
         world.close()
     heard(stream, 5)

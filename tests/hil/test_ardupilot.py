@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.sim.hil.conftest import MakeWorld, until
-from tests.sim.hil.hover import PLUS, state_of, steer
+from tests.hil.conftest import MakeWorld, hil_world, until
+from tests.hil.hover import PLUS, state_of, steer
 from zmav.errors import BadConfig, PortInUse
+from zmav.hil.ardupilot import JsonVehicle
 from zmav.sim import VehicleSpec, World
-from zmav.sim.hil.ardupilot import JsonVehicle
 from zmav.sim.spec import Stack
 
 WAITING = VehicleSpec(stack=Stack(port=0))
@@ -138,7 +138,7 @@ def test_a_stack_that_starts_anew_begins_at_the_start(world: World, client: Clie
     client.frame = 0
     assert client.step()["timestamp"] == pytest.approx(1 / 400)
     assert world.status().vehicles[0].ned_m == (0.0, 0.0, 0.0)
-    assert any("started anew" in note for note in world.externals.notes)
+    assert any("started again" in note for note in world.externals.notes)
 
 
 def test_what_is_no_packet_is_counted_and_said_once(world: World, client: Client) -> None:
@@ -159,11 +159,11 @@ def test_embedded_vehicles_fly_beside_it_under_their_own_numbers(make_world: Mak
 def test_two_worlds_cannot_have_one_port(world: World, client: Client) -> None:
     with (
         pytest.raises(PortInUse, match=str(client.vehicle.port)),
-        World([VehicleSpec(stack=Stack(port=client.vehicle.port))]),
+        hil_world([VehicleSpec(stack=Stack(port=client.vehicle.port))]),
     ):
         raise AssertionError("opened twice")
 
 
 def test_px4_has_no_plus_frame() -> None:
     with pytest.raises(BadConfig, match="sih or hexa"):
-        World([VehicleSpec(autopilot="px4", airframe="quad", stack=Stack(port=0))])
+        hil_world([VehicleSpec(autopilot="px4", airframe="quad", stack=Stack(port=0))])

@@ -1,5 +1,5 @@
 """A protocol peer for PX4's simulator interface: it connects as PX4 does, flies by HIL_SENSOR and HIL_GPS alone
-with the controller of :mod:`tests.sim.hil.hover`, and answers each reading with HIL_ACTUATOR_CONTROLS. No PX4 is in it.
+with the controller of :mod:`tests.hil.hover`, and answers each reading with HIL_ACTUATOR_CONTROLS. No PX4 is in it.
 
 Frames are made and read by pymavlink, so that both ends do not share one's errors.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.sim.hil.hover import CROSS, Observer, steer
+from tests.hil.hover import CROSS, Observer, steer
 from zmav.sim.sensors.magnetic import earth_field
 
 ARMED, LOCKSTEP = 129, 1

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.sim.hil.conftest import plant
-from tests.sim.hil.hover import PLUS, state_of, steer
+from tests.hil.conftest import plant
+from tests.hil.hover import PLUS, state_of, steer
 from zmav.errors import BadMessage
+from zmav.hil.craft import craft
+from zmav.hil.json_fdm import JsonFdm, compose, parse_servos
+from zmav.hil.plant import Plant
 from zmav.sim.arrays import quat_from_euler
 from zmav.sim.environment import Terrain
-from zmav.sim.hil.craft import craft
-from zmav.sim.hil.json_fdm import JsonFdm, compose, parse_servos
-from zmav.sim.hil.plant import Plant
 
 STILL = [1000] * 16
 

@@ -11,7 +11,7 @@ import struct
 from typing import NamedTuple
 
 from zmav.errors import BadMessage
-from zmav.sim.hil.plant import Plant, Truth
+from zmav.hil.plant import Plant, Truth
 
 PORT, PORT_STEP = 9002, 10
 MAGIC_16, MAGIC_32 = 18458, 29569
@@ -99,7 +99,7 @@ class JsonFdm:
     """The protocol of one vehicle, without a socket: :meth:`take` a packet, then :meth:`answer` when time may go on.
 
     ``frames``: steps made; ``lost``: frames by the counter that never came; ``repeated``: those that came twice, which
-    are answered without any time passing; ``restarts``: how often the flight stack started anew, which puts the vehicle
+    are answered without any time passing; ``restarts``: how often the flight stack started again, which puts it
     back to its start.
     """
 

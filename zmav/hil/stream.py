@@ -11,11 +11,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from zmav.hil.plant import Plant
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
 from zmav.sim.geo import from_ned
-from zmav.sim.hil.plant import Plant
 from zmav.sim.sensors.readings import GpsFix, Readings
 
 SENSOR_HZ = 250.0
@@ -62,7 +62,7 @@ class HilStream:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew with another autopilot, or the same after its boot."""
+        """Begin again with another autopilot, or the same after its boot."""
         self.controls = self.answered_us = 0
         self.armed = self.lockstep = False
         self._due = dict.fromkeys(("mag", "baro", "state", "rc", "beat"), 0.0)

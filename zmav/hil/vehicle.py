@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from zmav.errors import BadUrl, PortInUse
+from zmav.hil.plant import Plant
 from zmav.sim.endpoints import Wiring
-from zmav.sim.hil.plant import Plant
 from zmav.sim.status import VehicleStatus
 
 PATIENCE_S = 0.5  # of wall time: for so long the world waits for a stack that was heard of
@@ -89,7 +89,7 @@ class External(ABC):
             self.restarted()
 
     def restarted(self) -> None:
-        """The plant's clock has started anew."""
+        """The plant's clock has started again."""
         self._offset = self._now - self.plant.time_s
 
     def granted(self, seconds: float) -> bool:
