@@ -10,6 +10,7 @@ link) and sent; what is not fit is counted and said in ``event``.
 
 from __future__ import annotations
 
+import logging
 import re
 import threading
 import time
@@ -28,6 +29,7 @@ from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.gate import Prove, anybody
 
+logger = logging.getLogger(__name__)
 MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
 MAX_UNKNOWN = 256
@@ -171,7 +173,10 @@ class Adapter:
 
     def _take_all(self, samples: list[zenoh.Sample]) -> None:
         for sample in samples:
-            self._on_tx(sample)
+            try:
+                self._on_tx(sample)
+            except Exception:  # a station's next frame may be behind it
+                logger.exception("not taken")
 
     def _on_tx(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)

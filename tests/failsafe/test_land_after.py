@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 
 from tests.failsafe.conftest import Agent, agent, another, held, moves, stops
@@ -10,7 +12,7 @@ from zmav.config import Failsafe
 from zmav.errors import ZmavError
 from zmav.services.authority import watchdog
 
-RTL = 6
+RTL, SPEED = 6, 178
 MODES = {"rtl": ("RTL", 6), "land": ("LAND", 9), "loiter": ("BRAKE", 17)}  # LOITER would follow the sticks
 
 
@@ -128,6 +130,21 @@ async def test_what_moves_nothing_does_not_end_the_action(bench: StartBench, how
     else:
         bob = await another(b, "bob")
         await b.ground.do("release", lease=bob.token)
+    assert isinstance(b.peer, Stubborn)
+    b.peer.refused = ()
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL after all")
+    await b.peer.close()
+
+
+@pytest.mark.parametrize("refused", [True, False], ids=["refused", "done"])
+async def test_a_command_that_moves_nothing_does_not_end_the_action(bench: StartBench, refused: bool) -> None:
+    b = await stubborn(bench, RTL, LAND, settings=failsafe())
+    await lost(b)
+    await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "RTL asked for")
+    if refused:
+        b.peer.results[SPEED] = [FAILED]
+    with pytest.raises(ZmavError) if refused else contextlib.nullcontext():
+        await b.ground.do("command", command="DO_CHANGE_SPEED", params={"param1": 1, "param2": 3.0})
     assert isinstance(b.peer, Stubborn)
     b.peer.refused = ()
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL after all")

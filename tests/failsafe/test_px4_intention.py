@@ -15,7 +15,7 @@ from tests.failsafe.conftest import LOCAL, PATIENT, Px4Peer, agent, another, not
 from tests.services.conftest import ARM, SET_INTERVAL, SET_MODE, Bench, StartBench, Told
 from zmav import keys
 from zmav.config import Failsafe
-from zmav.errors import Refused
+from zmav.errors import Refused, ZmavError
 
 HOLD, MISSION, TAKEOFF, POSCTL, OFFBOARD = 4 << 16 | 3 << 24, 4 << 16 | 4 << 24, 4 << 16 | 2 << 24, 3 << 16, 6 << 16
 RTL, LAND = 4 << 16 | 5 << 24, 4 << 16 | 6 << 24
@@ -259,3 +259,20 @@ async def test_sticks_fly_in_posctl_and_their_end_is_held(bench: StartBench, int
     intending.status = CRITICAL
     await b.state(lambda s: s["status"] == "CRITICAL", "CRITICAL")
     await nothing_more(b)
+
+
+async def test_an_order_that_comes_to_nothing_in_hold_leaves_the_action_to_come(bench: StartBench) -> None:
+    """PX4 holds in a mode of its own: what the refused order ended is held again there, and RTL follows."""
+    peer = Intending(tells=True)
+    await peer.open()
+    b = await bench(peer, settings={"failsafe": Failsafe(hold_after=0.2, land_after=3.0, action="rtl")})
+    peer.intended = OFFBOARD
+    alice = await agent(b, mode=OFFBOARD)
+    await alice.fly()
+    await b.event("no setpoint for 0.2 s")
+    await b.state(lambda s: s["mode"] == "HOLD", "HOLD")
+    peer.results[22] = [4]  # MAV_CMD_NAV_TAKEOFF
+    with pytest.raises(ZmavError):
+        await b.ground.do("takeoff", alt_rel=5.0)
+    await peer.until(lambda: peer.mode == RTL, "RTL after all")
+    await peer.close()

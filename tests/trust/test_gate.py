@@ -273,7 +273,22 @@ def test_proofs_are_remembered_up_to_a_number(desk: Desk, monkeypatch: pytest.Mo
     desk.utc += 2 * WINDOW + 6.0
     desk.now += 2 * WINDOW + 6.0
     desk.check(desk.proof(op))
-    assert len(desk.gate._used) == 1
+    assert len(desk.gate._used.until) == 1
+
+
+def test_a_members_own_frames_leave_its_panic_orders_room(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gates, "MOST_USED", 3)
+    op, frame, land = (
+        desk.authority.member("op", "operator"),
+        "zmav/demo/quad1/mav/tx/1/1/PING",
+        "zmav/demo/quad1/do/land",
+    )
+    for _ in range(3):
+        desk.check(desk.proof(op, frame), frame)
+    assert desk.reason(desk.proof(op, frame), key=frame) == "busy"
+    proof = desk.proof(op, land)
+    desk.check(proof, land)
+    assert desk.reason(proof, key=land) == "replayed"
 
 
 @pytest.mark.parametrize(("back", "reason"), [(3.0, "replayed"), (3600.0, "epoch")])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
 import json
 import time
 from pathlib import Path
@@ -10,6 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import zenoh
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import NameOID
 
 import zmav
 from tests.services.conftest import GUIDED, LAND
@@ -19,6 +24,7 @@ from zmav.errors import BadConfig, BadInput, Forbidden, Refused
 from zmav.mavlink import Packer
 from zmav.onboard import OnboardSettings, _credentials
 from zmav.session import SessionSettings
+from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Origin
 from zmav.trust.proof import MOST
@@ -108,6 +114,52 @@ async def test_what_makes_safe_and_waited_does_not_undo_what_was_ordered_since(g
     await g.b.peer.until(lambda: g.b.peer.mode == GUIDED, "GUIDED")
     await give("land", now - 9.0, boss)  # another's, which nobody can order by time
     await g.b.peer.until(lambda: g.b.peer.mode == LAND, "LAND")
+
+
+async def test_what_moves_and_waited_is_not_flown_after_what_makes_safe(guarded: StartGuarded) -> None:
+    """It is signed anew each time it is sent again; a refused disarm and clocks that are set keep no landing back."""
+    g: Guarded = await guarded()
+    await g.b.connected()
+    g.b.peer.armed, g.b.peer.mode = True, GUIDED
+    await g.b.state(lambda s: s["armed"] and s["mode"] == "GUIDED", "armed")
+    op, now = g.authority.member("op", "operator"), time.time()
+
+    async def give(verb: str, given: float, **more: Any) -> None:
+        payload = json.dumps({"given": given, "id": f"{verb} {given}", "wait": 1.0, **more}).encode()
+        await g.ask(g.proof(op, g.key(verb=verb), payload), payload, g.key(verb=verb))
+
+    await give("hold", now - 1.0)
+    with pytest.raises(Refused, match="set_mode was given before the last order of op that makes it safe: overtaken"):
+        await give("set_mode", now - 5.0, mode="LOITER")
+    await give("set_mode", now - 0.5, mode="LOITER")
+    g.b.peer.results[400] = [4]
+    with pytest.raises(Refused):
+        await give("disarm", now - 0.2)
+    await give("land", now - 0.4)
+    await g.b.peer.until(lambda: g.b.peer.mode == LAND, "LAND")
+    await give("hold", now - 3600.0)  # its giver's clock was set ahead meanwhile
+    await g.b.peer.until(lambda: g.b.peer.mode == GUIDED, "GUIDED")
+
+
+def test_a_certificate_of_the_year_0_is_none() -> None:
+    """Such a date is a ValueError where it is read, and would have cost the orders behind it."""
+    key, then = Ed25519PrivateKey.generate(), datetime.datetime(2051, 1, 1)
+    name = x509.Name(
+        [
+            x509.NameAttribute(oid, text)
+            for oid, text in (
+                (NameOID.COMMON_NAME, "op"),
+                (NameOID.ORGANIZATION_NAME, "demo"),
+                (NameOID.ORGANIZATIONAL_UNIT_NAME, "operator"),
+            )
+        ]
+    )
+    builder = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
+    builder = builder.serial_number(5).not_valid_before(then).not_valid_after(datetime.datetime(2052, 1, 1))
+    der = builder.sign(key, None).public_bytes(Encoding.DER)
+    Certificate.read(der)
+    with pytest.raises(BadConfig, match="not a certificate"):
+        Certificate.read(der.replace(b"20510101000000Z", b"00000101000000Z"))
 
 
 async def test_an_order_says_when_it_was_given_first(guarded: StartGuarded) -> None:

@@ -65,6 +65,7 @@ class Certificate:
             key = found.public_key()
             said = {oid: _only(found.subject, oid) for oid in _PARTS}
             role = Role(said[NameOID.ORGANIZATIONAL_UNIT_NAME])
+            dates = _utc(found.not_valid_before_utc), _utc(found.not_valid_after_utc)
         except (ValueError, TypeError, UnsupportedAlgorithm, x509.InvalidVersion) as e:
             raise BadConfig(f"not a certificate of a fleet's member: {e}", field="certificate") from e
         if not isinstance(key, Ed25519PublicKey):
@@ -75,8 +76,8 @@ class Certificate:
             fleet=keys.check_name(said[NameOID.ORGANIZATION_NAME], "fleet"),
             fingerprint=fingerprint(der),
             serial=found.serial_number,
-            not_before=_utc(found.not_valid_before_utc),
-            not_after=_utc(found.not_valid_after_utc),
+            not_before=dates[0],
+            not_after=dates[1],
             key=key,
             der=der,
             document=found,

@@ -56,6 +56,16 @@ def anybody(key: str, payload: bytes, attachment: bytes | None) -> Origin | None
     return None
 
 
+class _Used:
+    """Proofs that were taken."""
+
+    def __init__(self) -> None:
+        self.until: collections.OrderedDict[tuple[bytes, bytes], float] = collections.OrderedDict()
+        """(fingerprint, nonce) -> monotonic seconds until which its time is one that is taken"""
+        self.by: collections.Counter[bytes] = collections.Counter()
+        """how many of each fingerprint"""
+
+
 class Gate(Verifier):
     """One vehicle's. Thread-safe.
 
@@ -81,9 +91,8 @@ class Gate(Verifier):
         self._ahead = utc() - monotonic()
         self.counts: collections.Counter[str] = collections.Counter()
         self.on_refused: Callable[[Forbidden], None] = lambda error: None
-        self._used: collections.OrderedDict[tuple[bytes, bytes], float] = collections.OrderedDict()
-        """(fingerprint, nonce) -> monotonic seconds until which its time is one that is taken"""
-        self._by: collections.Counter[bytes] = collections.Counter()
+        self._used, self._panics = _Used(), _Used()
+        """of panic orders apart: a station's frames, many a second, leave them room"""
         self._using = threading.Lock()
 
     def check(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
@@ -132,13 +141,14 @@ class Gate(Verifier):
                 f"its proof of origin is not for this start of {self.name}'s agent: sign it for the gate in its state"
             )
             raise Forbidden(text, reason=EPOCH, gate=self.epoch.hex())
-        if once in self._used:
+        used = self._panics if panics else self._used
+        if once in used.until:
             raise Forbidden("it was heard before", reason="replayed")
         certificate = self.certificate_of(found, dated=not challenged)
         may(certificate.role, certificate.name, channel, parts, self._given)
         self.check_signature(found, certificate, key, payload)
         if channel is not keys.UPLOAD:  # a chunk that comes again stands where it stood, and there are many
-            self._use(once, certificate.name)
+            self._use(used, once, certificate.name)
         return Origin(certificate.name, certificate.role, certificate.fingerprint, found.t)
 
     def _check_now(self, key: str, payload: bytes, channel: keys.Channel, found: proof.Proof, panics: bool) -> None:
@@ -168,18 +178,18 @@ class Gate(Verifier):
                 return
             self._ahead = ahead
 
-    def _use(self, once: tuple[bytes, bytes], name: str) -> None:
+    def _use(self, used: _Used, once: tuple[bytes, bytes], name: str) -> None:
         """Remember a proof for as long as its time is one that is taken."""
         now = self._monotonic()
         with self._using:
-            while self._used and next(iter(self._used.values())) < now:
-                (old, _), _ = self._used.popitem(last=False)
-                self._by[old] -= 1
-                if not self._by[old]:
-                    del self._by[old]
-            if once in self._used:
+            while used.until and next(iter(used.until.values())) < now:
+                (old, _), _ = used.until.popitem(last=False)
+                used.by[old] -= 1
+                if not used.by[old]:
+                    del used.by[old]
+            if once in used.until:
                 raise Forbidden("it was heard before", reason="replayed")
-            if self._by[once[0]] >= MOST_USED or len(self._used) >= MOST_USED_AT_ALL:
+            if used.by[once[0]] >= MOST_USED or len(used.until) >= MOST_USED_AT_ALL:
                 raise Forbidden(f"too many orders of {name} at present", reason=BUSY, origin=name)
-            self._used[once] = now + 2 * WINDOW + SETBACK
-            self._by[once[0]] += 1
+            used.until[once] = now + 2 * WINDOW + SETBACK
+            used.by[once[0]] += 1

@@ -13,6 +13,7 @@ import zenoh
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Target
+from zmav.autopilots.safety import changes_mode
 from zmav.config import Failsafe, PilotSwitch, check_failsafe
 from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
 from zmav.services.authority.bounds import Bounds
@@ -38,6 +39,10 @@ OTHER = "other"
 """the reason of a refusal by who is not meant"""
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
 """orders that end a stream and put nothing in its place: the vehicle holds"""
+HALTING = ("hold", "land", "rtl")
+"""orders after which nothing moves it but they themselves"""
+ASKED_FOR = 30.0
+"""s for which an order that gets no answer is sent again at most, and some more"""
 HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
 """... and those that may put something there, sooner or later"""
 
@@ -83,8 +88,10 @@ class Authority:
         """the autopilot's parameter of that name, where it is known"""
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
-        self._given: dict[Origin, float] = {}
+        self._safe_given: dict[Origin, float] = {}
         """monotonic s at which each member gave its last such order, however long that was under way"""
+        self._halted: dict[Origin, float] = {}
+        """the same of its last hold, land or return"""
         self.made_safe = 0
         """counts the orders that make safe: one that waits since before such a one is overtaken"""
         self.taken_from = ""
@@ -137,7 +144,7 @@ class Authority:
         if isinstance(args, wire.Forced) and args.force and origin is not None and origin.role is not Role.OPERATOR:
             raise Forbidden(f"{verb.name} with force is an operator's, and {origin.name} is none", reason="role")
         if origin is not None:
-            self._keep_order(verb, args, origin)
+            self._check_order(verb, args, origin)
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
         if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
@@ -149,12 +156,14 @@ class Authority:
         Returns the stream that it ended, for :meth:`failed`.
         """
         self.made_safe += verb.access is Access.OPEN
+        if verb.access is Access.OPEN and origin is not None:
+            self._keep_order(verb, args, origin)
         if verb.access not in (Access.OPEN, Access.MOVE) or verb.name == "revoke":
             return None
         self.taken_from = ""
         if verb.name in HOLDING_FIRST:
             self.ladder.hold_now(f"{verb.name} was ordered", severity="info")
-        flown = None if verb.name in MOVING_NOTHING else self.ladder.stop()
+        flown = None if _moves_nothing(verb, args) else self.ladder.stop()
         self.carrot.stop()
         if verb.name not in (*MOVING_NOTHING, "command"):
             self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
@@ -163,24 +172,34 @@ class Authority:
             self.leases.end("revoked", f"lease of {self.leases.holder} revoked: {verb.name} was ordered")
         return flown
 
-    def _keep_order(self, verb: Verb, args: wire.Order, origin: Origin) -> None:
-        """Whoever relays can hold a proven order back; it is not let loose on who has ordered a halt since. One that
-        makes safe and waited, sent again and again, does not undo a later one: by how long it waited, and by no clock
-        that may have been set, for it must pass.
+    def _check_order(self, verb: Verb, args: wire.Order, origin: Origin) -> None:
+        """Raise :class:`Refused` for an order that its giver has overtaken by one that makes safe.
+
+        A relay may hold a proven order back, and a bad link may have it sent again and again; it is not let loose on
+        who has ordered a halt since. What halts must pass: it is judged by how long it waited alone, not by its clock.
         """
-        calmed, late = self._calmed.get(origin, 0.0), f"{verb.name} was given before the last order of {origin.name}"
-        if verb.access is Access.OPEN:
-            given = time.monotonic() - max(origin.t - (args.given or origin.t), 0.0)
-            if given < self._given.get(origin, -math.inf):
-                raise Refused(f"{late} that makes it safe, and comes after it: overtaken", verb=verb.name)
-            self._calmed[origin], self._given[origin] = max(calmed, origin.t), given
-        elif verb.access is Access.MOVE and origin.t < calmed <= origin.t + 2 * WINDOW:  # else its clock was set
-            raise Refused(f"{late} that makes it safe: overtaken", verb=verb.name)
+        late = f"{verb.name} was given before the last order of {origin.name} that makes it safe"
+        calmed = self._calmed.get(origin, 0.0)
+        if verb.name in HALTING and _given(args, origin) < self._halted.get(origin, -math.inf):
+            raise Refused(f"{late}, and comes after it: overtaken", verb=verb.name)
+        if verb.access is Access.MOVE and (
+            _given(args, origin) < self._safe_given.get(origin, -math.inf)
+            or origin.t < calmed <= origin.t + 2 * WINDOW  # else its clock was set
+        ):
+            raise Refused(f"{late}: overtaken", verb=verb.name)
+
+    def _keep_order(self, verb: Verb, args: wire.Order, origin: Origin) -> None:
+        """Remember when one that makes safe was given."""
+        given = _given(args, origin)
+        self._calmed[origin] = max(self._calmed.get(origin, 0.0), origin.t)
+        self._safe_given[origin] = max(self._safe_given.get(origin, -math.inf), given)
+        if verb.name in HALTING:
+            self._halted[origin] = given
 
     def failed(self, flown: ActiveStream | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
         idle = not (self._commander.moving or self.carrot.leading)
-        if flown is not None and idle and self._identity.mode == flown.mode:
+        if flown is not None and idle and self._identity.mode in (flown.mode, _hold_of(flown.autopilot)):
             self.ladder.hold(flown, f"{verb.name} came to nothing")
 
     def taken(self, text: str) -> ActiveStream | None:
@@ -285,6 +304,30 @@ def _follows_setpoints(autopilot: Autopilot, mode: str | None) -> bool:
         return mode == autopilot.guided
     except Unsupported:
         return False
+
+
+def _given(args: wire.Order, origin: Origin) -> float:
+    """Monotonic seconds at which its giver first gave it. One that waited longer than anybody asks again was given by a
+    clock that was set since: it counts from now.
+    """
+    waited = origin.t - (args.given or origin.t)
+    return time.monotonic() - (waited if 0.0 <= waited <= ASKED_FOR else 0.0)
+
+
+def _moves_nothing(verb: Verb, args: wire.Order) -> bool:
+    """What is held or acted on when it is given goes on: a speed, a camera, arming."""
+    if isinstance(args, wire.RunCommand):
+        name = _named(args.command)
+        return not (changes_mode(name) or name.startswith("MAV_CMD_GUIDED_CHANGE"))
+    return verb.name in MOVING_NOTHING
+
+
+def _hold_of(autopilot: Autopilot) -> str | None:
+    """The mode in which it holds."""
+    try:
+        return autopilot.hold()[0]
+    except Unsupported:
+        return None
 
 
 def _named(command: str) -> str:

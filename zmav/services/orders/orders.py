@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import collections
 import hashlib
+import logging
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
@@ -27,6 +28,7 @@ from zmav.services.queries.questions import Questions, Reply, Steps
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
 
+logger = logging.getLogger(__name__)
 MEMORY = 60.0
 """seconds a finished order's outcome is kept for a caller who asks again"""
 MOST_KEPT, MOST_IDS = 1000, 10_000
@@ -189,23 +191,30 @@ class Orders:
 
         def sort(queries: list[zenoh.Query]) -> None:
             for query in queries:
-                asked = str(query.key_expr)
-                verb = self._known.get(_verb(asked))
-                if self._closed or "*" in asked:
-                    query.drop()  # somebody looks around with a wildcard: that is no order
-                elif verb is not None and self._only_looks(verb.name):
-                    self._questions.put(lane, query)
-                else:
-                    try:
-                        order = self._proven(query, asked)
-                    except ZmavError as e:  # said in the lane: who asked may not read
-                        self._questions.refuse(refusals, query, e)
-                        continue
-                    urgent = verb is not None and verb.access is Access.OPEN
-                    line, most = (self._urgent, MOST_URGENT) if urgent else (self._waiting, MOST_WAITING)
-                    if len(line) < most:  # else it is asked again, as any order is that gets no answer
-                        line.append(order)
-                        wake()
+                try:
+                    put(query, str(query.key_expr))
+                except Exception:  # an order may be behind it
+                    logger.exception("not taken")
+                    query.drop()
+
+        def put(query: zenoh.Query, asked: str) -> None:
+            verb = self._known.get(_verb(asked))
+            if self._closed or "*" in asked:
+                query.drop()  # somebody looks around with a wildcard: that is no order
+                return
+            if verb is not None and self._only_looks(verb.name):
+                self._questions.put(lane, query)
+                return
+            try:
+                order = self._proven(query, asked)
+            except ZmavError as e:  # said in the lane: who asked may not read
+                self._questions.refuse(refusals, query, e)
+                return
+            urgent = verb is not None and verb.access is Access.OPEN
+            line, most = (self._urgent, MOST_URGENT) if urgent else (self._waiting, MOST_WAITING)
+            if len(line) < most:  # else it is asked again, as any order is that gets no answer
+                line.append(order)
+                wake()
 
         self._intake = Intake(self._session.declare_queryable, key, sort, MOST_WAITING)
 

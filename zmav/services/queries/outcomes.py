@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import logging
 import threading
 import time
 
@@ -18,6 +19,7 @@ from zmav import wire
 from zmav.errors import ZmavError
 from zmav.services.queries.proven import Answers
 
+logger = logging.getLogger(__name__)
 MOST = 64
 """outcomes that wait for one asker; the oldest gives way, and is asked for again by its id"""
 ENDING = 1.0
@@ -59,8 +61,11 @@ class Outcomes:
                     self._news.notify_all()
                     return
                 query, key, outcome = self._waiting[asker].popleft()
-            with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
-                if isinstance(outcome, ZmavError):
-                    self._answering.refuse(query, outcome)
-                else:
-                    self._answering.give(query, key, wire.encode(outcome))
+            try:
+                with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
+                    if isinstance(outcome, ZmavError):
+                        self._answering.refuse(query, outcome)
+                    else:
+                        self._answering.give(query, key, wire.encode(outcome))
+            except Exception:
+                logger.exception("not told")  # what comes next is
