@@ -11,6 +11,7 @@ from mesh.plan import RouterPlan
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions
 from zmav.services.status.host import HostService
+from zmav.trust.gate import anybody
 
 
 @contextlib.asynccontextmanager
@@ -19,7 +20,7 @@ async def tell_health(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator
     if plan.vehicle:
         yield
         return
-    questions = Questions(session, Answers(None))
+    questions = Questions(session, Answers(None, None), anybody)
     HostService(questions, str(session.info.zid()), plan.fleet, plan.name)
     try:
         yield

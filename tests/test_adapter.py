@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import socket
 import threading
 from collections.abc import AsyncIterator
@@ -15,18 +14,16 @@ import zenoh
 from zmav import keys
 from zmav.adapter import Adapter
 from zmav.errors import BadKey, Clash
+from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, UdpInLink, open_link
 from zmav.mavlink import Frame, encode, load_dialect, parse_frame
 from zmav.mavlink.checksum import checksum
+from zmav.trust.gate import anybody
 
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net, Samples
 
 DIALECT = load_dialect()
-
-
-def everything(frame: Frame) -> None:
-    """Admit it."""
 
 
 PATIENCE_S = 30.0
@@ -42,6 +39,8 @@ class Rig(NamedTuple):
     frames: Samples
     autopilot: socket.socket
     refused: list[str]
+    blocked: threading.Event
+    """set: no frame may be sent"""
 
     async def came(self, *frames: bytes) -> list[tuple[str, bytes]]:
         """Send these from the autopilot, and wait until so many more are on the ground."""
@@ -72,17 +71,26 @@ async def rig(net: Net) -> AsyncIterator[Rig]:
     await net.linked(session, rx(1, 1, "HEARTBEAT"))
     link = open_link("udpin:127.0.0.1:0")
     assert isinstance(link, UdpInLink)
-    adapter = Adapter(session, "demo", "quad1", link, DIALECT, admit=everything)
-    listening, refused = threading.Event(), list[str]()
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT)
+    listening, refused, blocked = threading.Event(), list[str](), threading.Event()
+
+    def may_send(frame: Frame) -> None:
+        if blocked.is_set():
+            raise Clash("refused: two of one name")
+
+    forwarder = FrameForwarder(
+        adapter, prove=anybody, may_send=may_send, on_sent=lambda frame: None, on_refused=refused.append
+    )
     adapter.on_link = lambda state, text: listening.set() if "listening" in text else None
-    adapter.on_refused = refused.append
+    forwarder.start()
     adapter.start()
     assert await asyncio.to_thread(listening.wait, PATIENCE_S)
     assert link.local_address is not None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.settimeout(PATIENCE_S)
         autopilot.connect(link.local_address)
-        yield Rig(adapter, session, ground, frames, autopilot, refused)
+        yield Rig(adapter, session, ground, frames, autopilot, refused, blocked)
+        forwarder.close()
         adapter.close()
     assert link.state is LinkState.CLOSED
 
@@ -212,30 +220,22 @@ async def test_unfit_frames_are_refused_counted_and_said(rig: Rig) -> None:
 async def test_nothing_passes_that_is_not_admitted(rig: Rig) -> None:
     await rig.came(heartbeat())
 
-    def admit(frame: Frame) -> None:
-        raise Clash("refused: two of one name")
-
-    rig.adapter.admit, free = admit, rig.adapter.admit
+    rig.blocked.set()
     for _ in range(3):
         rig.put(command(), "COMMAND_LONG")
     rig.put(b"and nonsense", "COMMAND_LONG")
     await rig.all_refused(4)
-    rig.adapter.admit = free
+    rig.blocked.clear()
     rig.put(heartbeat(255), "HEARTBEAT")
     assert await rig.received() == heartbeat(255)
     assert [("two of one name" in said) for said in rig.refused] == [True] * 3 + [False]
 
 
-def test_it_cannot_be_made_without_what_admits() -> None:
-    assert inspect.signature(Adapter).parameters["admit"].default is inspect.Parameter.empty
-
-
 async def test_with_nobody_on_the_link_frames_are_dropped(rig: Rig) -> None:
-    refused = threading.Event()
-    rig.adapter.on_refused = lambda reason: refused.set()
     rig.put(heartbeat(255), "HEARTBEAT", 0, 0)
     rig.put(b"the end", "HEARTBEAT", 0, 0)
-    assert await asyncio.to_thread(refused.wait, PATIENCE_S)
+    while not rig.refused:
+        await asyncio.sleep(0.01)
     assert (rig.adapter.tx.frames, rig.adapter.tx.refused, rig.adapter.tx.dropped) == (0, 1, 1)
     assert rig.adapter.send("HEARTBEAT") is False
 
@@ -277,14 +277,14 @@ async def test_it_speaks_with_one_row_of_sequence_numbers(rig: Rig) -> None:
 def test_names_that_cannot_stand_in_a_key(net: Net, fleet: str, name: str) -> None:
     session, _ = net.router()
     with pytest.raises(BadKey, match="cannot stand in a key"):
-        Adapter(session, fleet, name, open_link("udpin:127.0.0.1:0"), DIALECT, admit=everything)
+        Adapter(session, fleet, name, open_link("udpin:127.0.0.1:0"), DIALECT)
 
 
 async def test_closing_in_any_order(net: Net) -> None:
     session, _ = net.router()
     link: Link = open_link("udpin:127.0.0.1:0")
-    never_started = Adapter(session, "demo", "quad2", open_link("udpin:127.0.0.1:0"), DIALECT, admit=everything)
-    adapter = Adapter(session, "demo", "quad1", link, DIALECT, admit=everything)
+    never_started = Adapter(session, "demo", "quad2", open_link("udpin:127.0.0.1:0"), DIALECT)
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT)
     adapter.start()
     session.close()
     for each in (adapter, adapter, never_started):

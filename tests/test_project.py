@@ -60,7 +60,8 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
     {
         # What runs beside an autopilot.
         "adapter": set(),
-        "onboard": {"adapter"},
+        "forwarding": {"adapter"},
+        "onboard": {"adapter", "forwarding"},
         # What others read the key space with.
         "zenoh_codec": set(),
         # What agents and scripts use; a client hands out vehicles, and these ask through their client.

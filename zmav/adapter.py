@@ -4,13 +4,11 @@ One frame's way: the link's reader thread calls :meth:`Adapter._on_data` with by
 cuts frames; each frame is put, untouched, on its own key by a publisher that was declared when the first of its kind
 came. Nothing is decoded here. The last frame of each kind is kept, so that services decode what somebody asks for.
 
-The other way: a frame put on ``mav/tx/...`` is checked (one whole frame, true to its key, meant for a system on this
-link) and sent; what is not fit is counted and said in ``event``.
+The other way, for others' frames: :mod:`zmav.forwarding`.
 """
 
 from __future__ import annotations
 
-import logging
 import re
 import threading
 import time
@@ -20,23 +18,15 @@ from typing import Any, Protocol
 import zenoh
 
 from zmav import keys
-from zmav.errors import BadKey, BadMessage, Forbidden, ZmavError
 from zmav.links import Link, LinkState
-from zmav.mavlink import Dialect, Frame, Packer, Splitter, parse_frame, targets
+from zmav.mavlink import Dialect, Frame, Packer, Splitter
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
 from zmav.services.link.port import Flow, LastFrame, Listener, TxCounters
-from zmav.services.queries.intake import Intake
-from zmav.services.queries.proven import attached
-from zmav.trust.gate import Prove, anybody
 
-logger = logging.getLogger(__name__)
 MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
 MAX_UNKNOWN = 256
 """... of which the dialect lacks the message: invented ids must not take the place of the vehicle's own."""
-MOST_WAITING = 512
-"""Others' frames that are looked at in 5 ms, the newest: a burst of a ground station's fits."""
-ADDRESS = re.compile(r"0|[1-9]\d{0,2}", re.ASCII)
 
 
 class Put(Protocol):
@@ -58,31 +48,23 @@ class Stream:
 
 
 class Adapter:
-    """Carries one link's frames to and from the keys of one vehicle.
+    """Carries one link's frames to the keys of one vehicle, and what its services send to the link.
 
-    Thread-safe where marked; ``on_refused(reason)`` and ``on_link(state, text)`` are called from carrying threads.
+    Thread-safe where marked; ``on_link(state, text)`` is called from the link's threads.
     """
 
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *,
-        admit: Callable[[Frame], None], component: int = 191, signing: Signing | None = None,
-        sign_forwarded: bool = False,
+        component: int = 191, signing: Signing | None = None,
     ) -> None:  # fmt: skip
         self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
         self.link, self.dialect = link, dialect
         self.splitter = Splitter(dialect)
         self.tx = TxCounters()
-        self.on_refused: Callable[[str], None] = lambda reason: None
         self.on_link: Callable[[LinkState, str], None] = lambda state, text: None
-        self.admit = admit
-        """raises a ZmavError for a frame of others that may not be sent now (a clash of ids, a lease)"""
-        self.on_sent: Callable[[Frame], None] = lambda frame: None
-        """told of each frame of others that was sent"""
-        self.prove: Prove = anybody
-        """raises Forbidden for what does not come from who may put it; whoever set it says so"""
         self.heard = 0.0
         self._component = component
-        self.signing, self._sign_forwarded = signing, sign_forwarded
+        self.signing = signing
         self._packer = Packer(dialect, 1, component)
         self._routes: dict[bytes, Stream] = {}
         self._streams: dict[tuple[int, int, int], Stream] = {}
@@ -91,19 +73,12 @@ class Adapter:
         self._listening = threading.Lock()
         """a stream that begins while somebody begins to listen must not miss it"""
         self._publishers: list[zenoh.Publisher] = []
-        self._intake: Intake | None = None
 
     def start(self) -> None:
         """Begin to carry; the link keeps itself open from now on."""
-        if not self.link.recorded:
-            tx = keys.TX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
-            self._intake = Intake(self.session.declare_subscriber, tx, self._take_all, MOST_WAITING)
         self.link.start(self._on_data, self._on_link_state)
 
     def close(self) -> None:
-        if self._intake is not None:
-            self._intake.close()
-            self._intake = None
         self.link.close()
         if self.signing is not None:
             self.signing.close()
@@ -168,64 +143,6 @@ class Adapter:
         if state is not LinkState.UP:
             self.splitter.reset()
         self.on_link(state, text)
-
-    # From the keys to the link: the intake's thread.
-
-    def _take_all(self, samples: list[zenoh.Sample]) -> None:
-        for sample in samples:
-            try:
-                self._on_tx(sample)
-            except Exception:  # a station's next frame may be behind it
-                logger.exception("not taken")
-
-    def _on_tx(self, sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr)
-        payload = sample.payload.to_bytes()
-        try:
-            self.prove(key, payload, attached(sample))
-            frame = self._checked(key, payload)
-            self.admit(frame)
-            data = self._signed(frame)
-        except Forbidden:
-            self.tx.refused += 1
-            return
-        except ZmavError as e:
-            self.tx.refused += 1
-            self.on_refused(f"frame on {key} refused: {e}")
-            return
-        self.send_raw(data)
-        self.on_sent(frame)
-
-    def _signed(self, frame: Frame) -> bytes:
-        """A stranger's frame as it may go out: whoever signs it vouches for it, so we do so only where told to."""
-        if frame.msgid == SETUP_SIGNING:
-            raise BadMessage("SETUP_SIGNING holds a key, which does not travel: use 'zmav signing setup' on the link")
-        if self.signing is None or frame.signed:
-            return frame.data
-        if not self._sign_forwarded:
-            raise BadMessage("it is not signed, and this link signs: sign it, or set sign_forwarded for this vehicle")
-        return self.signing.sign(frame.data)
-
-    def _checked(self, key: str, data: bytes) -> Frame:
-        _, parts = keys.match(key)
-        frame = parse_frame(data, self.dialect)
-        name = self.dialect.name_of(frame.msgid)
-        if parts["msg"] != name:
-            raise BadKey(f"it holds {name}", field="key", value=parts["msg"], expected=name)
-        if not (ADDRESS.fullmatch(parts["sys"]) and ADDRESS.fullmatch(parts["comp"])):
-            raise BadKey("its system and component must be numbers", field="key", value=key, expected="0-255")
-        system, component = int(parts["sys"]), int(parts["comp"])
-        message, inside = self.dialect.by_id.get(frame.msgid), targets(frame, self.dialect)
-        if message is not None:  # only what the message says can contradict the key: SET_MODE names no component
-            for part, field, said, offset in (
-                (system, "target_system", inside[0], message.target_system),
-                (component, "target_component", inside[1], message.target_component),
-            ):
-                if offset is not None and said != part:
-                    raise BadMessage(f"its {field} is {said}", fields={field: f"{said}, but {part} in the key"})
-        if system != 0 and not any(heard == system for heard, _ in list(self.splitter.sources)):
-            raise BadKey(f"no system {system} is on this link", field="sys", value=system)
-        return frame
 
     # What services use; every method is thread-safe.
 

@@ -34,7 +34,7 @@ from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
 from zmav.seldom import Seldom
 from zmav.services.link.port import on_loop
-from zmav.services.orders.orders import Guarded, Orders
+from zmav.services.orders.orders import Guarded, Orders, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.gate import Origin, anybody
@@ -109,10 +109,10 @@ class Agent:
         table = {**TUNING, **self.verbs}
         self._gate = z.member.make_gate() if z.member else None
         answers = Answers(z.member.signer if z.member else None, self._gate)
-        self._questions = Questions(z.session, answers)
+        self._questions = Questions(z.session, answers, anybody)
         self._orders = Orders(
             z.session, self.vehicle.fleet, vehicle, self._gate.check if self._gate else anybody,
-            answers, keys.AGENT_DO, table, parts={"agent": self.name}, questions=self._questions,
+            answers, proof_is_enough, keys.AGENT_DO, table, parts={"agent": self.name}, questions=self._questions,
         )  # fmt: skip
         for verb in table:
             handler: Guarded = getattr(self, f"on_{verb}")

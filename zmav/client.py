@@ -89,7 +89,7 @@ class Client:
         self._met: Seldom[Place] = Seldom(MEET_EVERY, SAID)
         self._strangers: Seldom[Place] = Seldom(MEET_EVERY, STRANGERS)
         self._rosters: Intake | None = None
-        self._ask_time: Callable[[Place], None] = lambda place: None
+        self._ask_time: AskTime | None = None
         self._newest: dict[Place, float] = {}
         self._said: set[tuple[Place, str]] = set()
 
@@ -231,7 +231,7 @@ class Client:
         try:
             self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample), newest)
         except Forbidden as e:
-            if e.detail["reason"] == "clock" and keys.NAME.match(_place(sample)[1]):
+            if self._ask_time and e.detail["reason"] == "clock" and keys.NAME.match(_place(sample)[1]):
                 self._ask_time(_place(sample))
             self._disbelieve(_place(sample), str(sample.key_expr), e)
             raise

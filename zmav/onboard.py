@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import functools
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,15 @@ import zenoh
 
 from zmav import config, keys, wire
 from zmav.adapter import Adapter
-from zmav.errors import BadConfig, Forbidden, Refused
+from zmav.errors import BadConfig, Forbidden
+from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
 from zmav.services.authority.authority import Authority, Rules
 from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.may_move import SetpointCounts
+from zmav.services.authority.order_permit import Judge, OrderPermit
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.files.files import Files
@@ -54,13 +57,11 @@ from zmav.systemd import state_directory
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
-from zmav.trust.gate import Gate, Origin, anybody
+from zmav.trust.gate import Gate, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
-from zmav.verbs import VERBS, Verb
 
 TICK = 0.2
-Judge = Callable[[Any, Report], Awaitable[None]]
 
 
 class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
@@ -104,81 +105,84 @@ class Onboard:
             raise _other_fleet(link, fleet)
         self.settings = settings
         own = _credentials(settings)
-        self.gate = Gate(own, given=settings.rights.planner) if own else None
+        self.gate = gate = Gate(own, given=settings.rights.planner) if own else None
         signer = Signer(own) if own else None
-        prove, answers = self.gate.check if self.gate else anybody, Answers(signer, self.gate)
-        self.questions = questions = Questions(session, Answers(signer, self.gate))
+        prove, answers = gate.check if gate else anybody, Answers(signer, gate)
+        self.questions = questions = Questions(session, Answers(signer, gate), gate.admit if gate else anybody)
         dialect = load_dialect(settings.dialect)
-        self.adapter = port = Adapter(
-            session, fleet, name, link, dialect, admit=lambda frame: self.authority.stations.admit(frame),
-            signing=_signing(settings.signing, dialect) if settings.signing else None,
-            sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
-        )  # fmt: skip
+        signing = _signing(settings.signing, dialect) if settings.signing else None
+        self.adapter = port = Adapter(session, fleet, name, link, dialect, signing=signing)
         if settings.sysid is not None:
             port.speak_as(settings.sysid)  # until it is heard, too
-        self.events = Events(session, fleet, name, signer)
-        self.identity = Identity(port, self.events, settings.sysid)
-        self.presence = Presence(session, fleet, name, instance, self.identity, self.events, self.gate, signer)
-        self.state = StateService(session, questions, port, instance, self.identity, settings.origin, signer)
-        self.timesync = TimeSync(port, self.identity, self.events)
-        self.messages = Messages(questions, port, self.identity, self.timesync)
-        self.body = BodyService(questions, port, self.identity, settings.body)
-        self.quality = Quality(session, questions, port, self.identity, self.timesync)
-        self.rates = Rates(session, questions, port, self.identity, self.events)
-        self.commander = Commander(port, self.identity, self.events)
-        bounds = Bounds(port, self.identity, settings.origin, settings.geofence, settings.limits)
-        self.flight = Flight(port, self.identity, self.state, self.commander, bounds)
-        self.payload = Payload(port, self.commander, bounds)
-        self.missions = Missions(questions, port, self.identity, self.commander, self.events, bounds)
-        self.flight.rally = self.missions.rally
-        self.mission_flight = MissionFlight(port, self.identity, self.commander, self.missions, bounds)
-        rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
-        self.authority = Authority(
-            session, port, self.identity, self.commander, self.events, bounds, self.presence.check, rules
-        )
-        self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
-        self.rates.needs.update(self.authority.pilot.needs)
-        carrot = self.authority.carrot
-        self.flight.lead, self.flight.leads = carrot.lead, lambda: carrot.leading
-        self.separation = Separation(
-            session, port, self.identity, bounds, self.events, settings.origin,
-            lambda: self.body.body, settings.separation, self.gate.is_vehicle if self.gate else keys.anything,
-        )  # fmt: skip
-        self.separation.future, self.authority.ladder.aside = self.authority.ladder.future, self.separation.aside
-        self.params = Params(questions, port, self.identity, self.events)
-        self.flight.param = self.authority.param = self.params.value
-        count = self.setpoints.counts
-        self.needs = ParamPreconditions(
-            port, self.params, self.identity, self.events, lambda why: count.update({why: 1})
-        )
-        self.setpoints.accept = self.needs.check
-        ftp = Ftp(port, self.identity)
+        self.events = events = Events(session, fleet, name, signer)
+        self.identity = identity = Identity(port, events, settings.sysid)
+        self.presence = Presence(session, fleet, name, instance, identity, events, gate, signer)
+        self.timesync = TimeSync(port, identity, events)
+        self.messages = Messages(questions, port, identity, self.timesync)
+        self.body = BodyService(questions, port, identity, settings.body)
+        self.quality = Quality(session, questions, port, identity, self.timesync)
+        self.rates = Rates(session, questions, port, identity, events)
+        self.commander = commander = Commander(port, identity, events)
+        self.params = Params(questions, port, identity, events)
+        ftp = Ftp(port, identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(questions, port, ftp, Store(cache / fleet / name), prove)
-        self.event_texts = EventTexts(self.identity, self.commander, self.events, self.files)
-        self.state.checks = self.event_texts.against_arming
+        self.event_texts = EventTexts(identity, commander, events, self.files)
+        self.state = StateService(
+            session, questions, port, instance, identity, settings.origin, signer, self.event_texts.against_arming
+        )
         self.host = HostService(questions, instance, fleet, name, (cache,))
-        self.logs = Logs(port, self.identity, ftp, self.files)
-        self.orders = Orders(session, fleet, name, prove, answers, questions=questions)
-        if self.gate is not None:
-            self._stand_at(self.gate)
+        self.logs = Logs(port, identity, ftp, self.files)
+        bounds = Bounds(port, identity, settings.origin, settings.geofence, settings.limits)
+        counts = SetpointCounts()
+        self.needs = ParamPreconditions(port, self.params, identity, events, counts)
+        self.separation = Separation(
+            session, port, identity, bounds, events, settings.origin,
+            lambda: self.body.body, settings.separation, gate.is_vehicle if gate else keys.anything,
+        )  # fmt: skip
+        rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
+        self.authority = Authority(
+            session, port, identity, commander, events, bounds, rules, counts,
+            guard=self.presence.check, accept=self.needs.check, aside=self.separation.aside, sealed=gate is not None,
+            param=self.params.value, on_segment=self.state.publish,
+        )  # fmt: skip
+        self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
+        self.rates.needs.update(self.authority.pilot.needs)
+        stations = self.authority.stations
+        self.forwarder = FrameForwarder(
+            port, prove=prove, may_send=stations.admit, on_sent=stations.sent,
+            on_refused=lambda reason: events.emit("refused", "warning", reason, limit="tx"),
+            sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
+        )  # fmt: skip
+        self.payload = Payload(port, commander, bounds)
+        self.missions = Missions(questions, port, identity, commander, events, bounds)
+        self.flight = Flight(
+            port, identity, self.state, commander, bounds, self.authority.carrot,
+            param=self.params.value, rally=self.missions.rally,
+        )  # fmt: skip
+        self.mission_flight = MissionFlight(port, identity, commander, self.missions, bounds)
+        judges: dict[str, Judge] = {
+            "takeoff": self.flight.judge_takeoff,
+            "goto": self.flight.judge_place,
+            "reposition": self.flight.judge_place,
+            "set_mode": self.mission_flight.judge_mode,
+            "command": self._judge_command,
+            "mission_start": self.mission_flight.judge_start,
+        }
+        permit = OrderPermit(self.authority, judges)
+        self.orders = Orders(session, fleet, name, prove, answers, permit, questions=questions)
+        if gate is not None:
+            gate.on_refused = self._say_refused
         self.on_alive: Callable[[], object] = lambda: None
         """called on the event loop, at most five times a second, when the ladder's thread has gone round since the last
         time: not called, one of the two hangs"""
         self._own, self._tasks = own, list[asyncio.Task[None]]()
         self._add_orders()
 
-    def _stand_at(self, gate: Gate) -> None:
-        """From now on nothing is taken but with a proof of origin; each kind of refusal is said once a second."""
-        self.adapter.prove = gate.check
-        self.questions.admit = gate.admit
-        self.setpoints.proven = True
-
-        def say(error: Forbidden) -> None:
-            reason = str(error.detail["reason"])
-            self.events.emit("refused", "warning", f"refused: {error}", limit=f"proof {reason}", reason=reason)
-
-        gate.on_refused = say
+    def _say_refused(self, error: Forbidden) -> None:
+        """Each kind of refusal is said once a second."""
+        reason = str(error.detail["reason"])
+        self.events.emit("refused", "warning", f"refused: {error}", limit=f"proof {reason}", reason=reason)
 
     def take_roster(self, roster: Roster) -> None:
         """The authority's newest: whom it has turned out is believed no more, and commands no more."""
@@ -221,16 +225,8 @@ class Onboard:
             "mission_current": self.mission_flight.set_current,
         }
         told: dict[str, Guarded] = {"lease": leases.take, "release": leases.drop, "revoke": leases.revoke}
-        judges: dict[str, Judge] = {
-            "takeoff": flight.judge_takeoff,
-            "goto": flight.judge_place,
-            "reposition": flight.judge_place,
-            "set_mode": self.mission_flight.judge_mode,
-            "command": self._judge_command,
-            "mission_start": self.mission_flight.judge_start,
-        }
         for name, guarded in (told | {name: _untold(handler) for name, handler in handlers.items()}).items():
-            self.orders.add(name, self._guarded(VERBS[name], guarded, judges.get(name)))
+            self.orders.add(name, guarded)
 
     async def _judge_command(self, args: wire.RunCommand, report: Report) -> None:
         """A MAV_CMD by its name is judged as its verb is."""
@@ -239,43 +235,11 @@ class Onboard:
             await self.flight.judge_arming()
         await self.mission_flight.judge_command(command, args.force, report)
 
-    def _guarded(self, verb: Verb, handler: Guarded, judge: Judge | None) -> Guarded:
-        """``handler`` behind what its verb needs: no clash of names or ids, and the lease where there is one.
-
-        ``judge`` raises where the order cannot be done: what it would end goes on then.
-        """
-
-        async def guarded(args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
-            self.authority.allow(verb, args, origin)
-            if judge is not None:
-                safe = self.authority.made_safe
-                await judge(args, report)  # which may take its time
-                if self.authority.made_safe != safe:
-                    raise Refused(f"{verb.name} was overtaken: the vehicle was told to hold, land or return meanwhile")
-                self.authority.allow(verb, args, origin)
-            flown = self.authority.begin(verb, args, origin)
-            try:
-                return await handler(args, report, origin)
-            except Exception as e:
-                if isinstance(e, Refused) and "mode" in e.detail:  # it saw the pilot's mode before anybody judged it
-                    self.authority.taken(e.message)
-                self.authority.failed(flown, verb)
-                raise
-            except asyncio.CancelledError:
-                if why := self.authority.taken_from:
-                    raise Refused(f"taken over: {why}", vehicle=self.settings.name, mode=self.identity.mode) from None
-                raise
-
-        return guarded
-
     async def __aenter__(self) -> Onboard:
         loop, adapter = asyncio.get_running_loop(), self.adapter
         changed = on_loop(loop, self._changed)
         self.identity.on_change = self.presence.on_change = changed
         self.state.extras.append(self._add_to_state)
-        self.setpoints.on_segment = self.state.publish
-        adapter.on_sent = lambda frame: self.authority.stations.sent(frame)
-        adapter.on_refused = lambda reason: self.events.emit("refused", "warning", reason, limit="tx")
         adapter.on_link = lambda state, text: self._on_link(state, text, changed)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
         adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
@@ -295,6 +259,7 @@ class Onboard:
         self.authority.start()
         self.separation.start()
         self.needs.start()
+        self.forwarder.start()
         adapter.start()
         self._tasks.append(loop.create_task(self._keep_house()))
         if self._own is not None:
@@ -314,6 +279,7 @@ class Onboard:
         await self.event_texts.close()
         self.params.close()
         await self.missions.close()
+        await asyncio.to_thread(self.forwarder.close)
         await asyncio.to_thread(self.adapter.close)
         for service in (
             self.identity, self.presence, self.state, self.timesync, self.quality, self.events,
@@ -366,7 +332,7 @@ class Onboard:
                 self.events.tick()
                 self.presence.tick()
                 self.leases.tick()
-                self.separation.tick()
+                self.separation.tick(self.authority.ladder.future())
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()

@@ -24,6 +24,7 @@ from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.session import SessionSettings, open_session
+from zmav.trust.gate import anybody
 from zmav.vision.chunks import MOST_JPEG, count_of, split
 from zmav.vision.opencv import decode, encode, opencv
 from zmav.vision.parity import needed
@@ -97,7 +98,7 @@ class CameraAgent:
             publisher,
             self._z.session.declare_subscriber(reports, on_loop(loop, self._on_report)),
         ]
-        self._questions = Questions(self._z.session, Answers(None))
+        self._questions = Questions(self._z.session, Answers(None, None), anybody)
         self._questions.declare(info, lambda query: self._answer(info))
         self._on_match(publisher.matching_status)
         self._capture = Capture(self._source, on_loop(loop, self._news.set), self._say)

@@ -53,7 +53,7 @@ class Responder:
         self._fleet, self._host, self._zid = plan.fleet, plan.name, str(session.info.zid())
         self._runs: dict[str, Run] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._questions = Questions(session, Answers(None))
+        self._questions = Questions(session, Answers(None, None), anybody)
         self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
         self._budget = budget_of(plan)

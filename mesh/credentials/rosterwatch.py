@@ -33,6 +33,7 @@ from zmav.services.queries.questions import Questions, Reply
 from zmav.trust import credentials
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
+from zmav.trust.gate import anybody
 from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Allowance
 from zmav.waiting import within
@@ -68,7 +69,7 @@ class RosterWatch:
 
     async def __aenter__(self) -> RosterWatch:
         loop = asyncio.get_running_loop()
-        self._questions = Questions(self._session, Answers(None))
+        self._questions = Questions(self._session, Answers(None, None), anybody)
         self._questions.declare(self._key, lambda query: self._answer(query, loop))
         take = on_loop(loop, self._on_samples)  # a batch at a time: anybody may put them, as fast as he likes
         self._declared = [

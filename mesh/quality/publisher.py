@@ -19,6 +19,7 @@ from zmav import keys, wire
 from zmav.config import Host
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
+from zmav.trust.gate import anybody
 
 PERIOD = 1.0
 NAMELESS = 3.0
@@ -47,7 +48,7 @@ class LinkQualities:
     async def __aenter__(self) -> LinkQualities:
         self.prober.start()
         everything = keys.LINK.key(self._fleet, self._name, link="*")
-        self._questions = Questions(self._session, Answers(None))
+        self._questions = Questions(self._session, Answers(None, None), anybody)
         self._questions.declare(everything, self._answer)
         self._task = asyncio.get_running_loop().create_task(self._run())
         return self

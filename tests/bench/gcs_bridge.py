@@ -43,7 +43,7 @@ def fleet(first: int, count: int, endpoint: str) -> None:
     with open_session(SessionSettings(mode="router", listen=[endpoint])) as session:
         for number in range(count):
             link = open_link(f"udpin:127.0.0.1:{first + number}")
-            Adapter(session, "bench", f"v{number}", link, load_dialect(), admit=lambda frame: None).start()
+            Adapter(session, "bench", f"v{number}", link, load_dialect()).start()
         threading.Event().wait()
 
 

@@ -188,7 +188,7 @@ async def test_a_lease_that_was_lost_is_followed_by_the_action(bench: StartBench
 async def test_a_setpoint_that_comes_between_the_action_and_the_lease_s_end(bench: StartBench) -> None:
     """The ladder acts in its own thread; the lease ends a moment later, and that moment is guarded, too."""
     b = await bench(settings=failsafe())
-    b.vehicle.authority.ladder.acted = lambda lease: None
+    b.vehicle.authority.ladder.on_acted = lambda lease: None
     alice = await lost(b)
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
     flown = len(moves(b))

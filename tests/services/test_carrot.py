@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
-from zmav.services.authority.leader import AHEAD_M, AHEAD_S, pursuit, within_reach
+from zmav.errors import Refused
+from zmav.services.authority.leader import AHEAD_M, AHEAD_S, PositionLeader, pursuit, within_reach
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench
@@ -100,6 +101,25 @@ async def test_a_goto_that_is_over_is_led_no_more(bench: StartBench, ends: str) 
     for _ in range(4):
         await b.state(lambda s: True, "a moment")
     assert len(b.peer.heard(GLOBAL)) == told
+
+
+async def test_it_leads_only_while_it_may(bench: StartBench) -> None:
+    b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
+    b.peer.send("GLOBAL_POSITION_INT", **at())
+    await b.state(lambda s: s["position"], "position")
+    taken: list[str] = []
+
+    def may_move() -> None:
+        if taken:
+            raise Refused(f"the pilot has it: {taken[0]}")
+
+    leader = PositionLeader(b.vehicle.adapter, b.vehicle.identity, may_move)
+    assert leader.lead(target(400.0, 0.0))
+    await b.peer.count(GLOBAL, 2)
+    taken.append("his switch")
+    await b.state(lambda s: not leader.leading, "the end of it")
+    with pytest.raises(Refused, match="his switch"):
+        leader.lead(target(400.0, 0.0))
 
 
 async def test_a_stream_to_a_far_point_is_led_too(bench: StartBench) -> None:

@@ -21,6 +21,7 @@ from zmav.services.orders import orders
 from zmav.services.queries import questions
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
+from zmav.trust.gate import anybody
 from zmav.trust.verify import Allowance
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Held:
 @contextlib.asynccontextmanager
 async def lane(net: Net) -> AsyncIterator[tuple[Questions, Ground]]:
     session, endpoint = net.router()
-    ground, made = net.ground(endpoint), Questions(session, Answers(None))
+    ground, made = net.ground(endpoint), Questions(session, Answers(None, None), anybody)
     yield made, ground
     made.close()
 

@@ -12,7 +12,7 @@ from agents.planner.live.preview import preview
 from agents.planner.model.errors import PlanError
 from zmav import keys, wire
 from zmav.errors import Refused, ZmavError
-from zmav.services.orders.orders import Guarded, Orders, Report
+from zmav.services.orders.orders import Guarded, Orders, Report, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Origin, anybody
@@ -38,7 +38,8 @@ class OrderHandlers:
         self.gate = member.make_gate() if member else None
         self.orders = Orders(
             agent.z.session, settings.fleet, settings.name, self.gate.check if self.gate else anybody,
-            Answers(member.signer if member else None, self.gate), keys.SWARM, SWARM_VERBS, most=MOST_BYTES,
+            Answers(member.signer if member else None, self.gate), proof_is_enough, keys.SWARM, SWARM_VERBS,
+            most=MOST_BYTES,
         )  # fmt: skip
         if self.gate is not None:
             self.gate.on_refused = lambda error: agent.say_seldom("refused", "warning", f"refused: {error}")

@@ -21,9 +21,10 @@ from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.gcs_traffic import GcsTraffic
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.lease import Leases, severity_of
+from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
 from zmav.services.authority.setpoints import Setpoints
-from zmav.services.authority.watchdog import LATE_MODE, StreamWatchdog
+from zmav.services.authority.watchdog import LATE_MODE, Aside, StreamWatchdog
 from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
@@ -58,7 +59,9 @@ class Rules(msgspec.Struct, kw_only=True, frozen=True):
 class Authority:
     """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for rules that make no sense.
 
-    ``guard`` raises while nobody may command the vehicle at all (a clash of names or ids).
+    ``guard`` raises while nobody may command the vehicle at all (a clash of names or ids), ``accept`` where the
+    autopilot's parameters do not let it follow a setpoint. ``aside``: what to fly instead for a moment. ``sealed``:
+    only setpoints with the seal of their lease are read. ``param``: the autopilot's parameter of that name, if known.
     """
 
     def __init__(
@@ -69,23 +72,35 @@ class Authority:
         commander: Commander,
         events: Events,
         bounds: Bounds,
-        guard: Callable[[], None],
         rules: Rules,
+        counts: SetpointCounts,
+        *,
+        guard: MayMove[[]],
+        accept: MayMove[[Autopilot, Target]],
+        aside: Aside,
+        sealed: bool,
+        param: Callable[[str], float | None],
+        on_segment: Callable[[], None],
     ) -> None:
         self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
-        self._failsafe = check_failsafe(rules.failsafe)
-        self.leases = Leases(session, port.fleet, port.name, events)
-        self.pilot = Pilot(port, identity, commander, rules.pilot_switch)
-        self.carrot = PositionLeader(port, identity)
-        self.ladder = StreamWatchdog(port, events, rules.failsafe)
-        self.bounds = bounds
+        self._failsafe, self._param, self.bounds = check_failsafe(rules.failsafe), param, bounds
+        self.pilot = Pilot(
+            port, identity, commander, rules.pilot_switch, on_taken=self._taken_by_mode, on_switch=self._to_autopilot
+        )
+        self.leases = Leases(
+            session, port.fleet, port.name, events, may_take=self.pilot.check, on_end=self._on_lease_end
+        )
+        self.carrot = PositionLeader(port, identity, self.pilot.check)
+        self.ladder = StreamWatchdog(
+            port, events, rules.failsafe, counts, allowed=self.pilot.allowed, near=self.carrot.near, aside=aside,
+            on_ordered=self._on_ordered, on_acted=self._on_acted,
+        )  # fmt: skip
         self.stations = GcsTraffic(port, identity, self.leases, guard, self.taken)
         self.setpoints = Setpoints(
-            session, port, identity, self.leases, self.pilot, self.ladder, self.bounds, events, rules.origin
-        )
-
-        self.param: Callable[[str], float | None] = lambda name: None
-        """the autopilot's parameter of that name, where it is known"""
+            session, port, identity, self.leases, self.pilot, self.ladder, bounds, events, rules.origin, counts,
+            may_move=guard, free=commander.check_free, accept=accept, sealed=sealed, on_segment=on_segment,
+        )  # fmt: skip
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
         self._safe_given: dict[Origin, float] = {}
@@ -103,23 +118,12 @@ class Authority:
         """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
 
     def start(self) -> None:
-        ladder, pilot, setpoints = self.ladder, self.pilot, self.setpoints
-
-        def ordered(mode: str) -> None:
-            self._commander.ordered, self._asked = mode, time.monotonic()
-
-        ladder.ordered, ladder.allowed, ladder.near = ordered, pilot.allowed, self.carrot.near
-        ladder.acted = on_loop(asyncio.get_running_loop(), self._on_acted)
-        ladder.count = lambda what: setpoints.counts.update({what: 1})
-        setpoints.guard, setpoints.busy = self._guard, lambda: self._commander.moving
-        pilot.on_taken, self.leases.may_take = self._taken_by_mode, pilot.check
-        pilot.on_switch = self._to_autopilot
-        self.leases.on_end = self._on_lease_end
+        self._loop = asyncio.get_running_loop()
         self.leases.start()
-        pilot.start()
+        self.pilot.start()
         self.stations.start()
-        ladder.start()
-        setpoints.start()
+        self.ladder.start()
+        self.setpoints.start()
 
     def close(self) -> None:
         """End; a vehicle that follows a stream is told to hold."""
@@ -221,6 +225,11 @@ class Authority:
         self.leases.end("pilot", f"{text}: the lease has ended")
         return flown
 
+    def taken_over(self) -> Refused:
+        """What the order that the pilot ended is answered."""
+        text = f"taken over: {self.taken_from}"
+        return Refused(text, vehicle=self.leases.vehicle, mode=self._identity.mode)
+
     def _taken_by_mode(self, text: str) -> None:
         flown = self.taken(text)
         if flown is not None and self._identity.mode in flown.autopilot.stream_lost:
@@ -233,7 +242,7 @@ class Authority:
         """
         who, (param, usual) = self._identity, flown.autopilot.failsafe_waits
         if who.mode == flown.autopilot.hold()[0]:
-            waits = self.param(param)
+            waits = self._param(param)
             await asyncio.sleep((usual if waits is None else waits) + TOLD)
         with contextlib.suppress(ZmavError):
             if who.intended is None:
@@ -294,7 +303,16 @@ class Authority:
             flown = ActiveStream(who.autopilot, who.source, end.number, still, who.mode or "", now, goes_on=False)
             self.ladder.hold(flown, end.text)
 
+    def _on_ordered(self, mode: str) -> None:
+        """The ladder asks for a mode, in its thread."""
+        self._commander.ordered, self._asked = mode, time.monotonic()
+
     def _on_acted(self, lease: int) -> None:
+        """The ladder has given the stream up, in its thread."""
+        assert self._loop is not None
+        on_loop(self._loop, self._end_given_up)(lease)
+
+    def _end_given_up(self, lease: int) -> None:
         if lease == self.leases.number:
             self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
 

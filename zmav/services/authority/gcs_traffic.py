@@ -12,6 +12,7 @@ from collections.abc import Callable
 from zmav.autopilots.safety import changes_mode, makes_safe
 from zmav.mavlink import Frame, decode
 from zmav.services.authority.lease import Leases
+from zmav.services.authority.may_move import MayMove
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
 
@@ -30,18 +31,21 @@ class GcsTraffic:
     """
 
     def __init__(
-        self, port: Port, identity: Identity, leases: Leases, guard: Callable[[], None], taken: Callable[[str], object]
+        self, port: Port, identity: Identity, leases: Leases, guard: MayMove[[]], taken: Callable[[str], object]
     ) -> None:
         self._port, self._identity, self._leases, self._guard, self._taken = port, identity, leases, guard, taken
         by_name = port.dialect.by_name
         self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
         self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
-        self.sent: Callable[[Frame], None] = lambda frame: None
-        """a frame was handed on; any thread"""
+        self._judge_soon: Callable[[Frame], None] | None = None
 
     def start(self) -> None:
-        judge = on_loop(asyncio.get_running_loop(), self._judge)
-        self.sent = lambda frame: judge(frame) if frame.msgid in self._ordering else None
+        self._judge_soon = on_loop(asyncio.get_running_loop(), self._judge)
+
+    def sent(self, frame: Frame) -> None:
+        """A frame was handed on. Any thread, once started."""
+        if frame.msgid in self._ordering and self._judge_soon is not None:
+            self._judge_soon(frame)
 
     def admit(self, frame: Frame) -> None:
         """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease, and

@@ -17,7 +17,9 @@ import msgspec
 from zmav import geo, wire
 from zmav.autopilots import Autopilot, Message, Target
 from zmav.autopilots.safety import flies_on
+from zmav.errors import ZmavError
 from zmav.mavlink import decode
+from zmav.services.authority.may_move import MayMove
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port
 
@@ -66,10 +68,13 @@ def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
 
 
 class PositionLeader:
-    """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop."""
+    """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop.
 
-    def __init__(self, port: Port, identity: Identity) -> None:
-        self._port, self._identity = port, identity
+    ``may_move()`` is asked before each target.
+    """
+
+    def __init__(self, port: Port, identity: Identity, may_move: MayMove[[]]) -> None:
+        self._port, self._identity, self._may_move = port, identity, may_move
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
@@ -85,7 +90,11 @@ class PositionLeader:
         return within_reach(target, position)
 
     def lead(self, target: Target) -> bool:
-        """Send the carrot now, and keep moving it; False where the autopilot needs none, and nothing was done."""
+        """Send the carrot now, and keep moving it; False where the autopilot needs none, and nothing was done.
+
+        Raises :class:`~zmav.errors.Refused` where nobody may move the vehicle now.
+        """
+        self._may_move()
         self.stop()
         autopilot = self._identity.autopilot
         if target.lat_deg is None or autopilot is None or not flies_on(autopilot):
@@ -118,6 +127,10 @@ class PositionLeader:
         while arrived < 3:  # the end of the way is said again in case it was lost: it has no acknowledgement
             source = self._identity.source
             if source is None or self._identity.mode != mode or not self._identity.armed:
+                return
+            try:
+                self._may_move()
+            except ZmavError:  # whoever has it is told of it elsewhere
                 return
             now = self.near(autopilot, target, source)
             arrived += now is target

@@ -14,6 +14,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
+from zmav.services.authority.may_move import MayMove
 from zmav.services.link.port import on_loop
 from zmav.services.status.events import Events
 from zmav.trust.gate import Origin
@@ -38,15 +39,17 @@ def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
 class Leases:
     """A vehicle's lease. Lives on the event loop.
 
-    ``on_end(end)`` is called whenever a lease ends; ``may_take()`` raises while nobody may have one (the pilot's
-    switch). Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the
-    setpoints under it.
+    ``may_take()`` raises while nobody may have one (the pilot's switch); ``on_end(end)`` is called whenever one ends.
+    Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the setpoints
+    under it.
     """
 
-    def __init__(self, session: zenoh.Session, fleet: str, vehicle: str, events: Events) -> None:
-        self._session, self._fleet, self._vehicle, self._events = session, fleet, vehicle, events
-        self.on_end: Callable[[wire.LeaseEnd], None] = lambda end: None
-        self.may_take: Callable[[], None] = lambda: None
+    def __init__(
+        self, session: zenoh.Session, fleet: str, vehicle: str, events: Events, *,
+        may_take: MayMove[[]], on_end: Callable[[wire.LeaseEnd], None],
+    ) -> None:  # fmt: skip
+        self._session, self._fleet, self.vehicle, self._events = session, fleet, vehicle, events
+        self._may_take, self._on_end = may_take, on_end
         self.last_end: wire.LeaseEnd | None = None
         self.number = 0
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
@@ -66,7 +69,7 @@ class Leases:
         self._subscriber: Any = None
 
     def start(self) -> None:
-        holders = keys.HOLDER.key(self._fleet, self._vehicle, holder="*", instance="*")
+        holders = keys.HOLDER.key(self._fleet, self.vehicle, holder="*", instance="*")
         heard = on_loop(asyncio.get_running_loop(), self._on_token)
         self._subscriber = self._session.liveliness().declare_subscriber(holders, heard, history=True)
 
@@ -92,7 +95,7 @@ class Leases:
         else:
             token = secrets.token_hex(8)
             secret, answer = self._agree(args, token) if origin else (b"", {})
-            self.may_take()
+            self._may_take()
             if self._token and args.priority <= self._priority:
                 raise self.refusal()
             if self._token:
@@ -179,7 +182,7 @@ class Leases:
         """
         if self._set_by:
             token = self._token
-            self.end("clock", f"the clock of {self._vehicle} was set by {self._set_by:+.2f} s")
+            self.end("clock", f"the clock of {self.vehicle} was set by {self._set_by:+.2f} s")
             raise self.refusal(token)
 
     def end(self, reason: wire.LeaseEnding, text: str, by: str | None = None) -> None:
@@ -196,7 +199,7 @@ class Leases:
         self._events.emit(
             "lease", severity_of(reason), text, holder=end.holder, reason=reason, **({"by": by} if by else {})
         )
-        self.on_end(end)
+        self._on_end(end)
 
     def info(self) -> wire.LeaseInfo | None:
         if not self._token:
@@ -210,13 +213,13 @@ class Leases:
     def refusal(self, token: str = "") -> NotHolder:
         """Why ``token`` does not command the vehicle."""
         ended = self._ended.get(token)
-        detail = {"vehicle": self._vehicle, **({"reason": ended.reason} if ended else {})}
+        detail = {"vehicle": self.vehicle, **({"reason": ended.reason} if ended else {})}
         if not self._token:
-            why = f"no such lease on {self._vehicle}" + (f" any more: {ended.text}" if ended else "")
+            why = f"no such lease on {self.vehicle}" + (f" any more: {ended.text}" if ended else "")
             return NotHolder(f"{why}; ask for one with do/lease", **detail)
         left = self._expires - time.monotonic()
         text = (
-            f"{self._holder} commands {self._vehicle} (for {left:.1f} s more unless renewed); hold, land, rtl and "
+            f"{self._holder} commands {self.vehicle} (for {left:.1f} s more unless renewed); hold, land, rtl and "
             "disarm are open to everybody and end its lease"
         )
         if ended:
@@ -228,14 +231,14 @@ class Leases:
     def _agree(self, args: wire.TakeLease, token: str) -> tuple[bytes, dict[str, Any]]:
         """The secret of a new lease, and what its holder is told so that he comes to the same one."""
         ours = Exchange()
-        return ours.secret(args.key, f"{self._fleet}/{self._vehicle}", token), {"key": ours.public}
+        return ours.secret(args.key, f"{self._fleet}/{self.vehicle}", token), {"key": ours.public}
 
     def _check_origin(self, origin: Origin | None) -> None:
         """A token can be overheard: it is its holder's only as long as he proves that he asks."""
         if origin != self.origin:
             given, asks = (one.name if one else "nobody proven" for one in (self.origin, origin))
-            text = f"that lease on {self._vehicle} was given to {given}, and {asks} asks"
-            raise NotHolder(text, vehicle=self._vehicle, holder=self._holder, reason="origin")
+            text = f"that lease on {self.vehicle} was given to {given}, and {asks} asks"
+            raise NotHolder(text, vehicle=self.vehicle, holder=self._holder, reason="origin")
 
     def _check(self, args: wire.TakeLease) -> None:
         if not args.holder:

@@ -31,14 +31,16 @@ CRITICAL = 5
 class Pilot:
     """Watches the mode, the arming and RC_CHANNELS. On the event loop; :meth:`allowed` from any thread.
 
-    ``on_taken(text)`` is called when somebody else than us changed the mode, disarmed, or moved the switch.
+    ``on_taken(text)`` is called when somebody else than us changed the mode, disarmed, or moved the switch, and then
+    ``on_switch()``, where it was the switch.
     """
 
-    def __init__(self, port: Port, identity: Identity, commander: Commander, switch: PilotSwitch | None) -> None:
+    def __init__(
+        self, port: Port, identity: Identity, commander: Commander, switch: PilotSwitch | None, *,
+        on_taken: Callable[[str], object], on_switch: Callable[[], None],
+    ) -> None:  # fmt: skip
         self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
-        self.on_taken: Callable[[str], None] = lambda text: None
-        self.on_switch: Callable[[], None] = lambda: None
-        """called after that, where it was the switch"""
+        self.on_taken, self._on_switch = on_taken, on_switch
         self.has_it: str | None = None
         """why no agent may have the vehicle; None: it may"""
         self._mode: str | None = None
@@ -124,7 +126,7 @@ class Pilot:
         elif self.has_it is None:
             self.has_it = f"his switch (channel {switch.channel}) is at {pwm} µs"
             self.on_taken(f"the pilot's switch (channel {switch.channel}) is at {pwm} µs")
-            self.on_switch()
+            self._on_switch()
 
 
 def _landing_modes(autopilot: Autopilot) -> set[str]:

@@ -12,6 +12,7 @@ from typing import Any
 from zmav.autopilots import Autopilot, Level, Need, Target
 from zmav.errors import Refused, Unsupported
 from zmav.mavlink import Frame, decode
+from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
 from zmav.services.orders.orders import Handler, Report
@@ -27,13 +28,11 @@ ACCEPTED, IN_PROGRESS = 0, 5
 class ParamPreconditions:
     """Judges each setpoint's level; a parameter that is not known yet is not held against it. On the event loop.
 
-    ``count(why)`` is called for each setpoint that the autopilot refuses.
+    ``counts`` gets each setpoint that the autopilot refuses.
     """
 
-    def __init__(
-        self, port: Port, params: Params, identity: Identity, events: Events, count: Callable[[str], None]
-    ) -> None:
-        self._port, self._params, self._identity, self._events, self._count = port, params, identity, events, count
+    def __init__(self, port: Port, params: Params, identity: Identity, events: Events, counts: SetpointCounts) -> None:
+        self._port, self._params, self._identity, self._events, self._counts = port, params, identity, events, counts
         self._numbers = {port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
         self._said: set[Need] = set()
         self._level: Level | None = None
@@ -89,7 +88,7 @@ class ParamPreconditions:
         ours = ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
         if name is None or not ours or result in (ACCEPTED, IN_PROGRESS):
             return
-        self._count("refused")
+        self._counts.add("refused")
         said = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")
         text = f"{self._level} setpoint: {name} refused: {said}"
         self._events.emit("setpoint", "warning", text, limit="sp refused", why="refused")

@@ -65,8 +65,6 @@ class Separation:
         self._session, self._port, self._identity, self._bounds = session, port, identity, bounds
         self._events, self._origin, self._body, self._settings = events, origin, body, settings
         self._is_vehicle = is_vehicle
-        self.future: Callable[[], Future | None] = lambda: None
-        """what is flown at present: the ladder's"""
         self._lock = threading.Lock()
         self._heard: dict[str, tuple[float, wire.swarm.Beacon]] = {}
         """by name: our monotonic time less its clock's, by the beacon that came soonest of all, and the last beacon"""
@@ -95,16 +93,15 @@ class Separation:
 
     # Telling the others.
 
-    def tick(self) -> None:
-        """Five times a second: in flight, say where we are and will be, where the neighbours could not know it by what
-        was said last (dead reckoning as in IEEE 1278), or that was a while ago.
+    def tick(self, future: Future | None) -> None:
+        """Five times a second, with what is flown at present: in flight, say where we are and will be, where the
+        neighbours could not know it by what was said last (dead reckoning as in IEEE 1278), or that was a while ago.
         """
         publisher = self._publisher
         if publisher is None or not self._identity.armed or (here := self._here()) is None:
             self._said = None
             return
         pos, vel, _ = here
-        future = self.future()
         ahead = [] if future is None else [self._place(future(t), pos, t) for t in AHEAD]
         beacon = wire.swarm.Beacon(
             t=time.time(), pos=_rounded(pos), vel=_rounded(vel), radius=self._body().radius,

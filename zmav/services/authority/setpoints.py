@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import collections
-import threading
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,6 +20,7 @@ from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavE
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.lease import Leases
+from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
 from zmav.services.authority.targets import resolve
 from zmav.services.authority.trajectory import Segment
@@ -52,6 +52,11 @@ class Heard(NamedTuple):
 class Setpoints:
     """Takes setpoints from the key space to the ladder. Lives on the event loop; seals are looked at before it, on a
     thread, so that a flood of setpoints without one does not reach it.
+
+    ``may_move()`` raises while nobody may command the vehicle (a clash of names or ids), ``free()`` while an order
+    moves it (a setpoint would undo a landing just ordered), ``accept`` where the autopilot's parameters do not let it
+    follow such a target. ``sealed``: only what is sealed with the lease's secret is read. ``on_segment()`` is called
+    when the vehicle is committed to another segment: its sender waits to hear so.
     """
 
     def __init__(
@@ -65,21 +70,19 @@ class Setpoints:
         bounds: Bounds,
         events: Events,
         origin: wire.Origin | None,
+        counts: SetpointCounts,
+        *,
+        may_move: MayMove[[]],
+        free: MayMove[[]],
+        accept: MayMove[[Autopilot, Target]],
+        sealed: bool,
+        on_segment: Callable[[], None],
     ) -> None:
         self._session, self._port, self._identity, self._leases = session, port, identity, leases
         self._pilot, self._ladder, self._bounds, self._events, self._origin = pilot, ladder, bounds, events, origin
-        self.counts: collections.Counter[str] = collections.Counter()
-        self._counting = threading.Lock()
-        self.guard: Callable[[], None] = lambda: None
-        """raises while nobody may command the vehicle (a clash of names or ids)"""
-        self.busy: Callable[[], bool] = lambda: False
-        """an order moves the vehicle: setpoints wait until it has ended, or they would undo a landing just ordered"""
-        self.accept: Callable[[Autopilot, Target], None] = lambda autopilot, target: None
-        """raises where the autopilot's parameters do not let it follow such a target"""
-        self.proven = False
-        """only what is sealed with the lease's secret is read"""
-        self.on_segment: Callable[[], None] = lambda: None
-        """the vehicle is committed to another segment: whoever sent it waits to hear so"""
+        self.counts = counts
+        self._may_move, self._free, self._accept, self._on_segment = may_move, free, accept, on_segment
+        self._only_sealed = sealed
         self._segment: wire.swarm.SegmentInfo | None = None
         self._seq = -1
         self._lease = ""
@@ -108,7 +111,7 @@ class Setpoints:
         key, payload = str(sample.key_expr), sample.payload.to_bytes()
         agent = key.rpartition("/")[2]
         try:
-            return Heard(agent, payload, self._check_seal(key, payload, attached(sample)) if self.proven else b"")
+            return Heard(agent, payload, self._check_seal(key, payload, attached(sample)) if self._only_sealed else b"")
         except Forbidden as e:
             self._drop(agent, e)
             return None
@@ -120,18 +123,14 @@ class Setpoints:
             try:
                 point = wire.decode(heard.payload, wire.Setpoint, f"setpoint of {heard.agent}")
                 # Now and not when it came: the lease may have passed to another since.
-                in_force = not self.proven or (heard.secret != b"" and heard.secret == self._leases.secret)
-                self._count("flown" if self._fly(point, in_force) else "engaging")
+                in_force = not self._only_sealed or (heard.secret != b"" and heard.secret == self._leases.secret)
+                self.counts.add("flown" if self._fly(point, in_force) else "engaging")
             except ZmavError as e:
                 self._drop(heard.agent, e)
 
     def _drop(self, agent: str, error: ZmavError) -> None:
-        self._count(why := str(error.detail.get("count", error.code)))
+        self.counts.add(why := str(error.detail.get("count", error.code)))
         self._events.emit("setpoint", "warning", f"setpoint of {agent} dropped: {error}", limit=f"sp {why}", why=why)
-
-    def _count(self, what: str) -> None:
-        with self._counting:
-            self.counts[what] += 1
 
     def _check_seal(self, key: str, payload: bytes, attachment: bytes | None) -> bytes:
         """The secret that it was sealed with: of the lease in force, or of the one before, whose holder is to hear what
@@ -146,7 +145,7 @@ class Setpoints:
         raise Forbidden(f"{why}: take a lease with credentials", reason="seal", count="forged")
 
     def _fly(self, point: wire.Setpoint, in_force: bool) -> bool:
-        self.guard()
+        self._may_move()
         self._check_order(point, in_force)
         self._pilot.check()
         autopilot, source = self._identity.autopilot, self._identity.source
@@ -154,12 +153,11 @@ class Setpoints:
             raise LinkDown("the autopilot is not heard", count="silent")
         if not self._identity.armed:
             raise Refused("it is disarmed: setpoints are followed by an armed vehicle", count="disarmed")
-        if self.busy():
-            raise Refused("an order moves the vehicle: setpoints are followed when it has ended", count="busy")
+        self._free()
         what, first, until = self._resolve(point, time.time(), time.monotonic())
         mode = self._identity.mode
         needed = autopilot.guided_for(first) or mode or ""
-        self.accept(autopilot, first)
+        self._accept(autopilot, first)
         autopilot.setpoint(first)  # what cannot be said must not take the place of what is flown, and keep it fresh
         flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until)
         engaged = self._ladder.fly(flown, mode)
@@ -168,7 +166,7 @@ class Setpoints:
             self._segment = wire.swarm.SegmentInfo(
                 lease=flown.lease, seq=point.seq, start=what.start, rests=what.rests, end=what.end
             )
-            self.on_segment()
+            self._on_segment()
         return engaged
 
     @property

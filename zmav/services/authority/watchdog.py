@@ -23,6 +23,7 @@ from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.mavlink import decode
 from zmav.services.authority.flown import ActiveStream, future
+from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.pace import Pace
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.port import Port
@@ -47,6 +48,10 @@ ROUND = 1.0
 """s at most between two rounds of the thread: whoever counts them sees that it lives"""
 SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
 
+Allowed = Callable[[str | None], bool]
+Near = Callable[[Autopilot, Target, tuple[int, int]], Target]
+Aside = Callable[[Callable[[float], Target]], tuple[Target, str] | None]
+
 
 class Step(enum.Enum):
     IDLE = "idle"
@@ -59,20 +64,20 @@ class Step(enum.Enum):
 class StreamWatchdog:
     """Guards one vehicle's stream. Every method from any thread; what calls back does so from the ladder's thread.
 
-    ``ordered(mode)`` is told of each mode it asks for, ``acted(lease)`` when it gives the stream up for good, and
-    ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`).
+    ``allowed(mode)``: that mode of the autopilot is one that was ordered here; the pilot has the vehicle otherwise.
+    ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`). ``aside``: what to fly instead
+    for a moment, and because of whom (:mod:`zmav.services.authority.separation`). ``on_ordered(mode)`` is told of each
+    mode it asks for, ``on_acted(lease)`` when it gives the stream up for good.
     """
 
-    def __init__(self, port: Port, events: Events, failsafe: Failsafe) -> None:
-        self._port, self._events, self.failsafe = port, events, failsafe
-        self.ordered: Callable[[str], None] = lambda mode: None
-        self.acted: Callable[[int], None] = lambda lease: None
-        self.count: Callable[[str], None] = lambda what: None
-        self.allowed: Callable[[str | None], bool] = lambda mode: True
-        """the autopilot's mode is one that was ordered here"""
-        self.near: Callable[[Autopilot, Target, tuple[int, int]], Target] = lambda autopilot, target, source: target
-        self.aside: Callable[[Callable[[float], Target]], tuple[Target, str] | None] = lambda future: None
-        """what to fly instead for a moment, and because of whom (:mod:`zmav.services.authority.separation`)"""
+    def __init__(
+        self, port: Port, events: Events, failsafe: Failsafe, counts: SetpointCounts, *,
+        allowed: Allowed, near: Near, aside: Aside,
+        on_ordered: Callable[[str], None], on_acted: Callable[[int], None],
+    ) -> None:  # fmt: skip
+        self._port, self._events, self.failsafe, self._counts = port, events, failsafe, counts
+        self._allowed, self._near, self._aside = allowed, near, aside
+        self._on_ordered, self.on_acted = on_ordered, on_acted
         self._dodging: ActiveStream | None = None
         """what is flown, while the vehicle is moved aside from it"""
         self._changed = threading.Condition(threading.RLock())
@@ -281,7 +286,7 @@ class StreamWatchdog:
         self._enter(Step.ENGAGING)
         flies = in_the_air(self._port, flown.source) is True
         self._engages = self._begun + flown.autopilot.engages_after(_level(flown), flies)
-        self.ordered(flown.mode)  # PX4 goes back to the mode it was last asked for as soon as setpoints come
+        self._on_ordered(flown.mode)  # PX4 goes back to the mode it was last asked for as soon as setpoints come
 
     def _engage(self, flown: ActiveStream, now: float) -> None:
         mode = self._shown().mode
@@ -310,7 +315,7 @@ class StreamWatchdog:
         self._enter(Step.HOLDING)
         self._let_go(self._flown, None)
         self._say_hold()
-        self.count("held")
+        self._counts.add("held")
         self._events.emit("setpoint", severity, f"{why}: holding position")
 
     def _say_hold(self) -> None:
@@ -339,7 +344,7 @@ class StreamWatchdog:
             self._enter(Step.ACTING)
             self._tries = list(SAFER[self.failsafe.action])
             self._over = flown.lease
-            self.acted(flown.lease)
+            self.on_acted(flown.lease)
             self._act(flown, now)
         elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
             self._say_hold()
@@ -406,12 +411,12 @@ class StreamWatchdog:
 
     def _ours(self) -> bool:
         """It is armed, and in a mode that was ordered here: the pilot has it otherwise."""
-        return self._shown().armed and self.allowed(self._shown().mode)
+        return self._shown().armed and self._allowed(self._shown().mode)
 
     def _ask(self, mode: str, now: float) -> None:
         assert self._flown is not None
         self._asked = now
-        self.ordered(mode)
+        self._on_ordered(mode)
         self._give(self._flown.autopilot.mode(mode).command)
 
     def _streams(self, flown: ActiveStream) -> bool:
@@ -426,7 +431,7 @@ class StreamWatchdog:
         """The setpoint as it is now; False where the link does not take it."""
         flown = self._flown
         assert flown is not None
-        instead = self.aside(future(flown))
+        instead = self._aside(future(flown))
         if instead is not None:
             return self._dodge(flown, *instead)
         if self._dodging is flown and isinstance(flown.what, Segment):
@@ -436,14 +441,14 @@ class StreamWatchdog:
         self._dodging = None
         target = future(flown)(0.0)
         sent = True
-        for action in flown.autopilot.setpoint(self.near(flown.autopilot, target, flown.source)):
+        for action in flown.autopilot.setpoint(self._near(flown.autopilot, target, flown.source)):
             if self._pace.due(action, time.monotonic()):
                 sent = self._give(action) and sent
         return sent
 
     def _dodge(self, flown: ActiveStream, target: Target, whom: str) -> bool:
         if self._dodging is None:
-            self.count("aside")
+            self._counts.add("aside")
             self._events.emit("separation", "warning", f"moving aside for {whom}", limit="aside", whom=whom)
         self._dodging = flown
         sent = [self._give(action) for action in flown.autopilot.setpoint(target)]

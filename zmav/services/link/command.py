@@ -58,6 +58,11 @@ class Commander:
         """An order is moving the vehicle, or is about to."""
         return self._mover is not None
 
+    def check_free(self) -> None:
+        """Raise :class:`Refused` while an order moves the vehicle."""
+        if self.moving:
+            raise Refused("an order moves the vehicle: setpoints are followed when it has ended", count="busy")
+
     @property
     def under_way(self) -> bool:
         """An order moves the vehicle, or one beside it may."""

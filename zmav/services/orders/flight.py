@@ -15,6 +15,7 @@ from zmav.autopilots.base import reposition
 from zmav.autopilots.safety import by_command
 from zmav.errors import BadInput, Refused, TimedOut, ZmavError
 from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.targets import resolve
 from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
@@ -52,19 +53,18 @@ CIRCLE, WIDER = 80.0, 1.3
 
 
 class Flight:
-    """Handlers of the orders in :mod:`zmav.verbs` that move a vehicle. Lives on the event loop."""
+    """Handlers of the orders in :mod:`zmav.verbs` that move a vehicle. Lives on the event loop.
+
+    ``param``: the autopilot's parameter of that name, where it is known; ``rally``: the rally points that are on it.
+    """
 
     def __init__(
-        self, port: Port, identity: Identity, state: StateService, commander: Commander, bounds: Bounds
-    ) -> None:
+        self, port: Port, identity: Identity, state: StateService, commander: Commander, bounds: Bounds,
+        leader: PositionLeader, *, param: Callable[[str], float | None],
+        rally: Callable[[], Coroutine[Any, Any, list[Target]]],
+    ) -> None:  # fmt: skip
         self._port, self._identity, self._state, self._do, self._bounds = port, identity, state, commander, bounds
-        self.lead: Callable[[Target], bool] = lambda target: False
-        """keeps giving the way to a far target piece by piece; False where it may be given as it is"""
-        self.leads: Callable[[], bool] = lambda: False
-        self.param: Callable[[str], float | None] = lambda name: None
-        """the autopilot's parameter of that name, where it is known"""
-        self.rally: Callable[[], Coroutine[Any, Any, list[Target]]] = _nowhere
-        """the rally points that are on the autopilot"""
+        self._leader, self.param, self._known_rally = leader, param, rally
 
     # Whether an order can be done: raises before anything is changed for it, a landing under way included.
 
@@ -159,7 +159,7 @@ class Flight:
                 await self._do.enter(autopilot.guided)
             if isinstance(action, Command):
                 await self._reposition(action, "goto")
-            elif not self.lead(target):
+            elif not self._leader.lead(target):
                 await self._do.give(action)
             if not args.arrive:
                 return {}
@@ -359,7 +359,7 @@ class Flight:
     async def _rally(self) -> list[Target]:
         """Where it may return to instead of home."""
         with contextlib.suppress(ZmavError, asyncio.TimeoutError):
-            return await within(RALLY_TIMEOUT, self.rally())
+            return await within(RALLY_TIMEOUT, self._known_rally())
         return []
 
     async def _ask_home(self) -> Any:
@@ -396,9 +396,9 @@ class Flight:
                 if away <= near:
                     return away
                 self._do.check_mode(mode)
-                if isinstance(action, Message) and not self.leads() and time.monotonic() - given > 1.0:
+                if isinstance(action, Message) and not self._leader.leading and time.monotonic() - given > 1.0:
                     given = time.monotonic()
-                    if not self.lead(target):  # another order ended the carrot: a far target is not given as it is
+                    if not self._leader.lead(target):  # another order ended it: a far target is not given as it is
                         await self._do.give(action)  # it has no acknowledgement: say it again in case it was lost
 
     def _near(self, args: wire.GoTo) -> tuple[float, bool]:
@@ -421,10 +421,6 @@ def _stays(position: Any, near: float, since: float) -> bool:
     """It stands, or is so near for longer than it takes to fly by: there are other places it may be on its way to."""
     speed = math.hypot(position["vx"], position["vy"], position["vz"]) / 100.0
     return speed < RESTS or time.monotonic() - since > LONGER * near / speed
-
-
-async def _nowhere() -> list[Target]:
-    return []
 
 
 def _distance(target: Target, position: Any, flat: bool) -> float:

@@ -48,6 +48,13 @@ Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
 Guarded = Callable[[Any, Report, "Origin | None"], Awaitable[dict[str, Any]]]
 """is told who asks, too, where that is proven"""
+Permit = Callable[[Verb, Guarded], Guarded]
+"""the handler of a verb, behind what decides whether such an order may be carried out now"""
+
+
+def proof_is_enough(verb: Verb, handler: Guarded) -> Guarded:
+    """For orders that need no more than the proof of who gives them: none of them moves a vehicle by itself."""
+    return handler
 
 
 class ProvenOrder(NamedTuple):
@@ -153,21 +160,21 @@ class Orders:
     """The table of verbs and the orders under way. Lives on the event loop.
 
     ``prove`` says who an order is from, and raises :class:`~zmav.errors.Forbidden` for one that is not to be looked at.
-    ``channel`` and ``verbs``: which orders these are; those of a vehicle unless said otherwise. An order of more than
-    ``most`` bytes is not read. ``parts``: what else stands in the channel's keys.
+    ``permit`` is put before each handler. ``channel`` and ``verbs``: which orders these are; those of a vehicle unless
+    said otherwise. An order of more than ``most`` bytes is not read. ``parts``: what else stands in the channel's keys.
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, prove: Prove, answers: Answers,
+        self, session: zenoh.Session, fleet: str, name: str, prove: Prove, answers: Answers, permit: Permit,
         channel: keys.Channel = keys.DO, verbs: Mapping[str, Verb] = VERBS, most: int = MOST_BYTES,
         parts: Mapping[str, str] = MappingProxyType({}), questions: Questions | None = None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name = session, fleet, name
         self._channel, self._known, self._most = channel, verbs, most
         self._parts = dict(parts)
-        self._prove = prove
+        self._prove, self._permit = prove, permit
         self._own = questions is None
-        self._questions = questions or Questions(session, answers)
+        self._questions = questions or Questions(session, answers, anybody)
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
         self._operations = Operations()
         self._proofs: collections.OrderedDict[bytes, Origin] = collections.OrderedDict()
@@ -181,7 +188,8 @@ class Orders:
 
     def add(self, verb: str, handler: Guarded) -> None:
         """Who does the work of a verb of the table."""
-        self._verbs[verb] = (self._known[verb].args, handler)
+        known = self._known[verb]
+        self._verbs[verb] = (known.args, self._permit(known, handler))
 
     def start(self) -> None:
         key = self._channel.key(self._fleet, self._name, **self._parts, verb="*")

@@ -43,7 +43,7 @@ class Answers:
     ``verifier``: knows who asks, for the tag by which forged answers in our name shut out none of ours.
     """
 
-    def __init__(self, signer: Signer | None, verifier: Verifier | None = None) -> None:
+    def __init__(self, signer: Signer | None, verifier: Verifier | None) -> None:
         self._signer, self._verifier = signer, verifier
         self._refusals = Allowance(REFUSALS, time.monotonic)
 

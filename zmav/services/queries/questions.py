@@ -24,7 +24,7 @@ from zmav import keys
 from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers, attached
-from zmav.trust.gate import Prove, anybody
+from zmav.trust.gate import Prove
 
 log = logging.getLogger(__name__)
 MOST = 32
@@ -89,9 +89,8 @@ class Questions:
     were ``answered``, ``dropped`` for newer ones, ``given_up`` by who asked, ``busy`` or ``refused``.
     """
 
-    def __init__(self, session: zenoh.Session, answers: Answers, share: float = SHARE) -> None:
-        self._session, self._answering, self._share = session, answers, share
-        self.admit: Prove = anybody
+    def __init__(self, session: zenoh.Session, answers: Answers, admit: Prove, share: float = SHARE) -> None:
+        self._session, self._answering, self._admit, self._share = session, answers, admit, share
         self.on_dropped: Callable[[], object] = lambda: None
         """called in any thread when one was dropped: they come faster than they can be answered"""
         self.counts: collections.Counter[str] = collections.Counter()
@@ -110,7 +109,7 @@ class Questions:
 
     def channel(self, answer: Answer, admit: Prove | None = None, *, signed: bool = False) -> Channel:
         """A channel whose questions come by :meth:`put`."""
-        channel = Channel(answer, admit or (lambda *asked: self.admit(*asked)), signed)
+        channel = Channel(answer, admit or self._admit, signed)
         with self._news:
             self._channels.append(channel)
             if self._thread is None:

@@ -36,7 +36,7 @@ class Presence:
 
     def __init__(
         self, session: zenoh.Session, fleet: str, name: str, instance: str, identity: Identity, events: Events,
-        verifier: Verifier | None = None, signer: Signer | None = None,
+        verifier: Verifier | None, signer: Signer | None,
     ) -> None:  # fmt: skip
         self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
         self._role = keys.REPLAY if keys.is_replay(fleet) else keys.VEHICLE

@@ -26,18 +26,20 @@ ANSWERED_ANEW = 0.02
 
 
 class StateService:
-    """Builds and publishes :class:`zmav.wire.VehicleState`. Lives on the event loop."""
+    """Builds and publishes :class:`zmav.wire.VehicleState`. Lives on the event loop.
+
+    ``checks``: what the autopilot's own report of its checks has against arming now.
+    """
 
     def __init__(
         self, session: zenoh.Session, questions: Questions, port: Port, instance: str, identity: Identity,
-        origin: wire.Origin | None, signer: Signer | None = None,
+        origin: wire.Origin | None, signer: Signer | None, checks: Callable[[], Sequence[str]],
     ) -> None:  # fmt: skip
         self._questions, self._instance, self._signer = questions, instance, signer
         self._port, self._identity, self.origin = port, identity, origin
         self.extras: list[Callable[[wire.VehicleState], None]] = []
         """other services' additions: link, lease, clash"""
-        self.checks: Callable[[], Sequence[str]] = lambda: ()
-        """what the autopilot's own report of its checks has against arming now"""
+        self.checks = checks
         self._key = keys.STATE.key(port.fleet, port.name)
         self._publisher = session.declare_publisher(self._key, **keys.STATE.publishing())
         self._last, self._last_at = b"", -math.inf

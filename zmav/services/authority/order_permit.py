@@ -1,0 +1,52 @@
+"""What stands between an order and its handler on a vehicle: who may give it now, and what it takes the place of."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from zmav import wire
+from zmav.errors import Refused
+from zmav.services.authority.authority import Authority
+from zmav.services.orders.orders import Guarded, Report
+from zmav.trust.gate import Origin
+from zmav.verbs import Verb
+
+Judge = Callable[[Any, Report], Awaitable[None]]
+
+
+class OrderPermit:
+    """Puts each verb's handler behind what the verb needs: no clash of names or ids, and the lease where there is one.
+
+    ``judges``, by verb, raise where the order cannot be done: what it would end goes on then. On the event loop.
+    """
+
+    def __init__(self, authority: Authority, judges: Mapping[str, Judge]) -> None:
+        self._authority, self._judges = authority, judges
+
+    def __call__(self, verb: Verb, handler: Guarded) -> Guarded:
+        authority, judge = self._authority, self._judges.get(verb.name)
+
+        async def permitted(args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
+            authority.allow(verb, args, origin)
+            if judge is not None:
+                safe = authority.made_safe
+                await judge(args, report)  # which may take its time
+                if authority.made_safe != safe:
+                    raise Refused(f"{verb.name} was overtaken: the vehicle was told to hold, land or return meanwhile")
+                authority.allow(verb, args, origin)
+            flown = authority.begin(verb, args, origin)
+            try:
+                return await handler(args, report, origin)
+            except Exception as e:
+                if isinstance(e, Refused) and "mode" in e.detail:  # it saw the pilot's mode before anybody judged it
+                    authority.taken(e.message)
+                authority.failed(flown, verb)
+                raise
+            except asyncio.CancelledError:
+                if authority.taken_from:
+                    raise authority.taken_over() from None
+                raise
+
+        return permitted
