@@ -233,7 +233,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     sources, file = Sources(ROOT, ["tests"]), config.getoption("--affected")
     affected = set(Path(file).read_text().split()) if file else None
-    kept, left_out = [], []
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
     for item in items:
         reached = reached_by(item, sources)
         for mark in marks(item, reached):

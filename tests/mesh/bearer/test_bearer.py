@@ -18,8 +18,9 @@ from mesh.bearer.header import host_tag, pack_data, pack_probe
 from mesh.bearer.path import Health
 from mesh.bearer.peer import LEARNED
 from mesh.bearer.port import RadioPort
-from tests.mesh.bearer.conftest import FLEET, Pair, free_port, udp, until
+from tests.mesh.bearer.conftest import FLEET, Pair, udp, until
 from zmav.config import Radio
+from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 LEFT, RIGHT = 0, 1
@@ -123,7 +124,7 @@ def test_a_neighbour_that_starts_anew_is_linked_anew(pair: MakePair, router: Cal
     first.close()
     both.stop(right)
     until(lambda: not list(near.info.routers_zid()), "end of the link")
-    both.routers[RIGHT] = free_port()  # Zenoh lets go of the old one some time after the close
+    both.routers[RIGHT] = free_udp_ports(1)  # Zenoh lets go of the old one some time after the close
     right = both.start(RIGHT)
     second = router(both, RIGHT, right)
     until(lambda: str(second.info.zid()) in [str(zid) for zid in near.info.routers_zid()], "new link")
@@ -252,7 +253,7 @@ def test_what_is_larger_than_any_of_the_radios_carries_is_dropped_and_counted(pa
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 def test_a_radio_s_interface_tells_how_much_it_carries() -> None:
-    port = RadioPort(Radio(address="127.0.0.1", interface="lo"), free_port(), 0.0)
+    port = RadioPort(Radio(address="127.0.0.1", interface="lo"), free_udp_ports(1), 0.0)
     assert port.open(0.0)
     assert port.largest == int(Path("/sys/class/net/lo/mtu").read_text()) - 28
     port.close()

@@ -6,12 +6,12 @@ import enum
 import math
 from typing import TYPE_CHECKING
 
+from zmav.rotation import wrap
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import AutoMode
 from zmav.sim.autopilots.ardupilot.waits import CONDITION_DELAY, CONDITION_DISTANCE, UNREPORTED, Conditions, delay
 from zmav.sim.autopilots.ardurover.circle import Circle
 from zmav.sim.autopilots.ardurover.modes import RoverMode
-from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector

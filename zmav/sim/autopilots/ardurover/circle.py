@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
+from zmav.rotation import wrap
 from zmav.sim.autopilots.ardurover.modes import RoverMode
-from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
+from zmav.rotation import wrap
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
 from zmav.sim.autopilots.ardupilot.vehicle import WARNING, GuidedMode
 from zmav.sim.autopilots.ardurover.modes import RoverMode
-from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 

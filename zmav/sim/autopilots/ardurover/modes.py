@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar
 
+from zmav.rotation import wrap
 from zmav.sim.autopilots.ardupilot.mode import Mode
-from zmav.sim.autopilots.ardurover.travel import wrap
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 

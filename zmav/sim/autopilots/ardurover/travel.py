@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from zmav.rotation import wrap
 from zmav.sim.autopilots.arducopter.profile import Profile
 from zmav.sim.control.roversetpoints import Point
 
@@ -287,8 +288,3 @@ class Travel:
         vn, ve = (sum(part[0][i] * part[2] for part in parts) for i in (0, 1))
         an, ae = (sum(part[0][i] * part[3] for part in parts) for i in (0, 1))
         self._rover.sp.follow((north, east), (vn, ve), (an, ae))
-
-
-def wrap(angle: float) -> float:
-    """Brought into [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
