@@ -26,14 +26,6 @@ def udp(port: int = 0) -> socket.socket:
     return made
 
 
-def until(true: Callable[[], bool], what: str) -> None:
-    """Wait for something that another thread does."""
-    end = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end, f"no {what}"
-        time.sleep(0.01)
-
-
 class Air:
     """Between two radios: what one sends to its end comes out of the other end."""
 
