@@ -28,7 +28,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test fuzz lint docs kernels conformance bench lock clean FORCE
+.PHONY: help demo test check fuzz lint docs kernels conformance bench lock clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -45,6 +45,17 @@ demo: $(VENV)/.demo ## fly a demo fleet: three copters behind three linked route
 test: lint kernels ## lint, then run every test
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
 	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
+
+# The daemon of mypy keeps what it knows of the tree. Where it does not run, or finds something (now and then what is no
+# error), mypy itself decides.
+check: $(VENV)/.dev ## lint, then run the unit tests and those that use what changed since the merge base: BASE=main
+	@echo "==> ruff check"
+	@$(BIN)/ruff check .
+	@echo "==> ruff format --check"
+	@$(BIN)/ruff format --check .
+	@echo "==> dmypy run"
+	@$(BIN)/dmypy run -- --strict $(PACKAGES) > /dev/null || $(BIN)/mypy --strict $(PACKAGES)
+	@BASE='$(BASE)' $(BIN)/python tests/check.py -q -n $(PYTEST_JOBS) --dist worksteal $(ARGS)
 
 fuzz: $(VENV)/.dev ## give all that takes bytes spoilt ones, longer than 'test' does: ARGS='--seconds 60 --seed 7 mcap http'
 	@$(BIN)/python -m tests.fuzz $(ARGS)

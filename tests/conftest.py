@@ -19,12 +19,20 @@ from hypothesis import HealthCheck, settings
 
 from mesh.lab.network import LabError, Network, check_able
 from mesh.lab.scenario import Scenario
+from tests.imports import Sources
 from zmav import keys, rundir, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE_S = 30.0  # how long an event may take on a busy machine before the test fails
+NEEDS = {
+    "flight": {"zmav.sim.World", "zmav.sim.world.World"},
+    "live": {"zmav.session.open_session", "zenoh.open", "zmav.open", "zmav.client.connect"},
+    "process": {"subprocess", "multiprocessing", "asyncio.create_subprocess_exec", "asyncio.create_subprocess_shell"},
+}
+"""a test that uses one of these, by its fixtures too, is marked so"""
+PLACES = {"flight": ("conformance", "failsafe", "interop"), "process": ("deploy", "interop")}
 
 # Machines differ in speed and tests run side by side, so an example's time proves nothing.
 settings.register_profile("zmav", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -212,12 +220,55 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip the tests marked ``root`` for every other user, and where even root may make no network of its own."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--affected", help="run the unit tests, and of the others those that use a module named in this file"
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark each test by what it needs, and leave out what ``--affected`` does not ask for.
+
+    Tests marked ``root`` are skipped for every other user, and where even root may make no network of its own.
+    """
+    sources, file = Sources(ROOT, ["tests"]), config.getoption("--affected")
+    affected = set(Path(file).read_text().split()) if file else None
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
+    for item in items:
+        reached = reached_by(item, sources)
+        for mark in marks(item, reached):
+            item.add_marker(mark)
+        wanted = affected is None or item.get_closest_marker("unit") or not affected.isdisjoint(reached)
+        (kept if wanted else left_out).append(item)
+    if left_out:
+        items[:] = kept
+        config.hook.pytest_deselected(items=left_out)
     marked = [item for item in items if item.get_closest_marker("root")]
     if marked and (why := _no_network()):
         for item in marked:
             item.add_marker(pytest.mark.skip(reason=why))
+
+
+def reached_by(item: pytest.Item, sources: Sources) -> set[str]:
+    """The dotted names that a test, its fixtures and their helpers use."""
+    parts = {(item.path, item.nodeid.split("::")[1].partition("[")[0])}
+    if isinstance(item, pytest.Function):
+        fixtures = item._fixtureinfo.name2fixturedefs.values()
+        code = [getattr(each[-1].func, "__code__", None) for each in fixtures]
+        parts |= {(Path(each.co_filename), each.co_name) for each in code if each is not None}
+    found: set[str] = set()
+    for path, name in parts:
+        if module := sources.modules.get(path):
+            found |= sources.reach(module, name)
+    return found | {each.rpartition(".")[0] for each in found}
+
+
+def marks(item: pytest.Item, reached: set[str]) -> list[str]:
+    """``flight``, ``live`` and ``process`` as they apply; ``unit`` where none does."""
+    folder = item.path.relative_to(ROOT / "tests").parts[0]
+    found = [mark for mark, names in NEEDS.items() if not names.isdisjoint(reached) or folder in PLACES.get(mark, ())]
+    return found or ([] if item.get_closest_marker("root") else ["unit"])
 
 
 def _no_network() -> str:

@@ -43,6 +43,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "systemd": set(),
         "present": set(),
         "seldom": set(),
+        "guard": set(),
     },
     {
         "wire": set(),
@@ -54,7 +55,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
     },
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
     {"session": set()},
-    {"mavlink": set(), "links": set()},
+    {"mavlink": set(), "links": set(), "children": {"guard"}},
     {"autopilots": set(), "sim": set()},
     {"services": set(), "hil": set()},
     {

@@ -130,3 +130,9 @@ def _tree(cls: type[ZmavError]) -> dict[str, type[ZmavError]]:
 def from_code(code: str, message: str, detail: dict[str, Any] | None = None) -> ZmavError:
     """The error of that ``code``; an unknown code (a newer peer) gives a plain :class:`ZmavError`."""
     return _tree(ZmavError).get(code, ZmavError)(message, **(detail or {}))
+
+
+def missing_extra(what: str, package: str | None, extra: str) -> BadConfig:
+    """What to say where ``what`` needs a package that an extra of zmav brings."""
+    text = f"{what} needs {package}: pip install 'zmav[{extra}]'"
+    return BadConfig(text, field="installation", value=package, expected=f"zmav[{extra}]")

@@ -18,6 +18,11 @@ def _metres_per_radian(lat: float) -> tuple[float, float]:
     return _A * (1.0 - _E2) / w**1.5, _A / math.sqrt(w) * math.cos(lat)
 
 
+def wrap_degrees(angle: float) -> float:
+    """Brought into [-180, 180)."""
+    return (angle + 180.0) % 360.0 - 180.0
+
+
 def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> Vector:
     """North, east, down in metres about ``origin``, by the radii of curvature there; down by altitude.
 
@@ -25,7 +30,7 @@ def to_ned(origin: Origin, lat_deg: float, lon_deg: float, alt_amsl: float) -> V
     d²·tan(latitude)/R: at 50° by a decimetre at 1 km, and by 11 m at 10 km.
     """
     north, east = _metres_per_radian(math.radians(origin.lat_deg))
-    dlon = (lon_deg - origin.lon_deg + 180.0) % 360.0 - 180.0
+    dlon = wrap_degrees(lon_deg - origin.lon_deg)
     return (
         math.radians(lat_deg - origin.lat_deg) * north,
         math.radians(dlon) * east,
@@ -39,7 +44,7 @@ def to_global(origin: Origin, ned: Vector) -> tuple[float, float, float]:
     lon = origin.lon_deg + math.degrees(ned[1] / east)
     return (
         origin.lat_deg + math.degrees(ned[0] / north),
-        (lon + 180.0) % 360.0 - 180.0,
+        wrap_degrees(lon),
         origin.alt_amsl - ned[2],
     )
 

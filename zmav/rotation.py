@@ -6,8 +6,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Quaternion = tuple[float, float, float, float]
+Angle = TypeVar("Angle", float, "NDArray[np.float64]")
+
+
+def wrap(angle: Angle) -> Angle:
+    """Radians brought into [-π, π): a number, or an array of them."""
+    return (angle + math.pi) % math.tau - math.pi
 
 
 def product(a: Iterable[float], b: Iterable[float]) -> Quaternion:

@@ -30,6 +30,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from zmav.rotation import wrap
+
 Vec = tuple[float, float, float]
 
 LEAST_COSINE = 0.17
@@ -77,7 +79,7 @@ class Backstepping:
         ``dt`` (s) is how long the torque will be in force. Radians and rad/s, none of them limited in size.
         """
         z1 = less(wanted, angles)
-        z1 = (_turn(z1[0]), _turn(z1[1]), _turn(z1[2]))
+        z1 = (wrap(z1[0]), wrap(z1[1]), wrap(z1[2]))
         omega_d = rates_of(angles, add(slopes, times(k.gamma1, z1)))
         z2 = less(self.omega_ref, rates)
         z1_bar = less(z1, self.epsilon)
@@ -142,11 +144,6 @@ def _sines(angles: Vec) -> tuple[float, float, float, float]:
     """Sine and cosine of roll, and of a pitch that is kept from where W has no value."""
     cosine = math.cos(angles[1])
     return math.sin(angles[0]), math.cos(angles[0]), math.sin(angles[1]), max(cosine, LEAST_COSINE)
-
-
-def _turn(angle: float) -> float:
-    """The same angle the short way round."""
-    return math.remainder(angle, 2.0 * math.pi)
 
 
 def less(a: Vec, b: Vec) -> Vec:

@@ -15,7 +15,7 @@ from agents.controllers.inject import Inject, Injection
 from agents.controllers.types import Level, Reference, State, plain
 from zmav import wire
 from zmav.errors import BadInput
-from zmav.rotation import from_euler
+from zmav.rotation import from_euler, wrap
 from zmav.services.authority.trajectory import MAX_STEP, Segment
 
 BRAKE = 3.0
@@ -72,7 +72,7 @@ class References:
         # Of this polynomial the peaks are 15/8 of the mean speed and 10/sqrt(3) of way / time².
         lasts = max(1.875 * away / speed, math.sqrt(5.774 * away / accel), 1.0)
         if yaw is not None:
-            lasts = max(lasts, abs((yaw - start.yaw + math.pi) % math.tau - math.pi) / 1.0)
+            lasts = max(lasts, abs(wrap(yaw - start.yaw)) / 1.0)
         if lasts > MAX_STEP:
             text = (
                 f"the way takes {lasts:.0f} s, and {MAX_STEP:.0f} s are flown at once: go faster, or part of it first"

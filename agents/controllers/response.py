@@ -17,7 +17,7 @@ import numpy as np
 from agents.controllers.frequency import Chirp, chirp_of
 from agents.controllers.inject import CHANNELS, Inject, duration
 from agents.controllers.types import Array
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput, missing_extra
 
 LEAST = 20
 """samples while it is injected"""
@@ -229,8 +229,7 @@ def picture(report: Report, path: Path) -> None:
     try:
         from agents.controllers.drawing import draw
     except ImportError as e:
-        text = f"a picture needs more than is installed ({e.name} is missing): pip install 'zmav[planner]'"
-        raise BadConfig(text, field="picture", value=e.name, expected="the planner extra") from e
+        raise missing_extra("a picture", e.name, "planner") from e
     draw(report, path)
 
 

@@ -15,13 +15,13 @@ from rich.console import Console
 
 from agents.demo import picture, report
 from agents.demo.play import Play
-from agents.demo.processes import Processes
 from agents.demo.stage import Stage
 from agents.demo.story import Demo, demos, find, on_stacks
+from zmav.children import Children
 from zmav.cli.common import console
 from zmav.errors import BadConfig, ZmavError
 from zmav.hil.binaries import PX4_LAST_ONBOARD
-from zmav.process import free_port
+from zmav.process import ended_by_signals, free_port
 from zmav.session import DEFAULT_ROUTER
 
 COPTERS = (None, "arducopter", "px4")
@@ -57,7 +57,11 @@ def demo(
     found = find(name)
     if stacks := stack_options(found, ardupilot, px4):
         found = on_stacks(found)
-    with tempfile.TemporaryDirectory(prefix="zmav-demo-") as folder, Processes() as processes:
+    with (
+        tempfile.TemporaryDirectory(prefix="zmav-demo-") as folder,
+        ended_by_signals(),
+        Children(at_once=True) as processes,
+    ):
         ground = endpoint or (DEFAULT_ROUTER if stay else f"tcp/127.0.0.1:{free_port()}")
         with Stage(found, processes, Path(folder), ground, stacks) as stage:
             if stay:
@@ -104,7 +108,7 @@ def _folder(out: Path | None, found: Demo) -> Path:
 
 
 def _play(
-    found: Demo, stage: Stage, processes: Processes, out: Path, animation: bool, headless: bool
+    found: Demo, stage: Stage, processes: Children, out: Path, animation: bool, headless: bool
 ) -> int:  # fmt: skip
     term = console()
     begun = time.monotonic()
@@ -140,7 +144,7 @@ def _pictures(play: Play, out: Path, animation: bool, term: Console) -> None:
         term.print(str(e), markup=False, highlight=False)
 
 
-def _stay(stage: Stage, processes: Processes) -> NoReturn:
+def _stay(stage: Stage, processes: Children) -> NoReturn:
     asyncio.run(stage.start())
     click.echo(f"{', '.join(stage.demo.vehicles)}: the ground's router is at {stage.ground}")
     click.echo("they stand ready in a few seconds: look with 'zmav top'; Ctrl-C ends them")

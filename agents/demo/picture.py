@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput, missing_extra
 from zmav.figures import save
 
 if TYPE_CHECKING:
@@ -164,8 +164,7 @@ def _figure(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as e:
-        text = "the picture needs matplotlib: pip install 'zmav[planner]'"
-        raise BadConfig(text, field="picture", value=e.name, expected="matplotlib") from e
+        raise missing_extra("the picture", "matplotlib", "planner") from e
     height, foot = 5.2 + key * KEY_LINE, key * KEY_LINE + (0.08 if key else 0.0)
     figure = Figure(figsize=(11.0, height), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)

@@ -16,13 +16,14 @@ from rich.console import Console
 from rich.live import Live
 
 import zmav
-from agents.demo.processes import Processes, connect
 from agents.demo.stage import Stage
 from agents.demo.story import Demo, Step, Wait, called, matching, words
 from agents.demo.truth import Truth
 from agents.demo.watch import Watch
 from zmav import keys, wire
+from zmav.children import Children
 from zmav.cli.ls import fleet_view
+from zmav.client import connect_once_up
 from zmav.errors import TimedOut, ZmavError
 
 LOOK = 0.1
@@ -40,7 +41,7 @@ class Mark(NamedTuple):
 class Play:
     """One performance. :meth:`run` returns when the story is over; what went wrong is raised in words."""
 
-    def __init__(self, demo: Demo, stage: Stage, processes: Processes, out: Path, console: Console, live: bool) -> None:
+    def __init__(self, demo: Demo, stage: Stage, processes: Children, out: Path, console: Console, live: bool) -> None:
         self.demo, self.stage, self.processes, self.out, self.console = demo, stage, processes, out, console
         self.truth = Truth(demo.vehicles)
         self.marks: list[Mark] = []
@@ -52,7 +53,7 @@ class Play:
     async def run(self) -> None:
         async with contextlib.AsyncExitStack() as stack:
             await self.stage.start()
-            z = await connect(stack, self.demo.fleet.fleet, self.stage.ground, self.processes)
+            z = await connect_once_up(stack, self.demo.fleet.fleet, self.stage.ground, self.processes.check)
             self._record()
             self.watch = Watch(z, tuple(self.demo.vehicles))
             watching = asyncio.create_task(self.watch.run())
@@ -68,7 +69,7 @@ class Play:
                     for task in filter(None, (watching, drawing)):
                         task.cancel()
                     await asyncio.gather(*filter(None, (watching, drawing)), return_exceptions=True)
-            self.processes.end(RECORDER)
+            self.processes.end(RECORDER, 20.0)
 
     def _record(self) -> None:
         """Beside everything else; without its package there are .tlog files alone."""

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 
 import zmav
+from zmav.rotation import wrap
 
 TICK = 0.1
 Way = Callable[[float], tuple[float, float]]
@@ -34,7 +35,7 @@ def walk(speed: float, seed: int, reach: float = 10.0, seconds: float = 4000.0) 
         now = min(max(now + rng.gauss(0.0, 0.05), 0.2 * speed), speed)
         if math.hypot(north, east) > reach:  # turn in, by at most what a rover can
             home = math.atan2(-east, -north)
-            off = (home - heading + math.pi) % math.tau - math.pi
+            off = wrap(home - heading)
             heading += max(-0.12, min(0.12, off))
         places.append((north + now * math.cos(heading) * TICK, east + now * math.sin(heading) * TICK))
 

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from agents.demo.processes import Processes
 from agents.demo.relay import Relay
 from agents.demo.story import GROUND, Demo, Pair
+from zmav.children import Children
 from zmav.errors import LinkDown, TimedOut
 from zmav.process import free_port
 from zmav.session import CONNECT
@@ -26,7 +26,7 @@ class Stage:
     ``stacks``: options of ``zmav sim`` that have real flight stacks fly the fleet.
     """
 
-    def __init__(self, demo: Demo, processes: Processes, folder: Path, ground: str, stacks: tuple[str, ...]) -> None:
+    def __init__(self, demo: Demo, processes: Children, folder: Path, ground: str, stacks: tuple[str, ...]) -> None:
         self.demo, self.processes, self.ground = demo, processes, ground
         self.control = folder / "sim.sock"
         self.cameras = f"http://127.0.0.1:{free_port()}"

@@ -16,11 +16,11 @@ import click
 import zmav
 from agents.hil.beside import begun, beside, check_device, closing, tell
 from agents.hil.checkflight import CheckFlight
-from agents.hil.children import Children
 from agents.hil.proof import HIL_FLAG, HITL, ardupilot_simulates, px4_simulates
 from agents.hil.report import Check, Report, find, hash_of
 from agents.hil.sil import talk
 from zmav import wire
+from zmav.children import Children
 from zmav.config import FleetConfig, load_fleet
 from zmav.errors import BadConfig, Refused
 from zmav.process import free_port
@@ -45,20 +45,19 @@ async def bench(path: Path, name: str, reports: Path, device: str | None, set_it
     report = begun("bench", file, name, link)
     click.echo(f"bench: {file.fleet}/{name} from {path}, the autopilot at {link}")
     tell(_after_sil(file, name, reports))
-    with closing(report, reports) as ended:
-        async with Children() as children:
-            async with beside(children, path, file, name, link) as (client, router):
-                flight = CheckFlight(client, file, name, router, children, report, tell)
-                await flight.meet()
-                assert report.identity is not None
-                ours = report.identity.autopilot == "px4"
-                if ours:
-                    await _to_hitl(flight, set_it)
-                else:
-                    _believe(report, ardupilot_simulates(report.params))
-                    await flight.fly()
+    with closing(report, reports) as ended, Children() as children:
+        async with beside(children, path, file, name, link) as (client, router):
+            flight = CheckFlight(client, file, name, router, children, report, tell)
+            await flight.meet()
+            assert report.identity is not None
+            ours = report.identity.autopilot == "px4"
             if ours:
-                await _fly_on_ours(children, path, file, name, link, report)
+                await _to_hitl(flight, set_it)
+            else:
+                _believe(report, ardupilot_simulates(report.params))
+                await flight.fly()
+        if ours:
+            await _fly_on_ours(children, path, file, name, link, report)
     return ended.code
 
 

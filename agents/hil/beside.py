@@ -14,8 +14,9 @@ from pathlib import Path
 import click
 
 import zmav
-from agents.hil.children import Children
 from agents.hil.report import Check, Report, Stage, hash_of, keep, line
+from zmav.children import Children
+from zmav.client import connect_once_up
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import free_port
@@ -45,9 +46,9 @@ async def beside(
     )
     try:
         async with contextlib.AsyncExitStack() as stack:
-            yield await children.connect(stack, file.fleet, router), router
+            yield await connect_once_up(stack, file.fleet, router, children.check), router
     finally:
-        await children.stop("up")
+        await asyncio.to_thread(children.end, "up")
 
 
 def begun(stage: Stage, file: FleetConfig, name: str, flown_by: str) -> Report:

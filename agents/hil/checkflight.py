@@ -12,12 +12,12 @@ from typing import Any
 import zenoh
 
 import zmav
-from agents.hil.children import Children
 from agents.hil.kinds import Kind, kind_of
 from agents.hil.report import Check, Identity, Report, Status
 from agents.hil.steps import STEPS, Failed, LeftOut, distance, station_frame
 from zmav import geo, keys, wire
 from zmav.autopilots import autopilot_named
+from zmav.children import Children
 from zmav.config import FleetConfig
 from zmav.doctor.rules import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError

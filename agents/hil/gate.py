@@ -17,9 +17,9 @@ import click
 
 from agents.hil.beside import begun, beside, check_device, tell
 from agents.hil.checkflight import CheckFlight
-from agents.hil.children import Children
 from agents.hil.proof import HIL_FLAG, HITL
 from agents.hil.report import Check, Identity, Report, Stage, find, hash_of, place
+from zmav.children import Children
 from zmav.config import load_fleet
 from zmav.errors import ZmavError
 from zmav.mavlink.paramvalue import Value
@@ -61,22 +61,23 @@ async def gate(
     now = begun("bench", file, name, link)
     for stage, report in flown.items():
         say(judge_report(report, stage, hash_of(file, name), time.time(), max_age_days, place(reports, name, stage)))
-    async with Children() as children, beside(children, path, file, name, link) as (client, router):
-        try:
-            flight = CheckFlight(client, file, name, router, children, now, say)
-            await flight.meet()
-            assert now.identity is not None
-            base_mode = str((await flight.vehicle.message("HEARTBEAT")).fields["base_mode"])
-            for check in judge_identity(flown, now.identity):
-                say(check)
-            say(judge_real(now.identity.autopilot, now.params, base_mode))
-            if flown["bench"] is not None:
-                for check in judge_params(now.identity.autopilot, flown["bench"].params, now.params, accept):
+    with Children() as children:
+        async with beside(children, path, file, name, link) as (client, router):
+            try:
+                flight = CheckFlight(client, file, name, router, children, now, say)
+                await flight.meet()
+                assert now.identity is not None
+                base_mode = str((await flight.vehicle.message("HEARTBEAT")).fields["base_mode"])
+                for check in judge_identity(flown, now.identity):
                     say(check)
-            for check in await _doctor(router, file.fleet):
-                say(check)
-        except ZmavError as e:
-            say(Check("stage", "BAD", e.message))
+                say(judge_real(now.identity.autopilot, now.params, base_mode))
+                if flown["bench"] is not None:
+                    for check in judge_params(now.identity.autopilot, flown["bench"].params, now.params, accept):
+                        say(check)
+                for check in await _doctor(router, file.fleet):
+                    say(check)
+            except ZmavError as e:
+                say(Check("stage", "BAD", e.message))
     wrong = sum(check.status == "BAD" for check in found)
     if wrong:
         click.echo(f"NOT TO BE FLOWN: {wrong} of {len(found)} need attention")

@@ -11,8 +11,8 @@ import click
 
 from agents.hil.beside import begun, beside, closing, tell
 from agents.hil.checkflight import CheckFlight
-from agents.hil.children import Children
 from agents.hil.simulator import start_simulator
+from zmav.children import Children
 from zmav.config import load_fleet
 from zmav.errors import LinkDown
 from zmav.sim import Remote
@@ -27,7 +27,7 @@ async def sil(
     """Fly the check flight there; 0 where it passed."""
     file = load_fleet(path)
     file.vehicle(name)
-    async with Children() as children:
+    with Children() as children:
         link, by, control = start_simulator(children, file, name, kind=kind, ardupilot=ardupilot, px4=px4)
         report = begun("sil", file, name, by)
         click.echo(f"sil: {file.fleet}/{name} from {path}, flown by {by} at {link}")

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from agents.hil.children import Children
+from zmav.children import Children
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig
 from zmav.process import free_port

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from agents.navigator.path import Array
 from agents.navigator.tracking import Errors, errors, summarise
 from agents.navigator.trajectory import Trajectory
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput, missing_extra
 from zmav.figures import save
 
 REFERENCE, CORNER = "#5f6368", "#e8710a"
@@ -31,8 +31,7 @@ def picture(path: str | Path, flights: Mapping[str, Flight], trajectory: Traject
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as e:
-        text = "the picture needs matplotlib: pip install 'zmav[planner]'"
-        raise BadConfig(text, field="picture", value=e.name, expected="matplotlib") from e
+        raise missing_extra("the picture", "matplotlib", "planner") from e
     path, found = Path(path), {name: errors(*flight, trajectory) for name, flight in flights.items()}
     for name, each in found.items():
         if not len(each.t):

@@ -16,6 +16,7 @@ import numpy as np
 
 from agents.navigator.path import Array, Curve, Line, Piece, circle, lemniscate, placed, rounded, turned
 from zmav.errors import BadInput
+from zmav.rotation import wrap
 from zmav.wire import Vector
 
 FAR = 100_000.0
@@ -84,7 +85,7 @@ class Route:
         ends = [stage.yaw for stage in self.stages]
         if any(each is None for each in ends):
             return None
-        turns = [b + _wrap(a - b) for b, a in (each for each in ends if each is not None)]
+        turns = [b + wrap(a - b) for b, a in (each for each in ends if each is not None)]
         starts = self.starts
         which = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, len(self.stages) - 1)
         first = np.array([each[0] for each in ends if each is not None])[which]
@@ -262,10 +263,6 @@ def _turn(a: Array, b: Array, c: Array) -> float:
     """rad by which the way turns at ``b``."""
     one, two = b - a, c - b
     return math.atan2(float(np.linalg.norm(np.cross(one, two))), float(one @ two))
-
-
-def _wrap(angle: float) -> float:
-    return (angle + math.pi) % math.tau - math.pi
 
 
 def check(field: str, value: float, low: float, high: float, unit: str) -> None:

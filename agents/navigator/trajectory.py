@@ -15,6 +15,7 @@ from agents.navigator.law import Law, Leg, plan
 from agents.navigator.path import Array
 from agents.navigator.routes import Route, Stage, check
 from zmav import wire
+from zmav.rotation import wrap
 
 WINDOW = 20.0
 """s of the way that a segment has before it brakes"""
@@ -83,7 +84,7 @@ class Trajectory:
         yaw = self.route.yaw(s)
         assert yaw is not None
         acc = a[:, None] * tangent + (v * v)[:, None] * bend
-        turned = np.mod(yaw + math.pi, math.tau) - math.pi
+        turned = wrap(yaw)
         return Moment(place, v[:, None] * tangent, acc, turned, s)
 
     def braked(self, t: float) -> Trajectory:

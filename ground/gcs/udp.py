@@ -130,7 +130,7 @@ class UdpOut(_Udp):
     def start(self) -> None:
         family, target = resolve(self.endpoint.host, self.endpoint.port, socket.SOCK_DGRAM)[0]
         v6 = family == socket.AF_INET6
-        host = ("::1" if v6 else "127.0.0.1") if is_loopback(target) else ("::" if v6 else "0.0.0.0")
+        host = ("::1" if v6 else "127.0.0.1") if is_loopback(str(target[0])) else ("::" if v6 else "0.0.0.0")
         self._target, self._for_many = target, _is_for_many(target)
         self._peer = Peer(self._bind(family, (host, 0), "udpout"), target)
         self._client = Client(str(self.endpoint), self._peer, self.endpoint.options, self._hub.dialect, stays=True)

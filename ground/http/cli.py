@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,8 @@ import click
 
 import zmav
 from zmav.cli.common import fleet_option, run, zenoh_options
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, missing_extra
+from zmav.links.sockets import is_loopback
 from zmav.process import leave, say, until_stopped
 from zmav.session import SessionSettings
 
@@ -51,7 +51,7 @@ def command(
     'curl localhost:8088/keys/quad1' anything in the key space; a browser finds a page at http://localhost:8088/.
     """
     secret = _read_token(token_file) if token_file else token
-    if not _is_loopback(host) and not secret:
+    if host != "localhost" and not is_loopback(host) and not secret:
         text = (
             f"--host {host} would let anybody in reach fly the fleet: give a token, in ${VARIABLE} or by --token-file "
             f"(others see --token in the list of processes), or listen on 127.0.0.1"
@@ -62,8 +62,7 @@ def command(
         import websockets  # noqa: F401
         from starlette import applications  # noqa: F401
     except ImportError as e:
-        text = f"'zmav http' needs {e.name}: pip install 'zmav[ground]'"
-        raise BadConfig(text, field="installation", value=e.name, expected="zmav[ground]") from e
+        raise missing_extra("'zmav http'", e.name, "ground") from e
     from ground.http.guard import LOOPBACK, Rules
 
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
@@ -90,15 +89,6 @@ async def _serve(
         say(f"fleet {fleet} at http://{shown}:{port}/{how}")
         await until_stopped()
     leave()
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _read_token(path: str) -> str:

@@ -13,6 +13,7 @@ from ground.feed import Origin
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from zmav.links.sockets import is_loopback
+from zmav.process import free_port
 from zmav.services.link.port import on_loop
 
 MOST = 64
@@ -187,7 +188,8 @@ class Streams:
     def _open(self, wish: Wish, host: str, port: int | None) -> Stream:
         taken = {stream.port for stream in self.of(host)}
         if port is None:
-            port = _free_port(host) if is_loopback((host, 0)) else next((p for p in PORTS if p not in taken), None)
+            others = (p for p in PORTS if p not in taken)
+            port = free_port(socket.SOCK_DGRAM, host) if is_loopback(host) else next(others, None)
         if port is None:
             raise Failure(429, "too_many", f"all ports from {PORTS[0]} to {PORTS[-1]} are taken: name one with ?port=")
         try:
@@ -210,11 +212,3 @@ class Streams:
             elif now - stream.renewed > ASK_EVERY:
                 self._ask(stream)
         self._sweeper = asyncio.get_running_loop().call_later(1.0, self._sweep) if self._streams else None
-
-
-def _free_port(host: str) -> int | None:
-    """A UDP port that nobody has on this computer; the asker is to take it."""
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind((host, 0))
-        port: int = sock.getsockname()[1]
-        return port

@@ -20,7 +20,7 @@ import zmav
 from ground.record.folder import Folder
 from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadConfig, BadInput, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
@@ -229,8 +229,7 @@ def check_mcap() -> None:
     try:
         importlib.import_module("mcap.writer")
     except ImportError as e:
-        text = "an .mcap needs the package mcap: pip install 'zmav[ground]', or use .tlog files alone (--no-mcap)"
-        raise BadConfig(text, field="mcap", expected="pip install 'zmav[ground]'") from e
+        raise missing_extra("an .mcap (--no-mcap records without)", "mcap", "ground") from e
 
 
 def _rate(text: str) -> tuple[str, float]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from ground.view.settings import Sink
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, missing_extra
 from zmav.process import free_port
 
 HOST = "127.0.0.1"
@@ -27,7 +27,7 @@ START = 20.0
 def check_extra() -> None:
     """Raises :class:`BadConfig` where Rerun is not installed."""
     if importlib.util.find_spec("rerun") is None:
-        raise BadConfig("zmav view needs Rerun: pip install 'zmav[viz]'", field="view", expected="zmav[viz]")
+        raise missing_extra("'zmav view'", "Rerun", "viz")
 
 
 def check_display(environment: Mapping[str, str] = os.environ) -> None:

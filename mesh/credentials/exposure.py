@@ -6,7 +6,6 @@ Without credentials a router neither knows nor judges who speaks to it, so it sp
 
 from __future__ import annotations
 
-import ipaddress
 import json
 import re
 import socket
@@ -17,6 +16,7 @@ import zenoh
 
 from mesh.endpoint import host_port
 from zmav.errors import BadConfig
+from zmav.links.sockets import is_loopback
 
 GUARDED = ("tls", "quic")
 """protocols on which both ends show a certificate"""
@@ -83,25 +83,15 @@ def check_exposed(endpoints: Iterable[str], credentials: object, insecure: bool,
 
 def is_exposed(endpoint: str) -> bool:
     """Whether others than this computer's own programs can be at the other end of a Zenoh endpoint."""
-    return endpoint.partition("/")[0] not in LOCAL and not _is_loopback(host_port(endpoint)[0])
+    return endpoint.partition("/")[0] not in LOCAL and not _is_local(host_port(endpoint)[0])
 
 
-def _is_loopback(host: str) -> bool:
-    try:
-        return _loops(host)
-    except ValueError:
-        pass  # a name
+def _is_local(host: str) -> bool:
     try:
         found = {str(info[4][0]) for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
         return False
-    return bool(found) and all(map(_loops, found))
-
-
-def _loops(address: str) -> bool:
-    parsed = ipaddress.ip_address(address)
-    inner = parsed.ipv4_mapped if isinstance(parsed, ipaddress.IPv6Address) else None
-    return (inner or parsed).is_loopback
+    return bool(found) and all(map(is_loopback, found))
 
 
 def _refusal(what: str, why: str, advice: str) -> BadConfig:

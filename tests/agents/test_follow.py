@@ -18,6 +18,7 @@ from agents.follower.agent import Follower
 from agents.follower.agent import Settings as FollowerSettings
 from agents.helipad.agent import Helipad
 from agents.helipad.agent import Settings as HelipadSettings
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import Refused
 from zmav.session import SessionSettings
@@ -31,13 +32,6 @@ ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 LENS = CameraSpec(rate_hz=12.0)
 FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal)
 DECK, PATIENCE_S = 0.31, 60.0
-
-
-async def until(true: object, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():  # type: ignore[operator]
-        assert time.monotonic() < deadline, what
-        await asyncio.sleep(0.05)
 
 
 async def drive(rover: zmav.Vehicle, speed: float) -> None:

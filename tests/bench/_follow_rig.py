@@ -18,9 +18,10 @@ from pathlib import Path
 from rich.console import Console
 
 import zmav
-from agents.demo.processes import Processes, connect
 from agents.demo.rover import Way, drive
 from zmav import keys, wire
+from zmav.children import Children
+from zmav.client import connect_once_up
 from zmav.errors import TimedOut
 from zmav.process import free_port, free_udp_ports
 from zmav.sim import Home, Remote
@@ -70,7 +71,7 @@ class Rig:
     """The processes of one demonstration; ``with Rig(processes, ...)``."""
 
     def __init__(
-        self, processes: Processes, folder: Path, options: list[str], on_ground: bool,
+        self, processes: Children, folder: Path, options: list[str], on_ground: bool,
         camera: str = "down",
     ) -> None:  # fmt: skip
         """``camera``: whose pictures are looked at."""
@@ -211,7 +212,7 @@ async def fly(
     """All of it. Raises what went wrong, in words."""
     async with contextlib.AsyncExitStack() as stack:
         rig.start(scene(hide))
-        z = await connect(stack, FLEET, rig.ground, rig.processes)
+        z = await connect_once_up(stack, FLEET, rig.ground, rig.processes.check)
         shown = Demonstration(z, rig.control, console)
         await shown.ready()
         rig.start_agents()

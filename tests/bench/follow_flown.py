@@ -26,14 +26,16 @@ import tempfile
 import time
 from pathlib import Path
 
+from zmav.client import connect_once_up
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rich.console import Console
 
-from agents.demo.processes import Processes, connect
 from agents.demo.rover import Way, eight
 from tests.bench._follow_rig import FLEET, QUAD, Demonstration, Rig, figures, fly, scene
 from tests.bench._video import FAR, BadVideo
+from zmav.children import Children
 from zmav.errors import ZmavError
 
 ASKED = {"alone": math.inf, "board": 0.25, "ground": 0.6, "land": 0.15}
@@ -52,7 +54,7 @@ def run(what: str, args: argparse.Namespace, seed: int) -> float:
     way: Way = at_rest if what == "land" else eight(args.speed)
     options = ["--wind", args.wind, "--noise", "typical", "--seed", str(seed)]
     with contextlib.ExitStack() as stack:
-        processes = stack.enter_context(Processes())
+        processes = stack.enter_context(Children(at_once=True))
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="zmav-follow-"))
         if what == "ground":
             rig: Rig = stack.enter_context(contextlib.closing(Far(processes, Path(folder), options, True, FAR)))
@@ -99,7 +101,8 @@ async def alone(rig: Rig, way: Way, seconds: float) -> list[float]:
     off = []
     async with contextlib.AsyncExitStack() as stack:
         rig.start(scene(False))
-        shown = Demonstration(await connect(stack, FLEET, rig.ground, rig.processes), rig.control, Console(quiet=True))
+        z = await connect_once_up(stack, FLEET, rig.ground, rig.processes.check)
+        shown = Demonstration(z, rig.control, Console(quiet=True))
         await shown.ready()
         quad = shown.quad
         lease = await stack.enter_async_context(quad.lease("bench"))

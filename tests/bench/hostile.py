@@ -31,6 +31,8 @@ from typing import Any
 
 import zenoh
 
+from zmav.process import free_port, free_udp_ports
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from mesh.credentials.ca import Authority
@@ -195,15 +197,6 @@ class Meter:
         }  # fmt: skip
 
 
-def ports() -> tuple[int, int, int]:
-    found = []
-    for kind in (socket.SOCK_STREAM, socket.SOCK_STREAM, socket.SOCK_DGRAM):
-        with socket.socket(socket.AF_INET, kind) as s:
-            s.bind(("127.0.0.1", 0))
-            found.append(int(s.getsockname()[1]))
-    return found[0], found[1], found[2]
-
-
 def spawn(*arguments: str, **options: Any) -> subprocess.Popen[str]:
     return subprocess.Popen([sys.executable, *arguments], text=True, **options)
 
@@ -222,7 +215,8 @@ class Scene:
     """A router, the vehicle's program beside it, and the operator who measures."""
 
     def __init__(self, folder: Path, stack: contextlib.ExitStack) -> None:
-        self.folder, self.where, self._log = folder, ports(), folder / "log"
+        self.folder, self._log = folder, folder / "log"
+        self.where = free_port(), free_port(), free_udp_ports(1)
         tcp, tls, quic = self.where
         listen = ("-l", f"tcp/127.0.0.1:{tcp}", "-l", f"tls/127.0.0.1:{tls}", "-l", QUIC.format(quic))
         own = ("--name", "quad1", "--credentials", str(folder / "ca" / "members" / "quad1"))

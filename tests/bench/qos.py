@@ -21,6 +21,7 @@ from typing import Any
 from mesh.bearer.bearer import Bearer, Far
 from mesh.bearer.bearers import BATCH
 from zmav.config import Radio
+from zmav.process import free_udp_ports
 
 PROCESSES = Path(__file__).with_name("_qos.py")
 RATE = 125_000.0
@@ -28,13 +29,6 @@ RATE = 125_000.0
 OURS = [f"transport/link/tx/batch_size:{BATCH}"]
 VIDEO = 500_000.0
 """bytes/s"""
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
@@ -50,8 +44,8 @@ def line(process: subprocess.Popen[str]) -> str:
 def measure(seconds: float, queue: float, credentials: list[str] | None, **more: Any) -> dict[str, Any]:
     """One run; what was sent and heard."""
     config: dict[str, Any] = {
-        "local": [free_port(), free_port()], "router": free_port(), "air": free_port(),
-        "radios": [free_port(), free_port()],
+        "local": [free_udp_ports(1), free_udp_ports(1)], "router": free_udp_ports(1), "air": free_udp_ports(1),
+        "radios": [free_udp_ports(1), free_udp_ports(1)],
         "budget": None, "video": VIDEO, "chunk": 1100, "best_effort": False, "cfg": [], "seconds": seconds,
         "credentials": credentials, **more,
     }  # fmt: skip
@@ -152,7 +146,10 @@ def cost(count: int) -> None:
     """What a datagram of 1,200 bytes costs through two bearers in one process, without and with a budget."""
     print("\nthrough two bearers: CPU a datagram and bearer")
     for budget in (None, "10 MB/s"):
-        ports, routers = [free_port(), free_port()], [free_port(), free_port()]
+        ports, routers = (
+            [free_udp_ports(1), free_udp_ports(1)],
+            [free_udp_ports(1), free_udp_ports(1)],
+        )
         bearers = []
         for side, name in enumerate(("near", "far")):
             far = Far(("far", "near")[side], [(0, ("127.0.0.1", ports[1 - side]), 20)], opens=side == 0)

@@ -22,14 +22,16 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+from zmav.client import connect_once_up
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import msgspec
 
 import zmav
-from agents.demo.processes import Processes, connect
 from agents.demo.stage import Stage
 from agents.demo.story import Demo, Step, find
+from zmav.children import Children
 from zmav.errors import ZmavError
 from zmav.process import free_port
 from zmav.sim import Remote
@@ -51,7 +53,7 @@ FOR = (5.0, 18.0)
 
 
 class Soak:
-    def __init__(self, z: zmav.Client, stage: Stage, processes: Processes, names: list[str], seed: int) -> None:
+    def __init__(self, z: zmav.Client, stage: Stage, processes: Children, names: list[str], seed: int) -> None:
         self.z, self.stage, self.processes, self.names = z, stage, processes, names
         self.rng = random.Random(seed)
         self.told: dict[str, Counter[str]] = {}
@@ -185,11 +187,11 @@ def everything_cuttable(demo: Demo) -> Demo:
     )  # fmt: skip
 
 
-async def soak(args: argparse.Namespace, processes: Processes, stage: Stage, demo: Demo) -> bool:
+async def soak(args: argparse.Namespace, processes: Children, stage: Stage, demo: Demo) -> bool:
     seconds = 60.0 * args.minutes
     async with contextlib.AsyncExitStack() as stack:
         await stage.start()
-        z = await connect(stack, demo.fleet.fleet, stage.ground, processes)
+        z = await connect_once_up(stack, demo.fleet.fleet, stage.ground, processes.check)
         await z.wait_for(*demo.vehicles, timeout=90.0)
         run = Soak(z, stage, processes, demo.vehicles, args.seed)
         run.start_planner()
@@ -250,7 +252,7 @@ def main() -> int:
     ground = f"tcp/127.0.0.1:{free_port()}"
     with (
         tempfile.TemporaryDirectory(prefix="zmav-soak-") as folder,
-        Processes() as processes,
+        Children(at_once=True) as processes,
         Stage(demo, processes, Path(folder), ground, ()) as stage,
     ):
         return 0 if asyncio.run(soak(args, processes, stage, demo)) else 1

@@ -27,6 +27,7 @@ from mesh.lab.fleetfile import toml
 from tests.deploy.compose import CONTAINERS, FILES, addresses, load, network_of, option, ours, plain
 from zmav.cli import zmav
 from zmav.config import load_fleet
+from zmav.process import free_port
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -244,12 +245,6 @@ def test_hadolint_has_nothing_to_say() -> None:
         ["hadolint", str(CONTAINERS / "Dockerfile")], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stdout
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as each:
-        each.bind(("127.0.0.1", 0))
-        return int(each.getsockname()[1])
 
 
 def is_open(port: int) -> bool:

@@ -19,6 +19,7 @@ import zenoh
 
 import zmav
 from tests.conftest import endpoint_of
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
@@ -70,10 +71,7 @@ class Fleet(NamedTuple):
         return north, east, down
 
     async def until(self, true: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not true():
-            assert time.monotonic() < deadline, f"never: {what}; {[self.at(name) for name in NAMES]}"
-            await asyncio.sleep(0.02)
+        await until(true, lambda: f"{what}; {[self.at(name) for name in NAMES]}", PATIENCE_S)
 
     async def run(self, name: str, *arguments: str) -> Script:
         environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}

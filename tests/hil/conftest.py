@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import stat
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -57,14 +56,6 @@ def make_world() -> Iterator[MakeWorld]:
     yield make
     for world in worlds:
         world.close()
-
-
-def until(true: Callable[[], object], wall_s: float = 30.0) -> None:
-    """Wait for what another process or thread does; fails loudly."""
-    end = time.monotonic() + wall_s
-    while not true():
-        assert time.monotonic() < end, "it did not come true"
-        time.sleep(0.005)
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from tests.hil.conftest import MakeWorld, hil_world, until
+from tests.hil.conftest import MakeWorld, hil_world
 from tests.hil.hover import PLUS, state_of, steer
+from tests.waiting import wait_until
 from zmav.errors import BadConfig, PortInUse
 from zmav.hil.ardupilot import JsonVehicle
 from zmav.sim import VehicleSpec, World
@@ -144,7 +145,7 @@ def test_a_stack_that_starts_anew_begins_at_the_start(world: World, client: Clie
 def test_what_is_no_packet_is_counted_and_said_once(world: World, client: Client) -> None:
     for junk in (b"", b"junk", b"\xff" * 2000, b"\x1a\x48" + b"\0" * 38):
         client.socket.send(junk)
-    until(lambda: client.vehicle.bad == 4)
+    wait_until(lambda: client.vehicle.bad == 4)
     assert client.step()["timestamp"] > 0.0
     assert sum("no servo packet" in note for note in world.externals.notes) == 1
 

@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from tests.hil.conftest import MakeWorld, hil_world, until
+from tests.hil.conftest import MakeWorld, hil_world
 from tests.hil.px4_peer import Px4Peer
+from tests.waiting import wait_until
 from zmav.errors import BadConfig, BadUrl
 from zmav.hil.hardware import HardwareVehicle, fitting_hz
 from zmav.hil.tty import parse_device
@@ -120,10 +121,10 @@ def only(world: World) -> HardwareVehicle:
 def test_a_controller_is_put_into_hil_and_flies_in_real_time(make_world: MakeWorld, make_board: MakeBoard) -> None:
     board = make_board()
     world = make_world(hardware(board.link), speed=1.0)
-    until(lambda: only(world).in_hil)
+    wait_until(lambda: only(world).in_hil)
     assert board.heard["SET_MODE"][0].base_mode == 81 | HIL
     assert board.heard["SET_MODE"][0].custom_mode == 50593792  # the mode it was in
-    until(lambda: world.status().vehicles[0].ned_m[2] < -1.0)
+    wait_until(lambda: world.status().vehicles[0].ned_m[2] < -1.0)
     assert board.counts["HIL_SENSOR"] > 50
     assert world.status().vehicles[0].armed
     asked = board.heard["COMMAND_LONG"][0]
@@ -137,16 +138,16 @@ def test_a_controller_is_put_into_hil_and_flies_in_real_time(make_world: MakeWor
 def test_a_controller_that_waits_for_a_heartbeat_gets_one(make_world: MakeWorld, make_board: MakeBoard) -> None:
     board = make_board(shy=True, base_mode=81 | HIL)
     world = make_world(hardware(board.link), speed=1.0)
-    until(lambda: only(world).stream.controls > 20)
+    wait_until(lambda: only(world).stream.controls > 20)
     assert "SET_MODE" not in board.counts  # it is in HIL by itself
-    until(lambda: [(m.command, m.param1) for m in board.heard.get("COMMAND_LONG", [])] == [(511, 93.0)])
+    wait_until(lambda: [(m.command, m.param1) for m in board.heard.get("COMMAND_LONG", [])] == [(511, 93.0)])
 
 
 def test_a_controller_gets_no_reading_before_it_is_in_hil(make_world: MakeWorld, make_board: MakeBoard) -> None:
     board = make_board(willing=False)
     world = make_world(hardware(board.link), speed=1.0)
-    until(lambda: any("SYS_HITL" in note for note in world.externals.notes))
-    until(lambda: board.counts["SET_MODE"] >= 5)
+    wait_until(lambda: any("SYS_HITL" in note for note in world.externals.notes))
+    wait_until(lambda: board.counts["SET_MODE"] >= 5)
     assert "HIL_SENSOR" not in board.counts
     assert world.status().vehicles[0].mode == "waiting"
 
@@ -154,21 +155,21 @@ def test_a_controller_gets_no_reading_before_it_is_in_hil(make_world: MakeWorld,
 def test_a_controller_that_is_armed_is_left_alone(make_world: MakeWorld, make_board: MakeBoard) -> None:
     board = make_board(base_mode=81 | ARMED)
     world = make_world(hardware(board.link), speed=1.0)
-    until(lambda: any("armed outside HIL" in note for note in world.externals.notes))
-    until(lambda: len(world.externals.notes) >= 2)
+    wait_until(lambda: any("armed outside HIL" in note for note in world.externals.notes))
+    wait_until(lambda: len(world.externals.notes) >= 2)
     assert "SET_MODE" not in board.counts
 
 
 def test_the_rest_of_the_line_is_for_ground_stations(make_world: MakeWorld, make_board: MakeBoard) -> None:
     board = make_board()
     world = make_world(hardware(board.link), speed=1.0)
-    until(lambda: only(world).in_hil)
+    wait_until(lambda: only(world).in_hil)
     station = mavutil.mavlink_connection(only(world).urls[0], source_system=255)
     try:
         beat = station.recv_match(type="HEARTBEAT", blocking=True, timeout=20)
         assert (beat.get_srcSystem(), beat.autopilot) == (1, 12)
         station.mav.command_long_send(1, 1, 520, 0, 1, 0, 0, 0, 0, 0, 0)
-        until(lambda: any(m.command == 520 for m in board.heard.get("COMMAND_LONG", [])))
+        wait_until(lambda: any(m.command == 520 for m in board.heard.get("COMMAND_LONG", [])))
         got = next(m for m in board.heard["COMMAND_LONG"] if m.command == 520)
         assert got.get_srcSystem() == 255
         # What belongs to the simulation stays on the line.
@@ -181,13 +182,13 @@ def test_the_rest_of_the_line_is_for_ground_stations(make_world: MakeWorld, make
 def test_it_is_unplugged_and_plugged_in_again(make_world: MakeWorld, make_board: MakeBoard) -> None:
     board = make_board()
     world = make_world(hardware(board.link), speed=1.0)
-    until(lambda: only(world).stream.controls > 20)
+    wait_until(lambda: only(world).stream.controls > 20)
     board.unplug()
-    until(lambda: any("has gone" in note for note in world.externals.notes))
+    wait_until(lambda: any("has gone" in note for note in world.externals.notes))
     assert not only(world).connected
     board.base_mode = 81
     board.plug()
-    until(lambda: only(world).in_hil and only(world).stream.controls > 20)
+    wait_until(lambda: only(world).in_hil and only(world).stream.controls > 20)
 
 
 def test_a_device_that_is_not_there_yet_is_waited_for(
@@ -196,7 +197,7 @@ def test_a_device_that_is_not_there_yet_is_waited_for(
     world = make_world(hardware(tmp_path / "ttyACM0"), speed=1.0)
     assert any("waiting for" in note for note in world.externals.notes)
     make_board()
-    until(lambda: only(world).in_hil)
+    wait_until(lambda: only(world).in_hil)
 
 
 def test_what_is_no_serial_device_is_said(tmp_path: Path) -> None:

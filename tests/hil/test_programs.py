@@ -16,7 +16,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tests.hil.conftest import MakeWorld, hil_world, peer_params, until
+from tests.hil.conftest import MakeWorld, hil_world, peer_params
+from tests.waiting import wait_until
 from zmav.cli.sim.stacks import flown_by, stack_vehicles
 from zmav.errors import BadConfig
 from zmav.hil.ardupilot import JsonVehicle
@@ -60,7 +61,7 @@ class TestFlight:
             flown(tree, directory=tmp_path, instance=8),
             home=home,
         )
-        until(lambda: all(v.ned_m[2] < -4.0 for v in world.status().vehicles))
+        wait_until(lambda: all(v.ned_m[2] < -4.0 for v in world.status().vehicles))
         first, second = started(tmp_path / "copter1"), started(tmp_path / "copter2")
         assert Path(first["cwd"]) == tmp_path / "copter1"
         argv = first["argv"]
@@ -78,12 +79,12 @@ class TestFlight:
         peer_params(tree, PEER_RATE=123, FRAME_CLASS=99)
         make_world(flown(tree, directory=tmp_path))
         log = tmp_path / "copter1/output.log"
-        until(lambda: b"starts with" in log.read_bytes())
+        wait_until(lambda: b"starts with" in log.read_bytes())
         assert "'PEER_RATE': 123.0, 'FRAME_CLASS': 1.0" in log.read_text()
 
     def test_files_nobody_keeps_are_gone_at_the_end(self, make_world: MakeWorld, tree: Path) -> None:
         world = make_world(flown(tree))
-        until(lambda: world.status().vehicles[0].mode == "external")
+        wait_until(lambda: world.status().vehicles[0].mode == "external")
         directory = Path(f"/proc/{world.externals.pids()['copter1']}/cwd").readlink()
         assert directory.is_dir()
         world.close()
@@ -92,7 +93,7 @@ class TestFlight:
     def test_own_physics_are_only_started(self, make_world: MakeWorld, tree: Path, tmp_path: Path) -> None:
         world = make_world(flown(tree, directory=tmp_path, own_physics=True), speed=4.0)
         file = tmp_path / "copter1/started.json"
-        until(lambda: file.exists() and file.read_text())
+        wait_until(lambda: file.exists() and file.read_text())
         argv = started(tmp_path / "copter1")["argv"]
         assert argv[argv.index("--model") + 1] == "+"
         assert argv[argv.index("--speedup") + 1] == "4"
@@ -108,8 +109,8 @@ class TestEnds:
         peer_params(other, PEER_DIES=50)
         peer_params(tree, PEER_RATE=200)
         world = make_world(flown(other, "doomed"), flown(tree, "other"))
-        until(lambda: world.status().vehicles[1].ned_m[2] < -4.0)
-        until(lambda: any("doomed" in note and "exit status 3" in note for note in world.externals.notes))
+        wait_until(lambda: world.status().vehicles[1].ned_m[2] < -4.0)
+        wait_until(lambda: any("doomed" in note and "exit status 3" in note for note in world.externals.notes))
         (said,) = [note for note in world.externals.notes if "has ended" in note]
         assert "peer dies as it was told" in said
         doomed, other_one = world.status().vehicles
@@ -118,7 +119,7 @@ class TestEnds:
 
     def test_they_end_with_the_world(self, make_world: MakeWorld, tree: Path) -> None:
         world = make_world(flown(tree), flown(tree))
-        until(lambda: all(v.mode == "external" for v in world.status().vehicles))
+        wait_until(lambda: all(v.mode == "external" for v in world.status().vehicles))
         pids = list(world.externals.pids().values())
         assert all(alive(pid) for pid in pids)
         world.close()
@@ -128,7 +129,7 @@ class TestEnds:
         binary = tree / "build/sitl/bin/arducopter"
         binary.write_text("#!/bin/sh\ntrap '' TERM\necho deaf > ready\nwhile :; do sleep 0.1; done\n")
         world = make_world(flown(tree, directory=tmp_path))
-        until(lambda: (tmp_path / "copter1/ready").exists())
+        wait_until(lambda: (tmp_path / "copter1/ready").exists())
         pid = world.externals.pids()["copter1"]
         world.close()
         assert not alive(pid)
@@ -146,11 +147,11 @@ class TestEnds:
             starter = threading.Thread(target=start)
             starter.start()
             opened.wait()
-            until(lambda: world.status().vehicles[0].mode == "external")  # it has asked to be killed with its parent
+            wait_until(lambda: world.status().vehicles[0].mode == "external")  # it is to be killed with its parent
             over.set()
             starter.join()
             frames = only(world).protocol.frames
-            until(lambda: only(world).protocol.frames > frames + 500)
+            wait_until(lambda: only(world).protocol.frames > frames + 500)
             assert world.externals.pids()
         finally:
             over.set()
@@ -169,13 +170,13 @@ class TestEnds:
         simulator = subprocess.Popen([sys.executable, "-c", code])
         try:
             file = tmp_path / "copter1/started.json"
-            until(lambda: file.exists() and file.read_text())
+            wait_until(lambda: file.exists() and file.read_text())
             pid = started(tmp_path / "copter1")["pid"]
             assert alive(pid)
         finally:
             simulator.send_signal(signal.SIGKILL)
             simulator.wait()
-        until(lambda: not alive(pid))
+        wait_until(lambda: not alive(pid))
 
 
 class TestFinding:
@@ -223,7 +224,7 @@ class TestFinding:
     def test_a_program_that_cannot_run_is_said_with_its_reason(self, make_world: MakeWorld, tree: Path) -> None:
         (tree / "build/sitl/bin/arducopter").write_text("#!/no/such/interpreter\n")
         world = make_world(flown(tree))
-        until(lambda: any("has ended" in note for note in world.externals.notes))
+        wait_until(lambda: any("has ended" in note for note in world.externals.notes))
         assert any("No such file" in note for note in world.externals.notes)
 
     def test_px4_is_started_with_its_instance_and_home(self, tmp_path: Path) -> None:
@@ -250,7 +251,7 @@ class TestFinding:
         world = hil_world([VehicleSpec(), VehicleSpec(autopilot="px4", name="p", stack=stack)], endpoint="tcp:0")
         try:
             world.open()
-            until(lambda: (tmp_path / "p/autostart").exists() and (tmp_path / "p/autostart").read_text())
+            wait_until(lambda: (tmp_path / "p/autostart").exists() and (tmp_path / "p/autostart").read_text())
             assert (tmp_path / "p/argv").read_text() == f"-i 1 -d {tmp_path / 'px4/etc'}\n"
             vehicle = world.externals.vehicles[0]
             assert isinstance(vehicle, Px4Vehicle)

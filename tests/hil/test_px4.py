@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from tests.hil.conftest import MakeWorld, hil_world, plant, until
+from tests.hil.conftest import MakeWorld, hil_world, plant
 from tests.hil.px4_peer import Px4Peer, TcpPeer
+from tests.waiting import wait_until
 from zmav.hil.px4 import Px4Vehicle
 from zmav.hil.stream import BARO, IMU, MAG, HilStream
 from zmav.mavlink.dialect import load_dialect
@@ -185,7 +186,7 @@ class TestServer:
         peer.mute = True
         peer.start()
         after(world, 2.0)
-        until(lambda: peer.counts.get("HIL_SENSOR", 0) > 450)
+        wait_until(lambda: peer.counts.get("HIL_SENSOR", 0) > 450)
         assert only(world).stalls == 0
 
     def test_in_lock_step_no_reading_comes_before_the_answer_to_the_last(
@@ -245,9 +246,9 @@ class TestServer:
         peer.start()
         after(world, 0.5)
         peer.mute = True
-        until(lambda: only(world).stalls >= 1)
+        wait_until(lambda: only(world).stalls >= 1)
         before = peer.counts["HIL_SENSOR"]
-        until(lambda: peer.counts["HIL_SENSOR"] > before)  # a reading a second, lest both wait for ever
+        wait_until(lambda: peer.counts["HIL_SENSOR"] > before)  # a reading a second, lest both wait for ever
         assert any("stopped answering" in note for note in world.externals.notes)
 
     def test_without_lock_step_readings_do_not_wait(self, world: World, make_peer: MakePeer) -> None:
@@ -257,7 +258,7 @@ class TestServer:
         peer.mute = True
         before = peer.counts["HIL_SENSOR"]
         after(world, 1.0)
-        until(lambda: peer.counts["HIL_SENSOR"] > before + 200)
+        wait_until(lambda: peer.counts["HIL_SENSOR"] > before + 200)
 
     def test_frames_torn_into_bytes_and_mixed_with_noise_are_taken(self, world: World, make_peer: MakePeer) -> None:
         peer = make_peer()
@@ -279,7 +280,7 @@ class TestServer:
         after(world, 8.0)
         assert only(world).plant.truth().pos[2] < -2.0
         first.close()
-        until(lambda: not only(world).connected)
+        wait_until(lambda: not only(world).connected)
         assert only(world).plant.values == [0.0] * 4
         assert world.status().vehicles[0].mode == "waiting"
         flown = only(world).plant.time_s
@@ -296,7 +297,7 @@ class TestServer:
         after(world, 0.2)
         second.start()
         after(world, 0.5)
-        until(lambda: second.counts.get("HIL_SENSOR", 0) > 50)
+        wait_until(lambda: second.counts.get("HIL_SENSOR", 0) > 50)
         assert only(world).connected
 
     def test_a_client_that_never_reads_is_given_no_more_than_fits(self, world: World) -> None:
@@ -310,7 +311,7 @@ class TestServer:
     def test_noise_on_the_port_harms_nobody(self, world: World, make_peer: MakePeer) -> None:
         with socket.create_connection(("127.0.0.1", only(world).port)) as stranger:
             stranger.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)) * 40)
-            until(lambda: only(world)._splitter.counters.garbage > 10_000)
+            wait_until(lambda: only(world)._splitter.counters.garbage > 10_000)
         peer = make_peer()
         peer.start()
         after(world, 1.0)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zmav.links import Link, LinkState, UdpInLink, UdpOutLink, open_link, udp
+from zmav.process import free_udp_ports
 
 if TYPE_CHECKING:
     from tests.links.conftest import Watch, Watched
@@ -41,13 +42,6 @@ def peer() -> Iterator[Peer]:
 
 def port_of(sock: socket.socket) -> int:
     return int(sock.getsockname()[1])
-
-
-def free_port() -> int:
-    """A port that was free a moment ago, for what must be named before it is bound."""
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return port_of(sock)
 
 
 def listen(watch: Watch) -> tuple[Watched, UdpInLink, tuple[str, int]]:
@@ -182,7 +176,7 @@ def test_udpout_to_loopback_is_not_reachable_from_outside(watch: Watch, peer: Pe
 
 
 def test_udpout_refused_by_icmp_goes_on_from_the_same_port(watch: Watch, peer: Peer) -> None:
-    port = free_port()
+    port = free_udp_ports(1)
     watched = watch(f"udpout:127.0.0.1:{port}")
     watched.expect_state(LinkState.UP)
     assert isinstance(watched.link, UdpOutLink)
@@ -309,7 +303,7 @@ def test_ipv6(watch: Watch) -> None:
 def test_speaks_with_pymavlink(watch: Watch, ours: str) -> None:
     from pymavlink import mavutil
 
-    port = free_port()
+    port = free_udp_ports(1)
     watched = watch(f"{ours}:127.0.0.1:{port}")
     if ours == "udpin":
         watched.expect_state(LinkState.CONNECTING, "listening")

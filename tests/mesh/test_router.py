@@ -22,6 +22,7 @@ from mesh.cli.options import plan_host
 from mesh.cli.router import router
 from zmav import keys
 from zmav.errors import ZmavError
+from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 PATIENCE_S = 30.0
@@ -145,19 +146,12 @@ address = "127.0.0.9"
 """
 
 
-def free_datagram_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        number: int = s.getsockname()[1]
-        return number
-
-
 @pytest.fixture
 def fleet(tmp_path: Path) -> tuple[Path, str]:
     """A fleet file of three routers on this computer, and where programs reach the first."""
     local, file = free_endpoint(), tmp_path / "fleet.toml"
     text = FLEET.replace("PROFILE", "wds").replace("LOCAL", local)
-    file.write_text(text.replace("PORT_A", f"{free_datagram_port()}").replace("PORT_B", f"{free_datagram_port()}"))
+    file.write_text(text.replace("PORT_A", f"{free_udp_ports(1)}").replace("PORT_B", f"{free_udp_ports(1)}"))
     return file, local
 
 

@@ -12,10 +12,10 @@ from mesh.plan import plan_router
 from mesh.router import Router
 from mesh.shaping import MARGIN, RAW_HZ, downsampling, thinned
 from tests.conftest import Ground, Net
-from tests.mesh.bearer.conftest import free_port
 from zmav import keys
 from zmav.config import FleetConfig, Radio, load_fleet
 from zmav.errors import BadConfig
+from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 LTE = Radio(address="10.8.0.11", kind="lte", budget="60 kB/s")
@@ -119,8 +119,8 @@ port = {two}
 async def test_a_far_reader_gets_the_thin_stream_a_near_one_the_whole_and_the_unread_does_not_cross(
     tmp_path: Path, net: Net
 ) -> None:
-    near_port, far_port = free_port(), free_port()
-    file = fleet(tmp_path, FILE.format(near=near_port, far=far_port, one=free_port(), two=free_port()))
+    ports = near_port, far_port, *_ = [free_udp_ports(1) for _ in range(4)]
+    file = fleet(tmp_path, FILE.format(near=near_port, far=far_port, one=ports[2], two=ports[3]))
     # Endpoints that a person gives, too, are beside the bearers' and not in their place.
     calls = 'connect/endpoints:{router:["udp/127.0.0.1:9?rel=1"]}'
     one = SessionSettings(cfg=["scouting/delay:0", f'listen/endpoints:["tcp/127.0.0.1:{near_port}"]'])

@@ -13,7 +13,7 @@ import msgspec
 
 from zmav.agent import Agent
 from zmav.config.table import reading
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadConfig, BadInput, missing_extra
 
 GROUP, CONTROLLERS = "zmav.agents", "zmav.controllers"
 """entry points: agents by name, and controllers that an agent runs"""
@@ -71,8 +71,7 @@ def find(name: str) -> type[Agent]:
     try:
         kind = known[name].load()
     except ImportError as e:
-        text = f"the agent {name} needs more than is installed ({e.name} is missing): pip install 'zmav[vision]'"
-        raise BadConfig(text, field="name", value=e.name, expected="the extra that it needs") from e
+        raise missing_extra(f"the agent {name}", e.name, "vision") from e
     if not (isinstance(kind, type) and issubclass(kind, Agent)):
         raise BadConfig(f"{known[name].value} is no zmav.Agent", field="name", value=name, expected="a zmav.Agent")
     return kind

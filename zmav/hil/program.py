@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 
+from zmav import guard
 from zmav.errors import BadConfig
 
 LOG = "output.log"
@@ -42,12 +43,12 @@ class Program:
 
     def _keep(self, directory: Path, extra: Mapping[str, str], started: Future[subprocess.Popen[bytes]]) -> None:
         """Start it, and stay until it has ended."""
-        guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("guard.py")), str(os.getpid())]
+        keep = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid())]
         try:
             directory.mkdir(parents=True, exist_ok=True)
             with self.log.open("wb") as log:
                 process = subprocess.Popen(
-                    [*guard, *self.command],
+                    [*keep, *self.command],
                     cwd=directory,
                     env={**os.environ, **extra},
                     stdin=subprocess.DEVNULL,

@@ -67,8 +67,14 @@ def show(address: Address) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def is_loopback(address: Address) -> bool:
-    return ipaddress.ip_address(str(address[0]).partition("%")[0]).is_loopback
+def is_loopback(host: str) -> bool:
+    """Whether an address is this computer's own; a name is none."""
+    try:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        return False
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return (mapped or address).is_loopback
 
 
 def bind_error(error: OSError, address: Address, scheme: str) -> LinkError:

@@ -200,7 +200,8 @@ class UdpOutLink(UdpLink):
         if self._sock is None:
             v6 = self._family == socket.AF_INET6
             any_host, loopback = ("::", "::1") if v6 else ("0.0.0.0", "127.0.0.1")
-            self._bind(self._family, (loopback if is_loopback(self._remote) else any_host, self._target.local_port))
+            host = loopback if is_loopback(str(self._remote[0])) else any_host
+            self._bind(self._family, (host, self._target.local_port))
         self._check_route()
         return f"sending to {show(self._remote)} from port {(self.local_address or (0, 0))[1]}"
 

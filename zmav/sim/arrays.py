@@ -25,11 +25,6 @@ def clamp(value: Array, low: Array | float, high: Array | float) -> Array:
     return np.minimum(np.maximum(value, low), high)
 
 
-def wrap_pi(angle: Array) -> Array:
-    """Angles brought into [-pi, pi)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
-
-
 def quat_multiply(a: Array, b: Array) -> Array:
     """Hamilton product of (4, N) quaternions: the rotation ``b`` first, then ``a``."""
     aw, ax, ay, az = a

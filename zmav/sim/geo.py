@@ -12,6 +12,8 @@ import math
 
 import msgspec
 
+from zmav.geo import wrap_degrees
+
 METRES_PER_DEGREE = 111_318.84502145034
 
 
@@ -26,7 +28,7 @@ class Position(msgspec.Struct, frozen=True):
 def to_ned(point: Position, origin: Position) -> tuple[float, float, float]:
     """``point`` as (north, east, down) metres about ``origin``."""
     north = (point.lat_deg - origin.lat_deg) * METRES_PER_DEGREE
-    east = _wrap_deg(point.lon_deg - origin.lon_deg) * METRES_PER_DEGREE * _longitude_scale(origin.lat_deg)
+    east = wrap_degrees(point.lon_deg - origin.lon_deg) * METRES_PER_DEGREE * _longitude_scale(origin.lat_deg)
     return north, east, origin.alt_amsl_m - point.alt_amsl_m
 
 
@@ -34,14 +36,10 @@ def from_ned(north: float, east: float, down: float, origin: Position) -> Positi
     """The point that lies (north, east, down) metres from ``origin``."""
     return Position(
         origin.lat_deg + north / METRES_PER_DEGREE,
-        _wrap_deg(origin.lon_deg + east / (METRES_PER_DEGREE * _longitude_scale(origin.lat_deg))),
+        wrap_degrees(origin.lon_deg + east / (METRES_PER_DEGREE * _longitude_scale(origin.lat_deg))),
         origin.alt_amsl_m - down,
     )
 
 
 def _longitude_scale(lat_deg: float) -> float:
     return max(math.cos(math.radians(lat_deg)), 0.01)
-
-
-def _wrap_deg(angle: float) -> float:
-    return (angle + 180.0) % 360.0 - 180.0

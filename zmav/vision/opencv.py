@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput, missing_extra
 
 MOST_PIXELS = 8192
 """of a picture's side"""
@@ -20,10 +20,7 @@ def opencv() -> Any:
     try:
         import cv2
     except ImportError as e:
-        raise BadConfig(
-            "pictures need OpenCV, which is not installed: pip install 'zmav[vision]'",
-            field="vision", value=None, expected="opencv-python-headless 4.10 or newer",
-        ) from e  # fmt: skip
+        raise missing_extra("a picture", "OpenCV", "vision") from e
     return cv2
 
 

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from zmav.rotation import wrap
 from zmav.wire import Vector
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
@@ -72,9 +73,9 @@ class Poses:
         if t1 - t0 > GAP:
             return None
         share = (t - t0) / (t1 - t0)
-        turn = [(y - x + math.pi) % math.tau - math.pi for x, y in zip(a, b, strict=True)]
+        turn = [wrap(y - x) for x, y in zip(a, b, strict=True)]
         roll, pitch, yaw = (x + share * d for x, d in zip(a, turn, strict=True))
-        return roll, pitch, (yaw + math.pi) % math.tau - math.pi, math.hypot(turn[0], turn[1]) / (t1 - t0)
+        return roll, pitch, wrap(yaw), math.hypot(turn[0], turn[1]) / (t1 - t0)
 
     def place(self, t: float) -> Vector | None:
         """Where it was: the nearest two mixed, each carried with its velocity, the nearer one counts more. None where

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from agents.controllers.bench import simulator
-from agents.controllers.bench.processes import START, VEHICLE, Processes, Rig, fleet_file, rig
+from agents.controllers.bench.processes import START, VEHICLE, Rig, fleet_file, last_words, rig
 from agents.controllers.types import Array, plain
 from zmav import wire
 from zmav.process import free_port
@@ -38,7 +38,7 @@ APART = 0.15
 @contextlib.asynccontextmanager
 async def airborne(wind: str = "0", noise: str = "typical", seed: int = 1) -> AsyncIterator[Rig]:
     """The simulator, the vehicle's agent, and the vehicle in the air above home. ``wind`` as of ``zmav sim``."""
-    with Processes() as processes:
+    with last_words() as processes:
         port = free_port(socket.SOCK_DGRAM)
         sim = f'[vehicles.{VEHICLE}.sim]\nautopilot = "px4"\nairframe = "hexa"\nfirmware = "1.13"\n'
         world = f'[sim]\ntick_hz = {TICK_HZ}\nnoise = "{noise}"\nwind = "{wind}"\nseed = {seed}\n'

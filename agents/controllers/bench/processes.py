@@ -5,21 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import zmav
 from zmav import keys, wire
-from zmav.errors import Refused, SessionError, TimedOut, ZmavError
+from zmav.children import Children
+from zmav.client import connect_once_up
+from zmav.errors import Refused, TimedOut, ZmavError
 from zmav.process import free_port, say
-from zmav.session import SessionSettings
-from zmav.trust.credentials import VARIABLE
 from zmav.waiting import within
 
 FLEET, VEHICLE = "bench", "hex1"
@@ -31,75 +27,22 @@ SWITCH = 7
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
-class Processes:
-    """A ``with`` block's ``zmav`` processes, each with a log; on leaving they get SIGTERM, and then SIGKILL.
-
-    They are a fleet for themselves, without credentials whatever $ZMAV_CREDENTIALS says.
-    """
-
-    def __init__(self) -> None:
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._folder = tempfile.TemporaryDirectory(prefix="zmav-bench-")
-        self.folder = Path(self._folder.name)
-
-    def __enter__(self) -> Processes:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        if isinstance(error, ZmavError):
-            for name in self._running:
-                say(f"{name} said last:\n{self.said(name)}")
-        # From the last to the first: an agent hands its vehicle back before what it flies ends.
-        for process in reversed(self._running.values()):
-            _end(process)
-        self._folder.cleanup()
-
-    def start(self, name: str, *arguments: str, module: str = "zmav") -> int:
-        """Start ``zmav ARGUMENTS``, or another module, under a name; gives its process id."""
-        environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
-        with self._log(name).open("wb") as log:
-            # A session of its own: Ctrl-C at the terminal is for us, who end them in order.
-            self._running[name] = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                env=environment, start_new_session=True,
-            )  # fmt: skip
-        return self._running[name].pid
-
-    def end(self, name: str) -> None:
-        """End one of them."""
-        _end(self._running.pop(name))
-
-    def check(self) -> None:
-        """Raise :class:`~zmav.errors.ZmavError` where one has ended, with the last it said."""
-        for name, process in self._running.items():
-            if process.poll() is not None:
-                raise ZmavError(f"{name} ended with {process.returncode}; it said last:\n{self.said(name)}")
-
-    def pids(self) -> dict[str, int]:
-        """Those that run, by name."""
-        return {name: process.pid for name, process in self._running.items()}
-
-    def said(self, name: str, lines: int = 15) -> str:
-        """The end of its log."""
-        return "\n".join(self._log(name).read_text("utf-8", "replace").splitlines()[-lines:])
-
-    def _log(self, name: str) -> Path:
-        return self.folder / f"{name}.log"
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(END)
-    if process.poll() is None:
-        process.kill()
-        process.wait()
+@contextlib.contextmanager
+def last_words() -> Iterator[Children]:
+    """Children that say their last words where an error of ours ends them."""
+    with Children() as children:
+        try:
+            yield children
+        except ZmavError:
+            for name in children.names():
+                say(f"{name} said last:\n{children.said(name)}")
+            raise
 
 
 class Rig(NamedTuple):
     """A vehicle's agent with its router, and we as its client."""
 
-    processes: Processes
+    processes: Children
     endpoint: str
     z: zmav.Client
     vehicle: zmav.Vehicle
@@ -112,7 +55,7 @@ class Rig(NamedTuple):
     def run_agent(self, what: str, name: str, *arguments: str) -> int:
         """``zmav agent run WHAT``, as a process called ``name``."""
         where = ("--vehicle", VEHICLE, "--fleet", FLEET, "-e", self.endpoint)
-        return self.processes.start(name, "agent", "run", what, *where, *arguments)
+        return self.processes.start(name, "agent", "run", what, *where, *arguments).pid
 
     async def engage(self, agent: str) -> None:
         """Have a controller take over, as soon as it may: the autopilot's state must flow, and the pilot let go."""
@@ -170,7 +113,7 @@ class Rig(NamedTuple):
                 await asyncio.sleep(0.2)
 
 
-def fleet_file(processes: Processes, link: str, sim: str = "", world: str = "") -> Path:
+def fleet_file(processes: Children, link: str, sim: str = "", world: str = "") -> Path:
     """A fleet of one hexarotor with a pilot's switch. ``sim``: its table, ``world``: that of the simulator."""
     path = processes.folder / "fleet.toml"
     path.write_text(
@@ -185,27 +128,14 @@ def fleet_file(processes: Processes, link: str, sim: str = "", world: str = "") 
 
 
 @contextlib.asynccontextmanager
-async def rig(processes: Processes, file: Path) -> AsyncIterator[Rig]:
+async def rig(processes: Children, file: Path) -> AsyncIterator[Rig]:
     """``zmav up`` for the vehicle, and a client of its router."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     processes.start("up", "up", "--file", str(file), "--name", VEHICLE, "-l", endpoint)
     async with contextlib.AsyncExitStack() as stack:
-        z = await _connect(stack, endpoint, processes)
+        z = await connect_once_up(stack, FLEET, endpoint, processes.check)
         (vehicle,) = await z.wait_for(VEHICLE, timeout=START)
         yield Rig(processes, endpoint, z, vehicle)
-
-
-async def _connect(stack: contextlib.AsyncExitStack, endpoint: str, processes: Processes) -> zmav.Client:
-    deadline = time.monotonic() + START
-    while True:
-        processes.check()
-        try:
-            settings = SessionSettings(connect=[endpoint])
-            return await stack.enter_async_context(zmav.open(fleet=FLEET, settings=settings))
-        except SessionError:
-            if time.monotonic() > deadline:
-                raise TimedOut(f"no router at {endpoint} within {START:g} s") from None
-            await asyncio.sleep(0.1)
 
 
 def cpu_seconds(pid: int) -> float:

@@ -16,7 +16,7 @@ import msgspec
 
 from agents.controllers.bench import echo
 from agents.controllers.bench.fake import CYCLE, MID, FakeAutopilot, Stick, stick_of
-from agents.controllers.bench.processes import FLEET, VEHICLE, Processes, Rig, fleet_file, rig
+from agents.controllers.bench.processes import FLEET, VEHICLE, Rig, fleet_file, last_words, rig
 from agents.controllers.bench.spread import Spread, effects, spread
 from zmav import keys, wire
 from zmav.mavlink import decode, parse_frame
@@ -97,7 +97,7 @@ class Taps:
 @contextlib.asynccontextmanager
 async def echoing() -> AsyncIterator[tuple[Rig, FakeAutopilot]]:
     """A supervisor that runs :class:`~agents.controllers.bench.echo.Echo` for an autopilot that is only a link."""
-    with Processes() as processes:
+    with last_words() as processes:
         port = free_port(socket.SOCK_DGRAM)
         file = fleet_file(processes, f"udpin:127.0.0.1:{port}")
         with FakeAutopilot(port, FULL) as fake:

@@ -17,9 +17,9 @@ from agents.controllers.loops.parts import (
     clamp,
     down_axis,
     shortened,
-    wrapped,
 )
 from agents.controllers.types import AttitudeThrust, Reference, State, Trim, Velocity
+from zmav.rotation import wrap
 
 STEEPEST = 0.5
 """cosine of the lean beyond which a thrust is no longer raised for the height"""
@@ -90,7 +90,7 @@ class VelocityLoop(Controller):
         most = GRAVITY * math.tan(self.tilt_max)
         north, east = shortened(-x * trim.thrust * GRAVITY / lift, -y * trim.thrust * GRAVITY / lift, most)
         wanted = (north, east, (1.0 - lift / hover) * GRAVITY)
-        self.turning = wrapped(State(q=trim.attitude).yaw - reference.yaw)
+        self.turning = wrap(State(q=trim.attitude).yaw - reference.yaw)
         for axis, want, part in zip(self.axes, wanted, partly, strict=True):
             axis.settle(want, part, state.dt)
 

@@ -106,11 +106,6 @@ def clamp(value: float, low: float, high: float) -> float:
     return low if value < low else high if value > high else value
 
 
-def wrapped(angle: float) -> float:
-    """Brought into [-pi, pi]."""
-    return math.remainder(angle, math.tau)
-
-
 def shortened(x: float, y: float, most: float) -> tuple[float, float]:
     """The vector, no longer than ``most``."""
     length = math.hypot(x, y)

@@ -12,7 +12,7 @@ import zmav
 from mesh.cli.options import file_option, own_name
 from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
-from zmav.errors import BadConfig
+from zmav.errors import missing_extra
 from zmav.process import leave, say, until_stopped
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
@@ -47,7 +47,7 @@ def planner(
         from agents.planner.live.field import field_of
         from agents.planner.live.settings import Settings, fence_of
     except ImportError as e:
-        raise missing(e) from e
+        raise missing_extra("the planner", e.name, "planner") from e
     host = own_name(name, settings)
     file = load_fleet(fleet_file) if fleet_file else None
     own = Credentials.load(settings.credentials) if settings.credentials else None
@@ -60,15 +60,9 @@ async def _planner(own: Any, session: SessionSettings) -> None:
     try:
         from agents.planner.live.agent import Agent
     except ImportError as e:
-        raise missing(e) from e
+        raise missing_extra("the planner", e.name, "planner") from e
     async with zmav.open(fleet=own.fleet, settings=session) as z, Agent(z, own):
         say(f"{own.fleet}/{own.name}: loading the solver; the first start on a machine compiles for a minute or two")
         await until_stopped()
         say("ending: what is in the air comes to rest")
     leave()
-
-
-def missing(error: ImportError) -> BadConfig:
-    """What to say where the planner's own libraries are not installed."""
-    text = f"the planner needs more than is installed ({error.name} is missing): pip install 'zmav[planner]'"
-    return BadConfig(text, field="planner", value=error.name, expected="the planner extra")

@@ -13,7 +13,7 @@ from rich.table import Table
 from agents.planner.cli.asking import Planner
 from agents.planner.cli.watching import few, show
 from zmav.cli.common import dump
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput, missing_extra
 from zmav.wire import swarm
 
 KINDS = (".png", ".svg", ".pdf")
@@ -60,8 +60,7 @@ def draw(result: dict[str, Any], file: str) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as e:
-        text = "pictures need matplotlib: pip install 'zmav[planner]'"
-        raise BadConfig(text, field="picture", value=file, expected="the planner extra") from e
+        raise missing_extra("a picture", "matplotlib", "planner") from e
     figure = Figure(figsize=(8.0, 8.5), layout="constrained")
     top, side = figure.subplots(2, 1, height_ratios=[3, 1])
     begin = 0.0

@@ -22,7 +22,6 @@ from agents.camera.agent import CameraAgent
 from agents.camera.capture import Shot
 from agents.camera.settings import Settings
 from tests.cli.conftest import Process
-from tests.conftest import PATIENCE_S
 from zmav import keys
 from zmav.session import SessionSettings
 from zmav.vision.opencv import Image
@@ -129,14 +128,6 @@ async def run_camera(net: Net) -> AsyncIterator[Run]:
             return await stack.enter_async_context(agent)
 
         yield run
-
-
-async def until(true: Callable[[], bool], what: str) -> None:
-    """Wait until something holds that nobody tells us of."""
-    end = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end, f"never: {what}"
-        await asyncio.sleep(0.02)
 
 
 def write_video(path: Path, count: int, rate: float = 25.0) -> None:

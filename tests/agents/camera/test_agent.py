@@ -10,8 +10,9 @@ import pytest
 
 import zmav
 from agents.camera.settings import Calibration, Settings
-from tests.agents.camera.conftest import Painted, Way, losing, until
+from tests.agents.camera.conftest import Painted, Way, losing
 from tests.conftest import PATIENCE_S
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadKey, VehicleError
 from zmav.session import SessionSettings

@@ -13,7 +13,8 @@ import cv2
 import pytest
 
 from agents.camera.recorder import Recorder
-from tests.agents.camera.conftest import scene, until
+from tests.agents.camera.conftest import scene
+from tests.waiting import until
 from zmav.errors import BadConfig
 from zmav.vision.opencv import decode, encode
 from zmav.vision.reader import Picture

@@ -21,9 +21,10 @@ from agents.controllers.bench.echo import HANGS, IS_NOT_FINITE, RAISES, Echo
 from agents.controllers.bench.fake import Stick, stick_of
 from agents.controllers.bench.handback import Back
 from agents.controllers.bench.links import Sample
-from agents.controllers.bench.processes import Processes, children, cpu_seconds
+from agents.controllers.bench.processes import children, cpu_seconds
 from agents.controllers.bench.spread import effects, spread
 from agents.controllers.bench.trip import Trip
+from zmav.children import Children
 from zmav.errors import BadInput, Stale, ZmavError
 
 
@@ -249,8 +250,8 @@ def test_only_what_is_asked_for() -> None:
 
 def test_processes_end_with_an_error(tmp_path: Path) -> None:
     pid = 0
-    with pytest.raises(KeyboardInterrupt), Processes() as processes:
-        pid = processes.start("router", "router", "-l", "tcp/127.0.0.1:0")
+    with pytest.raises(KeyboardInterrupt), Children() as processes:
+        pid = processes.start("router", "router", "-l", "tcp/127.0.0.1:0").pid
         processes.check()
         raise KeyboardInterrupt
     with pytest.raises(ProcessLookupError):
@@ -258,8 +259,8 @@ def test_processes_end_with_an_error(tmp_path: Path) -> None:
 
 
 def test_one_that_ends_early_is_said_with_its_last_words() -> None:
-    with Processes() as processes:
-        pid = processes.start("router", "no-such-verb")
+    with Children() as processes:
+        pid = processes.start("router", "no-such-verb").pid
         os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
         with pytest.raises(ZmavError, match=r"router ended with 2(.|\n)*no-such-verb"):
             processes.check()

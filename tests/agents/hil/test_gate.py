@@ -11,10 +11,10 @@ import pytest
 from agents.hil import gate as gates
 from agents.hil.beside import begun, beside
 from agents.hil.checkflight import CheckFlight
-from agents.hil.children import Children
 from agents.hil.gate import gate, judge_identity, judge_params, judge_real, judge_report
 from agents.hil.report import Check, Identity, Report, Stage, find, keep
 from tests.agents.hil.conftest import FLEET, MakeBoard
+from zmav.children import Children
 from zmav.config import load_fleet
 from zmav.errors import BadConfig
 
@@ -114,9 +114,10 @@ async def test_a_real_autopilot_before_its_flight(
     board, file = make_board(hitl=0), load_fleet(fleet)
     device = str(board.link)
     reports = [begun(stage, file, "px1", device) for stage in ("sil", "bench")]
-    async with Children() as children, beside(children, fleet, file, "px1", device) as (client, router):
-        flight = CheckFlight(client, file, "px1", router, children, reports[0], lambda check: None)
-        await flight.meet()
+    with Children() as children:
+        async with beside(children, fleet, file, "px1", device) as (client, router):
+            flight = CheckFlight(client, file, "px1", router, children, reports[0], lambda check: None)
+            await flight.meet()
     for each in reports:
         each.identity, each.params, each.passed = reports[0].identity, {**reports[0].params, "SYS_HITL": 1}, True
         keep(each, tmp_path)

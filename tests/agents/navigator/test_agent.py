@@ -16,6 +16,7 @@ import zmav
 from agents.navigator.agent import Navigator, Settings
 from agents.navigator.trajectory import WINDOW
 from tests.agents.planner.execute.fleet import Fleet, airborne
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.config import Failsafe, Geofence
 from zmav.errors import BadInput, Refused
@@ -62,10 +63,7 @@ class Field:
         return await self.me.tell("navigator", "fly", **{**place, **arguments})
 
     async def until(self, true: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not true():
-            assert time.monotonic() < deadline, f"not {what}: {self.words[-1:]}"
-            await asyncio.sleep(0.02)
+        await until(true, lambda: f"{what}; {self.words[-1:]}", PATIENCE_S)
 
     async def ended(self, words: str) -> str:
         """How the flight did, in its own words, among which these are."""

@@ -18,6 +18,7 @@ from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.options import Options, parse_endpoint
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, decode, encode, load_dialect
 
@@ -26,14 +27,6 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 30.0
 FLEET = "demo"
-
-
-async def eventually(true: Callable[[], bool], what: str) -> None:
-    """Wait until it holds: for what has no event of its own."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline, f"never: {what}"
-        await asyncio.sleep(0.01)
 
 
 class Craft:
@@ -229,7 +222,7 @@ class Scene:
         self._stack.callback(station.close)
         station.beat()
         taken = any(craft.sysid == sysid for craft in self.crafts)
-        await eventually(
+        await until(
             lambda: len(bridge.clients) > before and (taken or bool(bridge.clients[-1].ids)),
             "the bridge knows a station",
         )
@@ -237,7 +230,7 @@ class Scene:
 
     async def heard(self, what: str) -> None:
         """Wait for a line on the terminal that holds this."""
-        await eventually(lambda: any(what in line for line in self.said), f"{what!r} among {self.said}")
+        await until(lambda: any(what in line for line in self.said), f"{what!r} among {self.said}")
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ import pytest
 from ground.gcs import client
 from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.options import Options, parse_endpoint
-from tests.ground.gcs.conftest import Scene, Station, command, eventually, unknown_frame
+from tests.ground.gcs.conftest import Scene, Station, command, unknown_frame
+from tests.waiting import until
 from zmav import keys
 from zmav.errors import PortInUse
 from zmav.mavlink import Packer, decode, load_dialect
@@ -97,7 +98,7 @@ async def test_two_autopilots_with_one_id_are_commanded_by_nobody(scene: Scene) 
     await station.until(lambda: "quad1 and quad2 both have system id 1" in station.texts(), "who they are")
     await scene.heard("quad1 and quad2 both have system id 1")
     two.leave()  # from now on it is one vehicle's
-    await eventually(lambda: len(bridge.routes.systems[1]) == 1, "one of them left")
+    await until(lambda: len(bridge.routes.systems[1]) == 1, "one of them left")
     sent = station.send("COMMAND_LONG", **command(one, ARM, param1=1.0))
     assert await one.hears(lambda key, data: "COMMAND_LONG" in key, "the command") == sent
     assert bridge.uplink.refused["clash"] == 1
@@ -108,7 +109,7 @@ async def test_of_two_that_claim_one_system_id_both_are_landed(scene: Scene) -> 
     one, two = scene.craft("one", 1, uid="aa"), scene.craft("two", 1, uid="bb")
     bridge = await scene.bridge()
     station = await scene.tcp(bridge)
-    await eventually(lambda: len(bridge.routes.systems.get(1, ())) == 2, "both of them")
+    await until(lambda: len(bridge.routes.systems.get(1, ())) == 2, "both of them")
     station.send("COMMAND_LONG", **command(one, ARM, param1=1.0))
     sent = station.send("COMMAND_LONG", **command(one, LAND))
     for craft in (one, two):
@@ -121,7 +122,7 @@ async def test_two_ways_to_one_autopilot_are_one_vehicle(scene: Scene) -> None:
     near.says("HEARTBEAT")
     bridge = await scene.bridge()
     station = await scene.tcp(bridge)
-    await eventually(lambda: bool(bridge.routes.spare), "a way that is not in use")
+    await until(lambda: bool(bridge.routes.spare), "a way that is not in use")
     spare = next(place for place, _ in bridge.routes.spare)[1]
     used, other = (far, near) if spare == "near" else (near, far)
     seen = used.says("ATTITUDE", roll=1.0)
@@ -206,8 +207,8 @@ async def test_who_comes_after_a_silent_station_is_somebody_else(scene: Scene, m
         _, address = await asyncio.to_thread(waiting.recvfrom, 2048)
         for sysid in (9, 255):
             waiting.sendto(Packer(one.dialect, sysid, 190).pack("HEARTBEAT", type=6), address)
-            await eventually(lambda sysid=sysid: there.systems == {sysid}, "it is known")  # type: ignore[misc]
-            await eventually(lambda: not there.systems, "it is forgotten")
+            await until(lambda sysid=sysid: there.systems == {sysid}, "it is known")  # type: ignore[misc]
+            await until(lambda: not there.systems, "it is forgotten")
         nine = scene.craft("nine", 9)  # had it been remembered, no frame of a vehicle with that id would go there
         await scene.known(bridge.z)
         beat = nine.says("HEARTBEAT")
@@ -329,7 +330,7 @@ async def test_a_station_that_stops_reading_holds_up_nobody(scene: Scene) -> Non
     (end,) = (each for each in bridge.endpoints if each.endpoint.kind == "tcp")
     with stuck:
         await asyncio.to_thread(stuck.connect, end.address)  # type: ignore[attr-defined]
-        await eventually(lambda: len(bridge.clients) == 2, "it is connected")
+        await until(lambda: len(bridge.clients) == 2, "it is connected")
         client = bridge.clients[-1]
         for _ in range(100):
             for _ in range(50):
@@ -342,7 +343,7 @@ async def test_a_station_that_stops_reading_holds_up_nobody(scene: Scene) -> Non
         assert client.waiting <= 512 + 3
         answer = one.says("HEARTBEAT")
         await station.gets(answer)
-    await eventually(lambda: len(bridge.clients) == 1, "it is gone")
+    await until(lambda: len(bridge.clients) == 1, "it is gone")
 
 
 async def test_a_slow_station_gets_answers_first_and_fresh_telemetry(scene: Scene) -> None:

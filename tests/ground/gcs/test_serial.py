@@ -13,7 +13,8 @@ import pytest
 import zmav
 from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.options import Options, parse_endpoint
-from tests.ground.gcs.conftest import FLEET, Scene, command, eventually
+from tests.ground.gcs.conftest import FLEET, Scene, command
+from tests.waiting import until
 from zmav.errors import BadConfig, BadInput
 from zmav.mavlink import Frame, Packer, Splitter, load_dialect
 
@@ -80,7 +81,7 @@ async def test_a_radio_carries_both_ways_and_is_taken_up_again(scene: Scene, rad
                     got.extend(radio.read())
                     return any(frame.msgid == 30 for frame in got)
 
-                await eventually(comes, "telemetry over the radio")
+                await until(comes, "telemetry over the radio")
 
             await carries()
             sent = station.pack("COMMAND_LONG", **command(one, ARM))
@@ -88,11 +89,11 @@ async def test_a_radio_carries_both_ways_and_is_taken_up_again(scene: Scene, rad
             assert await one.hears(lambda key, data: "COMMAND_LONG" in key, "the command") == sent
             before = len(scene.said)
             radio.unplug()
-            await eventually(lambda: any(f"{radio.path},57600: " in line for line in scene.said[before:]), "it is said")
+            await until(lambda: any(f"{radio.path},57600: " in line for line in scene.said[before:]), "it is said")
             radio.replug()
             await carries()
             radio.write(station.pack("COMMAND_LONG", **command(one, ARM, param1=1.0)))
-            await eventually(lambda: sum("COMMAND_LONG" in key for key, _ in one.told) == 2, "the second command")
+            await until(lambda: sum("COMMAND_LONG" in key for key, _ in one.told) == 2, "the second command")
 
 
 async def test_a_device_that_is_not_there_is_said_at_once(scene: Scene, tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from ground.record.route import Asked
 from ground.record.storage import Settings
 from tests.cli.conftest import Here, Process
 from tests.ground.record.conftest import Frames, read, read_cut
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import BadConfig, BadInput, Refused, ZmavError
@@ -69,13 +70,6 @@ class Recording:
                 raise answer
         found = [wire.decode(a.payload, wire.History, "history") for a in answers if isinstance(a, Answer)]
         return sorted(found, key=lambda each: (each.of, each.what))
-
-
-async def until(true: Any, what: Any) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline, what()
-        await asyncio.sleep(0.02)
 
 
 @pytest.fixture

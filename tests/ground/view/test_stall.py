@@ -20,6 +20,7 @@ from ground.view.cli import sinks_of
 from ground.view.screen import Screen
 from ground.view.settings import LOST, PainterSettings, Sink
 from ground.view.table import Table
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadConfig
 from zmav.process import free_port
@@ -50,13 +51,6 @@ def children(pid: int) -> list[int]:
     """Of a process, and theirs."""
     found = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     return found + [grandchild for child in found for grandchild in children(child)]
-
-
-async def until(true: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline, what
-        await asyncio.sleep(0.05)
 
 
 async def test_a_stopped_painter_holds_up_nobody_and_goes_on_with_the_newest(

@@ -14,6 +14,7 @@ import pytest
 
 from mesh.bearer.bearer import Bearer, Far
 from zmav.config import Radio
+from zmav.process import free_udp_ports
 
 FLEET = "demo"
 PATIENCE_S = 30.0
@@ -23,20 +24,6 @@ def udp(port: int = 0) -> socket.socket:
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     made.bind(("127.0.0.1", port))
     return made
-
-
-def free_port() -> int:
-    with udp() as probe:
-        port: int = probe.getsockname()[1]
-    return port
-
-
-def until(true: Callable[[], bool], what: str) -> None:
-    """Wait for something that another thread does."""
-    end = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end, f"no {what}"
-        time.sleep(0.01)
 
 
 class Air:
@@ -117,9 +104,9 @@ def pair() -> Iterator[Callable[..., Pair]]:
     made: list[Pair] = []
 
     def make(*budgets: str | None) -> Pair:
-        ports = [free_port() for _ in budgets], [free_port() for _ in budgets]
+        ports = [free_udp_ports(1) for _ in budgets], [free_udp_ports(1) for _ in budgets]
         airs = [Air(left, right) for left, right in zip(*ports, strict=True)]
-        made.append(Pair(airs, ports, [free_port(), free_port()], budgets))
+        made.append(Pair(airs, ports, [free_udp_ports(1), free_udp_ports(1)], budgets))
         return made[-1]
 
     yield make

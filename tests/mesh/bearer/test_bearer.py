@@ -18,8 +18,10 @@ from mesh.bearer.header import host_tag, pack_data, pack_probe
 from mesh.bearer.path import Health
 from mesh.bearer.peer import LEARNED
 from mesh.bearer.port import RadioPort
-from tests.mesh.bearer.conftest import FLEET, Pair, free_port, udp, until
+from tests.mesh.bearer.conftest import FLEET, Pair, udp
+from tests.waiting import wait_until
 from zmav.config import Radio
+from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 LEFT, RIGHT = 0, 1
@@ -33,7 +35,7 @@ def reached(bearer: Bearer, name: str) -> bool:
 
 def linked(pair: Pair) -> tuple[Bearer, Bearer]:
     left, right = pair.start(LEFT), pair.start(RIGHT)
-    until(lambda: reached(left, "right") and reached(right, "left"), "path")
+    wait_until(lambda: reached(left, "right") and reached(right, "left"), "path")
     return left, right
 
 
@@ -100,13 +102,13 @@ def test_a_session_lives_on_when_its_radio_dies_and_nothing_is_lost(
     heard: list[int] = []
     far.declare_subscriber("t/n", lambda sample: heard.append(int(sample.payload.to_bytes())))
     publisher = near.declare_publisher("t/n", congestion_control=zenoh.CongestionControl.BLOCK)
-    until(lambda: bool(publisher.matching_status.matching), "subscriber")  # type: ignore[attr-defined]
+    wait_until(lambda: bool(publisher.matching_status.matching), "subscriber")  # type: ignore[attr-defined]
     for n in range(50):
         if n == 20:
             both.airs[0].cut = True
         publisher.put(str(n))
         time.sleep(0.01)
-    until(lambda: bool(heard) and heard[-1] == 49, "last word")
+    wait_until(lambda: bool(heard) and heard[-1] == 49, "last word")
     assert heard == list(range(50))
     assert left.status.switches["right"] >= 1
     routes = {route.in_use: route for route in left.status.routes["right"]}
@@ -119,14 +121,14 @@ def test_a_neighbour_that_starts_anew_is_linked_anew(pair: MakePair, router: Cal
     left, right = linked(both)
     first = router(both, RIGHT, right)
     near = router(both, LEFT, left)
-    until(lambda: str(first.info.zid()) in [str(zid) for zid in near.info.routers_zid()], "link")
+    wait_until(lambda: str(first.info.zid()) in [str(zid) for zid in near.info.routers_zid()], "link")
     first.close()
     both.stop(right)
-    until(lambda: not list(near.info.routers_zid()), "end of the link")
-    both.routers[RIGHT] = free_port()  # Zenoh lets go of the old one some time after the close
+    wait_until(lambda: not list(near.info.routers_zid()), "end of the link")
+    both.routers[RIGHT] = free_udp_ports(1)  # Zenoh lets go of the old one some time after the close
     right = both.start(RIGHT)
     second = router(both, RIGHT, right)
-    until(lambda: str(second.info.zid()) in [str(zid) for zid in near.info.routers_zid()], "new link")
+    wait_until(lambda: str(second.info.zid()) in [str(zid) for zid in near.info.routers_zid()], "new link")
 
 
 def test_garbage_and_strangers_get_nothing_and_what_is_carried_goes_on(pair: MakePair) -> None:
@@ -148,7 +150,7 @@ def test_garbage_and_strangers_get_nothing_and_what_is_carried_goes_on(pair: Mak
     mine.connect(left.local["right"])
     mine.send(b"still there")
     assert there.hear()[0] == b"still there"
-    until(lambda: right.ports[0].counters.foreign >= len(junk), "refusal of each")
+    wait_until(lambda: right.ports[0].counters.foreign >= len(junk), "refusal of each")
     stranger.setblocking(False)
     with pytest.raises(BlockingIOError):
         stranger.recv(100)
@@ -225,11 +227,11 @@ def test_a_radio_that_comes_later_is_used_then(pair: MakePair) -> None:
     both = pair(None, None)
     taken = udp(both.ports[LEFT][0])
     left, right = both.start(LEFT), both.start(RIGHT)
-    until(lambda: reached(left, "right"), "path through the other radio")
+    wait_until(lambda: reached(left, "right"), "path through the other radio")
     assert left.ports[0].socket is None
     taken.close()
-    until(lambda: left.ports[0].socket is not None, "first radio")
-    until(lambda: all(r.quality.health is Health.CARRIES for r in left.status.routes["right"]), "both paths")
+    wait_until(lambda: left.ports[0].socket is not None, "first radio")
+    wait_until(lambda: all(r.quality.health is Health.CARRIES for r in left.status.routes["right"]), "both paths")
     assert right.ports[0].socket is not None
 
 
@@ -240,9 +242,9 @@ def test_what_is_larger_than_any_of_the_radios_carries_is_dropped_and_counted(pa
     mine = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     mine.sendto(bytes(65_507), left.local["right"])  # loopback carries 65,507; with our header it is more
     counted, there = left.ports[0].counters, Echoes(both.routers[RIGHT])
-    until(lambda: counted.too_big == 1, "count")
+    wait_until(lambda: counted.too_big == 1, "count")
     left.ports[1].largest = 1300
-    until(lambda: mine.sendto(bytes(1294), left.local["right"]) > 0 and counted.too_big > 1, "count")
+    wait_until(lambda: mine.sendto(bytes(1294), left.local["right"]) > 0 and counted.too_big > 1, "count")
     mine.sendto(bytes(1293), left.local["right"])
     while len(there.hear()[0]) != 1293:
         pass  # what was still let through
@@ -252,7 +254,7 @@ def test_what_is_larger_than_any_of_the_radios_carries_is_dropped_and_counted(pa
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 def test_a_radio_s_interface_tells_how_much_it_carries() -> None:
-    port = RadioPort(Radio(address="127.0.0.1", interface="lo"), free_port(), 0.0)
+    port = RadioPort(Radio(address="127.0.0.1", interface="lo"), free_udp_ports(1), 0.0)
     assert port.open(0.0)
     assert port.largest == int(Path("/sys/class/net/lo/mtu").read_text()) - 28
     port.close()

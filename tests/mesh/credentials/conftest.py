@@ -18,17 +18,12 @@ from mesh.credentials.acl import access_control
 from mesh.credentials.ca import Authority
 from zmav.config import FleetConfig
 from zmav.keys import CHANNELS
+from zmav.process import free_port
 from zmav.rundir import socket_to_listen
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
 
 PATIENCE_S = 30.0
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 class Heard:

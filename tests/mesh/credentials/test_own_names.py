@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +25,7 @@ from ground.http.gateway import Gateway
 from ground.record.folder import Folder
 from ground.record.recorder import Recorder, Wanted
 from ground.record.storage import Settings
+from tests.waiting import until
 from zmav import keys
 from zmav.errors import Refused
 from zmav.mavlink import Packer, load_dialect
@@ -53,14 +53,6 @@ def client(fleet: Fleet, door: Door) -> zmav.Client:
     return zmav.open(
         fleet="alpha", settings=SessionSettings(connect=[door.local], credentials=str(fleet.members["ops"]))
     )
-
-
-async def eventually(true: Callable[[], bool], what: str) -> None:
-    for _ in range(int(PATIENCE_S / 0.02)):
-        if true():
-            return
-        await asyncio.sleep(0.02)
-    raise AssertionError(f"never: {what}")
 
 
 class Liar:
@@ -110,7 +102,7 @@ async def test_frames_under_a_name_that_is_no_vehicles_reach_no_reader(
     ):
         with Feed(z.session, z.is_vehicle, lambda origin, frame: fed.append(origin), "alpha"):
             liar.token(VEHICLE)
-            await eventually(lambda: [v.name for v in z.fleet()] == [VEHICLE], "the vehicle")
+            await until(lambda: [v.name for v in z.fleet()] == [VEHICLE], "the vehicle")
 
             def tell() -> bool:
                 for name in (VIEWER, NOBODY, "ops"):
@@ -119,7 +111,7 @@ async def test_frames_under_a_name_that_is_no_vehicles_reach_no_reader(
                 liar.frame(VEHICLE, lat=TRUE)
                 return bool(fed and gateway.kept() and recorder.storage.counts.written)
 
-            await eventually(tell, "the vehicle's own frames")
+            await until(tell, "the vehicle's own frames")
             sample = await asyncio.wait_for(read.get(), PATIENCE_S)
             shown = b""
             while _bytes(TRUE) not in shown:
@@ -150,7 +142,7 @@ async def test_only_vehicles_are_listed_and_one_that_was_admitted_since_is_by_it
         liar.session.declare_queryable(key, answer)
         for name in (VIEWER, NOBODY, LATER, VEHICLE):
             liar.token(name)
-        await eventually(lambda: [v.name for v in z.fleet()] == [VEHICLE, LATER], "those two")
+        await until(lambda: [v.name for v in z.fleet()] == [VEHICLE, LATER], "those two")
         assert asked.is_set()
         assert not z.present(VIEWER, "alpha") and not z.present(NOBODY, "alpha")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from click.testing import CliRunner
 
 from mesh.cli.ca import command
+from zmav.process import free_port
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 
@@ -17,12 +18,6 @@ if TYPE_CHECKING:
     from tests.mesh.credentials.conftest import Fleet
 
 PATIENCE_S = 30.0
-
-
-def free(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def ca(*arguments: str) -> str:
@@ -34,7 +29,7 @@ def ca(*arguments: str) -> str:
 def test_a_router_acts_on_a_roster_that_is_published(fleet: Fleet) -> None:
     fleet.issue(quad1=Role.VEHICLE, ops=Role.OPERATOR, view=Role.VIEWER)
     fleet.authority.refresh()
-    tcp, quic = f"tcp/127.0.0.1:{free(socket.SOCK_STREAM)}", f"quic/127.0.0.1:{free(socket.SOCK_DGRAM)}?mixed_rel=1"
+    tcp, quic = f"tcp/127.0.0.1:{free_port()}", f"quic/127.0.0.1:{free_port(socket.SOCK_DGRAM)}?mixed_rel=1"
     folders = {name: str(folder) for name, folder in fleet.members.items()}
     started = [sys.executable, "-m", "zmav", "router", "-l", tcp, "-l", quic, "--credentials", folders["quad1"]]
     pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}

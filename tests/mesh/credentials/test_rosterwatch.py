@@ -20,6 +20,7 @@ from mesh.credentials import rosterwatch
 from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import RosterWatch
 from mesh.plan import plan_router
+from tests.waiting import until
 from zmav import keys
 from zmav.doctor.credentials import rosters
 from zmav.errors import BadConfig
@@ -63,13 +64,6 @@ async def watch(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[
         yield start
 
 
-async def until(true: Callable[[], bool]) -> None:
-    end = asyncio.get_running_loop().time() + PATIENCE_S
-    while not true():
-        assert asyncio.get_running_loop().time() < end
-        await asyncio.sleep(0.02)
-
-
 def kept(fleet: Fleet, name: str) -> Roster:
     data = (fleet.members[name] / "roster.json").read_bytes()
     return read_signed(data).open(fleet.authority.certificate, "alpha")
@@ -90,13 +84,13 @@ async def test_a_new_roster_crosses_the_fleet_and_is_kept(fleet: Fleet, watch: W
         answers = await rosters(z, "alpha", payload=msgspec.json.encode(fleet.authority.roster()))
     assert [(a.name, a.number) for a in answers if isinstance(a, HeldRoster)][:1], "somebody took it"
     for name, each in chain.items():
-        await until(lambda each=each: each.watch.roster.number == number)  # type: ignore[misc]
+        await until(lambda each=each: each.watch.roster.number == number, "the roster")  # type: ignore[misc]
         assert kept(fleet, name).number == number
         assert [words for words in each.said if "1 revoked" in words] == [f"roster {number}: 4 members, 1 revoked"]
         assert "access rules" in await asyncio.wait_for(each.watch.outdated(), PATIENCE_S)
     assert heard[-1] == number
     late = await watch("quad4", third.door.quic)
-    await until(lambda: late.watch.roster.number == number)
+    await until(lambda: late.watch.roster.number == number, "the roster")
 
 
 async def test_a_newer_roster_with_the_same_rules_asks_for_no_new_start(fleet: Fleet, watch: Watch) -> None:
@@ -167,7 +161,7 @@ async def test_rubbish_is_refused_once_in_words_and_ends_nothing(fleet: Fleet, w
     fleet.authority.revoke("ops")
     await asyncio.sleep(1.0)  # the allowance of signatures looked at in a second
     ops.put(ROSTER, msgspec.json.encode(fleet.authority.roster()), congestion_control=zenoh.CongestionControl.BLOCK)
-    await until(lambda: one.watch.roster.number == fleet.authority.ledger.number)
+    await until(lambda: one.watch.roster.number == fleet.authority.ledger.number, "the roster")
     assert sum("not signed" in words for words in one.said) == 1
     assert sum("not a roster" in words for words in one.said) == 1
 
@@ -219,7 +213,7 @@ async def test_who_is_linked_and_no_member_is_said_once(fleet: Fleet, watch: Wat
     one.watch.adopt(fleet.authority.roster())
     for name in ("view", "ops", "view"):
         session = await asyncio.to_thread(fleet.open, name, one.door.quic)
-        await until(lambda: bool(list(session.info.routers_zid())))  # noqa: B023
-    await until(lambda: any("view" in words for words in one.said))
+        await until(lambda: bool(list(session.info.routers_zid())), "a router")  # noqa: B023
+    await until(lambda: any("view" in words for words in one.said), "refused")
     assert sum("view has a certificate, but is not on the roster" in words for words in one.said) == 1
     assert not [words for words in one.said if "ops" in words]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ import zmav
 from mesh.lab.lab import Lab
 from mesh.lab.network import LabError
 from tests.mesh.lab.conftest import StartLab, scenario
+from tests.waiting import until
 from zmav.errors import BadConfig, TimedOut
 
 pytestmark = pytest.mark.root
@@ -24,13 +23,6 @@ PAIR: dict[str, Any] = {
     "hosts": {"h1": {"program": "none"}, "h2": {"program": "none"}},
     "media": [{"kind": "link", "between": ["h1", "h2"], "interface": "eth0"}],
 }
-
-
-async def until(true: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end, what
-        await asyncio.sleep(0.05)
 
 
 async def test_a_vehicle_is_seen_through_the_lab_and_not_while_its_link_is_cut(start_lab: StartLab) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -74,14 +73,6 @@ class Routers:
 async def routers() -> AsyncIterator[Routers]:
     async with contextlib.AsyncExitStack() as stack:
         yield Routers(stack)
-
-
-async def until(true: Callable[[], object], what: str) -> None:
-    """Wait for something that no event tells of."""
-    end = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end, f"not within {PATIENCE_S} s: {what}"
-        await asyncio.sleep(0.02)
 
 
 def known(part: LinkQualities, name: str) -> wire.NeighbourQuality:

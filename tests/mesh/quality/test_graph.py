@@ -17,8 +17,9 @@ import zmav
 from mesh import linkstate
 from mesh.cli.graph import command
 from mesh.graph import Graph
-from tests.mesh.quality.conftest import PATIENCE_S, Routers, until
+from tests.mesh.quality.conftest import PATIENCE_S, Routers
 from tests.mesh.quality.relay import Relay
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle

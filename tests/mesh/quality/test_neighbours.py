@@ -13,8 +13,9 @@ from mesh.credentials.ca import Authority
 from mesh.quality.loss import WINDOW
 from mesh.quality.pace import STAMP_BYTES, Pace
 from mesh.quality.stamp import Stamp
-from tests.mesh.quality.conftest import Routers, known, until
+from tests.mesh.quality.conftest import Routers, known
 from tests.mesh.quality.relay import HEADERS, nothing
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.trust.certificate import Role
 

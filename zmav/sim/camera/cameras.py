@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.errors import BadConfig, BadInput
+from zmav.errors import BadInput, missing_extra
 from zmav.sim.arrays import Array, Flags
 from zmav.sim.camera.cast import Actor
 from zmav.sim.camera.poses import Poses
@@ -178,10 +178,7 @@ class Cameras:
         self, actors: Sequence[Actor], scene: Scene, terrain: Terrain, seed: int, epoch_s: float, inside: Inside
     ) -> None:
         if importlib.util.find_spec("cv2") is None:
-            raise BadConfig(
-                "a simulated camera needs OpenCV, which is not installed: pip install 'zmav[vision]'",
-                field="camera", value=None, expected="opencv-python-headless 4.10 or newer",
-            )  # fmt: skip
+            raise missing_extra("a simulated camera", "OpenCV", "vision")
         check_scene(scene)
         self.scene = scene
         self.terrain = terrain

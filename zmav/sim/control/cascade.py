@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from zmav.rotation import wrap
 from zmav.sim.arrays import (
     Array,
     Flags,
@@ -23,7 +24,6 @@ from zmav.sim.arrays import (
     quat_error,
     quat_from_euler,
     thrust_frame,
-    wrap_pi,
 )
 from zmav.sim.control.allocation import Allocator, Lame
 from zmav.sim.control.reference import Reference
@@ -151,14 +151,14 @@ class Cascade:
     def _head(self, est: Estimated, grounded: Flags, dt: float) -> None:
         sp = self.setpoints
         slew = sp.limits.yaw_slew
-        toward = clamp(wrap_pi(sp.yaw - self.yaw) * YAW_P, -slew, slew)
+        toward = clamp(wrap(sp.yaw - self.yaw) * YAW_P, -slew, slew)
         rate = np.where(sp.yaw_kind == YAW_ANGLE, toward, sp.yaw_rate)
         # Easing in and out: the rate asked for may change by about 150 deg/s^2.
         step = 2.6 * dt
         change = clamp(rate - self._turn, -step, step) * ~grounded
         self._turn = (self._turn + change) * ~grounded
         self._turn_acc = change / dt
-        self.yaw = wrap_pi(self.yaw + self._turn * dt)
+        self.yaw = wrap(self.yaw + self._turn * dt)
         if grounded.any():
             self.yaw[grounded] = _yaw_of(est.q)[grounded]
 

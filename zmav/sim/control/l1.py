@@ -17,7 +17,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.sim.arrays import Array, Flags, clamp, wrap_pi
+from zmav.rotation import wrap
+from zmav.sim.arrays import Array, Flags, clamp
 from zmav.sim.control.planetargets import CIRCLE, HEADING, LINE, PlaneTargets
 
 CAPTURE = math.sqrt(0.5)  # sine of the angle that a line far away is flown to at
@@ -65,7 +66,7 @@ class L1:
     def _decide(self, index: Index, eta: Array, bearing: Array, yaw: Array) -> Array:
         """Who flies away from where it wants to keeps the side to turn to that it chose."""
         last = self._last[index]
-        away = np.abs(wrap_pi(bearing - yaw)) > 2.0 / 3.0 * math.pi
+        away = np.abs(wrap(bearing - yaw)) > 2.0 / 3.0 * math.pi
         stuck = (np.abs(eta) > INDECISION) & (np.abs(last) > INDECISION) & away & (eta * last < 0.0)
         chosen = np.where(stuck, last, eta)
         self._last[index] = chosen
@@ -104,9 +105,9 @@ class L1:
         beyond = ~before & (gone > length + PASSED_S * speed)
         heading = np.where(before, np.arctan2(-off[1], -off[0]), heading)
         heading = np.where(beyond, np.arctan2(direct[1], direct[0]), heading)
-        eta = self._decide(index, wrap_pi(heading - np.arctan2(vel[1], vel[0])), np.arctan2(direct[1], direct[0]), yaw)
+        eta = self._decide(index, wrap(heading - np.arctan2(vel[1], vel[0])), np.arctan2(direct[1], direct[0]), yaw)
         self.accel[index] = 4.0 * g["NAVL1_DAMPING"][index] ** 2 * speed * speed / ahead * np.sin(eta)
-        self.bearing[index], self.error[index], self.cross_track[index] = wrap_pi(heading), eta, cross
+        self.bearing[index], self.error[index], self.cross_track[index] = wrap(heading), eta, cross
         self.circling[index] = False
 
     def _circle(self, index: Index, pos: Array, vel: Array, yaw: Array, dt: float) -> None:
@@ -141,10 +142,10 @@ class L1:
     def _heading(self, index: Index, pos: Array, vel: Array, yaw: Array, dt: float) -> None:
         t = self._t
         speed = np.hypot(vel[0], vel[1])
-        eta = wrap_pi(t.heading[index] - yaw)
+        eta = wrap(t.heading[index] - yaw)
         omega = math.sqrt(2.0) * math.pi / t.gains["NAVL1_PERIOD"][index]
         self.accel[index] = 2.0 * np.sin(clamp(eta, -RIGHT_ANGLE, RIGHT_ANGLE)) * speed * omega
-        self.bearing[index], self.error[index] = wrap_pi(t.heading[index]), eta
+        self.bearing[index], self.error[index] = wrap(t.heading[index]), eta
         self.cross_track[index] = self._integral[index] = 0.0
         self.circling[index] = False
 

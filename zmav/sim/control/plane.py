@@ -13,7 +13,8 @@ import math
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp, wrap_pi
+from zmav.rotation import wrap
+from zmav.sim.arrays import Array, Flags, clamp
 from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.l1 import L1
 from zmav.sim.control.planetargets import ENERGY, LINE, PITCH, ROLL, Flown, PlaneTargets
@@ -121,7 +122,7 @@ class PlaneControl:
         scale = clamp(g["SCALING_SPEED"] / eas, *self._scale_bounds)
         by_energy = t.upright == ENERGY
         self.pitch = np.where(by_energy, self.tecs.pitch, t.pitch)
-        roll_rate = clamp(wrap_pi(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *self._roll_rates)
+        roll_rate = clamp(wrap(self.roll - euler[0]) / g["RLL2SRV_TCONST"], *self._roll_rates)
         pitch_rate = self._pitch_rate(euler, airspeed)
         idle = t.idle
         aileron = self._roll_loop.update(

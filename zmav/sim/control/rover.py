@@ -14,7 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp, limit_length, wrap_pi
+from zmav.rotation import wrap
+from zmav.sim.arrays import Array, Flags, clamp, limit_length
 from zmav.sim.control.reference import root_speed
 from zmav.sim.control.roversetpoints import COAST, DIRECT, HEADING, PATH, PLACE, STOP, TURN, RoverSetpoints
 
@@ -204,7 +205,7 @@ class RoverControl:
     def _toward(self, yaw: Array) -> Array:
         """Turn rate toward a heading: no faster than can be braked."""
         sp, k = self.setpoints, self.setpoints.tuning
-        error = wrap_pi(sp.heading - yaw)
+        error = wrap(sp.heading - yaw)
         rate = error * k["angle_p"]
         most = np.where(sp.heading_rate > 0.0, sp.heading_rate, np.inf)
         brake = np.where(k["turn_decel"] > 0.0, k["turn_decel"], k["turn_accel"])

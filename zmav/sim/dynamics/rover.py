@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp, rotation_matrix, thrust_frame, wrap_pi
+from zmav.rotation import wrap
+from zmav.sim.arrays import Array, Flags, clamp, rotation_matrix, thrust_frame
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.environment import Terrain
@@ -168,7 +169,7 @@ class RoverDynamics:
             pos += self._forward * way
             pos[2] = self.terrain.down(pos[0], pos[1])
         self.pos = pos
-        self.yaw = wrap_pi(middle + 0.5 * turned)
+        self.yaw = wrap(middle + 0.5 * turned)
         self._axes()
         self.vel = self._forward * self.speed
         self.accel = self._forward * ((self.speed - before) / dt) + self._right * (self.speed * self._spin)

@@ -8,6 +8,7 @@ import selectors
 import socket
 from typing import Any
 
+from zmav.links.sockets import is_loopback
 from zmav.sim.endpoints.address import Address
 from zmav.sim.endpoints.base import BACKLOG_BYTES, READ_BYTES, READS_PER_TURN, Switchboard, Wiring
 
@@ -40,7 +41,7 @@ class UdpSender:
         """Take the local port; gives where to send to."""
         to = socket.getaddrinfo(address.host, address.port, family, socket.SOCK_DGRAM)[0][4]
         # Neighbours on the network are heard only where the vehicle talks to the network.
-        self._socket.bind((address.host if _is_loopback(str(to[0])) else "", address.local))
+        self._socket.bind((address.host if is_loopback(str(to[0])) else "", address.local))
         return to
 
     def _name(self, address: Address) -> str:
@@ -111,7 +112,3 @@ class UdpListener(UdpSender):
 
     def _heard(self, sender: Any) -> None:
         self._to = sender
-
-
-def _is_loopback(host: str) -> bool:
-    return host.startswith("127.") or host == "::1"

@@ -30,6 +30,7 @@ from agents.planner.live.run import Run
 from agents.planner.live.settings import Settings
 from agents.planner.model.errors import PlanError
 from tests.agents.planner.execute.fleet import Fleet, airborne
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.waiting import within
@@ -361,13 +362,9 @@ async def test_obstacles_of_anybody_are_heard_and_noise_is_not(field: Field) -> 
     for data in (b"{", b"[" * 10_000_000, b'{"name":"bird"}', wire.encode(good)):
         field.me.session.put(keys.OBSTACLE.key("demo", name="bird"), data)
 
-    async def until(true: Callable[[], bool]) -> None:
-        while not true():
-            await asyncio.sleep(0.02)
-
-    await within(PATIENCE_S, until(lambda: field.agent.world.find("bird") is not None))
+    await until(lambda: field.agent.world.find("bird") is not None, "no bird", PATIENCE_S)
     assert any("refused" in event.kind for event in field.agent.events)
-    await within(PATIENCE_S, until(lambda: field.agent.world.find("bird") is None))
+    await until(lambda: field.agent.world.find("bird") is None, "the bird stays", PATIENCE_S)
 
 
 async def test_previews_are_so_many_at_a_time(field: Field) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from zmav.geo import wrap_degrees
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
@@ -91,7 +92,7 @@ class Gimbal:
             return False
         self.mode, self.target, self.locked = TARGETING, None, locked
         self.pitch_rate = self.yaw_rate = 0.0
-        self.roll, self.pitch, self.yaw = roll, _within(pitch), math.remainder(yaw, 360.0)
+        self.roll, self.pitch, self.yaw = roll, _within(pitch), wrap_degrees(yaw)
         return True
 
     def slew(self, pitch_rate: float, yaw_rate: float, *, locked: bool) -> bool:
@@ -120,12 +121,12 @@ class Gimbal:
             self.yaw, self.locked = math.degrees(math.atan2(east, north)), True
         elif self.pitch_rate or self.yaw_rate:
             self.pitch = _within(self.pitch + self.pitch_rate * dt)
-            self.yaw = math.remainder(self.yaw + self.yaw_rate * dt, 360.0)
+            self.yaw = wrap_degrees(self.yaw + self.yaw_rate * dt)
 
     @property
     def yaw_ahead(self) -> float:
         """Degrees right of the nose."""
-        return math.remainder(self.yaw - math.degrees(self._vehicle.sense.yaw), 360.0) if self.locked else self.yaw
+        return wrap_degrees(self.yaw - math.degrees(self._vehicle.sense.yaw)) if self.locked else self.yaw
 
 
 class Payload:

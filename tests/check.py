@@ -1,0 +1,67 @@
+"""Run the unit tests, and those whose import closure holds what changed: ``python tests/check.py -n 2 ...``
+
+Changed is what differs from the merge base with the branch that this one is for: ``$BASE``, or else the remote's own
+branch, ``main`` or ``master``; new files count.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from tests.imports import Sources  # noqa: E402
+
+EVERYWHERE = {"pyproject.toml", "requirements.lock"}
+"""after a change of these everything runs"""
+
+
+def changed_files(root: Path, base: str = "") -> list[str]:
+    """The paths of what differs from the merge base, uncommitted and untracked files included."""
+    wanted = [base] if base else ["origin/HEAD", "main", "master"]
+    start = next((found for each in wanted if (found := _git(root, "merge-base", "HEAD", each).strip())), "HEAD")
+    listed = _git(root, "diff", "--name-only", start) + _git(root, "ls-files", "--others", "--exclude-standard")
+    return sorted(set(listed.splitlines()))
+
+
+def affected_modules(root: Path, files: Iterable[str]) -> set[str]:
+    """The modules whose import closure holds one of the files.
+
+    Of the tests' own only those that changed: whether a test uses what another module offers is asked test by test.
+    """
+    files, sources = set(files), Sources(root)
+    if files & EVERYWHERE:
+        return set(sources.paths)
+    changed = {each for path in files if (each := sources.modules.get((root / path).resolve()))}
+    return {each for each in sources.affected(changed) if each in changed or not each.startswith("tests.")}
+
+
+def main(arguments: list[str]) -> int:
+    """The exit status of pytest."""
+    files = changed_files(ROOT, os.environ.get("BASE", ""))
+    modules = affected_modules(ROOT, files)
+    print(
+        f"==> pytest: the unit tests, and those of {len(modules)} modules that use {len(files)} changed files",
+        flush=True,
+    )
+    with tempfile.NamedTemporaryFile("w", suffix=".affected") as file:
+        file.write("\n".join(sorted(modules)))
+        file.flush()
+        return int(pytest.main([*arguments, "--affected", file.name]))
+
+
+def _git(root: Path, *arguments: str) -> str:
+    """What it says; nothing where it fails, as for a branch that is not there."""
+    return subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=False).stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,87 @@
+"""What ``make check`` runs: the import closure of a test, the files that changed, and the marks."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.check import affected_modules, changed_files
+from tests.conftest import NEEDS, ROOT
+from tests.imports import Sources
+
+TREE = {
+    "zmav/__init__.py": "from zmav.client import open\n",
+    "zmav/geo.py": "",
+    "zmav/client.py": "from zmav import wire\n",
+    "zmav/wire.py": "def f():\n    from .geo import turn\n",
+    "zmav/types.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from zmav.geo import Point\n",
+    "zmav/started.py": "import zmav.geo\n",
+    "tests/conftest.py": "from zmav.client import open\ndef helper(): return open()\ndef client(): return helper()\n",
+    "tests/test_alone.py": "import zmav.types\ndef test_it(): assert zmav.types\n",
+    "tests/test_client.py": "from tests.conftest import client\ndef test_a(): assert client()\ndef test_b(): pass\n",
+    "tests/test_started.py": "COMMAND = ['-m', 'zmav.started']\n",
+}
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    for name, text in TREE.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    return tmp_path
+
+
+def test_a_closure_follows_imports_in_functions_and_programs_but_neither_types_nor_packages(tree: Path) -> None:
+    affected = affected_modules(tree, ["zmav/geo.py"])
+    assert affected == {"zmav.geo", "zmav.wire", "zmav.client", "zmav", "zmav.started"}
+
+
+def test_a_change_of_the_lock_affects_everything(tree: Path) -> None:
+    assert affected_modules(tree, ["requirements.lock"]) >= {"tests.test_alone", "zmav.types"}
+    assert affected_modules(tree, ["README.md"]) == set()
+    assert affected_modules(tree, ["tests/test_alone.py"]) == {"tests.test_alone"}
+
+
+def test_a_test_reaches_what_its_own_helpers_use(tree: Path) -> None:
+    sources = Sources(tree)
+    assert "zmav.client.open" in sources.reach("tests.test_client", "test_a")
+    assert "zmav.client.open" not in sources.reach("tests.test_client", "test_b")
+    assert "zmav.started" in sources.reach("tests.test_started", "test_c")
+
+
+def test_what_changed_is_what_differs_from_the_merge_base(tree: Path) -> None:
+    def git(*arguments: str) -> None:
+        who = ("-c", "user.name=a", "-c", "user.email=a@b")
+        subprocess.run(["git", *who, *arguments], cwd=tree, check=True, capture_output=True)
+
+    git("init", "-b", "main")
+    git("add", ".")
+    git("commit", "-m", "first")
+    assert changed_files(tree) == []
+    git("switch", "-c", "work")
+    (tree / "zmav/geo.py").write_text("A = 1\n")
+    git("commit", "-am", "second")
+    (tree / "zmav/wire.py").write_text("")
+    (tree / "zmav/new.py").write_text("")
+    assert changed_files(tree) == ["zmav/geo.py", "zmav/new.py", "zmav/wire.py"]
+    assert changed_files(tree, "work") == ["zmav/new.py", "zmav/wire.py"]
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "mark"),
+    [
+        ("tests.sim.conftest", "make_desk", "flight"),
+        ("tests.conftest", "net", "live"),
+        ("tests.test_check", "test_what_changed_is_what_differs_from_the_merge_base", "process"),
+    ],
+)
+def test_marks_are_given_by_what_a_test_reaches(module: str, name: str, mark: str) -> None:
+    reached = Sources(ROOT, ["tests"]).reach(module, name)
+    assert not NEEDS[mark].isdisjoint({*reached, *(each.rpartition(".")[0] for each in reached)})
+
+
+def test_this_test_is_marked(request: pytest.FixtureRequest) -> None:
+    assert [mark for mark in ("unit", "flight", "live", "process") if request.node.get_closest_marker(mark)] == ["unit"]
