@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -32,19 +33,26 @@ class Children:
     or all ``at_once``. They are a fleet for themselves, without credentials whatever $ZMAV_CREDENTIALS says, out of the
     terminal's reach (a Ctrl-C is ours to act on while they still work), and the kernel ends them where we are killed.
     ``folder`` is for their files; it goes with them. In the main thread: they end with the thread that started them.
+    ``by_signals``: SIGTERM and SIGINT to us end the block as any exit does, and are ignored while it cleans up.
     """
 
-    def __init__(self, *, at_once: bool = False) -> None:
+    def __init__(self, *, at_once: bool = False, by_signals: bool = False) -> None:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._may_end: set[str] = set()
         self._at_once = at_once
+        self._signals = (signal.SIGTERM, signal.SIGINT) if by_signals else ()
+        self._starting = False
+        self._asked: int | None = None
         self._scratch = tempfile.TemporaryDirectory(prefix="zmav-children-")
         self.folder = Path(self._scratch.name)
 
     def __enter__(self) -> Children:
+        self._before = {number: signal.signal(number, self._on_signal) for number in self._signals}
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        for number in self._before:
+            signal.signal(number, signal.SIG_IGN)
         running = list(reversed(self._running.values()))
         if self._at_once:
             for process in running:
@@ -56,6 +64,15 @@ class Children:
             else:
                 end(process)
         self._scratch.cleanup()
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, frame: object) -> None:
+        """Leave, but not between the birth of a process and our knowing of it."""
+        if self._starting:
+            self._asked = number
+        else:
+            _leave(number)
 
     def start(
         self,
@@ -67,6 +84,7 @@ class Children:
     ) -> subprocess.Popen[bytes]:
         """Start ``zmav ARGUMENTS``, or another module, under a name."""
         keep = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid())]
+        self._starting = True
         with self._log(name).open("wb") as log:
             self._running[name] = subprocess.Popen(
                 [*keep, sys.executable, "-m", module, *arguments],
@@ -78,6 +96,9 @@ class Children:
             )
         if may_end:
             self._may_end.add(name)
+        self._starting = False
+        if self._asked is not None:
+            _leave(self._asked)
         return self._running[name]
 
     def kill(self, name: str) -> None:
@@ -96,7 +117,8 @@ class Children:
         for name, process in self._running.items():
             code = process.poll()
             if code is not None and name not in self._may_end:
-                raise ZmavError(f"{name} ended with {code}; it said last:\n{self.said(name)}")
+                text = f"{name} ended with {code}, but should run to the end; it said last:"
+                raise ZmavError(f"{text}\n{self.said(name)}")
 
     async def watch(self) -> None:
         """Until one of them has ended: raises."""
@@ -140,3 +162,9 @@ def _await(process: subprocess.Popen[bytes], patience: float) -> None:
     if process.poll() is None:
         process.kill()
         process.wait()
+
+
+def _leave(number: int) -> None:
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    sys.exit(128 + number)

@@ -21,7 +21,7 @@ from zmav.children import Children
 from zmav.cli.common import console
 from zmav.errors import BadConfig, ZmavError
 from zmav.hil.binaries import PX4_LAST_ONBOARD
-from zmav.process import ended_by_signals, free_port
+from zmav.process import free_port
 from zmav.session import DEFAULT_ROUTER
 
 COPTERS = (None, "arducopter", "px4")
@@ -59,8 +59,7 @@ def demo(
         found = on_stacks(found)
     with (
         tempfile.TemporaryDirectory(prefix="zmav-demo-") as folder,
-        ended_by_signals(),
-        Children(at_once=True) as processes,
+        Children(at_once=True, by_signals=True) as processes,
     ):
         ground = endpoint or (DEFAULT_ROUTER if stay else f"tcp/127.0.0.1:{free_port()}")
         with Stage(found, processes, Path(folder), ground, stacks) as stage:

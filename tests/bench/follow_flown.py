@@ -54,7 +54,7 @@ def run(what: str, args: argparse.Namespace, seed: int) -> float:
     way: Way = at_rest if what == "land" else eight(args.speed)
     options = ["--wind", args.wind, "--noise", "typical", "--seed", str(seed)]
     with contextlib.ExitStack() as stack:
-        processes = stack.enter_context(Children(at_once=True))
+        processes = stack.enter_context(Children(at_once=True, by_signals=True))
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="zmav-follow-"))
         if what == "ground":
             rig: Rig = stack.enter_context(contextlib.closing(Far(processes, Path(folder), options, True, FAR)))

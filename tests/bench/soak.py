@@ -252,7 +252,7 @@ def main() -> int:
     ground = f"tcp/127.0.0.1:{free_port()}"
     with (
         tempfile.TemporaryDirectory(prefix="zmav-soak-") as folder,
-        Children(at_once=True) as processes,
+        Children(at_once=True, by_signals=True) as processes,
         Stage(demo, processes, Path(folder), ground, ()) as stage,
     ):
         return 0 if asyncio.run(soak(args, processes, stage, demo)) else 1

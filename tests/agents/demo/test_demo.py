@@ -17,7 +17,7 @@ import pytest
 
 from zmav.children import Children
 from zmav.errors import ZmavError
-from zmav.process import ended_by_signals, free_port, free_udp_ports
+from zmav.process import free_port, free_udp_ports
 
 PATIENCE_S = 60.0
 Demo = subprocess.Popen[str]
@@ -183,7 +183,7 @@ def test_processes_are_watched_and_all_are_ended() -> None:
 
 def test_a_sigterm_ends_what_was_started_and_is_then_what_it_was() -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(SystemExit) as caught, ended_by_signals(), Children(at_once=True) as processes:
+    with pytest.raises(SystemExit) as caught, Children(at_once=True, by_signals=True) as processes:
         router = processes.start("router", "router", "-l", "tcp/127.0.0.1:0")
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(PATIENCE_S)

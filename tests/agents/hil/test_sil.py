@@ -61,7 +61,7 @@ async def test_a_program_that_is_not_there_ends_the_stage_with_its_words(fleet: 
     assert await sil(fleet, "quad1", tmp_path, ardupilot=str(tmp_path / "none")) == 1
     report = find(tmp_path, "quad1", "sil")
     assert report is not None
-    assert "simulator has ended (1)" in report.checks[-1].found and "no arducopter" in report.checks[-1].found
+    assert "simulator ended with 1" in report.checks[-1].found and "no arducopter" in report.checks[-1].found
 
 
 def test_the_hash_is_of_how_it_flies_and_not_of_where_it_is_found(fleet: Path) -> None:
