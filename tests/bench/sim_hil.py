@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 
-from zmav.mavlink.dialect import load_dialect
+from zmav.mavlink.load import load_dialect
 from zmav.sim.endpoints import Wiring
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Surroundings

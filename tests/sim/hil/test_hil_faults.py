@@ -12,7 +12,7 @@ import pytest
 from tests.sim.hil.conftest import plant
 from tests.sim.hil.px4_peer import Px4Peer
 from zmav.errors import BadInput
-from zmav.mavlink.dialect import load_dialect
+from zmav.mavlink.load import load_dialect
 from zmav.sim import VehicleSpec, World
 from zmav.sim.hil.ardupilot import JsonVehicle
 from zmav.sim.hil.json_fdm import compose

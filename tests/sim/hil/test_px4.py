@@ -12,8 +12,8 @@ import pytest
 
 from tests.sim.hil.conftest import MakeWorld, plant, until
 from tests.sim.hil.px4_peer import Px4Peer, TcpPeer
-from zmav.mavlink.dialect import load_dialect
 from zmav.mavlink.frames import Splitter
+from zmav.mavlink.load import load_dialect
 from zmav.sim import VehicleSpec, World
 from zmav.sim.hil.px4 import Px4Vehicle
 from zmav.sim.hil.stream import BARO, IMU, MAG, HilStream

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zmav.errors import BadConfig
-from zmav.mavlink.dialect import load_dialect
+from zmav.mavlink.load import load_dialect
 from zmav.sim.endpoints import Address, Wiring
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Surroundings
