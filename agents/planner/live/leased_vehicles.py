@@ -7,22 +7,20 @@ import contextlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 import zmav
 from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
+from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Mover
 from zmav import wire
 from zmav.errors import Refused, ZmavError
-
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
@@ -55,7 +53,7 @@ class Landed:
 class LeasedVehicles:
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: GoalUnderWay) -> None:
         self._run = run
         self._stack = contextlib.AsyncExitStack()
         self._executor: Executor | None = None

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from agents.planner.execute.executor import Trouble
 from agents.planner.execute.vehicle_command import RESTING
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.live.context import Context
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
@@ -27,9 +28,6 @@ from agents.planner.model.problem import Mover
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
-
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
 
 SETTLE = 90.0
 """s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
@@ -52,7 +50,7 @@ MANY_LAPS, MANY_SAMPLES = 20, 50_000
 class Run:
     """Begun by its making. Lives on the event loop; whatever happens ends in the book, in words."""
 
-    def __init__(self, agent: Agent, entry: swarm.GoalEntry) -> None:
+    def __init__(self, agent: Context, entry: swarm.GoalEntry) -> None:
         self.agent, self.entry = agent, entry
         self.vehicles = tuple(entry.goal.vehicles)
         self.leader = entry.goal.leader if isinstance(entry.goal, swarm.Follow) else None
@@ -285,7 +283,7 @@ class Run:
     async def _follow(self, crew: LeasedVehicles, step: Track, share: tuple[float, float]) -> list[str]:
         """Until the goal is cancelled, or its leader is lost for good; gives who did not come home or down then."""
         while True:
-            tracking = Tracking(self, crew, step)
+            tracking = Tracking(self, crew, step, self.planner)
             self._flying, self.tracks = tracking, True
             try:
                 doing = await tracking.go_on()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,16 +17,15 @@ from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND
 from agents.planner.goals.steps import Track as Step
+from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.frames import enu, enu_array, ned
+from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Mover
 from zmav.errors import Refused, Stale
 from zmav.wire import Vector, swarm
-
-if TYPE_CHECKING:
-    from agents.planner.live.leased_vehicles import LeasedVehicles
-    from agents.planner.live.run import Run
 
 TICK, EVERY = 0.1, 1.0
 """s between two looks, and between two segments of one follower"""
@@ -45,8 +43,8 @@ BLOCKED = 6.0
 class Tracking:
     """One follow goal under way. Lives on the event loop."""
 
-    def __init__(self, run: Run, crew: LeasedVehicles, step: Step) -> None:
-        self._run, self._crew, self._goal = run, crew, step.goal
+    def __init__(self, run: GoalUnderWay, crew: LeasedVehicles, step: Step, planner: Planner) -> None:
+        self._run, self._crew, self._goal, self._planner = run, crew, step.goal, planner
         self._helms = crew.helms
         self._parts: list[Part] = []
         self._headings: list[follow.Heading | None] = [None] * len(self._goal.vehicles)
@@ -185,7 +183,7 @@ class Tracking:
         """Send again what is not taken yet, and one more second to whom it is due."""
         self._reserved.movers = self._crew.movers(now)
         targets = self.targets(now)
-        room = self._run.planner.room(self._goal.vehicles)
+        room = self._planner.room(self._goal.vehicles)
         world = world_of(room.empty([enu(target.pos) for target in targets] + self._places(now)))
         for part, target in zip(self._parts, targets, strict=True):
             if part.pending:
