@@ -16,7 +16,7 @@ from agents.hil.flight import Failed, Flight, LeftOut
 from zmav import geo, wire
 from zmav.errors import NotHolder, Refused
 
-READY_S, ARM_S, TAKEOFF_S, HOME_S = 180.0, 90.0, 90.0, 240.0
+READY_S, ARM_S, HOME_S = 180.0, 90.0, 240.0
 """s: patience with an autopilot whose estimates settle, and that flies home from tens of metres"""
 PERIOD = 0.1
 """s between setpoints"""
