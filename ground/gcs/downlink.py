@@ -18,7 +18,7 @@ from zmav.mavlink import Dialect
 
 logger = logging.getLogger(__name__)
 LATELY = 10.0
-"""s for which an answer is taken to be for whoever spoke to the vehicle"""
+"""s for which an answer is taken to be for anyone who spoke to the vehicle"""
 
 
 class Counters(msgspec.Struct):
@@ -82,7 +82,7 @@ class Downlink:
         self.changed()
 
     def changed(self) -> None:
-        """Who gets what is to be worked out anew: a client came, went or took another id, or a way is in use now."""
+        """Who gets what is to be worked out again: a client came, went or took another id, or a way is in use now."""
         with self._lock:
             self._version += 1
 

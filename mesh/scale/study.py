@@ -78,7 +78,7 @@ class Run(msgspec.Struct, kw_only=True):
     ping_worst: float | None
     ping_lost: int
     late: int
-    """beats that vehicles came too late with: above nought, the machine was too slow for this run"""
+    """beats that vehicles came too late with: above zero, the machine was too slow for this run"""
 
 
 def endpoint(port: int) -> str:

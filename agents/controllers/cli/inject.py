@@ -142,7 +142,7 @@ async def _until_over(
             begun = heard[-1].t
         if begun is None and heard[-1].t - told > PATIENCE:
             if not order.done():
-                continue  # over bad hops an order takes some: whoever gives it gives up
+                continue  # over bad hops an order takes some: anyone who gives it gives up
             raise TimedOut(f"it took the order and injected nothing within {PATIENCE:g} s", heard=len(heard))
 
 

@@ -44,13 +44,13 @@ class Context(Protocol):
     world: World
     charge: LeaderElection
     ledger: GoalBook
-    tubes: ReservedAirspace
+    airspace: ReservedAirspace
     solver: Solver
     events: deque[wire.Event]
     tasks: list[asyncio.Task[None]]
 
     @property
-    def press(self) -> Publisher: ...
+    def publisher(self) -> Publisher: ...
 
     @property
     def state(self) -> str: ...

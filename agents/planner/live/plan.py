@@ -60,8 +60,8 @@ class Planner:
         """Everything that these are to keep clear of now."""
         agent = self._agent
         kin = agent.kin(self._goal)
-        walls = agent.tubes.walls(kin, agent.settings.downwash)
-        taken = agent.tubes.vehicles(kin)
+        walls = agent.airspace.walls(kin, agent.settings.downwash)
+        taken = agent.airspace.vehicles(kin)
         pieces = agent.world.pieces(time.time())
         return room_of(vehicles, agent.fleet.all(), pieces, walls, taken, agent.settings.downwash)
 
