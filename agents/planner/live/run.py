@@ -339,13 +339,9 @@ class Run:
             self.check_stopped()
 
     async def _flown(
-        self,
-        leased: LeasedVehicles,
-        planned: Planned,
-        text: str,
-        share: tuple[float, float],
+        self, leased: LeasedVehicles, planned: Planned, text: str, share: tuple[float, float],
         again: Again | None = None,
-    ) -> Landed:
+    ) -> Landed:  # fmt: skip
         self._speak_for(planned)
         self._state("flying", text or "flies")
         self._flying = leased
