@@ -1,4 +1,4 @@
-"""Write docs/keys.md, docs/cli.md and the orders in docs/credentials.md anew, from the registry and from the commands:
+"""Write docs/keys.md, docs/cli.md and the orders in docs/credentials.md again, from the registry and from the commands:
 ``make docs``.
 
 Nothing of these is typed by hand: channels are :data:`zmav.keys.CHANNELS`, orders :data:`zmav.verbs.VERBS`,
@@ -26,8 +26,8 @@ from zmav.trust.certificate import Role
 from zmav.trust.rights import may
 
 DOCS = Path(__file__).resolve().parent
-ORDERS, END = "<!-- orders by role: 'make docs' writes them anew -->", "<!-- end of the orders -->"
-NOTE = "<!-- written by docs/generate.py: 'make docs' writes it anew -->"
+ORDERS, END = "<!-- orders by role: 'make docs' writes them again -->", "<!-- end of the orders -->"
+NOTE = "<!-- written by docs/generate.py: 'make docs' writes it again -->"
 
 
 def plain(text: str | None) -> str:
@@ -295,7 +295,7 @@ def may_order(table_of: dict[str, verbs.Verb], channel: keys.Channel) -> Iterato
 
 
 def credentials_page() -> str:
-    """docs/credentials.md as it is, with the table of orders between its two marks made anew."""
+    """docs/credentials.md as it is, with the table of orders between its two marks made again."""
     page = (DOCS / "credentials.md").read_text(encoding="utf-8")
     before, rest = page.split(f"{ORDERS}\n")
     orders_of = "Of quad1, `do/{verb}`:\n", *may_order(verbs.VERBS, keys.DO)

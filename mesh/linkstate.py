@@ -67,7 +67,7 @@ def weight(one: str, other: str) -> float:
 
 
 def siphash13(data: bytes) -> int:
-    """SipHash-1-3 (Aumasson and Bernstein 2012) with a key of nought, which is Rust's ``DefaultHasher``."""
+    """SipHash-1-3 (Aumasson and Bernstein 2012) with a key of zero, which is Rust's ``DefaultHasher``."""
     v = [0x736F6D6570736575, 0x646F72616E646F6D, 0x6C7967656E657261, 0x7465646279746573]
     padded = data + bytes(7 - len(data) % 8) + bytes([len(data) & 0xFF])
     for i in range(0, len(padded), 8):

@@ -1,7 +1,7 @@
 """A host's router and what runs beside it: measuring neighbours, answering measurements, passing the roster on.
 
 Zenoh takes listeners, scouting, timers and access rules only when a session opens. What makes them out of date (a radio
-that has come, a new roster) is told by :meth:`Router.outdated`; who runs the router then starts anew when it may.
+that has come, a new roster) is told by :meth:`Router.outdated`; who runs the router then starts again when it may.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Router:
         return self._session
 
     async def outdated(self) -> str:
-        """Return, with the reason in words, when the router should be opened anew with a new plan."""
+        """Return, with the reason in words, when the router should be opened again with a new plan."""
         if not self._watches:
             await asyncio.Event().wait()
         tasks = [asyncio.ensure_future(watch.outdated()) for watch in self._watches]

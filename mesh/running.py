@@ -18,10 +18,10 @@ LOOK_S, AGAIN_S = 0.5, 1.0
 async def until_outdated(
     router: Router, line: str, plan: Callable[[], object], idle: Callable[[], bool] = lambda: True
 ) -> str | None:
-    """Return None when the process is asked to end, or why its router is to be opened anew, as soon as it is ``idle``.
+    """Return None when the process is asked to end, or why its router is to be opened again, as soon as it is ``idle``.
 
     ``line`` is said once it can be asked to end, to systemd as well; then, which radios are waited for. ``plan`` plans
-    as the process will when it starts anew: where that raises :class:`ZmavError` (a fleet file that was changed, a
+    as the process will when it starts again: where that raises :class:`ZmavError` (a fleet file that was changed, a
     certificate that expired since), it goes on as it is and looks again. Run in the main thread.
     """
     stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, plan, idle))
@@ -34,7 +34,7 @@ async def until_outdated(
         if stopped.done():
             systemd.notify("STOPPING=1")
             return None
-        systemd.notify(f"STATUS=starting anew: {outdated.result()}")
+        systemd.notify(f"STATUS=starting again: {outdated.result()}")
         return outdated.result()
     finally:
         for task in (stopped, outdated):
@@ -47,7 +47,7 @@ async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[
     why, said = await router.outdated(), ""
     while True:
         if not idle():
-            log(f"{why}: starting anew as soon as the vehicle is disarmed and nobody commands it")
+            log(f"{why}: starting again as soon as the vehicle is disarmed and nobody commands it")
             while not idle():
                 await asyncio.sleep(LOOK_S)
         try:
@@ -55,7 +55,7 @@ async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[
         except ZmavError as e:
             if said != str(e):
                 said = str(e)
-                log(f"{why}, but this could not start anew: {said}")
+                log(f"{why}, but this could not start again: {said}")
             await asyncio.sleep(AGAIN_S)
             continue
         if idle():

@@ -15,7 +15,7 @@ import zenoh
 
 from agents.camera.budget import Budget
 from agents.camera.capture import Capture, Shot, Source
-from agents.camera.ladder import QualitySteps, Step
+from agents.camera.quality_steps import QualitySteps, Step
 from agents.camera.settings import Calibration, Settings, camera_info
 from zmav import keys, wire
 from zmav.client import Client
@@ -63,7 +63,7 @@ class CameraAgent:
         source.check()
         self.settings = settings.check()
         self.budget = Budget(settings)
-        self.ladder = QualitySteps(settings)
+        self.quality = QualitySteps(settings)
         self.size = (0, 0)
         """width and height of the pictures sent now; 0: none was"""
         self.bad = 0
@@ -139,7 +139,7 @@ class CameraAgent:
     def info(self) -> CameraInfo:
         """What the camera is asked for; raises :class:`BadConfig` where the calibration does not fit its pictures."""
         size = self.size if all(self.size) else self._full_size
-        step, lens = self.ladder.step, self._lens
+        step, lens = self.quality.step, self._lens
         fitting = lens.scaled(*size) if isinstance(lens, Calibration) else Calibration.by_angle(lens, *size)
         return camera_info(self.settings, fitting, time.time(), step.rate, step.quality, self._source.words)
 
@@ -174,7 +174,7 @@ class CameraAgent:
                 self.ended.set()
                 return
             self.budget.expire(time.monotonic())
-            step = self.ladder.choose(self.budget.bytes, self.budget.loss)
+            step = self.quality.choose(self.budget.bytes, self.budget.loss)
             wait = due - EARLY / step.rate - time.monotonic()
             if wait > 0.0:
                 await asyncio.sleep(wait)
@@ -188,7 +188,7 @@ class CameraAgent:
                 self._tell(str(e))
                 continue
             self.size = size
-            self.ladder.learn(step, len(jpeg))
+            self.quality.learn(step, len(jpeg))
             await self._send(publisher, jpeg, shot.t)
             much = size, step.quality, round(math.log2(step.rate))  # a change that is worth a line
             self._tell(f"{size[0]}x{size[1]}, {step.words}, {self.budget.bytes / 1e3:.0f} kB/s", much)
@@ -213,10 +213,10 @@ class CameraAgent:
         scale = min(1.0, self.settings.size[0] / width, self.settings.size[1] / height)
         self._full_size = full = (max(round(width * scale), 1), max(round(height * scale), 1))
         size = (max(full[0] // 2, 1), max(full[1] // 2, 1)) if step.half else full
-        most = min(LARGER * self.ladder.expected(step), MOST_JPEG)
+        most = min(LARGER * self.quality.expected(step), MOST_JPEG)
         as_is = size == (width, height) and step.quality == self.settings.quality
         if shot.jpeg is not None and as_is and len(shot.jpeg) <= most:
-            return shot.jpeg, size  # made anew it would only be worse
+            return shot.jpeg, size  # made again it would only be worse
         if size != (width, height):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         jpeg, quality = encode(image, step.quality), step.quality
@@ -242,7 +242,7 @@ class CameraAgent:
             wait = self._pace - time.monotonic()
             if wait > SHORTEST_SLEEP:
                 await asyncio.sleep(wait)
-            with contextlib.suppress(zenoh.ZError):  # the session has gone; whoever opened it knows
+            with contextlib.suppress(zenoh.ZError):  # the session has gone; anyone who opened it knows
                 publisher.put(chunk)
             self._pace += len(chunk) / rate
         self.sent = (self.sent + 1) % (1 << 32)
@@ -262,7 +262,7 @@ class CameraAgent:
         while True:
             lost, own = self.capture.lost, self.settings
             state = "lost" if lost else "ended" if self.ended.is_set() else "sending" if self.watched else "waiting"
-            text = lost or f"{self.ladder.step.words}, {len(self.budget.links)} readers"
+            text = lost or f"{self.quality.step.words}, {len(self.budget.links)} readers"
             with contextlib.suppress(zenoh.ZError):
                 self._z.say_status(f"camera-{own.camera}", state, text, vehicle=own.vehicle, sent=self.sent)
             with contextlib.suppress(asyncio.TimeoutError):

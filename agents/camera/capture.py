@@ -125,7 +125,7 @@ class Capture:
             self.lost = ""
             self._say(f"{self.source.words}: pictures come again")
         with self._changed:
-            # A source that was opened anew counts from nought; its pictures are later all the same.
+            # A source that was opened again counts from zero; its pictures are later all the same.
             self._latest = shot._replace(seq=self._count)
             self._count += 1
             self._changed.notify_all()

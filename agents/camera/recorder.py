@@ -99,7 +99,7 @@ class _Folder:
         name = f"{number:08d}.jpg"
         part = self._path / f"{name}.part"
         part.write_bytes(picture.jpeg)
-        part.replace(self._path / name)  # whoever is killed meanwhile leaves no torn picture
+        part.replace(self._path / name)  # anyone who is killed meanwhile leaves no torn picture
         return name
 
     def close(self) -> None:

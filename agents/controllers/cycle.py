@@ -156,7 +156,7 @@ class Cycles:
                 self._trip(f"no attitude came for {silent * 1e3:.0f} ms")
 
     def set_clock(self, boot_t: float) -> None:
-        """UTC s at which the autopilot's time was nought, as it is known now; to be called often. In flight it is
+        """UTC s at which the autopilot's time was zero, as it is known now; to be called often. In flight it is
         only drawn near: where a clock is set, what is followed would jump with it.
         """
         with self.lock:
@@ -225,7 +225,7 @@ class Cycles:
 
     def _acknowledged(self, fields: Mapping[str, Any]) -> None:
         """COMMAND_ACK: a mode that is granted is entered with it. A HEARTBEAT tells of it only later, and a controller
-        of torques that began anew with each cycle would tumble until then.
+        of torques that began again with each cycle would tumble until then.
         """
         if fields["command"] == DO_SET_MODE and fields["result"] == ACCEPTED and self.phase is Phase.ENGAGING:
             self.phase = Phase.IN_FORCE

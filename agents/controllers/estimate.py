@@ -56,7 +56,7 @@ class Estimate:
         self.period = 0.0
         """s from cycle to cycle, by the autopilot's clock"""
         self.boot_t: float | None = None
-        """UTC s at which the autopilot's time was nought"""
+        """UTC s at which the autopilot's time was zero"""
         self.located = False
         """position and velocity are known"""
         self.cycles = 0
@@ -85,7 +85,7 @@ class Estimate:
         return f"no position came for {silent * 1e3:.0f} ms" if silent > BLIND else None
 
     def attitude(self, f: Mapping[str, Any]) -> bool:
-        """ATTITUDE_QUATERNION; False: one that has come before, or the autopilot has started anew."""
+        """ATTITUDE_QUATERNION; False: one that has come before, or the autopilot has started again."""
         ms = int(f["time_boot_ms"])
         step = (ms - self._boot_ms) / 1e3
         self._boot_ms = ms

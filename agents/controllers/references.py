@@ -137,7 +137,7 @@ class References:
     # Each cycle.
 
     def lost(self, state: State) -> str | None:
-        """Why there is nothing to follow any more: rates of nought would keep it as inclined as it is."""
+        """Why there is nothing to follow any more: rates of zero would keep it as inclined as it is."""
         if self._stick_level == "rates" and math.isnan(state.sticks[2]):
             return "the pilot's radio is not heard any more, and the rates are his"
         return None

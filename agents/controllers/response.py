@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from agents.controllers.frequency import Chirp, chirp_of
 from agents.controllers.inject import CHANNELS, Inject, duration
 from agents.controllers.types import Array
-from zmav.errors import BadInput, missing_extra
+from zmav.errors import BadInput
 
 LEAST = 20
 """samples while it is injected"""
@@ -220,17 +219,6 @@ def examine(
         args, title, t, reference, measured, injected, rows, response, lasted, period, lost, bad,
         float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()), found, notes,
     )  # fmt: skip
-
-
-def picture(report: Report, path: Path) -> None:
-    """Draw it (PNG, or what the file's name says). Raises :class:`~zmav.errors.BadConfig` where matplotlib is not
-    installed, and :class:`~zmav.errors.BadInput` for a file that cannot be.
-    """
-    try:
-        from agents.controllers.drawing import draw
-    except ImportError as e:
-        raise missing_extra("a picture", e.name, "planner") from e
-    draw(report, path)
 
 
 def _clean(columns: Mapping[str, Array]) -> tuple[dict[str, Array], int]:

@@ -265,7 +265,7 @@ class Supervisor(zmav.Agent):
             self._replacing = asyncio.get_running_loop().create_task(self._replace())
 
     async def _replace(self) -> None:
-        """Another process in place of one that is gone, for whoever engages it anew, unless he has one already."""
+        """Another process in place of one that is gone, for anyone who engages it again, unless he has one already."""
         await asyncio.sleep(AGAIN)  # one that dies of each cycle must not be all that is done here
         if self.workshop.worker is not None and self.workshop.worker.alive:
             return
@@ -308,7 +308,7 @@ class Supervisor(zmav.Agent):
         await self._check_parameters()
         self._check_free()
         if self._wanted is not wanted:
-            raise Refused("before it took over it was released, asked for again, or the pilot had it: ask anew")
+            raise Refused("before it took over it was released, asked for again, or the pilot had it: ask again")
         self._over, self._why = asyncio.Event(), ""
         taken, begun = asyncio.Event(), time.monotonic()
         self._engaged = flight = asyncio.create_task(self._fly(taken))

@@ -55,7 +55,7 @@ class Workshop:
         self.worker = self._spare = self._fresh = None
 
     async def load(self, values: Mapping[str, float], *, kept: bool = True) -> float:
-        """Load it, anew where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
+        """Load it, again where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
 
         ``values``: of its parameters. ``kept``: it goes on with what the class says that it keeps. Raises what is wrong
         with it; what flew before goes on then.

@@ -78,7 +78,7 @@ class Follower(zmav.Agent):
         "search_climb": Tunable(0.3, 0.0, 2.0, "m/s", "of a search"),
         "search_speed": Tunable(1.5, 0.2, 10.0, "m/s", "along its spiral"),
         "search_seconds": Tunable(180.0, 5.0, 3600.0, "s", "after which a search is given up, and it holds"),
-        "search_radius": Tunable(12.0, 1.0, 100.0, "m", "of the spiral at most, before it begins anew"),
+        "search_radius": Tunable(12.0, 1.0, 100.0, "m", "of the spiral at most, before it begins again"),
     }
     verbs: ClassVar = {
         "follow": Verb("follow", Follow, Access.MOVE, "take off where need be, find the target, stay above it"),

@@ -2,7 +2,7 @@
 
 Source: Y. Bar-Shalom, X. R. Li and T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001,
 sections 6.2 (white-noise acceleration) and 3.4 (gates). What is seen is of the past by the time it is known: the filter
-stays at the time of the last sight, and whoever asks is given a prediction for the time that he asks about.
+stays at the time of the last sight, and anyone who asks is given a prediction for the time that he asks about.
 """
 
 from __future__ import annotations

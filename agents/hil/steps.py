@@ -10,16 +10,13 @@ import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from agents.hil.flight import Failed, Flight, LeftOut
 from zmav import geo, wire
-from zmav.errors import NotHolder, Refused, ZmavError
-from zmav.mavlink import Packer, load_dialect
+from zmav.errors import NotHolder, Refused
 
-if TYPE_CHECKING:
-    from agents.hil.checkflight import CheckFlight
-
-READY_S, ARM_S, TAKEOFF_S, HOME_S = 180.0, 90.0, 90.0, 240.0
+READY_S, ARM_S, HOME_S = 180.0, 90.0, 240.0
 """s: patience with an autopilot whose estimates settle, and that flies home from tens of metres"""
 PERIOD = 0.1
 """s between setpoints"""
@@ -33,21 +30,9 @@ LEAVE_LOW, LEAVE_HIGH, FREE_LOW, FREE_HIGH = 65535, 0, 0, 65534
 """RC_CHANNELS_OVERRIDE: a channel left alone, and given back to the radio, to the eighth and from the ninth on"""
 FOLLOWS = ("GUIDED", "OFFBOARD")
 """the modes that follow setpoints"""
-STATION = 190
-"""component id of a ground station's radio"""
 
 
-class Failed(ZmavError):
-    """A check has not been passed; the flight ends."""
-
-    code = "failed"
-
-
-class LeftOut(Exception):
-    """A check cannot be tried, for this reason; the flight goes on."""
-
-
-async def ready(f: CheckFlight) -> str:
+async def ready(f: Flight) -> str:
     """It says that it is ready to arm, and has a position."""
     began = time.monotonic()
     await f.until(lambda s: bool(s.ready) and s.position is not None, READY_S, "ready to arm")
@@ -56,7 +41,7 @@ async def ready(f: CheckFlight) -> str:
     return f"after {time.monotonic() - began:.1f} s, at {f.here.lat_deg:.6f} {f.here.lon_deg:.6f}"
 
 
-async def arm(f: CheckFlight) -> str:
+async def arm(f: Flight) -> str:
     """It arms; an autopilot may say that it is ready some seconds before it is."""
     began = time.monotonic()
     f.arming = True
@@ -71,7 +56,7 @@ async def arm(f: CheckFlight) -> str:
     return f"after {time.monotonic() - began:.1f} s"
 
 
-async def takeoff(f: CheckFlight) -> str:
+async def takeoff(f: Flight) -> str:
     """It climbs to the height."""
     began = time.monotonic()
     with f.hurried():
@@ -82,7 +67,7 @@ async def takeoff(f: CheckFlight) -> str:
     return f"{reached:.1f} m of {f.height:.1f} m, after {time.monotonic() - began:.0f} s"
 
 
-async def square(f: CheckFlight) -> str:
+async def square(f: Flight) -> str:
     """Four corners by a stream of positions under a lease."""
     before, began, side = f.counts(), time.monotonic(), f.side
     misses = []
@@ -106,7 +91,7 @@ async def square(f: CheckFlight) -> str:
     return f"{side:.0f} m sides in {took:.0f} s, corners within {max(misses):.2f} m, {flown} of {sent} setpoints taken"
 
 
-async def holder_killed(f: CheckFlight) -> str:
+async def holder_killed(f: Flight) -> str:
     """The program that streams is killed: the vehicle holds within its time."""
     most = f.table.failsafe.hold_after + HOLD_SLACK if f.table.failsafe else 0.5 + HOLD_SLACK
     f.children.start("holder", "fly", f.vehicle.name, *_streamed(f), "--for", "60", "--fleet", f.fleet, "-e", f.router)
@@ -128,7 +113,7 @@ def _flown_by(state: wire.VehicleState, holder: str) -> bool:
     return state.lease is not None and state.lease.holder == holder and state.mode in FOLLOWS
 
 
-def _streamed(f: CheckFlight) -> list[str]:
+def _streamed(f: Flight) -> list[str]:
     """Options of ``zmav fly`` that keep it moving."""
     if f.kind.velocity is not None:
         scale = min(1.0, 0.8 * f.most_speed / 1.5)
@@ -138,7 +123,7 @@ def _streamed(f: CheckFlight) -> list[str]:
     return ["--at", f"{far['lat_deg']:.7f}", f"{far['lon_deg']:.7f}", "--alt", f"{far['alt_rel']:g}"]
 
 
-async def fence(f: CheckFlight) -> str:
+async def fence(f: Flight) -> str:
     """A setpoint beyond the geofence is not flown."""
     beyond = f.beyond()
     if beyond is None:
@@ -148,7 +133,7 @@ async def fence(f: CheckFlight) -> str:
     return f"a setpoint {where} was dropped, and the vehicle stayed"
 
 
-async def speed_limit(f: CheckFlight) -> str:
+async def speed_limit(f: Flight) -> str:
     """A velocity above the limit is not flown."""
     limit = f.table.limits.speed if f.table.limits else None
     if limit is None:
@@ -157,7 +142,7 @@ async def speed_limit(f: CheckFlight) -> str:
     return f"{1.5 * limit:g} m/s were dropped: the limit is {limit:g} m/s"
 
 
-async def _dropped(f: CheckFlight, why: str, point: dict[str, Any]) -> None:
+async def _dropped(f: Flight, why: str, point: dict[str, Any]) -> None:
     """Stream it for two seconds: each is dropped for that reason, and it moves no more than it did."""
     before, start = f.counts(), f.place()
     async with f.vehicle.lease("check") as lease:
@@ -173,7 +158,7 @@ async def _dropped(f: CheckFlight, why: str, point: dict[str, Any]) -> None:
         raise Failed(f"they were dropped ({why}), but it moved {moved:.1f} m")
 
 
-async def pilot(f: CheckFlight) -> str:
+async def pilot(f: Flight) -> str:
     """The pilot's switch, or else a mode of his, ends the lease at once, and no setpoint takes it back."""
     switch = f.table.pilot_switch
     async with f.vehicle.lease("check") as lease:
@@ -207,7 +192,7 @@ async def _stream(lease: Any, point: dict[str, Any], true: Callable[[], bool]) -
         await asyncio.sleep(PERIOD)
 
 
-async def _lost(f: CheckFlight, lease: Any, point: dict[str, Any], since: float) -> float | None:
+async def _lost(f: Flight, lease: Any, point: dict[str, Any], since: float) -> float | None:
     """Go on streaming until the pilot has it: seconds since then; None: he has not got it."""
     while time.monotonic() - since < 3.0:
         try:
@@ -223,13 +208,13 @@ async def _lost(f: CheckFlight, lease: Any, point: dict[str, Any], since: float)
     return None
 
 
-async def _flip(f: CheckFlight, lease: Any, point: dict[str, Any], channel: int, pwm: int) -> float | None:
+async def _flip(f: Flight, lease: Any, point: dict[str, Any], channel: int, pwm: int) -> float | None:
     since = time.monotonic()
     async with _turned(f, channel, pwm):
         return await _lost(f, lease, point, since)
 
 
-async def _back(f: CheckFlight, channel: int, pwm: int) -> None:
+async def _back(f: Flight, channel: int, pwm: int) -> None:
     """Nobody may have it until the switch is back, and then everybody."""
     async with _turned(f, channel, pwm):
         await f.until(lambda s: s.pilot is None, 5.0, "the switch back")
@@ -238,7 +223,7 @@ async def _back(f: CheckFlight, channel: int, pwm: int) -> None:
 
 
 @asynccontextmanager
-async def _turned(f: CheckFlight, channel: int, pwm: int) -> AsyncIterator[None]:
+async def _turned(f: Flight, channel: int, pwm: int) -> AsyncIterator[None]:
     """Hold one channel there: by the simulated radio, or as a ground station's override, which has to be said again."""
     if _has_radio(f, channel):
         assert f.radio is not None
@@ -252,17 +237,17 @@ async def _turned(f: CheckFlight, channel: int, pwm: int) -> AsyncIterator[None]
         turning.cancel()
 
 
-def _has_radio(f: CheckFlight, channel: int) -> bool:
+def _has_radio(f: Flight, channel: int) -> bool:
     return f.radio is not None and channel <= LOW_CHANNELS
 
 
-async def _override(f: CheckFlight, channel: int, pwm: int) -> None:
+async def _override(f: Flight, channel: int, pwm: int) -> None:
     while True:
         _put_override(f, channel, pwm)
         await asyncio.sleep(PERIOD)
 
 
-def _put_override(f: CheckFlight, channel: int, pwm: int) -> None:
+def _put_override(f: Flight, channel: int, pwm: int) -> None:
     """One channel of the radio, as the ground station that the autopilot listens to may set it."""
     fields = {
         f"chan{i}_raw": pwm if i == channel else LEAVE_LOW if i <= LOW_CHANNELS else LEAVE_HIGH
@@ -271,7 +256,7 @@ def _put_override(f: CheckFlight, channel: int, pwm: int) -> None:
     f.put("RC_CHANNELS_OVERRIDE", fields)
 
 
-async def home(f: CheckFlight) -> str:
+async def home(f: Flight) -> str:
     """RTL from some way off; it ends disarmed where the kind does that by itself."""
     with f.hurried():
         await f.vehicle.goto(**f.from_here(f.side, 0.0), tolerance=f.kind.near)
@@ -286,7 +271,7 @@ async def home(f: CheckFlight) -> str:
     return f"{how} after {time.monotonic() - began:.0f} s from {far:.0f} m off: {f.from_start():.1f} m beside its start"
 
 
-STEPS: dict[str, Callable[[CheckFlight], Awaitable[str]]] = {
+STEPS: dict[str, Callable[[Flight], Awaitable[str]]] = {
     "ready": ready,
     "arm": arm,
     "takeoff": takeoff,
@@ -297,15 +282,3 @@ STEPS: dict[str, Callable[[CheckFlight], Awaitable[str]]] = {
     "pilot": pilot,
     "home": home,
 }
-
-
-def station_frame(dialect: str, station: int, name: str, fields: dict[str, Any], target: int) -> bytes:
-    """A message as the autopilot's ground station says it."""
-    packer = Packer(load_dialect(dialect), station, STATION)
-    return packer.pack(name, target_system=target, target_component=1, **fields)
-
-
-def distance(a: wire.GlobalPosition, point: dict[str, Any], flat: bool) -> float:
-    """Metres from a place to a point; over the ground alone where ``flat``."""
-    ground = geo.horizontal_distance(a.lat_deg, a.lon_deg, point["lat_deg"], point["lon_deg"])
-    return ground if flat else math.hypot(ground, a.alt_rel - point["alt_rel"])

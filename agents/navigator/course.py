@@ -41,7 +41,7 @@ class Course:
         self._until = 0.0
 
     def stay(self, now: float) -> list[wire.SegmentPoint] | None:
-        """At rest where it ended, where it is time to give that anew."""
+        """At rest where it ended, where it is time to give that again."""
         if not self.ended(now) or now < self._stays - OVERLAP:
             return None
         self._stays = now + STAY
@@ -52,7 +52,7 @@ class Course:
         return now - self.start >= self.trajectory.duration
 
     def along(self, now: float) -> float:
-        """m of the route, which is nought on the way to it."""
+        """m of the route, which is zero on the way to it."""
         s = float(self.trajectory.law.at(np.array([now - self.start]))[0][0])
         return self.done + max(0.0, s - self.trajectory.route.begins)
 

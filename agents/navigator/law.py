@@ -1,6 +1,6 @@
 """How far along a way one is at a time: with limited speed, acceleration and jerk from rest to rest.
 
-Between two speeds the acceleration rises at the jerk's limit, stays, and falls again (an S curve); it is nought where
+Between two speeds the acceleration rises at the jerk's limit, stays, and falls again (an S curve); it is zero where
 one leg ends and the next begins, so that each is planned by itself between the speeds at its ends.
 """
 
@@ -51,7 +51,7 @@ class Law:
         return float(self.t[-1])
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """(N,) each: distances, speeds and accelerations; at rest before nought and after the end."""
+        """(N,) each: distances, speeds and accelerations; at rest before zero and after the end."""
         t = np.clip(t, 0.0, self.end)
         k = np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)
         x, j = t - self.t[k], self.j[k]

@@ -94,7 +94,7 @@ class Curve:
 
 
 def circle(radius: float) -> Shape:
-    """About nought, clockwise from above, from the north on; the parameter in radians."""
+    """About zero, clockwise from above, from the north on; the parameter in radians."""
 
     def shape(u: Array) -> tuple[Array, Array, Array]:
         cos, sin, none = np.cos(u), np.sin(u), np.zeros_like(u)
@@ -108,7 +108,7 @@ def circle(radius: float) -> Shape:
 
 
 def lemniscate(length: float, width: float) -> Shape:
-    """Gerono's figure of eight about nought, from its middle on to the north; the parameter in radians."""
+    """Gerono's figure of eight about zero, from its middle on to the north; the parameter in radians."""
     a, b = 0.5 * length, 0.5 * width
 
     def shape(u: Array) -> tuple[Array, Array, Array]:

@@ -78,7 +78,7 @@ class Trajectory:
         return np.array([self.law.when(s) for s in ways]), ways
 
     def at(self, t: Array) -> Moment:
-        """What is to be flown at the times ``t`` (N,); at rest before nought and after the end."""
+        """What is to be flown at the times ``t`` (N,); at rest before zero and after the end."""
         s, v, a = self.law.at(t)
         place, tangent, bend = self.route.at(s)
         yaw = self.route.yaw(s)

@@ -93,7 +93,7 @@ async def _up(
                 router, line, plan_anew, lambda: not onboard.identity.armed and onboard.leases.holder is None
             )
     if why:
-        log(f"starting anew: {why}")
+        log(f"starting again: {why}")
         restart()
     leave()
 

@@ -28,7 +28,7 @@ async def each(vehicles: list[zmav.Vehicle], order: Callable[[zmav.Vehicle], Awa
 
 async def main(*endpoints: str) -> int:
     async with zmav.open(connect=endpoints) as z:
-        fleet = await z.settle()  # whoever is there
+        fleet = await z.settle()  # anyone who is there
         try:
             armed = await each(fleet, lambda v: v.arm(ready_timeout=30.0))
             risen = await each(armed, lambda v: v.takeoff(HEIGHT))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from ground.gcs.answerer import Answerer, Ground
-from ground.gcs.desk import Desks
 from ground.gcs.files import Files
 from ground.gcs.missions import Missions
 from ground.gcs.params import Params
+from ground.gcs.request_handlers import HandlersByClient
 
 
 def make_answerers(ground: Ground) -> list[Answerer]:
     """One of each kind, ready to be asked. On the event loop."""
-    desks = Desks(ground)
-    params = Params(ground, desks)
-    return [params, Missions(ground, desks), Files(ground, desks, params)]
+    by_client = HandlersByClient(ground)
+    params = Params(ground, by_client)
+    return [params, Missions(ground, by_client), Files(ground, by_client, params)]

@@ -59,7 +59,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Bridge:
-    """``async with Bridge(z, settings, say): ...``; ``say`` gets a line for whoever watches, on the event loop.
+    """``async with Bridge(z, settings, say): ...``; ``say`` gets a line for anyone who watches, on the event loop.
 
     Raises a typed error where an endpoint cannot be had.
     """

@@ -63,7 +63,7 @@ def command(
 
     Without an endpoint, vehicles appear in a QGroundControl on this machine by themselves. An endpoint may have options
     of its own: --tcp '0.0.0.0:5760?rate=4kB/s&hz=5&only=ATTITUDE,GPS*&drop=VIBRATION&vehicles=quad*&read_only=1'.
-    Only a HOST that is written out listens to other machines, and whoever reaches it may command the vehicles.
+    Only a HOST that is written out listens to other machines, and anyone who reaches it may command the vehicles.
     """
     known = load_dialect(dialect)
     defaults = Options(
@@ -135,7 +135,7 @@ def _words(endpoint: Endpoint) -> str:
         and endpoint.host not in (LOOPBACK, "::1", "localhost")
         and not options.read_only
     ):
-        notes.append("whoever reaches it may command the vehicles")
+        notes.append("anyone who reaches it may command the vehicles")
     said = "; ".join(filter(None, notes))
     return f"{endpoint.kind}: {does[endpoint.kind]} {where}" + (f" ({said})" if said else "")
 

@@ -129,7 +129,7 @@ class Client:
         return True
 
     def forget(self) -> None:
-        """Whoever was there is not any more; who comes next may be somebody else."""
+        """Anyone who was there is not any more; who comes next may be somebody else."""
         self._ids, self._systems, self.kind_of_station = frozenset(), frozenset(), ""
         self.told.clear()
 
@@ -192,7 +192,7 @@ class Client:
             return self._outbox.has_room and self._outbox.put_urgent(Item(source, data))
 
     def _came(self, source: int, seq: int) -> None:
-        """A frame that does not go out at once: from now on this component's frames are numbered anew."""
+        """A frame that does not go out at once: from now on this component's frames are numbered again."""
         numbers = self._numbers.get(source)
         if numbers is None:
             before = self._last.get(source, (seq - 1) & 0xFF)

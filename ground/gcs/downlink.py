@@ -12,13 +12,13 @@ import msgspec
 from ground.feed import Origin
 from ground.gcs.answerer import Answerer
 from ground.gcs.client import Client
-from ground.gcs.kinds import MOST_KINDS, Kind
+from ground.gcs.kinds import MOST_KINDS, Kind, Track
 from ground.gcs.routes import Routes
 from zmav.mavlink import Dialect
 
 logger = logging.getLogger(__name__)
 LATELY = 10.0
-"""s for which an answer is taken to be for whoever spoke to the vehicle"""
+"""s for which an answer is taken to be for anyone who spoke to the vehicle"""
 
 
 class Counters(msgspec.Struct):
@@ -34,6 +34,20 @@ class Counters(msgspec.Struct):
     """of no concern to clients"""
 
 
+class Routed(Kind):
+    """``getters`` and ``losers`` are the clients that get it, and those for whom it is left out; good for as long as
+    ``version`` is the bridge's.
+    """
+
+    __slots__ = ("getters", "losers", "version")
+
+    def __init__(self, origin: Origin, dialect: Dialect, track: Track, watched: frozenset[str]) -> None:
+        super().__init__(origin, dialect, track, watched)
+        self.version = -1
+        self.getters: tuple[Client, ...] = ()
+        self.losers: tuple[Client, ...] = ()
+
+
 class Downlink:
     """:meth:`on_frame` is the feed's; the rest may be called from any thread."""
 
@@ -43,7 +57,7 @@ class Downlink:
         self._answerers: Sequence[Answerer] = ()
         self._watched: frozenset[str] = frozenset()
         self._clients: tuple[Client, ...] = ()
-        self._kinds: dict[str, Kind] = {}
+        self._kinds: dict[str, Routed] = {}
         self._version = 0
         self._lock = threading.Lock()
         self._failed: set[str] = set()
@@ -68,7 +82,7 @@ class Downlink:
         self.changed()
 
     def changed(self) -> None:
-        """Who gets what is to be worked out anew: a client came, went or took another id, or a way is in use now."""
+        """Who gets what is to be worked out again: a client came, went or took another id, or a way is in use now."""
         with self._lock:
             self._version += 1
 
@@ -96,14 +110,14 @@ class Downlink:
         for client in kind.losers:
             client.leave_out(kind, data)
 
-    def _new_kind(self, origin: Origin) -> Kind:
+    def _new_kind(self, origin: Origin) -> Routed:
         track = self._routes.track((origin.fleet, origin.vehicle), origin.sysid)
-        kind = Kind(origin, self._dialect, track, self._watched)
+        kind = Routed(origin, self._dialect, track, self._watched)
         if len(self._kinds) < MOST_KINDS:
             self._kinds[origin.key] = kind
         return kind
 
-    def _aim(self, kind: Kind) -> None:
+    def _aim(self, kind: Routed) -> None:
         """Work out who gets it: all whose options let it through, but nobody what he says himself."""
         kind.version = self._version
         origin = kind.origin
@@ -116,7 +130,7 @@ class Downlink:
         kind.getters = tuple(client for client in seeing if client.options.passes(origin.message, must))
         kind.losers = tuple(client for client in seeing if client not in kind.getters)
 
-    def _deliver_to(self, target: int, kind: Kind, data: bytes) -> None:
+    def _deliver_to(self, target: int, kind: Routed, data: bytes) -> None:
         """What is said to somebody: to the clients that are meant, and among several of one id to who has just spoken
         to that vehicle. A read-only one has said nothing to it: what comes here is for its namesake elsewhere."""
         meant = [client for client in kind.getters if target in client.systems and not client.read_only]

@@ -1,4 +1,4 @@
-"""What flows through a bridge, in a line for whoever watches."""
+"""What flows through a bridge, in a line for anyone who watches."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.desk import Desks, RequestHandlers
 from ground.gcs.params import Params, System
+from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav.errors import ZmavError
 from zmav.mavlink import Frame, decode, paramvalue, targets
@@ -48,12 +48,12 @@ class Files:
     takes = frozenset({"FILE_TRANSFER_PROTOCOL"})
     watches: frozenset[str] = frozenset()
 
-    def __init__(self, ground: Ground, desks: Desks, params: Params) -> None:
-        self._ground, self._desks, self._params = ground, desks, params
+    def __init__(self, ground: Ground, by_client: HandlersByClient, params: Params) -> None:
+        self._ground, self._by_client, self._params = ground, by_client, params
         self._sessions: dict[tuple[GcsClient, int], int] = {}
         """whose reads are ours: session numbers by client and system"""
         self._open: dict[tuple[RequestHandlers, int], Opened] = {}
-        desks.forget.append(self._forget)
+        by_client.forget.append(self._forget)
 
     # On the carrying threads.
 
@@ -71,7 +71,7 @@ class Files:
         elif self._sessions.get(key) != packet.session or packet.opcode not in OURS:
             self._sessions.pop(key, None)  # it is at something else: that is between it and the autopilot
             return False
-        self._desks.of(client).ask(self._serve, frame)
+        self._by_client.of(client).ask(self._serve, frame)
         return True
 
     def withhold(self, origin: Origin, data: bytes) -> bool:
@@ -80,67 +80,67 @@ class Files:
     def left(self, client: GcsClient) -> None:
         for key in [key for key in list(self._sessions) if key[0] is client]:
             self._sessions.pop(key, None)
-        self._desks.left(client)
+        self._by_client.left(client)
 
     def close(self) -> None:
-        self._desks.close()
+        self._by_client.close()
 
     # From here on: on the event loop.
 
-    def _forget(self, desk: RequestHandlers) -> None:
-        self._open = {key: opened for key, opened in self._open.items() if key[0] is not desk}
+    def _forget(self, handlers: RequestHandlers) -> None:
+        self._open = {key: opened for key, opened in self._open.items() if key[0] is not handlers}
 
-    def _serve(self, desk: RequestHandlers, frame: Frame) -> None:
+    def _serve(self, handlers: RequestHandlers, frame: Frame) -> None:
         packet = unpack(decode(frame, self._ground.dialect)["payload"])
-        for system in self._params.meant(desk, frame):
-            key = desk, system.sysid
+        for system in self._params.meant(handlers, frame):
+            key = handlers, system.sysid
             opened = self._open.get(key)
             if packet.opcode == Op.OPEN_FILE_RO:
-                self._params.in_background(self._begin(desk, frame, system, packet))
+                self._params.in_background(self._begin(handlers, frame, system, packet))
             elif packet.opcode == Op.TERMINATE_SESSION:
                 self._open.pop(key, None)
-                desk.forget((Files, system.sysid))
-                self._sessions.pop((desk.client, system.sysid), None)
-                self._answer(desk, frame, system, packet, Op.ACK)
+                handlers.forget((Files, system.sysid))
+                self._sessions.pop((handlers.client, system.sysid), None)
+                self._answer(handlers, frame, system, packet, Op.ACK)
             elif opened is None:
-                self._answer(desk, frame, system, packet, Op.NAK, bytes((Nak.INVALID_SESSION,)))
+                self._answer(handlers, frame, system, packet, Op.NAK, bytes((Nak.INVALID_SESSION,)))
             elif packet.opcode == Op.READ_FILE:
-                self._read(desk, frame, system, packet, opened)
+                self._read(handlers, frame, system, packet, opened)
             else:
-                self._burst(desk, frame, system, packet, opened)
+                self._burst(handlers, frame, system, packet, opened)
 
-    async def _begin(self, desk: RequestHandlers, frame: Frame, system: System, packet: Packet) -> None:
+    async def _begin(self, handlers: RequestHandlers, frame: Frame, system: System, packet: Packet) -> None:
         """Open the file, once the set is known; where it cannot be had in a file, let the autopilot do it."""
         try:
             await system.copy.refresh()
         except ZmavError:
-            self._answer(desk, frame, system, packet, Op.NAK, bytes((Nak.FAIL,)))
+            self._answer(handlers, frame, system, packet, Op.NAK, bytes((Nak.FAIL,)))
             return
         params = [param for name in system.copy.names if (param := system.copy.param(name)) is not None]
         if any(param.type not in TYPES for param in params):
-            self._sessions.pop((desk.client, system.sysid), None)
-            self._ground.put(desk.client, frame)
+            self._sessions.pop((handlers.client, system.sysid), None)
+            self._ground.put(handlers.client, frame)
             return
         rows = [
             PackedParam(p.name, math.nan if p.value is None else p.value, paramvalue.type_number(p.type))
             for p in params
         ]
-        opened = self._open[desk, system.sysid] = Opened(packet.session, rows)
+        opened = self._open[handlers, system.sysid] = Opened(packet.session, rows)
         opened.part(0, MOST_DATA)
-        self._answer(desk, frame, system, packet, Op.ACK, struct.pack("<I", len(opened.data)))
+        self._answer(handlers, frame, system, packet, Op.ACK, struct.pack("<I", len(opened.data)))
 
-    def _read(self, desk: RequestHandlers, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
+    def _read(self, handlers: RequestHandlers, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
         data = opened.part(packet.offset, _size(packet))
         if data:
-            self._answer(desk, frame, system, packet, Op.ACK, data)
+            self._answer(handlers, frame, system, packet, Op.ACK, data)
         else:
-            self._answer(desk, frame, system, packet, Op.NAK, bytes((Nak.EOF,)))
+            self._answer(handlers, frame, system, packet, Op.NAK, bytes((Nak.EOF,)))
 
-    def _burst(self, desk: RequestHandlers, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
+    def _burst(self, handlers: RequestHandlers, frame: Frame, system: System, packet: Packet, opened: Opened) -> None:
         """All that is left of it, in turns with the client's other lists."""
         size = _size(packet)
         if not opened.part(packet.offset, size):
-            self._read(desk, frame, system, packet, opened)
+            self._read(handlers, frame, system, packet, opened)
             return
         offsets = range(packet.offset, len(opened.data), size)
 
@@ -152,15 +152,15 @@ class Files:
             )
             return self._frame(frame, system, said)
 
-        desk.owe((Files, system.sysid), map(str, offsets), part)
+        handlers.owe((Files, system.sysid), map(str, offsets), part)
 
     # Answers.
 
     def _answer(
-        self, desk: RequestHandlers, frame: Frame, system: System, asked: Packet, op: Op, data: bytes = b""
+        self, handlers: RequestHandlers, frame: Frame, system: System, asked: Packet, op: Op, data: bytes = b""
     ) -> None:
         said = Packet(asked.seq + 1, asked.session, op, 0, asked.opcode, False, asked.offset, data)
-        desk.answer(self._frame(frame, system, said))
+        handlers.answer(self._frame(frame, system, said))
 
     def _frame(self, asker: Frame, system: System, packet: Packet) -> bytes:
         payload = pack(packet._replace(size=len(packet.data)))

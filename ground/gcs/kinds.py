@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
 from ground.feed import Origin
 from zmav.mavlink import Dialect, MessageType
 from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V1, MAGIC_V2
-
-if TYPE_CHECKING:
-    from ground.gcs.client import Client
 
 Place = tuple[str, str]
 """fleet and vehicle"""
@@ -49,13 +45,10 @@ class Track:
 
 
 class Kind:
-    """One message of one component of one vehicle. ``getters`` and ``losers`` are the clients that get it, and those
-    for whom it is left out; good for as long as ``version`` is the bridge's.
-    """
+    """One message of one component of one vehicle."""
 
     __slots__ = (
-        "beat", "getters", "ids", "instance", "losers", "must", "name", "origin", "source", "target_at",
-        "track", "version", "watched",
+        "beat", "ids", "instance", "must", "name", "origin", "source", "target_at", "track", "watched",
     )  # fmt: skip
 
     def __init__(self, origin: Origin, dialect: Dialect, track: Track, watched: frozenset[str]) -> None:
@@ -69,9 +62,6 @@ class Kind:
         self.beat = origin.message == HEARTBEAT
         self.must = self.target_at is not None or origin.message in MUST_ARRIVE
         self.watched = origin.message in watched
-        self.version = -1
-        self.getters: tuple[Client, ...] = ()
-        self.losers: tuple[Client, ...] = ()
 
     def is_whole(self, data: bytes) -> bool:
         """The bytes look like a frame of that component: nobody else's, nor cut."""

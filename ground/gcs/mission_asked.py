@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import zmav
 from ground.gcs.answerer import Ground
-from ground.gcs.desk import RequestHandlers
+from ground.gcs.request_handlers import RequestHandlers
 from zmav import wire
 from zmav.autopilots import autopilot_named
 from zmav.errors import BadInput, Forbidden, NotHolder, Refused, Unsupported, ZmavError
@@ -25,7 +25,7 @@ BEYOND = 2**31 - 2
 class Line(NamedTuple):
     """One kind of one vehicle's plans, as one client sees it."""
 
-    desk: RequestHandlers
+    handlers: RequestHandlers
     sysid: int
     kind: MissionKind
 
@@ -36,16 +36,16 @@ class Asked:
     def __init__(
         self,
         ground: Ground,
-        desk: RequestHandlers,
+        handlers: RequestHandlers,
         frame: Frame,
         fields: Mapping[str, Any],
         sysid: int,
         vehicle: zmav.Vehicle,
     ) -> None:
         self._ground = ground
-        self.desk, self.frame, self.fields, self.sysid, self.vehicle = desk, frame, fields, sysid, vehicle
+        self.handlers, self.frame, self.fields, self.sysid, self.vehicle = handlers, frame, fields, sysid, vehicle
         kind = BY_NUMBER.get(fields.get("mission_type", 0))
-        self.line = None if kind is None else Line(desk, sysid, kind)
+        self.line = None if kind is None else Line(handlers, sysid, kind)
 
     @property
     def items(self) -> Items:
@@ -86,7 +86,7 @@ class Asked:
         asker = {"target_system": self.frame.sysid, "target_component": self.frame.compid}
         kind = {"mission_type": self.fields.get("mission_type", 0)}
         component = self._ground.component(self.sysid)
-        self.desk.answer(self._ground.pack(self.sysid, component, name, **asker, **kind, **fields))
+        self.handlers.answer(self._ground.pack(self.sysid, component, name, **asker, **kind, **fields))
 
     def ack(self, result: int) -> None:
         self.say("MISSION_ACK", type=result)
@@ -96,7 +96,7 @@ class Asked:
         self.ack(result_of(error, self._ground.dialect.enums["MAV_MISSION_RESULT"]))
 
     def tell(self, severity: wire.Severity, text: str) -> None:
-        self.desk.tell(self.sysid, severity, text)
+        self.handlers.tell(self.sysid, severity, text)
 
 
 def result_of(error: ZmavError, results: Mapping[str, int]) -> int:

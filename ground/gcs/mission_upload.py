@@ -2,7 +2,7 @@
 
 https://mavlink.io/en/services/mission.html#uploading_mission. The vehicle's agent then has the autopilot take them,
 which lasts. No message of the protocol says "wait", but a request for an item that was sent before does: stations send
-it once more, and begin to wait anew. QGroundControl gives up 1.5 s after the last request, MAVSDK after the fifth
+it once more, and begin to wait again. QGroundControl gives up 1.5 s after the last request, MAVSDK after the fifth
 repetition of one request or 0.5 s of silence each; the last two items in turn satisfy both.
 """
 
@@ -12,7 +12,7 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Protocol
 
-from ground.gcs.desk import RequestHandlers
+from ground.gcs.request_handlers import RequestHandlers
 from zmav.services.missions.items import Raw
 from zmav.waiting import within
 
@@ -38,8 +38,8 @@ class Silent(Exception):
 class Upload:
     """Items ``first`` to ``last`` of a plan. Lives on the event loop."""
 
-    def __init__(self, desk: RequestHandlers, say: Talk, first: int, last: int, as_float: bool) -> None:
-        self.desk, self.first, self.last = desk, first, last
+    def __init__(self, handlers: RequestHandlers, say: Talk, first: int, last: int, as_float: bool) -> None:
+        self.handlers, self.first, self.last = handlers, first, last
         self._say = say
         self._as_float = as_float
         """the client is of old: it knows neither MISSION_REQUEST_INT nor MISSION_ITEM_INT"""

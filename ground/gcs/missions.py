@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.desk import Desks, RequestHandlers
 from ground.gcs.mission_asked import (
     ACCEPTED,
     BAD_SEQUENCE,
@@ -31,6 +30,7 @@ from ground.gcs.mission_asked import (
     result_of,
 )
 from ground.gcs.mission_upload import Silent, Upload
+from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode
@@ -63,8 +63,8 @@ class Missions:
     })  # fmt: skip
     watches: frozenset[str] = frozenset()
 
-    def __init__(self, ground: Ground, desks: Desks) -> None:
-        self._ground, self._desks, self._dialect = ground, desks, ground.dialect
+    def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
+        self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
         self._shown: dict[Line, tuple[list[Raw], int]] = {}
         """what a client is downloading, and the item being flown"""
         self._uploads: dict[Line, Upload] = {}
@@ -83,7 +83,7 @@ class Missions:
             "MISSION_CLEAR_ALL": functools.partial(self._each, self._clear),
             "MISSION_SET_CURRENT": functools.partial(self._each, self._current),
         }
-        desks.forget.append(self._forget)
+        by_client.forget.append(self._forget)
 
     # On the carrying threads.
 
@@ -93,36 +93,36 @@ class Missions:
             return False
         if name in ("MISSION_ITEM", "MISSION_ITEM_INT") and decode(frame, self._dialect)["current"] in ORDERS:
             return False
-        self._desks.of(client).ask(self._handlers[name], frame)
+        self._by_client.of(client).ask(self._handlers[name], frame)
         return True
 
     def withhold(self, origin: Origin, data: bytes) -> bool:
         return False
 
     def left(self, client: GcsClient) -> None:
-        self._desks.left(client)
+        self._by_client.left(client)
 
     def close(self) -> None:
         self._uploads.clear()
         for task in list(self._working.values()):
             task.cancel()
-        self._desks.close()
+        self._by_client.close()
 
     # From here on: on the event loop.
 
-    def _forget(self, desk: RequestHandlers) -> None:
-        self._shown = {line: shown for line, shown in self._shown.items() if line.desk is not desk}
-        self._ended = {line: ended for line, ended in self._ended.items() if line.desk is not desk}
-        for line in [line for line in self._uploads if line.desk is desk]:
+    def _forget(self, handlers: RequestHandlers) -> None:
+        self._shown = {line: shown for line, shown in self._shown.items() if line.handlers is not handlers}
+        self._ended = {line: ended for line, ended in self._ended.items() if line.handlers is not handlers}
+        for line in [line for line in self._uploads if line.handlers is handlers]:
             upload = self._uploads.pop(line)
             if not upload.complete and upload.task is not None:  # what it sent whole is done, who would undo it?
                 upload.task.cancel()
 
-    def _each(self, handle: Callable[[Asked], None], desk: RequestHandlers, frame: Frame) -> None:
+    def _each(self, handle: Callable[[Asked], None], handlers: RequestHandlers, frame: Frame) -> None:
         """Handle a frame for each vehicle that it is for."""
         fields = decode(frame, self._dialect)
-        for sysid, vehicle in vehicles(self._ground, desk.client, frame):
-            handle(Asked(self._ground, desk, frame, fields, sysid, vehicle))
+        for sysid, vehicle in vehicles(self._ground, handlers.client, frame):
+            handle(Asked(self._ground, handlers, frame, fields, sysid, vehicle))
 
     def _work(self, key: tuple[Any, ...], work: Coroutine[Any, Any, None]) -> asyncio.Task[None] | None:
         """Do it, unless it is being done."""
@@ -220,9 +220,9 @@ class Missions:
             asked.ack(BAD_SEQUENCE)
 
     def _may_change(self, asked: Asked, line: Line) -> bool:
-        if asked.desk.client.read_only:
+        if asked.handlers.client.read_only:
             asked.refuse(Forbidden("read-only"), f"{WORDS[line.kind]} not changed")
-        return not asked.desk.client.read_only
+        return not asked.handlers.client.read_only
 
     def _begin(self, asked: Asked, line: Line, first: int, last: int, old: list[Raw] | None = None) -> None:
         before = self._uploads.get(line)
@@ -232,7 +232,7 @@ class Missions:
         if before is not None and not before.complete and before.task is not None:
             before.task.cancel()
         self._ended.pop(line, None)
-        upload = self._uploads[line] = Upload(asked.desk, asked.say, first, last, asked.frame.version == 1)
+        upload = self._uploads[line] = Upload(asked.handlers, asked.say, first, last, asked.frame.version == 1)
         upload.task = self._work(("upload", line, id(upload)), self._run(asked, line, upload, old))
         if upload.task is None:
             del self._uploads[line]
@@ -275,8 +275,8 @@ class Missions:
         number = asked.fields["mission_type"]
         if number not in (*BY_NUMBER, ALL):
             asked.ack(UNSUPPORTED)
-        elif self._may_change(asked, asked.line or Line(asked.desk, asked.sysid, "mission")):
-            self._work(("clear", asked.desk, asked.sysid, number), self._clear_all(asked, number))
+        elif self._may_change(asked, asked.line or Line(asked.handlers, asked.sysid, "mission")):
+            self._work(("clear", asked.handlers, asked.sysid, number), self._clear_all(asked, number))
 
     async def _clear_all(self, asked: Asked, number: int) -> None:
         for kind in KINDS if number == ALL else [BY_NUMBER[number]]:
@@ -290,11 +290,11 @@ class Missions:
         asked.ack(ACCEPTED)
 
     def _current(self, asked: Asked) -> None:
-        if asked.desk.client.read_only:
+        if asked.handlers.client.read_only:
             asked.refuse(Forbidden("read-only"), "mission item not set")
             return
         seq = asked.fields["seq"]
-        self._work(("current", asked.desk, asked.sysid, seq), self._jump(asked, seq))
+        self._work(("current", asked.handlers, asked.sysid, seq), self._jump(asked, seq))
 
     async def _jump(self, asked: Asked, seq: int) -> None:
         """The MISSION_CURRENT that the autopilot then says is the answer."""

@@ -47,7 +47,7 @@ def sequence_of(data: bytes) -> int:
 def renumbered(data: bytes, seq: int) -> bytes:
     """The frame with another sequence number. A signed one stays as it is: nobody but its sender can sign it.
 
-    The checksum is linear in the frame: it changes by the checksum, begun at nought, of what is changed. So the frame
+    The checksum is linear in the frame: it changes by the checksum, begun at zero, of what is changed. So the frame
     need not be known, and one that came damaged stays so.
     """
     version2 = data[0] == MAGIC_V2

@@ -20,8 +20,8 @@ import msgspec
 
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.desk import Desks, RequestHandlers
 from ground.gcs.param_copy import ParamCopy, ParamValue, read_value
+from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
@@ -62,10 +62,10 @@ class System:
         """what is being set for whom, as it came"""
         self.hash_asked: dict[RequestHandlers, float] = {}
 
-    def forget(self, desk: RequestHandlers) -> None:
-        self.listeners.discard(desk)
+    def forget(self, handlers: RequestHandlers) -> None:
+        self.listeners.discard(handlers)
         for waiting in (self.listing, self.questions, self.hash_asked):
-            waiting.pop(desk, None)
+            waiting.pop(handlers, None)
 
 
 class Params:
@@ -74,14 +74,14 @@ class Params:
     takes = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
     watches = frozenset({"PARAM_VALUE", "HEARTBEAT"})
 
-    def __init__(self, ground: Ground, desks: Desks) -> None:
-        self._ground, self._desks, self._dialect = ground, desks, ground.dialect
+    def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
+        self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
         self._systems: dict[Place, System] = {}
         self._others: dict[Place, set[tuple[int, int]]] = {}
         """components of each vehicle that beat and are not its autopilot"""
         self._tasks: set[asyncio.Task[None]] = set()
         self._on_value = on_loop(ground.loop, self._heard)
-        desks.forget.append(self._forget)
+        by_client.forget.append(self._forget)
 
     # On the carrying threads.
 
@@ -89,7 +89,7 @@ class Params:
         if not is_for_autopilots(self._ground, client, frame):
             return False
         handler = {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
-        self._desks.of(client).ask(handler[self._dialect.name_of(frame.msgid)], frame)
+        self._by_client.of(client).ask(handler[self._dialect.name_of(frame.msgid)], frame)
         return True
 
     def withhold(self, origin: Origin, data: bytes) -> bool:
@@ -105,24 +105,24 @@ class Params:
         return True
 
     def left(self, client: GcsClient) -> None:
-        self._desks.left(client)
+        self._by_client.left(client)
 
     def close(self) -> None:
         for task in self._tasks:
             task.cancel()
         for system in self._systems.values():
             system.copy.close()
-        self._desks.close()
+        self._by_client.close()
 
     # From here on: on the event loop.
 
-    def _forget(self, desk: RequestHandlers) -> None:
+    def _forget(self, handlers: RequestHandlers) -> None:
         for system in self._systems.values():
-            system.forget(desk)
+            system.forget(handlers)
 
-    def meant(self, desk: RequestHandlers, frame: Frame) -> Iterator[System]:
+    def meant(self, handlers: RequestHandlers, frame: Frame) -> Iterator[System]:
         """The autopilots that a frame is for."""
-        for sysid, vehicle in vehicles(self._ground, desk.client, frame):
+        for sysid, vehicle in vehicles(self._ground, handlers.client, frame):
             place = vehicle.fleet, vehicle.name
             system = self._systems.get(place)
             if system is None or system.sysid != sysid:
@@ -142,23 +142,23 @@ class Params:
 
     # Reading.
 
-    def _list(self, desk: RequestHandlers, frame: Frame) -> None:
-        for system in self.meant(desk, frame):
-            system.listeners.add(desk)
+    def _list(self, handlers: RequestHandlers, frame: Frame) -> None:
+        for system in self.meant(handlers, frame):
+            system.listeners.add(handlers)
             if targets(frame, self._dialect)[1] == 0:
-                self._pass_to_others(desk, frame, system)
-            if desk not in system.listing and not desk.owes(system):  # else it is impatient
-                system.listing[desk] = {}
-                self.in_background(self._send_list(desk, system))
+                self._pass_to_others(handlers, frame, system)
+            if handlers not in system.listing and not handlers.owes(system):  # else it is impatient
+                system.listing[handlers] = {}
+                self.in_background(self._send_list(handlers, system))
 
-    async def _send_list(self, desk: RequestHandlers, system: System) -> None:
+    async def _send_list(self, handlers: RequestHandlers, system: System) -> None:
         try:
             await system.copy.refresh()
         except ZmavError as e:
-            system.listing.pop(desk, None)
-            desk.tell(system.sysid, "warning", f"parameters not read: {e}")
+            system.listing.pop(handlers, None)
+            handlers.tell(system.sysid, "warning", f"parameters not read: {e}")
             return
-        got = system.listing.pop(desk, None)
+        got = system.listing.pop(handlers, None)
         if got is None:
             return  # it has left
 
@@ -166,75 +166,77 @@ class Params:
             return system.copy.frame(system.sysid, self._component(system), name)
 
         copy = system.copy
-        desk.owe(system, [name for name in copy.names if name not in got or not copy.is_as(name, *got[name])], frame)
+        handlers.owe(
+            system, [name for name in copy.names if name not in got or not copy.is_as(name, *got[name])], frame
+        )
 
-    def _read(self, desk: RequestHandlers, frame: Frame) -> None:
+    def _read(self, handlers: RequestHandlers, frame: Frame) -> None:
         fields = decode(frame, self._dialect)
         by_name = fields["param_index"] < 0
         question = Question(frame, fields["param_id"] if by_name else "", fields["param_index"])
-        for system in self.meant(desk, frame):
+        for system in self.meant(handlers, frame):
             if question.name == HASH_CHECK:
-                system.hash_asked[desk] = time.monotonic()
-                self._ground.put(desk.client, self._aimed(frame, system.sysid, self._component(system)))
+                system.hash_asked[handlers] = time.monotonic()
+                self._ground.put(handlers.client, self._aimed(frame, system.sysid, self._component(system)))
                 continue
-            system.listeners.add(desk)
-            if system.copy.fresh and self._answer(desk, system, question):
+            system.listeners.add(handlers)
+            if system.copy.fresh and self._answer(handlers, system, question):
                 continue
-            waiting = system.questions.setdefault(desk, [])
+            waiting = system.questions.setdefault(handlers, [])
             if len(waiting) < MOST_QUESTIONS:
                 waiting.append(question)
             if len(waiting) == 1:
-                self.in_background(self._answer_all(desk, system))
+                self.in_background(self._answer_all(handlers, system))
 
-    async def _answer_all(self, desk: RequestHandlers, system: System) -> None:
+    async def _answer_all(self, handlers: RequestHandlers, system: System) -> None:
         """What waits for the set to be looked at again."""
         try:
             await system.copy.refresh()
         except ZmavError:
-            system.questions.pop(desk, None)  # as a vehicle that does not answer; who wants it asks again
+            system.questions.pop(handlers, None)  # as a vehicle that does not answer; who wants it asks again
             return
-        for question in system.questions.pop(desk, ()):
-            if not self._answer(desk, system, question):
-                await self._find(desk, system, question)
+        for question in system.questions.pop(handlers, ()):
+            if not self._answer(handlers, system, question):
+                await self._find(handlers, system, question)
 
-    def _answer(self, desk: RequestHandlers, system: System, question: Question) -> bool:
+    def _answer(self, handlers: RequestHandlers, system: System, question: Question) -> bool:
         """From the copy, where it is there."""
         copy, name = system.copy, question.name
         if not name and 0 <= question.place < len(copy.names):
             name = copy.names[question.place]
         frame = copy.frame(system.sysid, self._component(system), name)
         if frame is not None:
-            desk.answer(frame)
+            handlers.answer(frame)
         return frame is not None
 
-    async def _find(self, desk: RequestHandlers, system: System, question: Question) -> None:
+    async def _find(self, handlers: RequestHandlers, system: System, question: Question) -> None:
         """One that is not in the set: hidden from it, another component's, or none at all."""
         try:
             if not is_name(question.name):
                 raise BadInput(f"no parameter {question.name or question.place!r}", field="param_id")
             param = await system.copy.vehicle.params.get(question.name)
-            desk.answer(system.copy.frame_of(system.sysid, self._component(system), param))
+            handlers.answer(system.copy.frame_of(system.sysid, self._component(system), param))
         except BadInput:
             for_all = targets(question.frame, self._dialect)[1] == 0
-            if not (for_all and self._pass_to_others(desk, question.frame, system)):
-                self._say_there_is_none(desk, question.frame, system, question.name, question.place)
+            if not (for_all and self._pass_to_others(handlers, question.frame, system)):
+                self._say_there_is_none(handlers, question.frame, system, question.name, question.place)
         except ZmavError:
             pass  # as a vehicle that does not answer
 
     def _say_there_is_none(
-        self, desk: RequestHandlers, asker: Frame, system: System, name: str, place: int = -1
+        self, handlers: RequestHandlers, asker: Frame, system: System, name: str, place: int = -1
     ) -> None:
         if "PARAM_ERROR" in self._dialect.by_name:
             target = {"target_system": asker.sysid, "target_component": asker.compid}
             about = {"param_id": name[:16], "param_index": place, "error": DOES_NOT_EXIST}
-            desk.answer(self._ground.pack(system.sysid, self._component(system), "PARAM_ERROR", **target, **about))
+            handlers.answer(self._ground.pack(system.sysid, self._component(system), "PARAM_ERROR", **target, **about))
 
-    def _pass_to_others(self, desk: RequestHandlers, frame: Frame, system: System) -> bool:
+    def _pass_to_others(self, handlers: RequestHandlers, frame: Frame, system: System) -> bool:
         """Give what was for all components to those that are no autopilot's; False: there are none."""
         vehicle = system.copy.vehicle
         others = [source for source in self._others.get((vehicle.fleet, vehicle.name), ()) if source[0] == system.sysid]
         for sysid, compid in others:
-            self._ground.put(desk.client, self._aimed(frame, sysid, compid))
+            self._ground.put(handlers.client, self._aimed(frame, sysid, compid))
         return bool(others)
 
     def _aimed(self, frame: Frame, sysid: int, compid: int) -> Frame:
@@ -248,49 +250,49 @@ class Params:
 
     # Setting.
 
-    def _set(self, desk: RequestHandlers, frame: Frame) -> None:
+    def _set(self, handlers: RequestHandlers, frame: Frame) -> None:
         fields = decode(frame, self._dialect)
         name, raw = fields["param_id"], frame.payload[:4].ljust(4, b"\0")
-        for system in self.meant(desk, frame):
+        for system in self.meant(handlers, frame):
             if name == HASH_CHECK:
-                desk.forget(system)  # QGroundControl has that very set already
+                handlers.forget(system)  # QGroundControl has that very set already
                 continue
-            system.listeners.add(desk)
-            if system.setting.get((desk, name)) == raw or len(system.setting) >= MOST_SETS:
+            system.listeners.add(handlers)
+            if system.setting.get((handlers, name)) == raw or len(system.setting) >= MOST_SETS:
                 continue
-            system.setting[desk, name] = raw
-            self.in_background(self._set_one(desk, frame, system, name, raw, fields["param_type"]))
+            system.setting[handlers, name] = raw
+            self.in_background(self._set_one(handlers, frame, system, name, raw, fields["param_type"]))
 
     async def _set_one(
-        self, desk: RequestHandlers, frame: Frame, system: System, name: str, raw: bytes, kind: int
+        self, handlers: RequestHandlers, frame: Frame, system: System, name: str, raw: bytes, kind: int
     ) -> None:
         vehicle = system.copy.vehicle
         try:
-            if desk.client.read_only:
+            if handlers.client.read_only:
                 raise Refused("read-only")
             value = self._wanted(system, raw, kind)
             changed = await vehicle.params.set(name, value)
-            self._changed(desk, system, changed.name, changed.value, kind)
+            self._changed(handlers, system, changed.name, changed.value, kind)
         except ZmavError as e:
-            desk.tell(system.sysid, "warning", f"{name[:16]} not set: {e}")
-            await self._answer_refused(desk, frame, system, name, e)
+            handlers.tell(system.sysid, "warning", f"{name[:16]} not set: {e}")
+            await self._answer_refused(handlers, frame, system, name, e)
         finally:
-            if system.setting.get((desk, name)) == raw:
-                del system.setting[desk, name]
+            if system.setting.get((handlers, name)) == raw:
+                del system.setting[handlers, name]
 
     async def _answer_refused(
-        self, desk: RequestHandlers, asker: Frame, system: System, name: str, error: ZmavError
+        self, handlers: RequestHandlers, asker: Frame, system: System, name: str, error: ZmavError
     ) -> None:
         """With the value that it has all the same, where that can be had."""
         try:
             held = system.copy.param(name) or await system.copy.vehicle.params.get(name)
         except BadInput:
-            self._say_there_is_none(desk, asker, system, name)
+            self._say_there_is_none(handlers, asker, system, name)
         except ZmavError:
             return
         else:
             value = error.detail["value"] if isinstance(error, Refused) and "value" in error.detail else held.value
-            self._changed(desk, system, held.name, value, paramvalue.type_number(held.type))
+            self._changed(handlers, system, held.name, value, paramvalue.type_number(held.type))
 
     def _wanted(self, system: System, raw: bytes, kind: int) -> float | int:
         """What the client wants it to be; raises :class:`BadInput`."""
@@ -302,15 +304,17 @@ class Params:
             raise BadInput("the value is not a number", field="param_value", value=None, expected="a number")
         return int(value) if isinstance(value, float) and value.is_integer() else value
 
-    def _changed(self, desk: RequestHandlers, system: System, name: str, value: paramvalue.Value, kind: int) -> None:
+    def _changed(
+        self, handlers: RequestHandlers, system: System, name: str, value: paramvalue.Value, kind: int
+    ) -> None:
         """Answer who set it, and let the others know where it is another than before."""
         held = system.copy.param(name)
         if held is None:
             param = wire.Param(name=name, value=value, type=paramvalue.type_name(kind) or "REAL32")
-            desk.answer(system.copy.frame_of(system.sysid, self._component(system), param))
+            handlers.answer(system.copy.frame_of(system.sysid, self._component(system), param))
             return
         news = system.copy.take(msgspec.structs.replace(held, value=value))
-        self._tell(system, name, system.listeners if news else {desk})
+        self._tell(system, name, system.listeners if news else {handlers})
 
     # What the autopilot says.
 
@@ -323,7 +327,7 @@ class Params:
             self._answer_hash(system, data)
         elif is_name(heard.name):
             if system.copy.hear(heard):
-                setting = {desk for desk, name in system.setting if name == heard.name}  # they get an answer
+                setting = {handlers for handlers, name in system.setting if name == heard.name}  # they get an answer
                 self._tell(system, heard.name, system.listeners - setting - set(system.listing))
             self._pass_on(system, heard, data)
 
@@ -332,20 +336,20 @@ class Params:
         if heard.place >= heard.of:
             return
         value = heard.raw, heard.type
-        for desk, got in system.listing.items():
-            if got.get(heard.name) != value and len(got) < heard.of and desk.answer(data):
+        for handlers, got in system.listing.items():
+            if got.get(heard.name) != value and len(got) < heard.of and handlers.answer(data):
                 got[heard.name] = value
 
     def _answer_hash(self, system: System, data: bytes) -> None:
         now = time.monotonic()
-        for desk, asked in system.hash_asked.items():
+        for handlers, asked in system.hash_asked.items():
             if now - asked < HASH_ASKED:
-                desk.answer(data)
+                handlers.answer(data)
         system.hash_asked.clear()
 
-    def _tell(self, system: System, name: str, desks: set[RequestHandlers]) -> None:
+    def _tell(self, system: System, name: str, receivers: set[RequestHandlers]) -> None:
         """Say a value to those who do not get it anyway: it is in a list that they are being sent."""
         frame = system.copy.frame(system.sysid, self._component(system), name)
-        for desk in desks:
-            if frame is not None and not desk.owes(system, name):
-                desk.answer(frame)
+        for handlers in receivers:
+            if frame is not None and not handlers.owes(system, name):
+                handlers.answer(frame)

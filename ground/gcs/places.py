@@ -27,7 +27,7 @@ class Hub(Protocol):
         """A frame of a client."""
 
     def news(self, text: str) -> None:
-        """A line for whoever watches the terminal."""
+        """A line for anyone who watches the terminal."""
 
 
 class Running(Protocol):

@@ -17,7 +17,7 @@ WEB = (b"GET ", b"POST ", b"PUT ", b"HEAD ", b"OPTIONS ", b"DELETE ", b"PATCH ")
 
 
 class Connection:
-    """One station's socket; written by whoever has something for it, read by the endpoint's thread."""
+    """One station's socket; written by anyone who has something for it, read by the endpoint's thread."""
 
     stream = True
 

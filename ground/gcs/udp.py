@@ -1,4 +1,4 @@
-"""UDP endpoints: ``udp`` sends to a station that waits for it, ``udpin`` answers whoever speaks to it."""
+"""UDP endpoints: ``udp`` sends to a station that waits for it, ``udpin`` answers anyone who speaks to it."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class _Udp(ABC):
 class UdpOut(_Udp):
     """``--udp``: one station, which need not be there yet. It answers to where frames come from, from any of its ports.
 
-    A broadcast address reaches whoever waits there, and whoever answers is the station from then on.
+    A broadcast address reaches anyone who waits there, and anyone who answers is the station from then on.
     """
 
     def __init__(self, endpoint: Endpoint, hub: Hub) -> None:

@@ -58,7 +58,7 @@ def _value(key: str, payload: bytes, encoding: str, dialect: Dialect) -> Any:
         msgspec.json.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return {"hex": payload.hex()}
-    return msgspec.Raw(payload)  # as it came: what is JSON need not be made anew
+    return msgspec.Raw(payload)  # as it came: what is JSON need not be made again
 
 
 def _alarms(payload: bytes) -> list[dict[str, Any]]:

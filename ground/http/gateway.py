@@ -53,7 +53,7 @@ class Kept(NamedTuple):
 class Gateway:
     """Use it with ``async with``, on an open client. Faces read it on the event loop.
 
-    ``on_frame`` of the feed stores bytes and counts, and no more: whoever asks has them decoded.
+    ``on_frame`` of the feed stores bytes and counts, and no more: anyone who asks has them decoded.
     """
 
     def __init__(self, client: Client, read_only: bool = False, stream_timeout: float = 60.0) -> None:

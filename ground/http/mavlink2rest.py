@@ -16,8 +16,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 
+from ground.http.arguments import object_of
 from ground.http.gateway import Gateway, Kept
-from ground.http.json5 import loads
 from ground.http.reply import Failure, failure_of
 from ground.http.restjson import frame_of, message, template
 from ground.http.restws import RestSockets
@@ -102,7 +102,7 @@ class Mavlink2Rest:
         """
         gateway = self._gateway
         try:
-            given = loads(await request.body())
+            given = object_of(await request.body())
             gateway.send(frame_of(given, gateway.dialect, SOURCE, gateway))
         except BadInput as e:
             failure = failure_of(e)

@@ -1,7 +1,7 @@
 """The MAVNode face: plain text by GET, for what can do no more, such as MATLAB's ``urlread``.
 
 ``/vehicles``, ``/stream/{sys}/{comp}`` and ``/stop/...``, ``/last/{sys}/{comp}/{MSG}``, ``/send/...``: after Coombes et
-al. 2014, where a vehicle's computer sends its messages on to whoever asks for them by a GET.
+al. 2014, where a vehicle's computer sends its messages on to anyone who asks for them by a GET.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ FIGURES: dict[str, tuple[Kind, str]] = {
 
 
 class Links:
-    """What the fleet's links said last, asked anew when it is older than :data:`FRESH`."""
+    """What the fleet's links said last, asked again when it is older than :data:`FRESH`."""
 
     def __init__(self, gateway: Gateway) -> None:
         self._gateway = gateway

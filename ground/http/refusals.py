@@ -69,7 +69,7 @@ class Refusals:
 
 
 def _about(event_key: str, text: str, sent: Sequence[str]) -> ZmavError | None:
-    """The error that an event is for whoever put on these keys; None where it is about something else."""
+    """The error that an event is for anyone who put on these keys; None where it is about something else."""
     for key in sent:
         vehicle = key.partition("/mav/tx/")[0]
         if event_key != f"{vehicle}/event":

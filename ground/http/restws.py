@@ -10,11 +10,11 @@ import msgspec
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from ground.http.arguments import object_of
 from ground.http.batches import Batch, Batches
 from ground.http.filters import matching
 from ground.http.gateway import WANTED_HZ, Gateway
 from ground.http.guard import deny
-from ground.http.json5 import loads
 from ground.http.reply import Failure, failure_of, refusal
 from ground.http.restjson import document, frame_of
 from zmav.errors import BadInput, BadMessage, ZmavError
@@ -25,8 +25,6 @@ MOST = 100
 """clients at once"""
 QUEUE = 2000
 """messages that wait for a client; who leaves more unread is dropped"""
-TRIALS = 4
-"""filters tried at once: one that is hard takes a process"""
 FEW = 8
 """messages that a filter may match to count as asking for them"""
 ASK_EVERY = 10.0
@@ -71,7 +69,6 @@ class RestSockets:
         self.dropped = 0
         """clients cut off because they did not read"""
         self._batches: Batches | None = None
-        self._trials = asyncio.Semaphore(TRIALS)
         self._encoder = msgspec.json.Encoder()
 
     def __len__(self) -> int:
@@ -83,8 +80,7 @@ class RestSockets:
         try:
             if len(self._readers) >= MOST:
                 raise Failure(503, "too_many", f"there are {MOST} clients already")
-            async with self._trials:
-                names = await matching(socket.query_params.get("filter", ".*"), self._gateway.dialect.by_name)
+            names = matching(socket.query_params.get("filter", ".*"), self._gateway.dialect.by_name)
         except (BadInput, Failure) as e:
             failure = failure_of(e) if isinstance(e, BadInput) else e
             await deny(refusal(scope["path"], failure), scope, receive, send)
@@ -125,7 +121,7 @@ class RestSockets:
         if gateway.read_only:
             return "Could not send: this gateway only reads."
         try:
-            frame = frame_of(loads(text.encode("utf-8", "replace")), gateway.dialect, self._source, gateway)
+            frame = frame_of(object_of(text.encode("utf-8", "replace")), gateway.dialect, self._source, gateway)
         except BadInput as e:
             return f"Could not convert input message. {e}".encode("utf-8", "replace").decode()
         try:

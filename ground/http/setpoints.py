@@ -1,6 +1,6 @@
 """Streams of setpoints for scripts: ``/setpoint/{vehicle}`` as often as one likes, ``/release/{vehicle}`` at the end.
 
-The gateway takes the vehicle's lease for whoever calls, and gives it back when the calls stop for :data:`SILENCE`
+The gateway takes the vehicle's lease for anyone who calls, and gives it back when the calls stop for :data:`SILENCE`
 seconds; the vehicle then holds. A point stands for ``valid`` seconds and is put :data:`HZ` times a second meanwhile,
 so that a caller of one a second flies as smoothly as his points allow.
 """
@@ -123,7 +123,7 @@ class Stream:
             self.over = True
             if not self.lease.done():
                 self.lease.set_exception(e)
-                self.lease.exception()  # whoever waits has it; that nobody does is no fault
+                self.lease.exception()  # anyone who waits has it; that nobody does is no fault
 
     async def _repeat(self, lease: Lease) -> None:
         """Until it is asked to end, its caller is silent, or the lease is lost."""

@@ -1,4 +1,4 @@
-"""Frames by UDP, as they came, one a datagram: to the port of whoever asked for a system's messages."""
+"""Frames by UDP, as they came, one a datagram: to the port of anyone who asked for a system's messages."""
 
 from __future__ import annotations
 

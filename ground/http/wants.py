@@ -1,6 +1,6 @@
 """Messages that somebody asked the gateway for: the autopilots are told, for as long as it is asked for again.
 
-An autopilot sends what somebody reads. The gateway reads whatever flows, which says nothing; so whoever asks for a
+An autopilot sends what somebody reads. The gateway reads whatever flows, which says nothing; so anyone who asks for a
 message by its name has a token declared for it (see :mod:`zmav.vehicle.rates`), which goes a while after the last
 time.
 """

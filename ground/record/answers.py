@@ -127,7 +127,7 @@ class Answers:
                 break
             kept.append(entry)
         answer = wire.History(recorder=self._name, of=asked.of, what=asked.what, entries=kept[::-1], more=more)
-        with contextlib.suppress(zenoh.ZError):  # whoever asked is gone
+        with contextlib.suppress(zenoh.ZError):  # anyone who asked is gone
             query.reply(self._key(asked), wire.encode(answer), encoding=keys.HISTORY.encoding)
 
 

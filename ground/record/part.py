@@ -64,7 +64,7 @@ class Part:
         return bool(self.mcap and self.mcap.gone) or any(tail.gone for tail in self.tlogs.values())
 
     def dup_fds(self) -> list[int]:
-        """Descriptors of all files, that whoever takes them closes: they outlive the files' own."""
+        """Descriptors of all files, that anyone who takes them closes: they outlive the files' own."""
         return [os.dup(fd) for fd in (*([self.mcap.fd] if self.mcap else []), *(t.fd for t in self.tlogs.values()))]
 
     def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:

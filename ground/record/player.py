@@ -112,7 +112,7 @@ class Player:
         try:
             while self._play() and self._loop and not self._stop.is_set():
                 pass
-        except Exception as e:  # a file that cannot be read any more: said by whoever waits for the end
+        except Exception as e:  # a file that cannot be read any more: said by anyone who waits for the end
             self.error = e
         finally:
             self.over.set()

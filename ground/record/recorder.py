@@ -39,7 +39,7 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Recorder:
-    """``async with Recorder(client, folder, settings, wanted, tell): ...``; ``tell``: a line for whoever watches.
+    """``async with Recorder(client, folder, settings, wanted, tell): ...``; ``tell``: a line for anyone who watches.
 
     Raises :class:`~zmav.errors.BadConfig` and :class:`~zmav.errors.BadKey` on entry.
     """

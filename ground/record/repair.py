@@ -184,7 +184,7 @@ class _Found:
             counts.channel_message_counts[channel] += len(times)
 
     def _last_chunk_begins_the_end(self) -> None:
-        """The last chunk's index may be torn: it is written anew."""
+        """The last chunk's index may be torn: it is written again."""
         if self._chunks and len(self._chunks[-1].message_index_offsets) < len(self._indices):
             self.end = self._indices_end
         else:

@@ -109,7 +109,7 @@ async def _replay(
                 await _until_over(player, links)
             finally:
                 for link in links:
-                    link.close()  # what is still fed is nobody's: whoever feeds waits no more
+                    link.close()  # what is still fed is nobody's: anyone who feeds waits no more
                 await asyncio.to_thread(player.close)
         _say_end(player, onboards, putter.held_back, time.monotonic() - begun)
 

@@ -72,7 +72,7 @@ class Counts(msgspec.Struct):
 
 
 class Storage:
-    """Writes a session. ``tell`` is called, in the writer's thread, with a line for whoever watches."""
+    """Writes a session. ``tell`` is called, in the writer's thread, with a line for anyone who watches."""
 
     def __init__(self, folder: Folder, settings: Settings, dialect: Dialect, tell: Callable[[str], None]) -> None:
         self._folder, self._settings, self._dialect, self._tell = folder, settings, dialect, tell

@@ -137,7 +137,7 @@ def _foot(ui: Ui, width: int) -> Line:
 
 
 def _cropped(line: Line, width: int) -> Line:
-    """No wider than the terminal; every piece is cleaned here, whoever wrote it."""
+    """No wider than the terminal; every piece is cleaned here, anyone who wrote it."""
     found: Line = []
     for text, style in line:
         text = clean(text)

@@ -41,7 +41,7 @@ class Terminal:
         self._pending = b""
 
     async def __aenter__(self) -> Terminal:
-        # Opened anew: whether it blocks is then ours alone, and not that of every program with the same terminal.
+        # Opened again: whether it blocks is then ours alone, and not that of every program with the same terminal.
         self._fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         self._before = termios.tcgetattr(self._fd)
         loop = asyncio.get_running_loop()

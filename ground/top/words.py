@@ -26,7 +26,7 @@ def fit(text: str, width: int, *, right: bool = False) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Whole percents; what is lost at all is not shown as nought."""
+    """Whole percents; what is lost at all is not shown as zero."""
     if share is None:
         return "-"
     return "<1%" if 0.0 < share < 0.005 else f"{share:.0%}"

@@ -35,7 +35,7 @@ class Canvas:
             self._pending[path] = rr.Clear(recursive=False)
 
     def fixed(self, path: Path, *what: rr.AsComponents) -> None:
-        """What is the same at all times, and known to whoever looks later; logged at once."""
+        """What is the same at all times, and known to anyone who looks later; logged at once."""
         self._log(path, what, static=True)
 
     def line(self, path: Path, what: rr.AsComponents) -> None:

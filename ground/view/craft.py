@@ -21,7 +21,7 @@ STEP = 0.4
 TAIL, TRAIL = 25, 400
 """points of the trail's fresh end, which is logged often, and of all of it"""
 JUMP = 200.0
-"""m between two states that no vehicle flies: the trail begins anew"""
+"""m between two states that no vehicle flies: the trail begins again"""
 SLOW = 0.25
 """m/s below which no arrow is drawn"""
 
@@ -61,7 +61,7 @@ class Craft:
         self._fresh = True
 
     def place(self, datum: Datum) -> None:
-        """Find the position anew, in a state or about an origin that has changed."""
+        """Find the position again, in a state or about an origin that has changed."""
         if self.state is not None:
             self.position = datum.ned(self.state) or self.position
 

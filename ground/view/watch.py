@@ -20,7 +20,7 @@ from zmav.vision.assembler import Assembler
 
 GRAPH_EVERY = 4.0
 PLANS_EVERY = 60.0
-"""s after which a vehicle's plans are asked for anew even where no event says that they changed"""
+"""s after which a vehicle's plans are asked for again even where no event says that they changed"""
 PICTURES = (keys.FRAME, keys.DETECTION)
 JPEG, MOST_CAMERAS = b"\xff\xd8\xff", 250
 

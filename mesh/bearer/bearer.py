@@ -133,7 +133,7 @@ class Bearer:
                 self._selector.register(port.socket, selectors.EVENT_READ, partial(self._on_radio, port))
 
     def _tick(self, now: float) -> None:
-        """Probe what is due, and choose paths anew."""
+        """Probe what is due, and choose paths again."""
         for peer in self._peers.values():
             peer.judge(now)
             for route in peer.routes:

@@ -156,7 +156,7 @@ def _rewired(plan: RouterPlan, radios: Sequence[Radio], router: Address, local: 
 
 
 def _scouting(plan: RouterPlan, budgeted: set[str | None]) -> dict[str, Setting]:
-    """Whoever is found by multicast is called directly, past any budget: so not on radios that have one."""
+    """Anyone who is found by multicast is called directly, past any budget: so not on radios that have one."""
     left = [name for name in plan.scouts_on if name not in budgeted]
     if len(left) == len(plan.scouts_on):
         return {}

@@ -79,7 +79,7 @@ class Peer:
         return None
 
     def judge(self, now: float) -> None:
-        """Choose the path anew, and forget learned ones that have long been silent."""
+        """Choose the path again, and forget learned ones that have long been silent."""
         self.routes = [route for route in self.routes if not self._forgotten(route, now)]
         proven = {route.path: route for route in self.routes if route.proven}
         chosen = self.choice.judge(list(proven), now)
@@ -106,7 +106,7 @@ class Peer:
 
 @dataclass(frozen=True)
 class Status:
-    """What a bearer says of itself; made anew every tick."""
+    """What a bearer says of itself; made again every tick."""
 
     routes: dict[str, list[RouteStatus]] = field(default_factory=dict)
     """by neighbour"""

@@ -61,7 +61,7 @@ class RadioPort:
         """bytes of a datagram that the radio carries in one piece, as far as its interface tells"""
         self.socket: socket.socket | None = None
         self.gone = False
-        """the radio of the open socket is not there any more: to be closed and opened anew"""
+        """the radio of the open socket is not there any more: to be closed and opened again"""
         self._shaper: Shaper[tuple[bytes, Address]] | None = Shaper(self.budget, now) if self.budget else None
         self._overhead = overhead(radio.address)
         self._again = now

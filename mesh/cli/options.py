@@ -20,7 +20,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 file_option = click.option("--file", "fleet_file", metavar="FILE", help="Fleet file (TOML) with this host's table.")
 insecure_option = click.option(
     "--insecure", is_flag=True,
-    help="Reach beyond this computer without credentials: whoever hears the network commands the fleet.",
+    help="Reach beyond this computer without credentials: anyone who hears the network commands the fleet.",
 )  # fmt: skip
 
 

@@ -40,6 +40,6 @@ async def _route(plan: Callable[[], RouterPlan], settings: SessionSettings) -> N
         line = f"router {router.session.info.zid()} on {' '.join(planned.listens)}"
         why = await until_outdated(router, line, plan)
     if why:
-        log(f"starting anew: {why}")
+        log(f"starting again: {why}")
         restart()
     leave()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import click
 import msgspec
 
-from mesh.scale.study import Run, Shape, simulate
+from mesh.scale.simulate import simulate
+from mesh.scale.study import Run, Shape
 from mesh.scale.topology import TOPOLOGIES, Topology
 from zmav.cli.common import console
 from zmav.errors import BadInput

@@ -49,7 +49,7 @@ declarations can make a router of Zenoh 1.10.2 stand still for good (:mod:`mesh.
 def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> dict[str, Any]:
     """Zenoh's ``access_control`` for the router of host ``name``.
 
-    Whoever is not on the roster gets nothing but rosters, so that a new member can bring the one that admits it.
+    Anyone who is not on the roster gets nothing but rosters, so that a new member can bring the one that admits it.
 
     ``file`` says who relays; a host that is not in it relays if its role does. The same input gives the same output,
     so that two can be compared.

@@ -148,7 +148,7 @@ class Authority:
 
     def refresh(self, *folders: Path) -> None:
         """Put the newest roster into members' folders, by default those under ``members``: who starts with an older one
-        hears of it from others, and starts anew.
+        hears of it from others, and starts again.
         """
         with files.locked(self.folder):
             signed = msgspec.json.encode(self.roster())

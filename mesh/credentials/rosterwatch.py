@@ -107,7 +107,7 @@ class RosterWatch:
         """
         number = signed.number
         if number <= self.roster.number:
-            # Whoever only says its number does not keep us from passing ours on.
+            # Anyone who only says its number does not keep us from passing ours on.
             self._alike += signed == self._signed
             if number < self.roster.number:
                 self._hurry.set()
@@ -131,7 +131,7 @@ class RosterWatch:
         return True
 
     def _is_kept(self, signed: SignedRoster) -> bool:
-        """On a read-only disk it is forgotten at the next start and heard again: to start anew would have no end."""
+        """On a read-only disk it is forgotten at the next start and heard again: to start again would have no end."""
         try:
             files.write(credentials.roster_place(self._credentials.folder), msgspec.json.encode(signed))
         except BadConfig as e:

@@ -80,7 +80,7 @@ class Bridge:
                 send(frame, now)
 
     def forget(self) -> None:
-        """The tree has changed: who is where is learnt anew."""
+        """The tree has changed: who is where is learnt again."""
         self._learnt.clear()
 
 
@@ -99,7 +99,7 @@ class Segment:
     """Bridges with radio hops between them and interfaces behind them: one layer 2, as WDS makes it.
 
     Where hops form a loop, some carry nothing: the tree is that of the fewest hops from the first bridge of each part
-    that hangs together. It is found anew at once when a hop goes down or comes back; a real spanning tree protocol
+    that hangs together. It is found again at once when a hop goes down or comes back; a real spanning tree protocol
     takes a second or more. A hop that is cut in one direction carries nothing: its bridges no longer hear each other.
     """
 

@@ -12,7 +12,7 @@ T = TypeVar("T", bound="Server")
 
 
 class Server(abc.ABC):
-    """Open while ``async with`` lasts. Whoever calls and leaves, or sends what is unreadable, ends only itself."""
+    """Open while ``async with`` lasts. Anyone who calls and leaves, or sends what is unreadable, ends only itself."""
 
     def __init__(self) -> None:
         self._server: asyncio.Server | None = None

@@ -8,7 +8,7 @@ LEAST = 8
 """numbers before anything is said"""
 NUMBERS = 1 << 32
 RESTART = 10_000
-"""a jump of more numbers than this is a stream that began anew"""
+"""a jump of more numbers than this is a stream that began again"""
 
 
 class LossWindow:
@@ -62,6 +62,6 @@ class Jitter:
         """``transit``: arrival less sending, in s, by clocks that need not agree."""
         if self._transit is not None:
             difference = abs(transit - self._transit)
-            if difference < 60.0:  # otherwise a clock began anew
+            if difference < 60.0:  # otherwise a clock began again
                 self.value = (self.value or 0.0) + (difference - (self.value or 0.0)) / 16
         self._transit = transit

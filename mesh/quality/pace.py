@@ -40,7 +40,7 @@ class Pace:
         return min(often, self.slowest)
 
     def trains(self, neighbours: int, budget: float | None, rate: float | None = None) -> tuple[int, float]:
-        """Messages of a train, nought for none at all, and s between trains; ``rate``: bytes/s that were measured.
+        """Messages of a train, zero for none at all, and s between trains; ``rate``: bytes/s that were measured.
 
         Two messages where neither a budget nor a rate says what the link can take, or where it takes no more.
         """

@@ -196,7 +196,7 @@ class Prober:
             for message in messages:
                 neighbour.publishers[qos].put(message)
         except zenoh.ZError:
-            neighbour.close()  # declared anew the next time
+            neighbour.close()  # declared again the next time
 
 
 def _reliable(link: zenoh.Link) -> bool:

@@ -16,7 +16,7 @@ from zmav.errors import BadInput
 SOURCE = 8
 """bytes of a router's id that tell it from others of its name"""
 CLOCK = 1 << 32
-"""µs after which a stamp's clock begins anew: 71 minutes"""
+"""µs after which a stamp's clock begins again: 71 minutes"""
 MOST_RTT = 60.0
 TRAIN_SIZE = 1000
 """bytes: with Zenoh's and QUIC's headers it still is one datagram of Zenoh's best-effort links (1150 bytes)"""

@@ -39,11 +39,6 @@ STATE_HZ = 5
 _WHO: dict[str, object] = {"sys": 1, "comp": 1}
 
 
-def streamed_hz() -> float:
-    """Raw frames a second of one vehicle."""
-    return sum(hz for hz, _ in STREAMED.values())
-
-
 class Copter:
     """One vehicle's declarations in ``session``, and its words whenever :meth:`tick` is called, ``TICK_HZ`` a second.
 

@@ -1,6 +1,6 @@
 """One process of a study: a router with the vehicles of its host, told what to do by lines of JSON on its input.
 
-Each line is ``{"do": VERB, ...}``; the answer is one line on the output. It ends with its input, whoever died.
+Each line is ``{"do": VERB, ...}``; the answer is one line on the output. It ends with its input, anyone who died.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ class Station:
         return {"seconds": time.perf_counter() - start, "answers": len(answers)}
 
     def _history(self) -> dict[str, Any]:
-        """One that comes back empty was lost on the way (seen once on a busy machine): asked again, and timed anew."""
+        """One that comes back empty was lost on the way (seen once on a busy machine): asked again, and timed again."""
         for _ in range(TRIES):
             start = time.perf_counter()
             found = count_tokens(self._z.session, self._fleet)

@@ -78,7 +78,7 @@ class Run(msgspec.Struct, kw_only=True):
     ping_worst: float | None
     ping_lost: int
     late: int
-    """beats that vehicles came too late with: above nought, the machine was too slow for this run"""
+    """beats that vehicles came too late with: above zero, the machine was too slow for this run"""
 
 
 def endpoint(port: int) -> str:
@@ -110,29 +110,6 @@ class Network:
         """
         for i, node in enumerate(self.nodes):
             node.ask("declare", numbers=list(numbers[i :: len(self.nodes)]))
-
-
-def simulate(shape: Shape) -> Run:
-    """Run it: some ten seconds and as long as the machine takes to form the fleet."""
-    with Children() as children:
-        if shape.groups:
-            from mesh.scale.grouped import grouped
-
-            return grouped(children, shape)
-        return _flat(children, shape)
-
-
-def _flat(children: Children, shape: Shape) -> Run:
-    network = Network(children, "router", shape.topology, shape.routers)
-    network.ready()
-    until(network.formed, "every router has a neighbour")
-    start = time.monotonic()
-    network.populate(range(shape.vehicles))
-    until(lambda: know(network.nodes, shape.vehicles), "every router knows every vehicle")
-    form = time.monotonic() - start
-    forming_cpu = network.nodes[0].ask("usage")["cpu"]
-    ask_all(network.nodes, "speak")
-    return measure(children, shape, network.nodes, network.ports[0], shape.vehicles, form, forming_cpu)
 
 
 def know(nodes: list[Child], vehicles: int) -> bool:

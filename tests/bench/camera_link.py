@@ -191,7 +191,7 @@ async def ours(link: Link, seconds: float) -> Result:
             size, before, torn = 0, agent.capture.count, reader.assembler.torn
             await asyncio.sleep(seconds)
             taking.cancel()
-            print(f"    ours ended at {agent.ladder.step.words}, {agent.budget.bytes / 1e3:.0f} kB/s", file=sys.stderr)
+            print(f"    ours ended at {agent.quality.step.words}, {agent.budget.bytes / 1e3:.0f} kB/s", file=sys.stderr)
             return result(delays, agent.capture.count - before, reader.assembler.torn - torn, size, seconds)
 
 

@@ -217,7 +217,7 @@ async def test_a_radio_that_comes_late_has_the_router_start_anew(labs: Labs, tmp
     with lab.enter("a"):
         radio = kernel.open_tap("late0", mac=bytes.fromhex("020000000901"), address="10.9.0.1", prefix=24, mtu=1500)
     try:
-        assert await line() == "starting anew: late0 has come, with 10.9.0.1"
+        assert await line() == "starting again: late0 has come, with 10.9.0.1"
         assert (await line()).endswith(" on tcp/127.0.0.1:7447 udp/10.9.0.1:7447?rel=1;mixed_rel=1")
         router.terminate()
         assert await asyncio.to_thread(router.wait, PATIENCE_S) == 0

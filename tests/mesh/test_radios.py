@@ -102,7 +102,7 @@ def test_a_fixed_address_is_waited_for_by_its_listener_unless_multicast_needs_it
 
 
 def test_in_the_cloud_only_the_rendezvous_has_to_know_its_own_address(tmp_path: Path) -> None:
-    """A modem gets another address at each dial-up, and a host that only calls need not start anew for it."""
+    """A modem gets another address at each dial-up, and a host that only calls need not start again for it."""
     meeting = '[mesh]\nrendezvous = ["quic/10.77.0.1:7447"]'
     far: Interfaces = {"wlan0": [ip_interface("10.99.0.7/24")]}
     for start in ({}, far):

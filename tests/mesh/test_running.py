@@ -1,4 +1,4 @@
-"""When a process starts anew because its router is out of date: not before it may, and not when it could not."""
+"""When a process starts again because its router is out of date: not before it may, and not when it could not."""
 
 from __future__ import annotations
 
@@ -78,8 +78,8 @@ async def test_a_vehicle_that_flies_goes_on_and_so_does_one_that_could_not_start
     assert all(re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} .*", line) for line in said), said
     assert [line[24:] for line in said] == [
         "quad1 is up",
-        "wlan0 has come: starting anew as soon as the vehicle is disarmed and nobody commands it",
-        "wlan0 has come, but this could not start anew: the certificate has expired",
+        "wlan0 has come: starting again as soon as the vehicle is disarmed and nobody commands it",
+        "wlan0 has come, but this could not start again: the certificate has expired",
     ]
 
 

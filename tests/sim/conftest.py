@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from zmav.mavlink.codec import Packer, decode
-from zmav.mavlink.dialect import load_dialect
 from zmav.mavlink.frames import Frame, Splitter
+from zmav.mavlink.load import load_dialect
 from zmav.sim import SimVehicle, VehicleSpec, World
 
 GUIDED = 4

@@ -15,8 +15,8 @@ from pymavlink import mavutil
 
 from zmav.errors import BadUrl, PortInUse
 from zmav.mavlink.codec import Packer, decode
-from zmav.mavlink.dialect import load_dialect
 from zmav.mavlink.frames import Frame, Splitter
+from zmav.mavlink.load import load_dialect
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, addresses, parse_endpoint
 

@@ -12,7 +12,7 @@ import pytest
 
 from zmav.errors import BadConfig
 from zmav.mavlink.codec import Packer
-from zmav.mavlink.dialect import load_dialect
+from zmav.mavlink.load import load_dialect
 from zmav.sim import VehicleSpec
 from zmav.sim.protocol.ardupilot.copter import CopterNode
 from zmav.sim.protocol.ardupilot.telemetry import REPORTS

@@ -12,8 +12,8 @@ import pytest
 
 from zmav.errors import BadConfig, BadInput, BadUrl, PortInUse, TimedOut
 from zmav.mavlink.codec import Packer, decode
-from zmav.mavlink.dialect import load_dialect
 from zmav.mavlink.frames import Frame, Splitter
+from zmav.mavlink.load import load_dialect
 from zmav.sim import Home, SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, parse_endpoint
 from zmav.sim.environment import Terrain

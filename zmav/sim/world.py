@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from zmav.errors import BadConfig, BadInput, TimedOut
-from zmav.mavlink.dialect import load_dialect
+from zmav.mavlink import load_dialect
 from zmav.sim.build import Squad, build
 from zmav.sim.camera.cameras import Cameras, SimCamera
 from zmav.sim.camera.cast import cast, equip

@@ -58,7 +58,7 @@ class MissionClear(Order, kw_only=True):
 
 
 class MissionRefresh(Order, kw_only=True):
-    """``do/mission_download``: read the plan anew from the autopilot into the cache behind ``mission/{kind}``."""
+    """``do/mission_download``: read the plan again from the autopilot into the cache behind ``mission/{kind}``."""
 
     kind: MissionKind = "mission"
 

@@ -150,6 +150,6 @@ class Reboot(Order, kw_only=True):
 
 
 class RevokeLease(Order, kw_only=True):
-    """An operator takes the lease from whoever holds it."""
+    """An operator takes the lease from anyone who holds it."""
 
     reason: str = ""

@@ -79,4 +79,4 @@ class ParamLoaded(Wire, kw_only=True):
 
 
 class ParamRefresh(Order, kw_only=True):
-    """``do/param_refresh``: read the whole set anew from the autopilot."""
+    """``do/param_refresh``: read the whole set again from the autopilot."""

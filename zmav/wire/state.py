@@ -41,11 +41,11 @@ class ClockInfo(Wire, kw_only=True):
     """The autopilot's clock against UTC, by TIMESYNC."""
 
     boot_t: float
-    """UTC seconds at which its time was nought"""
+    """UTC seconds at which its time was zero"""
     error_s: float
     """how far from the companion's UTC a time of the autopilot's can be"""
     drift_ppm: float = 0.0
-    """µs a second by which it falls behind the companion's clock; nought until half a minute tells"""
+    """µs a second by which it falls behind the companion's clock; zero until half a minute tells"""
     gps_offset_s: float | None = None
     """s by which GPS time is ahead of the companion's UTC; None: no GPS time yet"""
 

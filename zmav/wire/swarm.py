@@ -248,7 +248,7 @@ class Ball(Wire, kw_only=True, tag_field="shape", tag="ball"):
 
 
 class Obstacle(Wire, kw_only=True):
-    """Put on ``@obstacle/{name}`` by whoever knows of it, or given to the planner with ``swarm/obstacle``."""
+    """Put on ``@obstacle/{name}`` by anyone who knows of it, or given to the planner with ``swarm/obstacle``."""
 
     name: str
     t: float
@@ -301,7 +301,7 @@ class ObstacleMap(Wire, kw_only=True):
     t: float
     planner: str
     instance: str
-    """of that planner: one that was just started anew under its name may know of nothing"""
+    """of that planner: one that was just started again under its name may know of nothing"""
     obstacles: list[Obstacle]
 
 

@@ -81,7 +81,7 @@ def jitter(samples: Sequence[Sample]) -> float:
 
 
 def lost(numbers: Sequence[int], modulus: int = 0) -> int:
-    """How many of a sequence did not come: ``modulus`` at which it begins anew, 0: never. One out of order counts as
+    """How many of a sequence did not come: ``modulus`` at which it begins again, 0: never. One out of order counts as
     none where it does not wrap.
     """
     if not modulus:

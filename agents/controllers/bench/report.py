@@ -144,7 +144,7 @@ def _tracking(found: Tracking) -> list[Row]:
         rows.append((f"lemniscate: {who}", text, beside))
     for who, told in found.ev3.items():
         rows.append((f"EV3: {who}", str(told["text"]), "peaks at corners only"))
-    rows += [("flown anew", why, "") for why in found.broken]
+    rows += [("flown again", why, "") for why in found.broken]
     return rows
 
 

@@ -62,7 +62,7 @@ class Tracking(msgspec.Struct):
     ev3: dict[str, dict[str, Any]]
     """the navigator's own summaries"""
     broken: list[str] = []
-    """flights that were flown anew, by whom, and why"""
+    """flights that were flown again, by whom, and why"""
     wind: str = WIND
     seed: int = SEED
 
@@ -155,7 +155,7 @@ async def measure(
 
 
 async def _again(found: Tracking, who: str, fly: Callable[[], Awaitable[T]]) -> T:
-    """What a flight gives; one that is broken off by the guard, on a machine that stood still, is flown anew."""
+    """What a flight gives; one that is broken off by the guard, on a machine that stood still, is flown again."""
     for _ in range(ATTEMPTS - 1):
         try:
             return await fly()

@@ -12,7 +12,8 @@ import numpy as np
 
 import zmav
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
-from agents.controllers.response import Report, examine, picture
+from agents.controllers.picture import picture
+from agents.controllers.response import Report, examine
 from zmav import keys, wire
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut
@@ -141,7 +142,7 @@ async def _until_over(
             begun = heard[-1].t
         if begun is None and heard[-1].t - told > PATIENCE:
             if not order.done():
-                continue  # over bad hops an order takes some: whoever gives it gives up
+                continue  # over bad hops an order takes some: anyone who gives it gives up
             raise TimedOut(f"it took the order and injected nothing within {PATIENCE:g} s", heard=len(heard))
 
 

@@ -89,7 +89,7 @@ async def _watch(z: zmav.Client, names: list[str], as_json: bool) -> None:
 @click.option(
     "--to", "to", type=places.place, metavar=places.PLACE, multiple=True, help="A place; as many as there are vehicles."
 )
-@click.option("--any", "unlabelled", is_flag=True, help="Whoever is best placed goes to each.")
+@click.option("--any", "unlabelled", is_flag=True, help="Anyone who is best placed goes to each.")
 @goal_options
 def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fly: Callable[[Make], None]) -> None:
     """Go to places: 'quad1=30,0,15 quad2=0,20,15', or 'quad* --to 30,0,15 --to 0,20,15 --any'.

@@ -35,8 +35,6 @@ class Wish:
     margin: float = 0.0
     picture: Path | None = None
     """a file, or a folder where there are several scenes"""
-    save: Path | None = None
-    view: bool = False
     as_json: bool = False
 
 
@@ -52,20 +50,17 @@ class Wish:
 @click.option("--margin", type=click.FloatRange(min=0.0), default=0.0, show_default=True,
               help="Metres that two vehicles keep on top of their radii.")  # fmt: skip
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE.png", help="Draw it from above and aside.")
-@click.option("--view", is_flag=True, help="Show it moving, in Rerun's viewer.")
-@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.rrd",
-              help="Write what --view shows as a recording.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON, one document a scene.")
 def command(
     files: tuple[Path, ...], output: Path | None, check: bool, seconds: float | None, seed: int, margin: float,
-    picture: Path | None, view: bool, save: Path | None, as_json: bool,
+    picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Plan the motion of a whole swarm: 'zmav plan scene.json -o plan.json'.
 
     Several scenes are planned one after another: 'zmav plan scenes/*.json -o plans'. What cannot be planned gets a plan
     file that says why, and the exit code is 1. docs/planner-files.md describes both kinds of file.
     """
-    wish = Wish(seconds, seed, margin, picture, save, view, as_json)
+    wish = Wish(seconds, seed, margin, picture, as_json)
     _check_extras(wish)
     if check:
         if len(files) != 2:
@@ -74,13 +69,11 @@ def command(
         if output is not None:
             text = "--check plans nothing: there is nothing to write with -o"
             raise BadConfig(text, field="output", value=str(output), expected="no -o")
-        _check_shows(wish, [picture])
+        _check_pictures([picture])
         sys.exit(_judge(files[0], files[1], wish))
     targets = targets_of(files, output)
     pictures = targets_of(files, picture, ".png") if picture else [None] * len(files)
-    if (view or save) and len(files) > 1:
-        raise BadConfig("--view and --save show one scene", field="view", value=len(files), expected="one scene")
-    _check_shows(wish, pictures)
+    _check_pictures(pictures)
     failed = 0
     with Stages(quiet=as_json) as stages:
         for path, target, drawn in zip(files, targets, pictures, strict=True):
@@ -90,17 +83,14 @@ def command(
 
 def _check_extras(wish: Wish) -> None:
     """Raises :class:`BadConfig` for what is not installed."""
-    needs = [("numba", "planner"), ("ompl", "planner"), ("scipy", "planner")]
-    needs += [("matplotlib", "planner")] if wish.picture else []
-    needs += [("rerun", "viz")] if wish.view or wish.save else []
-    for module, extra in needs:
+    for module in ("numba", "ompl", "scipy", *(["matplotlib"] if wish.picture else [])):
         try:
             there = importlib.util.find_spec(module) is not None
         except ValueError:  # what the import system says of a module that is blocked
             there = False
         if not there:
-            text = f"zmav plan needs {module}: pip install 'zmav[{extra}]'"
-            raise BadConfig(text, field="zmav", value=module, expected=f"zmav[{extra}]")
+            text = f"zmav plan needs {module}: pip install 'zmav[planner]'"
+            raise BadConfig(text, field="zmav", value=module, expected="zmav[planner]")
 
 
 def targets_of(files: tuple[Path, ...], output: Path | None, suffix: str = ".json") -> list[Path | None]:
@@ -149,8 +139,8 @@ def _check_writable(target: Path) -> None:
         raise BadConfig(text, field="output", value=str(target), expected="a file that can be written") from e
 
 
-def _check_shows(wish: Wish, pictures: Sequence[Path | None]) -> None:
-    """Raises :class:`BadConfig` for a picture, a recording or a window that cannot be."""
+def _check_pictures(pictures: Sequence[Path | None]) -> None:
+    """Raises :class:`BadConfig` for a picture that cannot be written."""
     for picture in pictures:
         if picture is None:
             continue
@@ -158,11 +148,6 @@ def _check_shows(wish: Wish, pictures: Sequence[Path | None]) -> None:
             text = f"a picture's name ends in {', '.join(PICTURES)}: not {picture.name!r}"
             raise BadConfig(text, field="picture", value=str(picture), expected=", ".join(PICTURES))
         _check_writable(picture)
-    if wish.save is not None:
-        _check_writable(wish.save)
-    if wish.view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        text = "there is no display to open a window on: use --save FILE.rrd or --picture FILE.png"
-        raise BadConfig(text, field="view", value=None, expected="a display, or --save")
 
 
 def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages: Stages, *, several: bool) -> bool:
@@ -188,10 +173,6 @@ def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages
         from agents.planner.picture import draw
 
         draw(done.scene, done.plan, done.report, drawn)
-    if ok and done.scene is not None and (wish.view or wish.save):
-        from agents.planner.animate import show
-
-        show(done.scene, done.plan, done.report, wish.save, wish.view)
     if wish.as_json:
         click.echo(dump(facts(done, target), pretty=False), err=target is None)
     elif ok:
@@ -273,8 +254,4 @@ def _judge(scene_file: Path, plan_file: Path, wish: Wish) -> int:
         from agents.planner.picture import draw
 
         draw(scene, plan, report, wish.picture)
-    if wish.view or wish.save:
-        from agents.planner.animate import show
-
-        show(scene, plan, report, wish.save, wish.view)
     return 0 if report.ok else 1

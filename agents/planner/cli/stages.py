@@ -37,7 +37,7 @@ class Stages:
         self.end()
 
     def begin(self, scene: str) -> None:
-        """A new scene: the times start anew."""
+        """A new scene: the times start again."""
         self._scene, self.seconds = scene, {}
         self._stage, self._since = "", time.perf_counter()
         if self._bar:

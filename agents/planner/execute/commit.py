@@ -98,7 +98,7 @@ class Part:
     error: float = 0.0
     """s by which its clock may be other than we think"""
     instance: str = ""
-    """of its agent: another one counts leases and setpoints from nought again"""
+    """of its agent: another one counts leases and setpoints from zero again"""
     refused: tuple[float, float] = (-np.inf, -np.inf)
     """when it first and last said that it did not take a trajectory, of those that it refused one after another"""
 

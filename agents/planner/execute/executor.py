@@ -124,7 +124,7 @@ class Executor:
         self._taking, self._waits = taking, waits
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
-        self.helms = {name: VehicleCommand(z, name, self.clock, holder, priority, known.get(name)) for name in names}
+        self.commands = {name: VehicleCommand(z, name, self.clock, holder, priority, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None
@@ -132,11 +132,11 @@ class Executor:
         self._paused = False
 
     async def __aenter__(self) -> Executor:
-        taking = [asyncio.create_task(self._take(helm)) for helm in self.helms.values()]
+        taking = [asyncio.create_task(self._take(command)) for command in self.commands.values()]
         try:
             for taken in asyncio.as_completed(taking):
                 await taken
-            if self.left and 2 * len(self.left) >= len(self.helms):
+            if self.left and 2 * len(self.left) >= len(self.commands):
                 raise next(iter(self.left.values()))
         except BaseException:
             for task in taking:
@@ -145,20 +145,20 @@ class Executor:
             await self._stack.aclose()
             raise
         for name in self.left:
-            del self.helms[name]
+            del self.commands[name]
         return self
 
-    async def _take(self, helm: VehicleCommand) -> None:
+    async def _take(self, command: VehicleCommand) -> None:
         until = self.clock.now() + self._taking
         while True:
             try:
-                await self._stack.enter_async_context(helm)
+                await self._stack.enter_async_context(command)
                 return
             except (NotHolder, Stale, TimedOut) as e:
                 if e.detail.get("reason") == "pilot" or (self.clock.now() >= until and isinstance(e, NotHolder)):
                     raise
                 if self.clock.now() >= until:
-                    self.left[helm.name] = e
+                    self.left[command.name] = e
                     return
                 self._waits(e.message)
             await asyncio.sleep(TAKE_AGAIN)
@@ -170,7 +170,7 @@ class Executor:
     def clock_errors(self) -> dict[str, float]:
         """s by which each vehicle's clock may be other than measured."""
         now = self.clock.now()
-        return {name: helm.offset.error(now) for name, helm in self.helms.items()}
+        return {name: command.offset.error(now) for name, command in self.commands.items()}
 
     def needed(self, speeds: Mapping[str, float]) -> float:
         """The margin (m) that a plan must keep so that :meth:`run` takes it, by how well clocks are known now: of the
@@ -180,10 +180,10 @@ class Executor:
         return max((self._needed(name, speed, self._tracking) for name, speed in speeds.items()), default=0.0)
 
     def _needed(self, name: str, speed: float, tracking: float) -> float:
-        helm = self.helms.get(name)
-        if helm is None:
+        command = self.commands.get(name)
+        if command is None:
             raise Refused(f"{name} is not under this executor's lease", vehicle=name)
-        error = helm.offset.error(self.clock.now())
+        error = command.offset.error(self.clock.now())
         if not error <= MAX_CLOCK:
             text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
             raise Refused(text, vehicle=name, error_s=error)
@@ -292,8 +292,8 @@ class Executor:
         track = Track(flight.motions[name])
         tracking = self._tracking if flight.tracking is None else flight.tracking
         needed = self._needed(name, track.speed, tracking)
-        helm = self.helms[name]
-        place, error = led.get(name, helm.place if helm.rests else None), helm.offset.error(now)
+        command = self.commands[name]
+        place, error = led.get(name, command.place if command.rests else None), command.offset.error(now)
         if place is None:
             raise Refused(f"{name} does not say where it rests", vehicle=name)
         away = float(np.linalg.norm(place - track.pos[0]))
@@ -306,9 +306,9 @@ class Executor:
                 f"a clock known to ±{error:.3f} s"
             )
             raise Refused(text, vehicle=name, needed=needed)
-        helm.offset.fix()
-        part = Part(name, track, flight.radius[name], flight.accel[name], tracking, helm.offset)
-        part.heard, part.error, part.instance = now, error, helm.instance
+        command.offset.fix()
+        part = Part(name, track, flight.radius[name], flight.accel[name], tracking, command.offset)
+        part.heard, part.error, part.instance = now, error, command.instance
         return part
 
     # In flight.
@@ -333,7 +333,7 @@ class Executor:
         for part in conductor.parts:
             self._hear(conductor, part, now)
         for send in conductor.decide(now, PER_TICK):
-            done = self.helms[send.part.id].put(send.rows, send.deadline)
+            done = self.commands[send.part.id].put(send.rows, send.deadline)
             if done is not None:
                 conductor.sent(send, *done, now)
         for saying in conductor.said:
@@ -342,10 +342,10 @@ class Executor:
         return conductor.phase(now)
 
     def _hear(self, conductor: Conductor, part: Part, now: float) -> None:
-        helm = self.helms[part.id]
-        news = helm.news()
-        if helm.taken:  # the better reason, where it flies no segment of ours any more either
-            conductor.gone(part, helm.taken, helm.place)
+        command = self.commands[part.id]
+        news = command.news()
+        if command.taken:  # the better reason, where it flies no segment of ours any more either
+            conductor.gone(part, command.taken, command.place)
         elif news is not None:
             state, came = news
             segment = state.segment
@@ -354,7 +354,7 @@ class Executor:
             if part.off and state.local is not None:
                 part.place = np.array(enu(state.local))
             self._follow(conductor, part, state)
-        error = helm.offset.error(now)
+        error = command.offset.error(now)
         if error > part.error + 0.02 and part.active:
             part.error = error
             if error > MAX_CLOCK:
@@ -398,7 +398,7 @@ class Executor:
         until, said = self.clock.now() + self._patience, False
         while True:
             flying = self._look(conductor) == "flying"
-            strays = [part for part in conductor.parts if part.strays and not self.helms[part.id].taken]
+            strays = [part for part in conductor.parts if part.strays and not self.commands[part.id].taken]
             back = {part.id: place for part in strays if (place := self._held(part)) is not None}
             waits = [part.id for part in conductor.parts if part.lost and not part.off]
             waits += [part.id for part in strays if part.id not in back]
@@ -413,13 +413,13 @@ class Executor:
 
     def _held(self, part: Part) -> Floats | None:
         """Where a vehicle holds that left our trajectory by itself; None while it moves, or could take one of ours."""
-        helm = self.helms[part.id]
-        state = helm.vehicle.last_state
+        command = self.commands[part.id]
+        state = command.vehicle.last_state
         if state is None or state.instance != part.instance:
             return None
         if state.t <= max(entry.deadline for entry in part.entries):
             return None
-        return helm.place if helm.rests else None
+        return command.place if command.rests else None
 
     async def _arrived(self, flight: Flight, conductor: Conductor) -> str:
         """Wait until they are at their goals by what they say themselves. Who is not, after a while in which it was
@@ -449,7 +449,7 @@ class Executor:
     def _away(self, flight: Flight) -> dict[str, float]:
         found = {}
         for name, motion in flight.motions.items():
-            place = self.helms[name].place
+            place = self.commands[name].place
             found[name] = float("inf") if place is None else float(np.linalg.norm(place - motion[-1, 1:4]))
         return found
 

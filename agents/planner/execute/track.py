@@ -2,7 +2,7 @@
 
 A plan is sampled and piecewise linear; a vehicle interpolates what it is sent by cubics (Hermite's). :class:`Track` is
 the cubic through the samples. :class:`Profile` says which moment of the plan is flown when: its rate is 1 at the plan's
-own pace, less when the common clock is slowed, and goes to nought along a stop tail. ENU metres, seconds.
+own pace, less when the common clock is slowed, and goes to zero along a stop tail. ENU metres, seconds.
 """
 
 from __future__ import annotations

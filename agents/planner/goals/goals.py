@@ -11,7 +11,7 @@ import numpy as np
 from agents.planner.goals import pads, slots
 from agents.planner.goals.follow import offsets_of
 from agents.planner.goals.formation import check_apart
-from agents.planner.goals.parade import formation
+from agents.planner.goals.formation_steps import formation
 from agents.planner.goals.patrol import ROOM, check_room, circuit, lap, lap_alone
 from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search

@@ -23,7 +23,7 @@ STEP = 0.25
 """m of the centre's way between the places that are looked at"""
 LOOK = 4
 """every so many of them is tried for room"""
-LADDER = np.linspace(0.0, 1.0, 11)
+SHARES = np.linspace(0.0, 1.0, 11)
 """how far drawn out a shape is tried"""
 SPARE = 0.1
 """m more than their radius that vehicles in shape keep from obstacles"""
@@ -97,7 +97,7 @@ def roomy(world: World, points: Floats, radii: Floats) -> Ints:
 
 
 def move(
-    path: Path, courses: tuple[float | None, float | None], crew: FormationMembers, world: World | None
+    path: Path, courses: tuple[float | None, float | None], members: FormationMembers, world: World | None
 ) -> Moved | None:
     """Fly the shape's centre along ``path`` (K, 3) ENU, from rest to rest.
 
@@ -108,16 +108,16 @@ def move(
     path = without_repeats(path)
     if len(path) < 2 and None in courses:
         return None
-    track = _Track.of(path, courses, crew, world)
-    column = _column(crew)
-    needed = _needed(track, crew, column, world)
+    track = _Track.of(path, courses, members, world)
+    column = _column(members)
+    needed = _needed(track, members, column, world)
     if needed is None:
         return None
     for hurry in HURRY:
-        drawn = _drawn_out(track, crew, column, world, needed, _ramp(track, crew, column, hurry))
+        drawn = _drawn_out(track, members, column, world, needed, _ramp(track, members, column, hurry))
         if drawn is not None:
             squeeze, points = drawn
-            return _timed(track, points, squeeze, crew.limits)
+            return _timed(track, points, squeeze, members.limits)
     return None
 
 
@@ -126,7 +126,7 @@ class _Track:
     """The centre's way at M evenly spread places."""
 
     path: Path
-    """rounded, for whoever flies on it ahead or behind"""
+    """rounded, for anyone who flies on it ahead or behind"""
     where: Floats
     """(M,) m along it"""
     course: Floats
@@ -136,22 +136,22 @@ class _Track:
 
     @classmethod
     def of(
-        cls, path: Path, courses: tuple[float | None, float | None], crew: FormationMembers, world: World | None
+        cls, path: Path, courses: tuple[float | None, float | None], members: FormationMembers, world: World | None
     ) -> _Track:
         """Corners are rounded as the speed wants it where there is room for that; the course turns with them."""
-        radius = float(crew.limits.speed.min()) ** 2 / float(crew.limits.accel.min())
-        reach = np.array([float(crew.radii.max()) + 0.5 * SPARE])
+        radius = float(members.limits.speed.min()) ** 2 / float(members.limits.accel.min())
+        reach = np.array([float(members.radii.max()) + 0.5 * SPARE])
         for cut in CUTS:
             curve = rounded(path, radius if cut == math.inf else math.inf, STEP, cut=cut)
             if world is None or not roomy(world, curve[:, None, None], reach).any():
                 break
         whole = float(lengths_of(curve)[-1])
         ends = _ends(curve, courses)
-        turning = abs(math.remainder(ends[1] - ends[0], math.tau)) * crew.extent
+        turning = abs(math.remainder(ends[1] - ends[0], math.tau)) * members.extent
         span = max(whole, turning, 4.0 * STEP)
         count = math.ceil(span / STEP) + 1
         where = np.linspace(0.0, whole, count)
-        return cls(curve, where, _courses(curve, where, ends, crew.extent / STEP), span / (count - 1))
+        return cls(curve, where, _courses(curve, where, ends, members.extent / STEP), span / (count - 1))
 
     @property
     def centre(self) -> Path:
@@ -203,31 +203,31 @@ def _smooth(values: Floats, half: int) -> Floats:
     return smooth
 
 
-def _column(crew: FormationMembers) -> Floats:
+def _column(members: FormationMembers) -> Floats:
     """(N,) metres ahead of the centre that each vehicle has in a column: who goes where so that nobody meets.
 
     The assignment with the least sum of squares, on straight lines at one pace, keeps everybody apart where both
     shapes are wide enough (Turpin, Michael, Kumar 2014, CAPT).
     """
-    count = len(crew.offsets)
+    count = len(members.offsets)
     if count == 1:
         return np.zeros(1)
     from scipy.optimize import linear_sum_assignment
 
-    gap = max(COLUMN_GAP * crew.apart, 1e-3)
-    ahead = crew.offsets[:, 0].mean() + gap * ((count - 1) / 2.0 - np.arange(count))
+    gap = max(COLUMN_GAP * members.apart, 1e-3)
+    ahead = members.offsets[:, 0].mean() + gap * ((count - 1) / 2.0 - np.arange(count))
     slots = np.column_stack((ahead, np.zeros((count, 2))))
-    _, order = linear_sum_assignment(scaled_distances(crew.offsets, slots, crew.downwash) ** 2)
+    _, order = linear_sum_assignment(scaled_distances(members.offsets, slots, members.downwash) ** 2)
     taken: Floats = ahead[order]
     return taken
 
 
-def _points(track: _Track, crew: FormationMembers, column: Floats, squeeze: Floats, every: int = 1) -> Floats:
+def _points(track: _Track, members: FormationMembers, column: Floats, squeeze: Floats, every: int = 1) -> Floats:
     """(M, N, 3) everybody's places; ``squeeze`` (M,) is how far the shape is drawn out at each place.
 
     Drawn out, what is left of the shape stands across the course at a point of the centre's own path.
     """
-    offsets = crew.offsets
+    offsets = members.offsets
     where, course = track.where[::every], track.course[::every]
     count, vehicles = len(where), len(offsets)
     drawn = squeeze[:, None] * column
@@ -240,32 +240,32 @@ def _points(track: _Track, crew: FormationMembers, column: Floats, squeeze: Floa
     return np.ascontiguousarray(on_path + shape)
 
 
-def _needed(track: _Track, crew: FormationMembers, column: Floats, world: World | None) -> Floats | None:
+def _needed(track: _Track, members: FormationMembers, column: Floats, world: World | None) -> Floats | None:
     """(M,) the least that the shape must be drawn out at each place; None where even a column does not pass."""
     count = len(track.where)
     needed = np.zeros(count)
     if world is None:
         return needed
     looked = np.arange(0, count, LOOK)
-    tries = [_points(track, crew, column, np.full(len(looked), share), LOOK) for share in LADDER]
-    found = roomy(world, np.ascontiguousarray(np.stack(tries, axis=1)), crew.radii + SPARE)
-    if (found == len(LADDER)).any():
+    tries = [_points(track, members, column, np.full(len(looked), share), LOOK) for share in SHARES]
+    found = roomy(world, np.ascontiguousarray(np.stack(tries, axis=1)), members.radii + SPARE)
+    if (found == len(SHARES)).any():
         return None
     for at, rung in zip(looked, found, strict=True):
         around = slice(max(0, at - LOOK), at + LOOK + 1)
-        needed[around] = np.maximum(needed[around], LADDER[rung])
+        needed[around] = np.maximum(needed[around], SHARES[rung])
     return needed
 
 
-def _ramp(track: _Track, crew: FormationMembers, column: Floats, hurry: float) -> int:
+def _ramp(track: _Track, members: FormationMembers, column: Floats, hurry: float) -> int:
     """In how many places the shape becomes a column."""
     ends = np.column_stack((column, np.zeros((len(column), 2))))
-    furthest = float(np.linalg.norm(crew.offsets - ends, axis=1).max())
+    furthest = float(np.linalg.norm(members.offsets - ends, axis=1).max())
     return max(8, math.ceil(hurry * furthest / track.step))
 
 
 def _drawn_out(
-    track: _Track, crew: FormationMembers, column: Floats, world: World | None, needed: Floats, ramp: int
+    track: _Track, members: FormationMembers, column: Floats, world: World | None, needed: Floats, ramp: int
 ) -> tuple[Floats, Floats] | None:
     """How far the shape is drawn out at each place (M,), and everybody's places (M, N, 3), clear of all.
 
@@ -277,12 +277,12 @@ def _drawn_out(
         squeeze = _eased(needed, ramp)
         if squeeze[0] > 1e-9 or squeeze[-1] > 1e-9:
             return None
-        points = _points(track, crew, column, squeeze)
+        points = _points(track, members, column, squeeze)
         bad = np.zeros(len(needed), dtype=bool)
         if world is not None:
-            bad = roomy(world, points[:, None], crew.radii + 0.5 * SPARE) > 0
+            bad = roomy(world, points[:, None], members.radii + 0.5 * SPARE) > 0
         if not bad.any():
-            return None if _meet(points[squeeze > 0.0], crew) else (squeeze, points)
+            return None if _meet(points[squeeze > 0.0], members) else (squeeze, points)
         if squeeze[bad].min() > 1.0 - 1e-9:
             return None
         needed[bad] = np.minimum(1.0, np.maximum(needed, squeeze)[bad] + MORE)
@@ -301,13 +301,13 @@ def _eased(needed: Floats, ramp: int) -> Floats:
     return np.clip(_smooth(falling, half), 0.0, 1.0)
 
 
-def _meet(points: Floats, crew: FormationMembers) -> bool:
+def _meet(points: Floats, members: FormationMembers) -> bool:
     """True where two come nearer than they may at one of the places."""
     if points.shape[1] < 2:
         return False
-    need = crew.radii[:, None] + crew.radii[None]
+    need = members.radii[:, None] + members.radii[None]
     np.fill_diagonal(need, -np.inf)
-    return any(bool((scaled_distances(at, at, crew.downwash) < need - 1e-3).any()) for at in points[::2])
+    return any(bool((scaled_distances(at, at, members.downwash) < need - 1e-3).any()) for at in points[::2])
 
 
 def _timed(track: _Track, points: Floats, squeeze: Floats, limits: timing.Limits) -> Moved:

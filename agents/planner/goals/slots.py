@@ -1,4 +1,4 @@
-"""Who takes which place, and what a crew can do together: between the fleet's views and the solver's arrays."""
+"""Who takes which place, and what a formation can do: between the fleet's views and the solver's arrays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from zmav.errors import BadInput, Refused, Unsupported
 STANDING = 0.5
 """m/s: a vehicle that is slower is at rest"""
 TURNS = 48
-"""courses at which a crew is compared with a shape"""
+"""courses at which a formation is compared with a shape"""
 
 
 def present(views: Sequence[VehicleView]) -> Floats:
@@ -128,6 +128,6 @@ def standing_in(
 
 
 def _reaches(points: Floats) -> Floats:
-    """(N,) distances from the middle, sorted: the same however a shape is turned and whoever is where in it."""
+    """(N,) distances from the middle, sorted: the same however a shape is turned and anyone who is where in it."""
     reaches: Floats = np.sort(np.linalg.norm(points - points.mean(axis=0), axis=1))
     return reaches

@@ -74,14 +74,14 @@ class Agent:
         self.clocks = Clocks(z, settings.clock_error)
         self.world = World()
         self.ledger = GoalBook()
-        self.tubes = ReservedAirspace()
+        self.airspace = ReservedAirspace()
         self.runs: dict[str, Run] = {}
         self.solver = Solver(lambda text: self.say("solver", "info", text))
         self.previewer: Solver | None = None
         """a second process: a preview must not keep a vehicle in flight waiting for its plan"""
         self.events: collections.deque[wire.Event] = collections.deque(maxlen=EVENTS)
-        self.press = StatusPublisher(self)
-        self._desk = OrderHandlers(self, z.member.credentials if z.member else None)
+        self.publisher = StatusPublisher(self)
+        self._handlers = OrderHandlers(self, z.member.credentials if z.member else None)
         self._tokens = Tokens(self)
         self._news = asyncio.Event()
         self.tasks: list[asyncio.Task[None]] = []
@@ -104,22 +104,22 @@ class Agent:
         self._say_soon = on_loop(asyncio.get_running_loop(), self.say)
         await self.solver.__aenter__()
         self._tokens.start()
-        self._desk.orders.start()
-        self.press.start()
+        self._handlers.orders.start()
+        self.publisher.start()
         self.tasks.append(asyncio.create_task(self._live()))
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:
-        """Everybody comes to rest, and the goals stay in the book for whoever stands by."""
+        """Everybody comes to rest, and the goals stay in the book for anyone who stands by."""
         for task in (*self.tasks, *self._asking):
             task.cancel()
         await asyncio.gather(*self.tasks, *self._asking, return_exceptions=True)
         await asyncio.gather(*(run.close() for run in self.runs.values()), return_exceptions=True)
-        await self._desk.orders.close()
+        await self._handlers.orders.close()
         if self.charge.in_charge:
-            self.press.last_book()
+            self.publisher.last_book()
         self._tokens.close()
         await self.solver.__aexit__(None, None, None)
         if self.previewer is not None:
@@ -131,12 +131,12 @@ class Agent:
         """Something happened: in the log, in the status, and so to everybody who looks."""
         self.events.append(wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail))
         log(f"{severity}: {text}" if severity != "info" else text)
-        self.press.changed()
+        self.publisher.changed()
 
     def wake(self) -> None:
         """Something is to be looked at now."""
         self._news.set()
-        self.press.changed()
+        self.publisher.changed()
 
     def status(self) -> dict[str, Any]:
         hearing = self.fleet.hearing()
@@ -249,7 +249,7 @@ class Agent:
             self._say_soon(kind, severity, text + (f" (and {left_out} more before)" if left_out else ""))
 
     def on_map(self, data: bytes) -> None:
-        """What the planner in charge keeps clear of: whoever stands by keeps it, too."""
+        """What the planner in charge keeps clear of: anyone who stands by keeps it, too."""
         if self.charge.in_charge:
             return
         with contextlib.suppress(BadInput):
@@ -275,7 +275,7 @@ class Agent:
             self.say("charge", "warning", f"{who}: {self.settings.name} stands by, and commands nobody")
             self._step_down(book)
         elif self.charge.in_charge and book.instance != self.instance:
-            self.press.book()  # it hears that it is not
+            self.publisher.book()  # it hears that it is not
 
     def on_charge(self, data: bytes) -> None:
         """Somebody is in charge."""
@@ -312,7 +312,7 @@ class Agent:
             self._changed, self._looked = False, now
             for run in self.runs.values():
                 run.world_changed()
-            self.press.changed()
+            self.publisher.changed()
         if not self.charge.in_charge:
             if self.charge.lost(now):
                 self._take_charge()
@@ -349,7 +349,7 @@ class Agent:
         if book:
             self._check_map(book, again)
         self._maps.clear()
-        self.press.book()
+        self.publisher.book()
 
     def _check_map(self, book: swarm.Book, again: list[swarm.GoalEntry]) -> None:
         """Nothing is flown among obstacles that the one before us knew of and we do not."""
@@ -392,7 +392,7 @@ class Agent:
                 continue
             busy |= set(entry.goal.vehicles)
             self.runs[entry.id] = Run(self, entry)
-            self.press.changed()
+            self.publisher.changed()
         if held != self._held:
             self._held = held
             if held:

@@ -71,7 +71,7 @@ def check_obstacle(obstacle: swarm.Obstacle) -> None:
         text = f"obstacle.t is {obstacle.t}; expected UTC seconds"
         raise BadInput(text, field="obstacle.t", value=obstacle.t, expected="UTC seconds")
     if obstacle.ttl is not None and not 0.0 < obstacle.ttl < 1e9:
-        text = f"obstacle.ttl is {obstacle.ttl}; expected seconds, more than nought"
+        text = f"obstacle.ttl is {obstacle.ttl}; expected seconds, more than zero"
         raise BadInput(text, field="obstacle.ttl", value=obstacle.ttl, expected="more than 0")
     what = obstacle.what
     check_numbers(what, "obstacle.what")
@@ -128,7 +128,7 @@ def _meet(a: swarm.Corner, b: swarm.Corner, c: swarm.Corner, d: swarm.Corner) ->
 
 def _positive(value: float, field: str) -> None:
     if not (math.isfinite(value) and value > 0.0):
-        raise BadInput(f"{field} is {value}; expected more than nought", field=field, value=value, expected="> 0")
+        raise BadInput(f"{field} is {value}; expected more than zero", field=field, value=value, expected="> 0")
 
 
 def _at_most(listed: list[Any], most: int, field: str) -> None:

@@ -1,4 +1,4 @@
-"""The vehicles of one goal under our leases, and the plans that they fly; watched, and planned anew where need be."""
+"""The vehicles of one goal under our leases, and the plans that they fly; watched, and planned again where need be."""
 
 from __future__ import annotations
 
@@ -7,22 +7,20 @@ import contextlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 import zmav
 from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
+from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Mover
 from zmav import wire
 from zmav.errors import Refused, ZmavError
-
-if TYPE_CHECKING:
-    from agents.planner.live.run import Run
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
@@ -55,7 +53,7 @@ class Landed:
 class LeasedVehicles:
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: GoalUnderWay) -> None:
         self._run = run
         self._stack = contextlib.AsyncExitStack()
         self._executor: Executor | None = None
@@ -88,12 +86,12 @@ class LeasedVehicles:
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
         assert self._executor is not None
-        return self._executor.helms[name].vehicle
+        return self._executor.commands[name].vehicle
 
     @property
-    def helms(self) -> dict[str, VehicleCommand]:
+    def commands(self) -> dict[str, VehicleCommand]:
         assert self._executor is not None
-        return self._executor.helms
+        return self._executor.commands
 
     @property
     def now(self) -> float:
@@ -127,7 +125,7 @@ class LeasedVehicles:
         """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
         executor, fleet = self._executor, self._run.agent.fleet
         assert executor is not None
-        seen = {name: fleet.seen(name) for name in executor.helms}
+        seen = {name: fleet.seen(name) for name in executor.commands}
         speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
         return executor.needed({name: 1.02 * share * speed for name, speed in speeds.items()})
 
@@ -174,7 +172,7 @@ class LeasedVehicles:
             self._executor.halt(why)
 
     def world_changed(self) -> None:
-        """Whoever has something in its way from now on stops before it, and a new plan is made."""
+        """Anyone who has something in its way from now on stops before it, and a new plan is made."""
         planned, executor, agent = self._planned, self._executor, self._run.agent
         if planned is None or executor is None:
             return
@@ -199,7 +197,7 @@ class LeasedVehicles:
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
         tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
-        run.agent.press.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
+        run.agent.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
         return Flight(
             motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
@@ -216,7 +214,7 @@ class LeasedVehicles:
         if self._again is None or run.stopping:
             return None
         self._gone += list(trouble.gone)
-        run.say("replan", "notice", f"{run.entry.id}: planned anew: {trouble.reason}", goal=run.entry.id)
+        run.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
         try:
             planned = await self._again(trouble)
         except ZmavError as e:
@@ -225,10 +223,10 @@ class LeasedVehicles:
         return None if planned is None else self._flight(planned)
 
     def movers(self, now: float) -> list[Mover]:
-        """Whoever is not in this plan and nobody else's, on our UTC."""
+        """Anyone who is not in this plan and nobody else's, on our UTC."""
         run, agent = self._run, self._run.agent
         kin = agent.committed(run.entry.id)
-        taken = agent.tubes.vehicles({run.entry.id}) | {mover.id for mover in kin}
+        taken = agent.airspace.vehicles({run.entry.id}) | {mover.id for mover in kin}
         movers = moving(run.vehicles, agent.fleet.all(), agent.world.pieces(time.time()), taken)
         later = kin
         for mover in movers:

@@ -89,7 +89,7 @@ class GoalBook:
             self.goals.remove(entry)
 
     def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
-        """Go on from another planner's book; the goals that are to be begun anew, from wherever their vehicles are."""
+        """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are."""
         self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
         again = [entry for entry in self.goals if entry.state not in ENDED]
         for entry in again:

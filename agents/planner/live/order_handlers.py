@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from agents.planner.live.checks import MOST_BYTES, check_goal, check_obstacle
+from agents.planner.live.context import Orderable
 from agents.planner.live.preview import preview
 from agents.planner.model.errors import PlanError
 from zmav import keys, wire
@@ -19,10 +20,6 @@ from zmav.trust.gate import Origin, anybody
 from zmav.verbs import SWARM_VERBS, Access
 from zmav.wire import swarm
 
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
-
-
 MOST_PREVIEWS = 3
 """at a time: they are everybody's, and goals are planned by the same process while nobody flies"""
 
@@ -30,7 +27,7 @@ MOST_PREVIEWS = 3
 class OrderHandlers:
     """The handlers. Without credentials anybody may ask for anything; with them as :mod:`zmav.trust.rights` says."""
 
-    def __init__(self, agent: Agent, credentials: Credentials | None) -> None:
+    def __init__(self, agent: Orderable, credentials: Credentials | None) -> None:
         self._agent = agent
         self._previews = 0
         settings = agent.settings

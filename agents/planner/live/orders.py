@@ -6,14 +6,16 @@ import asyncio
 import math
 from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
 
 import zmav
 from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
+from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.frames import enu, ned
+from agents.planner.live.leased_vehicles import LeasedVehicles
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.problem import Floats
 from agents.planner.solve.loiter import STEADY
@@ -23,10 +25,6 @@ from zmav.verbs import VERBS
 from zmav.waiting import together
 from zmav.wire import Vector
 
-if TYPE_CHECKING:
-    from agents.planner.live.leased_vehicles import LeasedVehicles
-    from agents.planner.live.run import Run
-
 SOON = 0.5
 CIRCLING = 1.5
 """radii from its circle's centre at which a plane on it may be"""
@@ -34,7 +32,7 @@ SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
 """s, m/s up or down, and times what the way takes: how long planes are given"""
 
 
-async def carry_out(run: Run, crew: LeasedVehicles, step: Orders, gone: AbstractSet[str]) -> None:
+async def carry_out(run: GoalUnderWay, leased: LeasedVehicles, step: Orders, gone: AbstractSet[str]) -> None:
     """Each order once those before it are done. When one fails the others hold, and what it raises is raised at once;
     of landings the others go on first, but for those that wait for a way down that the one who failed may be in.
 
@@ -51,7 +49,7 @@ async def carry_out(run: Run, crew: LeasedVehicles, step: Orders, gone: Abstract
             try:
                 _check_way(order, {step.orders[before].vehicle for before in order.after} & (failed.keys() | gone))
                 run.text(f"{order.verb} of {order.vehicle}")
-                await give(crew.vehicle(order.vehicle), order.verb, order.args)
+                await give(leased.vehicle(order.vehicle), order.verb, order.args)
             except ZmavError as e:
                 if not step.lands:
                     raise
@@ -64,7 +62,7 @@ async def carry_out(run: Run, crew: LeasedVehicles, step: Orders, gone: Abstract
     try:
         await together(*(one(number, order) for number, order in enumerate(step.orders)))
     except (asyncio.CancelledError, ZmavError):
-        await halt(run, crew, {order.vehicle for number, order in enumerate(step.orders) if number not in done})
+        await halt(run, leased, {order.vehicle for number, order in enumerate(step.orders) if number not in done})
         raise
     if failed:
         raise Refused("; ".join(failed.values()), vehicles=sorted(failed))
@@ -87,35 +85,35 @@ async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> Non
     await vehicle.order(verb, order)
 
 
-async def halt(run: Run, crew: LeasedVehicles, names: Iterable[str]) -> None:
+async def halt(run: GoalUnderWay, leased: LeasedVehicles, names: Iterable[str]) -> None:
     """Have those that move stop where they are."""
-    await hold_all(run, crew, [name for name in names if _in_the_air(run, name)])
+    await hold_all(run, leased, [name for name in names if _in_the_air(run, name)])
 
 
-async def hold_all(run: Run, crew: LeasedVehicles, names: list[str]) -> None:
-    """Under our leases, which go on. Who was taken from us is another's: a hold of ours would end his lease. Whoever
+async def hold_all(run: GoalUnderWay, leased: LeasedVehicles, names: list[str]) -> None:
+    """Under our leases, which go on. Who was taken from us is another's: a hold of ours would end his lease. Anyone who
     does not answer is told of.
     """
-    ours = [name for name in names if name in crew.helms and crew.helms[name].ours]
-    results = await asyncio.gather(*(crew.vehicle(name).hold() for name in ours), return_exceptions=True)
+    ours = [name for name in names if name in leased.commands and leased.commands[name].ours]
+    results = await asyncio.gather(*(leased.vehicle(name).hold() for name in ours), return_exceptions=True)
     for name, result in zip(ours, results, strict=True):
         if isinstance(result, ZmavError):
             run.say("hold", "warning", f"{name} was told to hold, and did not: {result}", goal=run.entry.id)
 
 
-async def speak_for(run: Run, tubes: Mapping[str, list[Tube]]) -> None:
+async def speak_for(run: GoalUnderWay, volumes: Mapping[str, list[Tube]]) -> None:
     """Wait until nobody else has spoken for that room, and do."""
     agent = run.agent
-    while blocker := agent.tubes.blocker(agent.kin(run.entry.id), tubes, agent.settings.downwash):
+    while blocker := agent.airspace.blocker(agent.kin(run.entry.id), volumes, agent.settings.downwash):
         run.text(f"waits for room beside {blocker}")
         await asyncio.sleep(SOON)
-    agent.tubes.hold(run.entry.id, tubes)
+    agent.airspace.hold(run.entry.id, volumes)
 
 
-async def loiter(run: Run, crew: LeasedVehicles, step: Loiter) -> None:
+async def loiter(run: GoalUnderWay, leased: LeasedVehicles, step: Loiter) -> None:
     """Planes over their points, one after another, and then to their circles; done when all circle."""
     await speak_for(run, {name: _around(run, step, i) for i, name in enumerate(step.vehicles)})
-    await circle({name: crew.vehicle(name) for name in step.vehicles}, step)
+    await circle({name: leased.vehicle(name) for name in step.vehicles}, step)
 
 
 async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
@@ -157,7 +155,7 @@ def _local(vehicle: zmav.Vehicle) -> Vector:
     return local
 
 
-def _around(run: Run, step: Loiter, number: int) -> list[Tube]:
+def _around(run: GoalUnderWay, step: Loiter, number: int) -> list[Tube]:
     """All that it may be off its way over the ground, from where it is over its points to its circle."""
     name, wide = step.vehicles[number], CIRCLING * abs(float(step.radii[number]))
     seen = run.agent.fleet.seen(name)
@@ -174,7 +172,7 @@ def _point(place: Floats) -> Vector:
     return (x, y, z)
 
 
-def _columns(run: Run, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:
+def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:
     """Where these orders lead it: straight up and down, and straight to places."""
     seen = run.agent.fleet.seen(name)
     assert seen is not None
@@ -192,7 +190,7 @@ def _columns(run: Run, name: str, orders: tuple[VehicleOrder, ...], place: Vecto
     return [tube(_array(way), seen.view.body.radius)]
 
 
-def _in_the_air(run: Run, name: str) -> bool:
+def _in_the_air(run: GoalUnderWay, name: str) -> bool:
     seen = run.agent.fleet.seen(name)
     return seen is not None and (seen.view.airborne or (not seen.view.flies and bool(seen.state.armed)))
 

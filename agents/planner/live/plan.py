@@ -6,7 +6,6 @@ import asyncio
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from agents.planner.goals.formation import offsets_of
 from agents.planner.goals.steps import GROUND, FleetView, Fly, PlanTo, Step, unroll
 from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
+from agents.planner.live.context import Context
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of, with_radii
 from agents.planner.live.solver import Solver
@@ -24,9 +24,6 @@ from agents.planner.model.scene import Scene
 from agents.planner.solve.loiter import loiter_radius
 from zmav.errors import Refused
 from zmav.wire import Vector, swarm
-
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
 
 Progress = Callable[[str, float], None]
 Margins = Sequence[tuple[float, float]]
@@ -56,15 +53,15 @@ class Planned:
 class Planner:
     """For one goal. ``view``: the fleet as it will be when the step begins, its radii with the margin in them."""
 
-    def __init__(self, agent: Agent, goal: str, solver: Solver) -> None:
+    def __init__(self, agent: Context, goal: str, solver: Solver) -> None:
         self._agent, self._goal, self._solver = agent, goal, solver
 
     def room(self, vehicles: Sequence[str]) -> Room:
         """Everything that these are to keep clear of now."""
         agent = self._agent
         kin = agent.kin(self._goal)
-        walls = agent.tubes.walls(kin, agent.settings.downwash)
-        taken = agent.tubes.vehicles(kin)
+        walls = agent.airspace.walls(kin, agent.settings.downwash)
+        taken = agent.airspace.vehicles(kin)
         pieces = agent.world.pieces(time.time())
         return room_of(vehicles, agent.fleet.all(), pieces, walls, taken, agent.settings.downwash)
 

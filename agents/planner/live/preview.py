@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.live.context import Orderable
 from agents.planner.live.frames import ned
 from agents.planner.live.plan import Planned, Planner
 from agents.planner.live.publisher import thin
@@ -13,11 +14,8 @@ from zmav.errors import Refused
 from zmav.services.orders.orders import Report
 from zmav.wire import Vector, swarm
 
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
 
-
-async def preview(agent: Agent, goal: swarm.Goal, report: Report) -> dict[str, Any]:
+async def preview(agent: Orderable, goal: swarm.Goal, report: Report) -> dict[str, Any]:
     """Steps with their makespan, clearance and tracks (NED); raises the typed error of what cannot be."""
     solver = await agent.preview_solver()
     planner = Planner(agent, "preview", solver)

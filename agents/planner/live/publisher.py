@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import TYPE_CHECKING
 
 import msgspec
 import zenoh
 
+from agents.planner.live.context import Context
 from agents.planner.live.frames import ned
 from agents.planner.live.leadership.election import BEAT, HEARTBEAT
 from agents.planner.model.plans import Sample
@@ -17,9 +17,6 @@ from zmav import keys, wire
 from zmav.errors import BadKey
 from zmav.waiting import within
 from zmav.wire import swarm
-
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
 
 AGENT = "planner"
 SELDOM = 5.0
@@ -35,7 +32,7 @@ POINTS = 60
 class StatusPublisher:
     """Lives on the event loop. A closed session hears nothing: no reason to stop."""
 
-    def __init__(self, agent: Agent) -> None:
+    def __init__(self, agent: Context) -> None:
         self._agent = agent
         self._news = asyncio.Event()
         self._plans: dict[str, swarm.PlanReport] = {}

@@ -62,10 +62,10 @@ class ReservedAirspace:
     def __init__(self) -> None:
         self._held: dict[str, dict[str, list[Tube]]] = {}
 
-    def hold(self, goal: str, tubes: Mapping[str, Iterable[Tube]]) -> None:
+    def hold(self, goal: str, volumes: Mapping[str, Iterable[Tube]]) -> None:
         """From now on, in place of what the goal held for these vehicles before."""
         held = self._held.setdefault(goal, {})
-        for vehicle, each in tubes.items():
+        for vehicle, each in volumes.items():
             held[vehicle] = list(each)
 
     def drop(self, goal: str) -> dict[str, list[Tube]]:
@@ -77,15 +77,15 @@ class ReservedAirspace:
         return [
             (name, vehicle, each)
             for name, held in self._held.items() if name not in but
-            for vehicle, tubes in held.items() for each in tubes
+            for vehicle, volumes in held.items() for each in volumes
         ]  # fmt: skip
 
     def vehicles(self, but: Collection[str] = ()) -> set[str]:
-        """Whoever holds any, in other goals than ``but``."""
+        """Anyone who holds any, in other goals than ``but``."""
         return {vehicle for name, held in self._held.items() if name not in but for vehicle in held}
 
     def walls(self, but: Collection[str], downwash: float) -> list[scene.Obstacle]:
-        """The tubes of the other goals as boxes to keep out of: a centre stays its own radius away from each."""
+        """The volumes of the other goals as boxes to keep out of: a centre stays its own radius away from each."""
         found: list[scene.Obstacle] = []
         for goal, vehicle, each in self.others(but):
             r, up = each.radius, each.radius * downwash
@@ -95,10 +95,10 @@ class ReservedAirspace:
         return found
 
     def blocker(self, but: Collection[str], wanted: Mapping[str, Iterable[Tube]], downwash: float) -> str:
-        """Which other goal's tubes are not clear of these; empty: none."""
+        """Which other goal's volumes are not clear of these; empty: none."""
         for name, _, other in self.others(but):
-            for tubes in wanted.values():
-                if any(meet(each, other, downwash) for each in tubes):
+            for volumes in wanted.values():
+                if any(meet(each, other, downwash) for each in volumes):
                     return name
         return ""
 

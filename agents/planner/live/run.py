@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from agents.planner.execute.executor import Trouble
 from agents.planner.execute.vehicle_command import RESTING
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.live.context import Context
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
@@ -27,9 +28,6 @@ from agents.planner.model.problem import Mover
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
-
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
 
 SETTLE = 90.0
 """s that vehicles may take to come to rest before a goal begins: a segment lasts a minute at most"""
@@ -52,7 +50,7 @@ MANY_LAPS, MANY_SAMPLES = 20, 50_000
 class Run:
     """Begun by its making. Lives on the event loop; whatever happens ends in the book, in words."""
 
-    def __init__(self, agent: Agent, entry: swarm.GoalEntry) -> None:
+    def __init__(self, agent: Context, entry: swarm.GoalEntry) -> None:
         self.agent, self.entry = agent, entry
         self.vehicles = tuple(entry.goal.vehicles)
         self.leader = entry.goal.leader if isinstance(entry.goal, swarm.Follow) else None
@@ -115,7 +113,7 @@ class Run:
             self._flying.world_changed()
 
     async def close(self) -> None:
-        """End without a word in the book; whoever still flies comes to rest along its way first."""
+        """End without a word in the book; anyone who still flies comes to rest along its way first."""
         self.stopping = self.stopping or "closed"
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
@@ -125,7 +123,7 @@ class Run:
     def text(self, text: str) -> None:
         if self.entry.state not in ENDED and self.entry.text != text:
             self.entry.text = text
-            self.agent.press.changed()
+            self.agent.publisher.changed()
 
     def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
         self.agent.say(kind, severity, text, **detail)
@@ -152,7 +150,7 @@ class Run:
             ledger.end(entry, "failed", f"the planner's own fault: {e!r}")
         finally:
             self._leave_room()
-            self.agent.press.plan_over(entry.id)
+            self.agent.publisher.plan_over(entry.id)
         if self.stopping == "closed":
             return
         word = "failed: " if entry.state == "failed" else ""
@@ -166,17 +164,17 @@ class Run:
         await self._goes.wait()
         steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
         self._go_without(lost)
-        async with LeasedVehicles(self) as crew:
-            if silent := crew.left:
+        async with LeasedVehicles(self) as leased:
+            if silent := leased.left:
                 self._go_without(silent)
                 lost |= silent
                 self.say("lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer")
             await self._settled()  # from now on nobody else moves them
-            missing = await self._take_each(crew, steps, lost, (0.0, 1.0))
+            missing = await self._take_each(leased, steps, lost, (0.0, 1.0))
         return sorted(missing)
 
     async def _take_each(
-        self, crew: LeasedVehicles, steps: list[Step], gone: set[str], share: tuple[float, float]
+        self, leased: LeasedVehicles, steps: list[Step], gone: set[str], share: tuple[float, float]
     ) -> set[str]:
         """Gives ``gone`` and who was lost on the way: the others go on to land, and to nothing else."""
         begin, each = share[0], (share[1] - share[0]) / max(len(steps), 1)
@@ -184,7 +182,7 @@ class Run:
             await self._goes.wait()
             self.text(step.text or type(step).__name__)
             part = (begin + number * each, begin + (number + 1) * each)
-            missing = await self._take(crew, step, part, gone)
+            missing = await self._take(leased, step, part, gone)
             self.check_stopped()
             self.progress(part[1])
             gone = gone | set(missing)
@@ -196,27 +194,27 @@ class Run:
     def _go_without(self, lost: set[str]) -> None:
         self.vehicles = tuple(name for name in self.vehicles if name not in lost)
 
-    async def _take(self, crew: LeasedVehicles, step: Step, share: tuple[float, float], gone: set[str]) -> list[str]:
+    async def _take(self, leased: LeasedVehicles, step: Step, share: tuple[float, float], gone: set[str]) -> list[str]:
         if isinstance(step, PlanTo):
-            return await self._plan_and_fly(crew, step, share)
+            return await self._plan_and_fly(leased, step, share)
         if isinstance(step, Fly):
-            return await self._fly_prepared(crew, step, share)
+            return await self._fly_prepared(leased, step, share)
         if isinstance(step, Orders):
             self._state("flying", step.text or "carries out orders")
-            await carry_out(self, crew, step, gone)
+            await carry_out(self, leased, step, gone)
         elif isinstance(step, Loiter):
             self._state("flying", step.text or "planes go to their circles")
-            await loiter(self, crew, step)
+            await loiter(self, leased, step)
         elif isinstance(step, Track):
             self._state("flying", step.text or "follows")
-            return await self._follow(crew, step, share)
+            return await self._follow(leased, step, share)
         else:
             assert isinstance(step, Stop)
-            await halt(self, crew, step.vehicles)
+            await halt(self, leased, step.vehicles)
         return []
 
-    async def _plan_and_fly(self, crew: LeasedVehicles, step: PlanTo, share: tuple[float, float]) -> list[str]:
-        """Plan from where they are, fly; what goes wrong on the way is planned anew from where everybody rests."""
+    async def _plan_and_fly(self, leased: LeasedVehicles, step: PlanTo, share: tuple[float, float]) -> list[str]:
+        """Plan from where they are, fly; what goes wrong on the way is planned again from where everybody rests."""
         self._state("planning", step.text or "plans")
 
         rest, flown, refused, made, missing = step, None, 0, 0, set[str]()
@@ -227,23 +225,23 @@ class Run:
             rest = _without(rest, set(trouble.gone))
             if not rest.vehicles or self.stopping:
                 return None
-            self._state("planning", f"planned anew: {trouble.reason}")
+            self._state("planning", f"planned again: {trouble.reason}")
             places = {name: _vector(place) for name, place in trouble.places.items()}
-            flown = await self._planned(crew, rest, moved(self._view(rest.vehicles), places, airborne=None))
+            flown = await self._planned(leased, rest, moved(self._view(rest.vehicles), places, airborne=None))
             self._speak_for(flown)
             self._state("flying", step.text or "flies")
             return flown
 
         while True:
-            flown = await self._planned(crew, rest, self._view(rest.vehicles))
+            flown = await self._planned(leased, rest, self._view(rest.vehicles))
             try:
-                landed = await self._flown(crew, flown, step.text, share, again)
+                landed = await self._flown(leased, flown, step.text, share, again)
             except Refused as e:  # nobody moves for it: a clock is known worse than before, or somebody drifted
                 refused += 1
                 if refused == MOST_TRIES:
                     raise
-                self.say("replan", "notice", f"{self.entry.id}: planned anew: {e.message}", goal=self.entry.id)
-                self._state("planning", f"planned anew: {e.message}")
+                self.say("replan", "notice", f"{self.entry.id}: planned again: {e.message}", goal=self.entry.id)
+                self._state("planning", f"planned again: {e.message}")
                 await self._settled(rest.vehicles)
                 continue
             if not landed.arrived:
@@ -256,19 +254,19 @@ class Run:
             if made > MOST_TRIES:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
 
-    async def _fly_prepared(self, crew: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
+    async def _fly_prepared(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         laps = 0
         while step.laps == 0 or laps < step.laps:
             more = min(step.laps - laps if step.laps else MANY_LAPS, many_laps(step))
-            if laps and (missing := await self._plan_and_fly(crew, _to_begin(step), share)):
+            if laps and (missing := await self._plan_and_fly(leased, _to_begin(step), share)):
                 return missing
             planned, why = await self.planner.check(step, self._view(), more)
             if planned is None:
                 break
-            landed = await self._flown(crew, planned, step.text, share)
+            landed = await self._flown(leased, planned, step.text, share)
             self.check_stopped()
             if not landed.arrived:
-                self.say("replan", "notice", f"{self.entry.id}: planned anew: {landed.why}", goal=self.entry.id)
+                self.say("replan", "notice", f"{self.entry.id}: planned again: {landed.why}", goal=self.entry.id)
                 await self._settled()
                 why = landed.why
                 break
@@ -278,21 +276,21 @@ class Run:
         if not step.instead:
             raise Refused(f"{step.text or 'what was prepared'}: {why}; there is no other way")
         for instead in step.instead:
-            if missing := await self._plan_and_fly(crew, instead, share):
+            if missing := await self._plan_and_fly(leased, instead, share):
                 return missing
         return []
 
-    async def _follow(self, crew: LeasedVehicles, step: Track, share: tuple[float, float]) -> list[str]:
+    async def _follow(self, leased: LeasedVehicles, step: Track, share: tuple[float, float]) -> list[str]:
         """Until the goal is cancelled, or its leader is lost for good; gives who did not come home or down then."""
         while True:
-            tracking = Tracking(self, crew, step)
+            tracking = Tracking(self, leased, step, self.planner)
             self._flying, self.tracks = tracking, True
             try:
                 doing = await tracking.go_on()
             except Blocked as e:
                 self._flying, self.tracks = None, False
                 self.say("replan", "notice", f"{self.entry.id}: {e.message}: planned", goal=self.entry.id)
-                await self._beside(crew, tracking, share)
+                await self._beside(leased, tracking, share)
                 continue
             finally:
                 self._flying, self.tracks = None, False
@@ -300,25 +298,25 @@ class Run:
             goal: swarm.Goal = swarm.Return(vehicles=list(self.vehicles))
             if doing == "land":
                 goal = swarm.Land(vehicles=list(self.vehicles))
-            return sorted(await self._take_each(crew, await self.planner.resolve(goal, self._view()), set(), share))
+            return sorted(await self._take_each(leased, await self.planner.resolve(goal, self._view()), set(), share))
 
-    async def _beside(self, crew: LeasedVehicles, tracking: Tracking, share: tuple[float, float]) -> None:
+    async def _beside(self, leased: LeasedVehicles, tracking: Tracking, share: tuple[float, float]) -> None:
         """By a plan to where the leader is now; where there is none, a little later perhaps."""
-        places = np.array([enu(target.pos) for target in tracking.targets(crew.now)])
+        places = np.array([enu(target.pos) for target in tracking.targets(leased.now)])
         try:
-            await self._plan_and_fly(crew, PlanTo(self.vehicles, places, True, "on the way to the leader"), share)
+            await self._plan_and_fly(leased, PlanTo(self.vehicles, places, True, "on the way to the leader"), share)
         except PlanError as e:
             self.text(f"waits: {e.message}")
             await asyncio.sleep(SOON)
         self._state("flying", "follows")
 
-    async def _planned(self, crew: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
+    async def _planned(self, leased: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
         not heard and in the way.
         """
         tries, begun = 0, time.monotonic()
         while True:
-            margins = await crew.margins()
+            margins = await leased.margins()
             try:
                 return await self.planner.plan_to(step, view, self._stage, margins)
             except PlanError as e:
@@ -326,7 +324,7 @@ class Run:
                     text = f"{self.entry.id}: first they draw apart: {e.message}"
                     self.say("room", "notice", text, goal=self.entry.id)
                     return first
-                others = sorted({goal for goal, _, _ in self.agent.tubes.others(self.agent.kin(self.entry.id))})
+                others = sorted({goal for goal, _, _ in self.agent.airspace.others(self.agent.kin(self.entry.id))})
                 patient = time.monotonic() < begun + SILENCE
                 silent = sorted(self.agent.fleet.hearing().unheard) if patient else []
                 if not (others or silent) or e.kind == "invalid_scene":
@@ -341,32 +339,33 @@ class Run:
             self.check_stopped()
 
     async def _flown(
-        self, crew: LeasedVehicles, planned: Planned, text: str, share: tuple[float, float], again: Again | None = None
-    ) -> Landed:
+        self, leased: LeasedVehicles, planned: Planned, text: str, share: tuple[float, float],
+        again: Again | None = None,
+    ) -> Landed:  # fmt: skip
         self._speak_for(planned)
         self._state("flying", text or "flies")
-        self._flying = crew
+        self._flying = leased
         try:
-            return await crew.fly(planned, share, again)
+            return await leased.fly(planned, share, again)
         finally:
             self._flying = None
 
     def _speak_for(self, planned: Planned) -> None:
         """From now on no other goal plans through the room that this one needs."""
         radii = {vehicle.id: vehicle.radius for vehicle in planned.scene.vehicles}
-        tubes = {
+        airspace = {
             name: [tube(motion_of(samples)[:, 1:], radii[name])] for name, samples in planned.trajectories.items()
         }  # fmt: skip
-        self.agent.tubes.hold(self.entry.id, tubes)
+        self.agent.airspace.hold(self.entry.id, airspace)
         self.entry.makespan, self.entry.clearance = planned.makespan, planned.clearance
 
     def _leave_room(self) -> None:
         """Its room is free again, but for the ways of those that are not heard, who may still be flying them."""
         agent, name = self.agent, f"{self.entry.id}/lost"
-        held = agent.tubes.drop(self.entry.id)
-        lost = {vehicle: tubes for vehicle, tubes in held.items() if vehicle in agent.fleet.hearing().unheard}
+        held = agent.airspace.drop(self.entry.id)
+        lost = {vehicle: volumes for vehicle, volumes in held.items() if vehicle in agent.fleet.hearing().unheard}
         if lost:
-            agent.tubes.hold(name, lost)
+            agent.airspace.hold(name, lost)
             agent.later(self._leave_more(name, set(lost)))
 
     async def _leave_more(self, name: str, lost: set[str]) -> None:
@@ -374,7 +373,7 @@ class Run:
         begun = time.monotonic()
         while time.monotonic() < begun + LASTING and any(self._unrest(vehicle, begun) for vehicle in lost):
             await asyncio.sleep(SOON)
-        self.agent.tubes.drop(name)
+        self.agent.airspace.drop(name)
 
     # What it stands on.
 

@@ -30,11 +30,11 @@ GRACE = 5.0
 OTHER_JOBS = 30.0
 """s for a job that has no limit of its own"""
 AGAIN = (0.1, 1.0, 5.0, 15.0)
-"""s before it is started anew, by how often it has died without doing a job in between"""
+"""s before it is started again, by how often it has died without doing a job in between"""
 
 
 class SolverDied(ZmavError):
-    """The process ended in the middle of a job; it is started anew by itself."""
+    """The process ended in the middle of a job; it is started again by itself."""
 
     code = "solver"
 
@@ -94,7 +94,7 @@ class Solver:
     ) -> Any:
         """Have a job done; raises its typed error, :class:`SolverDied`, or :class:`TimedOut` when it was given up.
 
-        Who stops waiting for it does not end it: loading the process anew would take longer than most jobs do.
+        Who stops waiting for it does not end it: loading the process again would take longer than most jobs do.
         """
         work = asyncio.ensure_future(self._work(job, seconds, progress))
         work.add_done_callback(_look)
@@ -121,7 +121,7 @@ class Solver:
                 self._job = self._progress = None
 
     def _kill(self, process: asyncio.subprocess.Process) -> None:
-        """It is not asked any more from now on, and started anew."""
+        """It is not asked any more from now on, and started again."""
         self._ready.clear()
         with contextlib.suppress(ProcessLookupError):
             process.kill()
@@ -140,7 +140,7 @@ class Solver:
             if self._job is not None and not self._job.done():
                 self._job.set_exception(SolverDied(f"the {self._name} ended with {code} in the middle of its work"))
             wait = AGAIN[min(died, len(AGAIN) - 1)]
-            self._say(f"the {self._name} ended with {code}; it is started anew in {wait:g} s")
+            self._say(f"the {self._name} ended with {code}; it is started again in {wait:g} s")
             await asyncio.sleep(wait)
 
     async def _run(self) -> int:

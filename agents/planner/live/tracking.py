@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,16 +17,15 @@ from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND
 from agents.planner.goals.steps import Track as Step
+from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.frames import enu, enu_array, ned
+from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Mover
 from zmav.errors import Refused, Stale
 from zmav.wire import Vector, swarm
-
-if TYPE_CHECKING:
-    from agents.planner.live.leased_vehicles import LeasedVehicles
-    from agents.planner.live.run import Run
 
 TICK, EVERY = 0.1, 1.0
 """s between two looks, and between two segments of one follower"""
@@ -45,22 +43,22 @@ BLOCKED = 6.0
 class Tracking:
     """One follow goal under way. Lives on the event loop."""
 
-    def __init__(self, run: Run, crew: LeasedVehicles, step: Step) -> None:
-        self._run, self._crew, self._goal = run, crew, step.goal
-        self._helms = crew.helms
+    def __init__(self, run: GoalUnderWay, leased: LeasedVehicles, step: Step, planner: Planner) -> None:
+        self._run, self._leased, self._goal, self._planner = run, leased, step.goal, planner
+        self._commands = leased.commands
         self._parts: list[Part] = []
         self._headings: list[follow.Heading | None] = [None] * len(self._goal.vehicles)
         self._due: dict[str, float] = {}
         self._told: dict[str, float] = {}
         self._said = ""
         self._offsets = self._offsets_of()
-        self._begin(crew.now)
+        self._begin(leased.now)
 
     async def go_on(self) -> follow.Doing:
         """Until it is stopped, or the leader is lost and the goal says to go home (``return``) or down (``land``)."""
         try:
             while not self._run.stopping:
-                now = self._crew.now
+                now = self._leased.now
                 self._hear(now)
                 doing = self._doing(now)
                 if doing in ("return", "land"):
@@ -158,12 +156,12 @@ class Tracking:
             seen = self._run.agent.fleet.seen(name)
             if seen is None:
                 raise Stale(f"{name} is not heard any more", vehicle=name)
-            helm, body = self._helms[name], seen.view.body
+            command, body = self._commands[name], seen.view.body
             place = np.array(enu(seen.view.pos_ned))
-            helm.offset.fix()
-            margin = self._crew.tracking + body.speed * helm.offset.error(now)
+            command.offset.fix()
+            margin = self._leased.tracking + body.speed * command.offset.error(now)
             track = Track(np.array([[0.0, *place]]))
-            part = Part(name, track, body.radius, body.accel, margin, helm.offset)
+            part = Part(name, track, body.radius, body.accel, margin, command.offset)
             part.entries.append(_standing(place, now))
             part.heard = now
             self._parts.append(part)
@@ -171,10 +169,10 @@ class Tracking:
 
     def _hear(self, now: float) -> None:
         for part in list(self._parts):
-            helm = self._helms[part.id]
-            if helm.taken:
-                raise Refused(f"{part.id}: {helm.taken}", vehicle=part.id)
-            news = helm.news()
+            command = self._commands[part.id]
+            if command.taken:
+                raise Refused(f"{part.id}: {command.taken}", vehicle=part.id)
+            news = command.news()
             if news is None:
                 continue
             state, part.heard = news
@@ -183,9 +181,9 @@ class Tracking:
 
     def _lead(self, now: float) -> None:
         """Send again what is not taken yet, and one more second to whom it is due."""
-        self._reserved.movers = self._crew.movers(now)
+        self._reserved.movers = self._leased.movers(now)
         targets = self.targets(now)
-        room = self._run.planner.room(self._goal.vehicles)
+        room = self._planner.room(self._goal.vehicles)
         world = world_of(room.empty([enu(target.pos) for target in targets] + self._places(now)))
         for part, target in zip(self._parts, targets, strict=True):
             if part.pending:
@@ -208,12 +206,14 @@ class Tracking:
             if blocker:
                 self._due[part.id] = now + 0.3
                 continue
-            self._run.agent.tubes.hold(self._run.entry.id, {part.id: [tube(part.known.samples[::3, 1:], radius), way]})
+            self._run.agent.airspace.hold(
+                self._run.entry.id, {part.id: [tube(part.known.samples[::3, 1:], radius), way]}
+            )
             self._put(part, entry, now)
 
     def _tubes_blocked(self, part: Part, way: Tube) -> str:
         agent = self._run.agent
-        return agent.tubes.blocker(agent.kin(self._run.entry.id), {part.id: [way]}, agent.settings.downwash)
+        return agent.airspace.blocker(agent.kin(self._run.entry.id), {part.id: [way]}, agent.settings.downwash)
 
     def _next(self, part: Part, target: follow.MovingTarget, now: float) -> Entry:
         """From where its trajectory has it soon, towards its place, and to rest."""
@@ -233,7 +233,7 @@ class Tracking:
         return Entry(Profile.resting(0.0, rest_at), np.round(whole, 6), d, rest_at)
 
     def _put(self, part: Part, entry: Entry, now: float) -> None:
-        done = self._helms[part.id].put(entry.rows, entry.departs - GUARD - part.offset.error(now))
+        done = self._commands[part.id].put(entry.rows, entry.departs - GUARD - part.offset.error(now))
         if done is None:
             return
         stamp, deadline = done
@@ -253,13 +253,13 @@ class Tracking:
 
     async def _rest(self) -> None:
         """Nobody's lease is given back while it moves: it would stop at once, and not along its way."""
-        while any(entry.rest_at > self._crew.now for part in self._parts for entry in part.entries):
+        while any(entry.rest_at > self._leased.now for part in self._parts for entry in part.entries):
             self._hear_quietly()
             await asyncio.sleep(TICK)
 
     def _hear_quietly(self) -> None:
         for part in self._parts:
-            news = self._helms[part.id].news()
+            news = self._commands[part.id].news()
             if news is not None:
                 segment = news[0].segment
                 part.acknowledge((segment.lease, segment.seq) if segment else None, news[0].t)

@@ -202,7 +202,7 @@ class StaticMap:
         return found
 
     def update(self, added: Iterable[Obstacle] = (), removed: Iterable[Obstacle] = ()) -> None:
-        """Change the world in place. Only what is near the change is looked at anew; ways that are still clear stay,
+        """Change the world in place. Only what is near the change is looked at again; ways that are still clear stay,
         unless something is gone that they may have gone around.
 
         Raises ValueError where something removed was not there; nothing is changed then.

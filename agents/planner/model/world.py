@@ -74,7 +74,7 @@ def world_of(scene: Scene, terrain: Sequence[float] | None = None) -> World:
 def changed(world: World, added: Iterable[Obstacle] = (), removed: Iterable[Obstacle] = ()) -> World:
     """The same world with some obstacles more and some less; what was removed must have been in it.
 
-    Raises ValueError otherwise. The result is as if the world had been made anew, with what was added at the end.
+    Raises ValueError otherwise. The result is as if the world had been made again, with what was added at the end.
     """
     rows = [tuple(row) for row in world.boxes.tolist()], [tuple(row) for row in world.cylinders.tolist()]
     rings = [corners_of(world, prism).tolist() for prism in world.prisms]
@@ -119,7 +119,7 @@ def open_ring(polygon: Sequence[Corner]) -> list[Corner]:
 
 
 def index(world: World) -> World:
-    """The same world with ``solids`` and bins made anew from its obstacles."""
+    """The same world with ``solids`` and bins made again from its obstacles."""
     solids = solids_of(world)
     low, high = world.bounds[:2], world.bounds[3:5]
     side = math.sqrt(float(np.prod(np.maximum(high - low, 1.0))) / max(1, len(solids)))

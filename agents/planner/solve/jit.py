@@ -1,7 +1,7 @@
 """Numba's compiler, with types that a checker can follow, and the folder in which what it compiled is kept.
 
 Numba looks only at a function's own file to see whether what it kept still holds, and calls of other files' functions
-are compiled in. So the folder's name tells the sources of all kernels: a change in any of them has all compiled anew.
+are compiled in. So the folder's name tells the sources of all kernels: a change in any of them has all compiled again.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable
 
 from agents.camera.budget import Budget
-from agents.camera.ladder import QualitySteps
+from agents.camera.quality_steps import QualitySteps
 from agents.camera.settings import Settings
 from zmav.vision.assembler import Assembler
 from zmav.vision.chunks import count_of, split
@@ -32,7 +32,7 @@ class SimLink:
         queue: float = 3000.0,
         clock: float = 0.0,
     ) -> None:
-        self.budget, self.ladder, self.assembler = Budget(settings), QualitySteps(settings), Assembler()
+        self.budget, self.quality, self.assembler = Budget(settings), QualitySteps(settings), Assembler()
         self.loss, self.rate, self.queue = loss, rate, queue
         self.now = 1000.0
         self.sent = self.lost = self.bytes = 0
@@ -47,7 +47,7 @@ class SimLink:
         self._at(REPORT, self._report)
 
     def run(self, seconds: float) -> None:
-        """Let time pass; the counts begin anew."""
+        """Let time pass; the counts begin again."""
         self.sent = self.lost = self.bytes = 0
         self.assembler.whole = self.assembler.torn = 0
         self._before = (0, 0, self.assembler.bytes)
@@ -70,9 +70,9 @@ class SimLink:
     def _picture(self) -> None:
         taken = self.now
         self.budget.expire(self.now)
-        step = self.ladder.choose(self.budget.bytes, self.budget.loss)
+        step = self.quality.choose(self.budget.bytes, self.budget.loss)
         length = int(FULL_BYTES * (step.quality / 70) ** 1.1 * (0.3 if step.half else 1.0))
-        self.ladder.learn(step, length)
+        self.quality.learn(step, length)
         spare = needed(count_of(length), self.budget.loss)
         chunks = split(bytes(length), sender=1, seq=self._seq, t=taken, size=(640, 480), spare=spare)
         after, total, rate = 0.0, sum(map(len, chunks)), self.budget.bytes

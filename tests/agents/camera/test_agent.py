@@ -107,7 +107,7 @@ async def test_a_narrow_link_is_not_overrun(net: Net, run_camera: Run) -> None:
     way = Way(near, far, rate=30e3)
     async with reading(there) as z, Reader(z, "quad1") as reader:
         await until(lambda: agent.budget.bytes < 36e3, "a smaller budget")
-        await until(lambda: agent.ladder.step.half and agent.size == (240, 180), "smaller pictures")
+        await until(lambda: agent.quality.step.half and agent.size == (240, 180), "smaller pictures")
         lost, carried, torn, whole = way.lost, way.carried, reader.assembler.torn, reader.assembler.whole
         await until(lambda: reader.assembler.whole >= whole + 8, "8 whole pictures more")
         assert way.lost - lost < 0.25 * (way.carried - carried)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from agents.camera.budget import MOST_READERS, Budget
-from agents.camera.ladder import ROOM, QualitySteps, Step
+from agents.camera.quality_steps import ROOM, QualitySteps, Step
 from agents.camera.settings import Settings
 from tests.agents.camera.simlink import FULL_BYTES, SimLink
 from zmav.vision.chunks import count_of
@@ -22,7 +22,7 @@ OWN = Settings(vehicle="quad1")
 def test_a_clean_link_is_filled() -> None:
     link = SimLink(OWN)
     link.run(60)
-    assert link.ladder.step == link.ladder.steps[0]
+    assert link.quality.step == link.quality.steps[0]
     link.run(10)
     assert (link.whole, link.lost) == (1.0, 0)
     assert link.bytes > 10 * 10 * FULL_BYTES  # all pictures, the best way, and parity
@@ -128,14 +128,14 @@ def test_reports_that_lie_leave_the_budget_within_its_bounds(lie: dict[str, Any]
 
 
 def test_pictures_get_worse_in_the_documented_order() -> None:
-    ladder = QualitySteps(OWN)
-    ladder.learn(ladder.steps[0], FULL_BYTES)
+    quality = QualitySteps(OWN)
+    quality.learn(quality.steps[0], FULL_BYTES)
     seen: list[Step] = []
     for kilobytes in range(700, 4, -1):
-        step = ladder.choose(kilobytes * 1e3, 0.01)
-        assert ladder.bytes(step, 0.01) * step.rate <= ROOM * kilobytes * 1e3 * 1.001
+        step = quality.choose(kilobytes * 1e3, 0.01)
+        assert quality.bytes(step, 0.01) * step.rate <= ROOM * kilobytes * 1e3 * 1.001
         seen.append(step)
-    assert seen[0] == ladder.steps[0]
+    assert seen[0] == quality.steps[0]
     kinds = list(dict.fromkeys((step.half, step.quality) for step in seen))
     assert kinds == [(False, 70), (False, 56), (False, 42), (True, 56), (True, 42)]
     slow = [step for step in seen if step.rate < OWN.rate]
@@ -145,11 +145,11 @@ def test_pictures_get_worse_in_the_documented_order() -> None:
 
 def test_a_better_step_needs_room_to_spare() -> None:
     """Else two steps would take turns at a budget that lies between them."""
-    ladder = QualitySteps(OWN)
-    ladder.learn(ladder.steps[0], FULL_BYTES)
+    quality = QualitySteps(OWN)
+    quality.learn(quality.steps[0], FULL_BYTES)
     count = count_of(FULL_BYTES)
     need = FULL_BYTES * OWN.rate * (count + needed(count, 0.01)) / count
-    assert ladder.choose(1.1 * need, 0.01) == ladder.steps[0]
-    assert ladder.choose(0.9 * need, 0.01) == ladder.steps[1]
-    assert ladder.choose(1.1 * need, 0.01) == ladder.steps[1]
-    assert ladder.choose(1.3 * need, 0.01) == ladder.steps[0]
+    assert quality.choose(1.1 * need, 0.01) == quality.steps[0]
+    assert quality.choose(0.9 * need, 0.01) == quality.steps[1]
+    assert quality.choose(1.1 * need, 0.01) == quality.steps[1]
+    assert quality.choose(1.3 * need, 0.01) == quality.steps[0]

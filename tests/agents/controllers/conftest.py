@@ -30,7 +30,7 @@ SWITCH = PilotSwitch(channel=7)
 
 
 class Field:
-    """One vehicle that flies, and whoever supervises controllers for it."""
+    """One vehicle that flies, and anyone who supervises controllers for it."""
 
     def __init__(
         self, world: World, z: zmav.Client, vehicle: zmav.Vehicle, endpoint: str, stack: contextlib.AsyncExitStack

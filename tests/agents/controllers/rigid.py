@@ -85,7 +85,7 @@ def quaternion(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def fly(ev2: Ev2, body: Body, reference: Reference, seconds: float) -> list[State]:
-    """The states of each cycle; whoever calls has reset the controller."""
+    """The states of each cycle; anyone who calls has reset the controller."""
     states = []
     for _ in range(round(seconds / CYCLE)):
         states.append(body.state())

@@ -8,7 +8,8 @@ import pytest
 
 from agents.controllers.cli.inject import respond
 from agents.controllers.inject import Inject
-from agents.controllers.response import Step, picture
+from agents.controllers.picture import picture
+from agents.controllers.response import Step
 from zmav import wire
 from zmav.errors import ZmavError
 

@@ -37,7 +37,7 @@ async def test_a_request_that_was_released_before_it_took_over_counts_no_more(
     await field.until(lambda: gate.waiting == 1, "it does not ask for parameters")
     await field.vehicle.tell("ev1-attitude", "release")
     gate.open.set()
-    with pytest.raises(Refused, match="ask anew"):
+    with pytest.raises(Refused, match="ask again"):
         await asked
     assert supervisor.cycles.phase == 0
     assert supervisor._engaged is None
@@ -52,7 +52,7 @@ async def test_a_request_that_was_released_before_it_took_over_counts_no_more(
     pilot.flip(7, 1000)
     await field.vehicle.wait_until(lambda s: s.pilot is None, 30.0)
     gate.open.set()
-    with pytest.raises(Refused, match="ask anew"):
+    with pytest.raises(Refused, match="ask again"):
         await asked
     assert supervisor._engaged is None
 
@@ -101,9 +101,9 @@ async def test_a_vehicles_agent_that_begins_anew_turns_no_switch(field: Field) -
     supervisor = await field.supervise("ev1-attitude")
     state = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one", pilot="his switch")
     away = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one")
-    anew = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="two")
+    again = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="two")
     assert [supervisor._turned_away(each) for each in (away, state, away, away)] == [False, False, True, False]
-    assert [supervisor._turned_away(each) for each in (state, anew, away)] == [False, False, False]
+    assert [supervisor._turned_away(each) for each in (state, again, away)] == [False, False, False]
 
 
 async def test_a_mode_to_hand_back_in_that_there_is_not_is_refused_before_it_flies(field: Field) -> None:

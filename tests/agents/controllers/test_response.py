@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from agents.controllers.frequency import Chirp
 from agents.controllers.inject import Inject, Injection, duration
-from agents.controllers.response import Doublet, Report, Step, examine, picture
+from agents.controllers.picture import picture
+from agents.controllers.response import Doublet, Report, Step, examine
 from agents.controllers.types import Array
 from zmav.errors import BadConfig, BadInput
 

@@ -155,7 +155,7 @@ def _at_goals(scene: dict[str, Any], tracks: dict[str, Array]) -> set[tuple[str,
 
 
 def _together(scene: dict[str, Any], tracks: dict[str, Array]) -> set[tuple[str, str]]:
-    """Whoever comes nearer to another than both radii."""
+    """Anyone who comes nearer to another than both radii."""
     vehicles = {v["id"]: v for v in scene["vehicles"]}
     wrong: set[tuple[str, str]] = set()
     if len(tracks) < 2:

@@ -67,8 +67,8 @@ def test_a_changed_map_is_as_one_made_anew() -> None:
         kept.update(added=more, removed=out)
         obstacles = [one for one in obstacles if one not in out] + more
         # The same kinds in the same order, as boxes, cylinders and prisms are kept apart.
-        anew = StaticMap(world_of(scene(*obstacles)))
-        for one, other in zip(kept.world, anew.world, strict=True):
+        again = StaticMap(world_of(scene(*obstacles)))
+        for one, other in zip(kept.world, again.world, strict=True):
             np.testing.assert_array_equal(one, other)
         for layer in kept._layers.values():
             xs, ys, zs = layer.lines
@@ -77,7 +77,7 @@ def test_a_changed_map_is_as_one_made_anew() -> None:
                 free = geometry.clearance(kept.world, *where) >= 1.0
                 assert (layer.state[at] == grid.FREE) == free
         for start, goal in trips(rng, kept.world, 12):
-            one_way, other_way = kept.path(start, goal, 1.0), anew.path(start, goal, 1.0)
+            one_way, other_way = kept.path(start, goal, 1.0), again.path(start, goal, 1.0)
             assert one_way is not None and other_way is not None
             np.testing.assert_array_equal(one_way, other_way)
 

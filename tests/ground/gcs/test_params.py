@@ -208,7 +208,7 @@ def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> No
 def test_a_set_that_is_still_being_read_comes_as_it_is_read(
     fleet: Fleet, gcs: Caller, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The autopilot has restarted: its agent reads it anew, and the client need not wait for the end of that."""
+    """The autopilot has restarted: its agent reads it again, and the client need not wait for the end of that."""
     monkeypatch.setattr(param_copy, "FRESH", 0.0)
     known, count = fleet.crews[0].params.known, len(fleet.params(ARDUPILOT))
 

@@ -225,7 +225,7 @@ def test_a_large_body_is_refused(served: Served) -> None:
 
 
 def test_a_body_of_two_lengths_is_refused(served: Served) -> None:
-    """Whoever forwards it may take the other one: what follows would be another's request."""
+    """Anyone who forwards it may take the other one: what follows would be another's request."""
     head = b"POST /do/quad9/hold HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n"
     reply = raw(served, head + b"2\r\n{}\r\n0\r\n\r\nGET /vehicles HTTP/1.1\r\nHost: localhost\r\n\r\n", whole=True)
     assert reply.startswith(b"HTTP/1.1 400"), reply[:200]

@@ -223,13 +223,13 @@ def test_an_unknown_name_has_no_structure(served: Served) -> None:
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        (b"", "not JSON"),
-        (b"\xff\xfe", "not UTF-8"),
-        (b"[" * 100_000, "nested too deeply"),
-        (b"[]", "expected"),
+        (b"", "not a JSON object"),
+        (b"\xff\xfe", "not a JSON object"),
+        (b"[" * 100_000, "not a JSON object"),
+        (b"[]", "not a JSON object"),
         (b'{"message": 5}', "expected"),
         (b'{"message": 5, "message": 6}', "message is given twice"),
-        (b"{message: {type: 'SYSTEM_TIME', 'type': 'SET_MODE'},}", "type is given twice"),
+        (b'{"message": {"type": "SYSTEM_TIME", "type": "SET_MODE"}}', "type"),
         (b'{"message": {}}', "has no type"),
         (b'{"message": {"type": "NOSUCH"}}', "no message 'NOSUCH'"),
         (b'{"message": {"type": "HEARTBEAT"}}', "mavtype: missing"),
@@ -247,11 +247,10 @@ def test_a_bad_post_is_404_with_its_reason(served: Served, body: bytes, said: st
     assert not served.tx
 
 
-def test_json5_is_taken(served: Served) -> None:
-    body = "{header: {system_id: 0xFF, component_id: 1,}, // who\n message: {type: 'SYSTEM_TIME', /* µs */" \
-           " time_unix_usec: +5, time_boot_ms: 6.,},}"  # fmt: skip
-    assert served.post("/v1/mavlink", body).status == 200
-    sent = served.sent(2)  # no target in it: to every vehicle
+def test_a_message_without_a_target_goes_to_every_vehicle(served: Served) -> None:
+    message = {"type": "SYSTEM_TIME", "time_unix_usec": 5, "time_boot_ms": 6}
+    assert served.post("/v1/mavlink", {"header": {"component_id": 1}, "message": message}).status == 200
+    sent = served.sent(2)
     assert sorted(key.split("/")[2] for key, _ in sent) == ["quad1", "quad2"]
     assert {parse_frame(data, load_dialect()).compid for _, data in sent} == {1}
 
@@ -281,9 +280,9 @@ def test_a_websocket_sends_too(served: Served) -> None:
         assert str(ws.recv(30.0)).startswith("Err(no vehicle has system id 9")
         ws.send(b"\x00\xff")  # no text: nobody's message
         ws.send(r'{"header": {"\ud800": 1}, "message": {"type": "HEARTBEAT"}}')
-        assert "the header has no ?" in str(ws.recv(30.0))
+        assert "not a JSON object" in str(ws.recv(30.0))
         ws.send("[" * 5000)
-        assert "nested too deeply" in str(ws.recv(30.0))
+        assert "not a JSON object" in str(ws.recv(30.0))
 
 
 def test_without_a_filter_everything_comes(served: Served) -> None:
@@ -310,17 +309,20 @@ def test_a_filter_that_names_a_message_asks_for_it(served: Served) -> None:
 
 
 @pytest.mark.parametrize(
-    "bad", ["(", "*", "a" * 501, "(([A-Z_])%2B)%2Bx$", "a{99999999999}", "A|" * 200 + "(", "^.*|" * 99 + "*"]
-)
-def test_a_bad_filter_is_refused(served: Served, bad: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ground.http.filters.PATIENCE", 0.5)
+    "bad",
+    [
+        "(", "*", "a" * 501, "(([A-Z_])%2B)%2Bx$", "a{99999999999}", "A|" * 200 + "(", "^.*|" * 99 + "*", "[z-a]",
+        ".*A.*B.*", "(A|A)(A|A)(A|A)",
+    ],
+)  # fmt: skip
+def test_a_bad_filter_is_refused(served: Served, bad: str) -> None:
     with pytest.raises(InvalidStatus) as refused:
         websocket(served, f"?filter={bad}")
     assert refused.value.response.status_code == 400
     assert "filter" in json.loads(refused.value.response.body or b"")
 
 
-def test_a_filter_that_is_more_than_names_is_tried_elsewhere(served: Served) -> None:
+def test_a_filter_may_have_groups_and_sets(served: Served) -> None:
     with websocket(served, "?filter=^(RC|AHRS).*[0-9]$") as ws:
         until_read(served, ws)
         served.hear("ATTITUDE", **ATTITUDE)

@@ -271,7 +271,7 @@ def press(name: str, label: str) -> str:
 
 
 async def show(tab: Tab, served: Served) -> None:
-    """The page anew, once it hears the fleet: a test may be the first of them, or the only one."""
+    """The page again, once it hears the fleet: a test may be the first of them, or the only one."""
     await tab.open(f"http://127.0.0.1:{served.port}/")
     await tab.until(f"{card('quad1')} !== null && {card('quad2')} !== null")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")

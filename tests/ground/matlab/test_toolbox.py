@@ -124,4 +124,4 @@ def test_the_table_of_messages_is_the_dialects() -> None:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     text = (TOOLBOX / "private" / "messages.txt").read_text()
-    assert text == module.table(), "make it anew: python ground/matlab/messages.py"
+    assert text == module.table(), "make it again: python ground/matlab/messages.py"

@@ -46,7 +46,7 @@ def test_a_program_speaks_of_the_hosts_own_and_never_as_a_vehicle(fleet: Fleet, 
             own = f"zmav/alpha/{vehicle}/{word}" in came
             assert own == (vehicle == host), word
     assert not {"zmav/alpha/@fleet/goal", "zmav/alpha/@fleet/charge", "zmav/alpha/@obstacle/x1"} & came
-    assert "zmav/alpha/@fleet/roster" in came  # the authority's, whoever brings it
+    assert "zmav/alpha/@fleet/roster" in came  # the authority's, anyone who brings it
     allowed = [zenoh.KeyExpr(key) for key in local("alpha", host)["put"]]
     assert came | {end} == {key for key in tried if any(each.includes(zenoh.KeyExpr(key)) for each in allowed)}
     by_socket = fleet.open(None, door.unix)

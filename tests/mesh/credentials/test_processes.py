@@ -44,7 +44,7 @@ def test_a_router_acts_on_a_roster_that_is_published(fleet: Fleet) -> None:
             assert "quad1 has number 4" in ca("roster", "--publish", *folder, *via)
             said = [router.stderr.readline().split(" ", 2)[2] for _ in range(3)]  # without their times
             assert said[0] == "roster 4: 2 members, 1 revoked\n"
-            assert said[1].startswith("starting anew: ")
+            assert said[1].startswith("starting again: ")
             assert said[2].startswith("router ")
             assert list(fleet.open("ops", quic).get("@/*/router", timeout=10.0))
             assert list(fleet.open("view", quic).get("@/*/router", timeout=1.0)) == []

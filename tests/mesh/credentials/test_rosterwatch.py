@@ -167,7 +167,7 @@ async def test_rubbish_is_refused_once_in_words_and_ends_nothing(fleet: Fleet, w
 
 
 async def test_who_says_our_number_without_our_roster_does_not_silence_us(fleet: Fleet, watch: Watch) -> None:
-    """Else whoever was revoked could keep the news of it from spreading."""
+    """Else anyone who was revoked could keep the news of it from spreading."""
     fleet.issue(quad1=Role.VEHICLE, view=Role.VIEWER)
     fleet.authority.revoke("view")
     one = await watch("quad1")

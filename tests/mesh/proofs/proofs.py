@@ -100,7 +100,7 @@ async def recovery(lab: Lab, z: zmav.Client, cuts: int, rest: float = 3.0) -> Re
 
 
 async def _steer(vehicle: zmav.Vehicle, leases: list[zmav.Lease], ended: list[str]) -> None:
-    """Velocities of nought, so that it stays where it is, under a new lease when one has ended."""
+    """Velocities of zero, so that it stays where it is, under a new lease when one has ended."""
     while True:
         try:
             async with vehicle.lease("planner", ttl=30.0) as lease:

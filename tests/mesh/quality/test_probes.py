@@ -129,7 +129,7 @@ def test_jitter_is_that_of_rfc_3550() -> None:
     for one, other in itertools.pairwise(transits):
         expected += (abs(other - one) - expected) / 16
     assert jitter.value == pytest.approx(expected)
-    jitter.came(5.0 - CLOCK / 1e6)  # the sender's clock began anew
+    jitter.came(5.0 - CLOCK / 1e6)  # the sender's clock began again
     assert jitter.value == pytest.approx(expected)
 
 
@@ -221,7 +221,7 @@ def test_a_link_that_is_up_again_is_measured_anew_and_its_numbers_go_on() -> Non
         a.take(unpack(b.stamp(160.1 + n / 4 + 7.0, 0.25)), 160.11 + n / 4)
     assert a.figures(162.4).loss_in == 0.0
     seen = b.figures(162.4 + 7.0)
-    assert seen.age == pytest.approx(0.14) and seen.loss_in == pytest.approx(25 / WINDOW)  # it was not up anew for b
+    assert seen.age == pytest.approx(0.14) and seen.loss_in == pytest.approx(25 / WINDOW)  # it was not up again for b
 
 
 def test_a_copy_or_an_overtaken_stamp_tells_nothing_new() -> None:

@@ -14,7 +14,7 @@ from tests.sim.yardstick.compare import CLOCKS, TOLERANCE
 from tests.sim.yardstick.compare import gap as angle_between
 from tests.sim.yardstick.flights import plane
 from tests.sim.yardstick.reading import Message, from_tlog, rates, states
-from zmav.mavlink.dialect import Dialect, load_dialect
+from zmav.mavlink import Dialect, load_dialect
 
 # message.field -> why it is not the same
 KNOWN = {

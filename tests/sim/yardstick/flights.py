@@ -10,8 +10,8 @@ import msgspec
 from tests.sim.conftest import Desk
 from tests.sim.px4.conftest import Companion
 from tests.sim.yardstick.reading import Message
+from zmav.mavlink import Dialect, load_dialect
 from zmav.mavlink.codec import decode
-from zmav.mavlink.dialect import Dialect, load_dialect
 from zmav.sim import REALISTIC_READY_S, Home, VehicleSpec, World
 from zmav.sim.protocol.px4.messages import px4_dialect
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import zenoh
 
+from agents.planner.live.context import Hearer
 from agents.planner.live.leadership.election import Token
 from zmav import keys
 from zmav.errors import BadKey, Forbidden
@@ -16,9 +17,6 @@ from zmav.services.queries.proven import attached
 from zmav.trust.member import Member, Place
 from zmav.trust.rights import SPEAKERS
 from zmav.trust.verify import BUSY
-
-if TYPE_CHECKING:
-    from agents.planner.live.agent import Agent
 
 ROLE, CHIEF, STANDBY = "planner", "planner", "standby"
 """the token's role, and its word on who is in charge"""
@@ -36,7 +34,7 @@ def plans(member: Member | None, name: str) -> bool:
 class Tokens:
     """Subscriptions and our own token. Lives on the event loop."""
 
-    def __init__(self, agent: Agent) -> None:
+    def __init__(self, agent: Hearer) -> None:
         self._agent = agent
         self._subscribers: list[Any] = []
         self._token: zenoh.LivelinessToken | None = None

@@ -194,7 +194,7 @@ def keep_limits(
     if len(world.boxes) + len(world.cylinders) + len(world.prisms) == 0:
         spare = np.inf
     worst[0], worst[1], worst[2] = 0.0, 0.0, 0.0
-    # Whoever starts or ends in contact with something may stay in contact until it has left, or once it comes near.
+    # Anyone who starts or ends in contact with something may stay in contact until it has left, or once it comes near.
     at_start = away(world, place[i, 0, 0], place[i, 0, 1], place[i, 0, 2], radius + SPARE * extra, normal)
     at_goal = away(world, place[i, last, 0], place[i, last, 1], place[i, last, 2], radius + SPARE * extra, normal)
     for k in range(last):

@@ -17,7 +17,7 @@ from agents.planner.solve.refine import kernels
 
 # Lengths in radii, and times in what a vehicle takes for some of its radii from rest, so that all sizes of vehicles
 # behave alike.
-SKIN = 1.0  # that two may move before the list of those near each other is made anew
+SKIN = 1.0  # that two may move before the list of those near each other is made again
 EXTRA = 0.03  # more than the radii, aimed at so that these are reached in few steps
 STIFF = 0.02
 SPEED_WEIGHT = 0.25

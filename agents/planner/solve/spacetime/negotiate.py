@@ -1,6 +1,6 @@
 """Ways and times for all together: conflicts at a price that rises until none is left, then shorter ways.
 
-The frame is Li et al., MAPF-LNS2 (AAAI 2022): begin with conflicts, plan small groups anew, keep what is no worse. The
+The frame is Li et al., MAPF-LNS2 (AAAI 2022): begin with conflicts, plan small groups again, keep what is no worse. The
 price of a conflict of two grows with every time it is met, as in negotiated routing (McMurchie and Ebeling 1995), so
 that a group that is stuck looks elsewhere.
 """
@@ -39,7 +39,7 @@ GREED = 1.02
 STALE = 12
 """attempts without a gain after which no more are made"""
 GROUP = 8
-"""vehicles planned anew together, at most"""
+"""vehicles planned again together, at most"""
 AROUND = 12.0
 """times the greatest radius around all paths: so far the lattice reaches"""
 LEAST_STEP, MOST_STEP = 0.1, 0.5
@@ -192,8 +192,8 @@ class Negotiation:
     def start(self, order: Sequence[int], deadline: float) -> None:
         """A first way for everybody, one after another; what cannot be passed is paid for.
 
-        When half the time is over, whoever can wait on its own path does, however long; when it is over twice, the
-        rest go straight, whoever is in the way.
+        When half the time is over, anyone who can wait on its own path does, however long; when it is over twice, the
+        rest go straight, anyone who is in the way.
         """
         begun = time.perf_counter()
         for i in order:
@@ -225,7 +225,7 @@ class Negotiation:
         return int(np.count_nonzero(np.triu(self.conflicts)))
 
     def settle(self, deadline: float, rng: np.random.Generator, who: Sequence[int] | None = None) -> bool:
-        """Plan groups anew until nobody is in conflict; False: time is over first."""
+        """Plan groups again until nobody is in conflict; False: time is over first."""
         free = np.ones(len(self.problem), dtype=bool)
         if who is not None:
             free[:] = False
@@ -259,7 +259,7 @@ class Negotiation:
         return group
 
     def again(self, group: list[int], limit: float, rng: np.random.Generator | None) -> bool:
-        """Plan a group anew, in its order, or with ``rng`` in any; it gets back what it had if the new is worse.
+        """Plan a group again, in its order, or with ``rng`` in any; it gets back what it had if the new is worse.
 
         With ``rng`` only conflicts make it so, else late arrivals do, too.
         """
@@ -288,7 +288,7 @@ class Negotiation:
         return False
 
     def hasten(self, deadline: float, rng: np.random.Generator) -> None:
-        """Bring the last arrivals forward: plan each anew before those that it has to wait for."""
+        """Bring the last arrivals forward: plan each again before those that it has to wait for."""
         stale = 0
         while stale < STALE and time.perf_counter() < deadline:
             late = np.argsort(self.arrival - self.begin, kind="stable")[::-1]

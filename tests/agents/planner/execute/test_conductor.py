@@ -151,7 +151,7 @@ def test_nobody_stops_where_one_who_cannot_be_told_will_pass() -> None:
 
 @pytest.mark.parametrize("at", [0.0, 2.5])
 def test_one_who_takes_nothing_is_given_up_and_the_others_come_to_rest(at: float) -> None:
-    """Its fence, its limits, an order: whoever refuses does not say so to us."""
+    """Its fence, its limits, an order: anyone who refuses does not say so to us."""
     history = History(plan(2), np.random.default_rng(1))
     history.run(at)
     history.crafts["v2"].refuses = True
@@ -163,7 +163,7 @@ def test_one_who_takes_nothing_is_given_up_and_the_others_come_to_rest(at: float
 
 @pytest.mark.parametrize("at", [0.3, 2.5, 6.0])
 def test_an_agent_that_is_started_anew_does_not_seem_to_fly_what_its_numbers_say(at: float) -> None:
-    """A new one counts leases and setpoints from nought again."""
+    """A new one counts leases and setpoints from zero again."""
     history = History(plan(2), np.random.default_rng(2))
     history.run(at)
     history.crafts["v0"].restart(history.now)

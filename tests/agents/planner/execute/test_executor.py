@@ -119,7 +119,7 @@ async def test_what_cannot_begin_is_refused_and_what_a_pilot_takes_is_not_fought
         fleet.world.call(lambda: fleet.world.vehicles[0].pilot_mode("LOITER"))
         outcome = await flying
         mode = fleet.world.vehicles[0].status().mode
-        assert executor.helms["quad1"].put(np.zeros((2, 7)), 0.0) is None
+        assert executor.commands["quad1"].put(np.zeros((2, 7)), 0.0) is None
     assert (outcome.done, outcome.replans) == (True, 1)
     assert mode == "LOITER"
     assert "halt" in said
@@ -170,7 +170,7 @@ async def test_of_many_those_that_do_not_answer_are_left_out(monkeypatch: pytest
     nobody, z = TimedOut("it does not answer"), Any
     Shy.silent = {"c": nobody}
     async with Executor(z, "abc", taking=0.05) as executor:  # type: ignore[arg-type]
-        assert (set(executor.helms), executor.left) == ({"a", "b"}, {"c": nobody})
+        assert (set(executor.commands), executor.left) == ({"a", "b"}, {"c": nobody})
     cases: list[tuple[dict[str, ZmavError], str, type[ZmavError]]] = [
         ({"b": nobody, "c": nobody}, "abc", TimedOut),  # not most
         ({"a": nobody}, "a", TimedOut),

@@ -75,7 +75,7 @@ class Craft:
         self.segment, self.pilot = None, True
 
     def restart(self, now: float) -> None:
-        """Its agent was started anew: it stops where it is, and counts from nought."""
+        """Its agent was started again: it stops where it is, and counts from zero."""
         self.rest, self.instance = self.place(now), "second"
         self.segment, self.seq, self.on = None, 0, 0
 

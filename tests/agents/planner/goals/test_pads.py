@@ -1,4 +1,4 @@
-"""Up from and down onto crowded pads: whoever goes when the orders allow it meets nobody."""
+"""Up from and down onto crowded pads: anyone who goes when the orders allow it meets nobody."""
 
 from __future__ import annotations
 

@@ -289,7 +289,7 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
     watching.cancel()
     assert 0.8 < nearest < 20.0
     assert field.away("quad3", (n - 32.0, e, -10.0)) < 1.0
-    assert any("wall" in event.text or "planned anew" in event.text for event in field.agent.events)
+    assert any("wall" in event.text or "planned again" in event.text for event in field.agent.events)
     await planner.order("clear", swarm.GoalId())
     assert field.agent.world.obstacles == []
 
@@ -441,7 +441,7 @@ async def test_the_fleet_files_fence_stays_and_a_wrong_origin_is_named(field: Fi
 async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
     field: Field, told: bool, known: int, state: str
 ) -> None:
-    """Whoever was killed has been started anew under its name, and says that nothing is in the way."""
+    """Anyone who was killed has been started again under its name, and says that nothing is in the way."""
     aside = Agent(field.me, Settings(name="aside"))
     trees = [
         swarm.Obstacle(name=name, t=1.0, what=swarm.Cylinder(center=(0.0, 9.0), radius=1.0, floor=0.0, ceiling=9.0))
@@ -452,8 +452,8 @@ async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
     if told:
         aside.on_map(wire.encode(swarm.ObstacleMap(**mine, instance="before", obstacles=trees)))  # sooner than its book
     aside.on_book(wire.encode(swarm.Book(**mine, instance="before", term=1, obstacles=2, goals=[goal])))
-    aside.on_map(wire.encode(swarm.ObstacleMap(**mine, instance="anew", obstacles=[])))
-    aside.on_book(wire.encode(swarm.Book(**mine, instance="anew", term=1)))
+    aside.on_map(wire.encode(swarm.ObstacleMap(**mine, instance="again", obstacles=[])))
+    aside.on_book(wire.encode(swarm.Book(**mine, instance="again", term=1)))
     book = aside.charge.take()
     assert book is not None
     aside._check_map(book, again := aside.ledger.take_over(book))

@@ -90,7 +90,7 @@ def with_goals(who: LeaderElection) -> swarm.Book:
 
 
 def test_one_that_comes_again_with_nothing_does_not_displace_the_book_of_who_stands_by() -> None:
-    """Killed and started anew at once, it may hear of nobody, and take charge with an empty book of the same term."""
+    """Killed and started again at once, it may hear of nobody, and take charge with an empty book of the same term."""
     dead, other = LeaderElection("a", "1", anybody), LeaderElection("b", "2", anybody)
     dead.take()
     told = with_goals(dead)

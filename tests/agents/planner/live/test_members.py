@@ -68,7 +68,7 @@ async def test_a_flood_of_refused_orders_leaves_what_happened_in_sight(net: Net,
         return zmav.open(fleet="alpha", settings=SessionSettings(connect=[endpoint], credentials=str(folders[name])))
 
     async with member("ground") as z, member("eye") as eye, Agent(z, Settings(name="ground", fleet="alpha")) as agent:
-        gate, key = agent._desk.gate, keys.SWARM.key("alpha", "ground", verb="abort")
+        gate, key = agent._handlers.gate, keys.SWARM.key("alpha", "ground", verb="abort")
         assert gate is not None
         await within(PATIENCE_S, find(eye))
         agent.say("goal", "notice", "the true news")

@@ -1,4 +1,4 @@
-"""The solver's process: it plans, and whatever becomes of it, whoever waits hears so and it is there again."""
+"""The solver's process: it plans, and whatever becomes of it, anyone who waits hears so and it is there again."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ async def test_it_plans_dies_and_plans_again() -> None:
         os.kill(pid, signal.SIGKILL)
         with pytest.raises(SolverDied, match="ended with -9"):
             await within(PATIENCE_S, _of(job))
-        assert any("started anew" in text for text in said)
+        assert any("started again" in text for text in said)
 
         await solver.until_ready(PATIENCE_S)
         assert solver.pid != pid

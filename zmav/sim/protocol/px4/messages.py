@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 
-from zmav.mavlink.dialect import Dialect, Field, MessageType, load_dialect
+from zmav.mavlink import Dialect, Field, MessageType, load_dialect
 
 # Numbers of the lists of items, which newer definitions have behind the others.
 _LONGER = {

@@ -151,34 +151,34 @@ class RequestHandlers:
         return None
 
 
-class Desks:
-    """The desks of all clients. Thread-safe but for :meth:`close`."""
+class HandlersByClient:
+    """The handlers of all clients. Thread-safe but for :meth:`close`."""
 
     def __init__(self, ground: Ground) -> None:
         self._ground, self._words = ground, Words(ground.dialect)
-        self._desks: dict[GcsClient, RequestHandlers] = {}
+        self._by_client: dict[GcsClient, RequestHandlers] = {}
         self.forget: list[Callable[[RequestHandlers], None]] = []
-        """called on the event loop with the desk of a client that has left"""
+        """called on the event loop with the handlers of a client that has left"""
 
     def of(self, client: GcsClient) -> RequestHandlers:
-        desk = self._desks.get(client)
-        if desk is None:
-            desk = RequestHandlers(client, self._ground, self._words)
+        handlers = self._by_client.get(client)
+        if handlers is None:
+            handlers = RequestHandlers(client, self._ground, self._words)
             if not client.gone:  # or it would be kept for ever
-                desk = self._desks.setdefault(client, desk)
-        return desk
+                handlers = self._by_client.setdefault(client, handlers)
+        return handlers
 
     def left(self, client: GcsClient) -> None:
-        desk = self._desks.pop(client, None)
-        if desk is not None:
-            on_loop(self._ground.loop, self._close)(desk)
+        handlers = self._by_client.pop(client, None)
+        if handlers is not None:
+            on_loop(self._ground.loop, self._close)(handlers)
 
-    def _close(self, desk: RequestHandlers) -> None:
+    def _close(self, handlers: RequestHandlers) -> None:
         for forget in self.forget:
-            forget(desk)
-        desk.close()
+            forget(handlers)
+        handlers.close()
 
     def close(self) -> None:
-        for desk in self._desks.values():
-            desk.close()
-        self._desks.clear()
+        for handlers in self._by_client.values():
+            handlers.close()
+        self._by_client.clear()

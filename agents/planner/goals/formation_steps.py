@@ -87,8 +87,8 @@ def _in_shape(
     still = math.dist(waypoints[0], waypoints[-1]) < SHORT and len(waypoints) == 2
     if still and abs(math.remainder(begin - courses[1], math.tau)) < SHORT:
         return [up]
-    crew = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views), downwash)
-    moved = best_move(waypoints, (begin, courses[1]), crew, static.world, finder(views, crew, static))
+    members = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views), downwash)
+    moved = best_move(waypoints, (begin, courses[1]), members, static.world, finder(views, members, static))
     if moved is None:
         return [up, down]
     motions = {}
@@ -108,29 +108,29 @@ def _first_course(waypoints: list[Floats], courses: tuple[float | None, float]) 
     return courses[1]
 
 
-def finder(views: Sequence[VehicleView], crew: FormationMembers, static: StaticMap) -> list[Finder]:
+def finder(views: Sequence[VehicleView], members: FormationMembers, static: StaticMap) -> list[Finder]:
     """Ways for the shape's centre: with room for the whole shape, then for its widest vehicle alone."""
     rover = all(not view.flies for view in views)
     kind = ROVER if rover else COPTER
-    wide = float(crew.radii.max()) + SPARE
+    wide = float(members.radii.max()) + SPARE
 
     def find(room: float) -> Finder:
         return lambda here, there: static.path(here, there, wide, kind, room=room)
 
-    return [find(crew.extent + ROOM), find(ROOM)]
+    return [find(members.extent + ROOM), find(ROOM)]
 
 
 def best_move(
     waypoints: list[Floats],
     courses: tuple[float | None, float | None],
-    crew: FormationMembers,
+    members: FormationMembers,
     world: World | None,
     finders: Sequence[Finder],
 ) -> Moved | None:
     """The quickest flight in shape along the waypoints, of all finders' ways; None where there is none."""
     moves = []
     for way in _ways(waypoints, finders):
-        moved = move(way, courses, crew, world)
+        moved = move(way, courses, members, world)
         if moved is None:
             continue
         moves.append(moved)

@@ -1,4 +1,4 @@
-"""The same fleet as a hierarchy: each group a network of its own, joined to the trunk by its gateway."""
+"""Run a fleet as one flat network, or as a hierarchy: each group a network of its own, joined by its gateway."""
 
 from __future__ import annotations
 
@@ -10,7 +10,26 @@ from mesh.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint
 from zmav.process import free_port
 
 
-def grouped(children: Children, shape: Shape) -> Run:
+def simulate(shape: Shape) -> Run:
+    """Run it: some ten seconds and as long as the machine takes to form the fleet."""
+    with Children() as children:
+        return _grouped(children, shape) if shape.groups else _flat(children, shape)
+
+
+def _flat(children: Children, shape: Shape) -> Run:
+    network = Network(children, "router", shape.topology, shape.routers)
+    network.ready()
+    until(network.formed, "every router has a neighbour")
+    start = time.monotonic()
+    network.populate(range(shape.vehicles))
+    until(lambda: know(network.nodes, shape.vehicles), "every router knows every vehicle")
+    form = time.monotonic() - start
+    forming_cpu = network.nodes[0].ask("usage")["cpu"]
+    ask_all(network.nodes, "speak")
+    return measure(children, shape, network.nodes, network.ports[0], shape.vehicles, form, forming_cpu)
+
+
+def _grouped(children: Children, shape: Shape) -> Run:
     """As the flat run, the ground's router being on the trunk: its neighbour is the trunk's first router."""
     port = free_port(socket.SOCK_DGRAM)
     trunk = children.start("trunk", NODE, {"fleet": FLEET, "listen": [endpoint(port)], "connect": []})
