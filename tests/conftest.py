@@ -229,9 +229,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark each test by what it needs, and leave out what ``--affected`` does not ask for.
 
+    Only where one of them is asked for: it takes each worker half a minute of a core.
+
     Tests marked ``root`` are skipped for every other user, and where even root may make no network of its own.
     """
-    sources, file = Sources(ROOT, ["tests"]), config.getoption("--affected")
+    file = config.getoption("--affected")
+    if file or config.getoption("-m"):
+        _mark_and_select(config, items, file)
+    marked = [item for item in items if item.get_closest_marker("root")]
+    if marked and (why := _no_network()):
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason=why))
+
+
+def _mark_and_select(config: pytest.Config, items: list[pytest.Item], file: str | None) -> None:
+    sources = Sources(ROOT, ["tests"])
     affected = set(Path(file).read_text().split()) if file else None
     kept: list[pytest.Item] = []
     left_out: list[pytest.Item] = []
@@ -244,10 +256,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if left_out:
         items[:] = kept
         config.hook.pytest_deselected(items=left_out)
-    marked = [item for item in items if item.get_closest_marker("root")]
-    if marked and (why := _no_network()):
-        for item in marked:
-            item.add_marker(pytest.mark.skip(reason=why))
 
 
 def reached_by(item: pytest.Item, sources: Sources) -> set[str]:

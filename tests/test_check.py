@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.check import affected_modules, changed_files
-from tests.conftest import NEEDS, ROOT
+from tests.conftest import NEEDS, ROOT, marks, reached_by
 from tests.imports import Sources
 
 TREE = {
@@ -84,4 +84,4 @@ def test_marks_are_given_by_what_a_test_reaches(module: str, name: str, mark: st
 
 
 def test_this_test_is_marked(request: pytest.FixtureRequest) -> None:
-    assert [mark for mark in ("unit", "flight", "live", "process") if request.node.get_closest_marker(mark)] == ["unit"]
+    assert marks(request.node, reached_by(request.node, Sources(ROOT, ["tests"]))) == ["unit"]
