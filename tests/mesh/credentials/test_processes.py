@@ -42,16 +42,16 @@ def test_a_router_acts_on_a_roster_that_is_published(fleet: Fleet) -> None:
             ca("revoke", "view", *folder)
             via = ("-e", quic, "--credentials", folders["ops"])
             assert "quad1 has number 4" in ca("roster", "--publish", *folder, *via)
-            said = [router.stderr.readline().split(" ", 2)[2] for _ in range(3)]  # without their times
+            said = [router.stderr.readline().split(" ", 2)[2] for _ in range(4)]  # without their times
             assert said[0] == "roster 4: 2 members, 1 revoked\n"
             assert said[1].startswith("starting again: ")
-            assert said[2].startswith("router ")
+            turned_out, up = sorted(
+                said[2:], key=lambda line: line.startswith("router ")
+            )  # its old session calls at once
+            assert up.startswith("router ")
+            assert turned_out == "view has a certificate, but is not on the roster: nothing but rosters passes\n"
             assert list(fleet.open("ops", quic).get("@/*/router", timeout=10.0))
             assert list(fleet.open("view", quic).get("@/*/router", timeout=1.0)) == []
-            assert (
-                router.stderr.readline().split(" ", 2)[2]
-                == "view has a certificate, but is not on the roster: nothing but rosters passes\n"
-            )
             (fleet.members["ops"] / "roster.json").write_bytes(fleet.first_roster)
             topic, lie = "zmav/alpha/@fleet/roster", b'{"name": "quad1", "number": 1000000, "t": 0}'
             fleet.open("ops", quic).declare_queryable(topic, lambda query: query.reply(topic, lie))
