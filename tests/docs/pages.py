@@ -82,7 +82,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
 
 NOT_RUN: dict[str, str] = {
     # A regular expression that the whole command matches, or "PAGE: COMMAND": why it is not run here.
-    r"(cd zmav && )?make (test|demo( ARGS=(\S+|'.*'))?)":
+    r"(cd zmav && )?make (test|check|demo( ARGS=(\S+|'.*'))?)":
         "the first is this; the others take minutes: tests/agents/demo",
     r"(sudo|systemctl|journalctl|git|ssh|scp) .*": "changes this machine, or wants another one: tests/deploy",
     r"docs/(install|vehicle-setup).md: .*":
