@@ -46,6 +46,26 @@ def test_who_answers_the_challenge_needs_no_clock(desk: Desk, verb: str, off: fl
     assert desk.reason(proof, key) == "replayed"
 
 
+def test_who_changes_the_epoch_again_and_again_shuts_no_landing_out(desk: Desk) -> None:
+    """A planner's orders from the future void all proofs: what makes safe answers a challenge, which they do not."""
+    op, planner = desk.authority.member("op", "operator"), desk.authority.member("p", "planner")
+    goto = "zmav/demo/quad1/do/goto"
+
+    def void() -> None:
+        before = desk.gate.epoch
+        assert desk.reason(desk.proof(planner, goto, now=desk.utc + HOUR), goto) == "clock"
+        assert desk.gate.epoch != before
+
+    late = desk.proof(op, LANDING)
+    void()
+    with pytest.raises(Forbidden) as e:
+        desk.check(late, LANDING)
+    assert e.value.detail["reason"] == "epoch"
+    proof = desk.proof(op, LANDING, answers=bytes.fromhex(str(e.value.detail["challenge"])))
+    void()
+    assert desk.check(proof, LANDING).name == "op"
+
+
 def test_a_challenge_is_for_one_member_one_order_and_half_a_minute(desk: Desk) -> None:
     op, other = desk.authority.member("op", "operator"), desk.authority.member("other", "operator")
     answers, late = challenge(desk, op), desk.utc + HOUR

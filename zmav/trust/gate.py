@@ -140,7 +140,9 @@ class Gate(Verifier):
             text = (
                 f"its proof of origin is not for this start of {self.name}'s agent: sign it for the gate in its state"
             )
-            raise Forbidden(text, reason=EPOCH, gate=self.epoch.hex())
+            # A planner whose clock is ahead may change the epoch again and again: what makes safe passes all the same.
+            other = {"challenge": self._challenge(key, found).hex()} if panics else {}
+            raise Forbidden(text, reason=EPOCH, gate=self.epoch.hex(), **other)
         used = self._panics if panics else self._used
         if once in used.until:
             raise Forbidden("it was heard before", reason="replayed")

@@ -133,6 +133,8 @@ class Member:
             with self._lock:
                 self._others[place, channel.name] = gate
                 self._introduced.pop((place, ""), None)
+            if challenge := _gate(error.detail.get("challenge")):
+                self._challenges[key] = challenge
         elif reason == "clock" and (challenge := _gate(error.detail.get("challenge"))):
             self._challenges[key] = challenge
         elif reason == "unknown":
