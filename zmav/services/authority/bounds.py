@@ -135,6 +135,11 @@ class Bounds:
     # How it is done.
 
     @property
+    def placed(self) -> bool:
+        """Where the usual field lies is known: about the fleet's origin, or where the vehicle is."""
+        return self._usual_fence(self._position()) is not None
+
+    @property
     def _flat(self) -> bool:
         """Its heights are nobody's choice, or lie under home by its nature."""
         autopilot = self._identity.autopilot

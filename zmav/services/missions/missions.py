@@ -151,8 +151,9 @@ class Missions:
     async def _replace(self, kind: MissionKind, new: list[Raw], report: Report, *, force: bool) -> dict[str, Any]:
         autopilot = self._do.autopilot()
         async with self._turn(f"writing the {WORDS[kind]}", report):
-            # A mission may be flown at once; else its start is judged. Rally points are flown to without being asked.
-            if kind == "rally" or (kind == "mission" and self._identity.armed):
+            # A mission may be flown at once; else its start is judged. Rally points are flown to without being asked:
+            # on the ground they are judged where the vehicle knows its place.
+            if kind != "fence" and (self._identity.armed or (kind == "rally" and self._bounds.placed)):
                 self._bounds.check_mission(new, force=force)
             phase = functools.partial(_steps, kind, [report])
             old = self._before(kind, await self._known(kind, phase))
