@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 import zenoh
 
+from tests.conftest import PATIENCE_S
 from tests.trust.conftest import StartGuarded
 from zmav import keys, wire
 from zmav.errors import Forbidden, TimedOut, ZmavError
@@ -23,14 +25,18 @@ from zmav.vehicle import vehicle as handle
 
 if TYPE_CHECKING:
     from tests.trust.conftest import Guarded
+    from zmav.client import Client
 
 DONE = wire.encode(wire.Outcome(verb="land", status="done", took=0.1, result={"mode": "LIE"}))
 Answer = Callable[[zenoh.Query], None]
 
 
 @contextmanager
-def diverting(g: Guarded, key: str, answer: Answer) -> Iterator[threading.Event]:
-    """A program on the same host that declares itself complete for what the vehicle answers; set when it was asked."""
+def diverting(g: Guarded, z: Client, key: str, answer: Answer) -> Iterator[threading.Event]:
+    """A program on the same host that declares itself complete for what the vehicle answers; set when it was asked.
+
+    ``z`` knows of it: what it asks from now on comes here, too.
+    """
     asked = threading.Event()
 
     def on_query(query: zenoh.Query) -> None:
@@ -38,10 +44,15 @@ def diverting(g: Guarded, key: str, answer: Answer) -> Iterator[threading.Event]
             answer(query)
         asked.set()
 
-    queryable = g.b.ground.session.declare_queryable(key, zenoh.handlers.Callback(on_query), complete=True)
+    session, probe = g.b.ground.session, f"probe/{uuid.uuid4()}"
+    queryable = session.declare_queryable(key, zenoh.handlers.Callback(on_query), complete=True)
+    behind = session.declare_queryable(probe, lambda query: query.reply(probe, b""))  # it is declared after the other
     try:
+        while not [reply for reply in z.session.get(probe, timeout=PATIENCE_S) if reply.ok is not None]:
+            pass
         yield asked
     finally:
+        behind.undeclare()
         queryable.undeclare()
 
 
@@ -89,10 +100,10 @@ async def test_an_order_arrives_and_the_vehicle_alone_says_how_it_ended(guarded:
         ):
             before = z.member.counts[f"answer {reason}"]
             expected = 5 - expected  # LOITER and STABILIZE in turn
-            with diverting(g, keys.DO.key("demo", "quad1", verb="*"), answer) as seen:
+            with diverting(g, z, keys.DO.key("demo", "quad1", verb="*"), answer) as seen:
                 await vehicle.set_mode("LOITER" if expected else "STABILIZE")
                 assert g.b.peer.mode == expected
-                await asyncio.to_thread(seen.wait)
+                assert await asyncio.to_thread(seen.wait, PATIENCE_S)
                 while z.member.counts[f"answer {reason}"] == before:
                     await asyncio.sleep(0.01)
 
@@ -104,7 +115,7 @@ async def test_who_answers_alone_is_not_believed(guarded: StartGuarded, monkeypa
     g: Guarded = await guarded()
     async with g.client("alice", "operator") as z:
         await g.vehicle.orders.close()
-        with diverting(g, keys.DO.key("demo", "quad1", verb="*"), lies(DONE)), pytest.raises(TimedOut) as e:
+        with diverting(g, z, keys.DO.key("demo", "quad1", verb="*"), lies(DONE)), pytest.raises(TimedOut) as e:
             await z.vehicle("quad1").land()
         assert "not believed: unsigned" in str(e.value)
 
@@ -136,9 +147,9 @@ async def test_parameters_and_missions_are_the_vehicles(guarded: StartGuarded) -
             (keys.PARAMS, g.key(keys.PARAMS)),
             (keys.MISSION, g.key(keys.MISSION, kind="fence")),
         ):
-            with diverting(g, key, lies(lie)) as asked:
+            with diverting(g, z, key, lies(lie)) as asked:
                 (answer,) = await z.ask(key, timeout=20.0, channel=channel)
-                await asyncio.to_thread(asked.wait)
+                assert await asyncio.to_thread(asked.wait, PATIENCE_S)
             assert isinstance(answer, ZmavError) or answer.payload != lie
 
 
