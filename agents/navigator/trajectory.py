@@ -21,6 +21,8 @@ WINDOW = 20.0
 """s of the way that a segment has before it brakes"""
 KNOT, REST = 0.25, 5.0
 """s between two points of a segment on a curve, and elsewhere, at most"""
+NEAR = 1e-6
+"""m, m/s, and of an acceleration: no difference"""
 CLOSEST, BESIDE = 0.021, 0.1
 """s between two points at least; beside where the jerk changes, so that what is left out there bends nothing farther"""
 
@@ -88,23 +90,28 @@ class Trajectory:
         return Moment(place, v[:, None] * tangent, acc, turned, s)
 
     def braked(self, t: float) -> Trajectory:
-        """The same until ``t``, and from there to rest along the way, as soon as the limits allow."""
-        s = float(self.law.at(np.array([t]))[0][0])
-        ends = self.route.starts[1:]
-        ahead = [
-            leg
-            for leg, end in zip(self._legs, ends, strict=True)
-            if end > s - 1e-6 and end - s < self._reach + leg.length
-        ]
-        accel, jerk = (min((getattr(leg, name) for leg in ahead), default=1.0) for name in ("accel", "jerk"))
-        return Trajectory(self.route, self.limits, self.yaw, self.law.braked(t, accel, jerk))
+        """The same until ``t``, and from there to rest along the way, as soon as the limits allow.
 
-    @property
-    def _reach(self) -> float:
-        """m within which it can always brake on a curve"""
-        least = min(leg.accel for leg in self._legs), min(leg.jerk for leg in self._legs)
-        speed = self.limits.speed
-        return speed * (speed / least[0] + least[0] / least[1])
+        It brakes within the limits of the legs that it then passes. Where that would enter one of them too fast, it
+        goes on as planned to the end of its leg, where the plan has the speed of the next, and brakes there.
+        """
+        ends, legs = self.route.starts[1:], self._legs
+        while True:
+            (s,), (v,), (a,) = self.law.at(np.array([t]))
+            first = int(np.searchsorted(ends, s + NEAR))
+            for last in range(first + 1, len(legs) + 1):
+                accel, jerk = (min(getattr(leg, name) for leg in legs[first:last]) for name in ("accel", "jerk"))
+                slows = -a <= accel * (1.0 + NEAR) and (a <= 0.0 or v + 0.5 * a * a / jerk <= legs[first].speed + NEAR)
+                law = self.law.braked(t, accel, jerk)
+                if not slows or law.s[-1] > ends[last - 1] + NEAR:
+                    continue
+                entered = law.at(np.array([law.when(end) for end in ends[first : last - 1]]))
+                speeds = np.array([leg.speed for leg in legs[first + 1 : last]])
+                if (entered[1] <= speeds + NEAR).all() and (entered[2] <= NEAR).all():
+                    return Trajectory(self.route, self.limits, self.yaw, law)
+            if first == len(legs):
+                return self
+            t = self.law.when(ends[first])
 
     def points(self, begin: float, t0: float) -> list[wire.SegmentPoint]:
         """From ``begin`` until it rests; ``t0``: UTC s at which it is at 0. Between two of them the vehicle flies the

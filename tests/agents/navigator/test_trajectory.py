@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agents.navigator.law import Leg, plan
@@ -53,8 +53,9 @@ def tours(draw: st.DrawFn) -> Route:
 routes = st.one_of(shapes, tours())
 
 
-LEFT = 5e-5
-"""m/s² that rounded times leave of an acceleration where a way ends"""
+LEFT = 1e-4
+"""m/s², for each (m/s³)^(2/3) of the jerk: where a way ends, what is left of its acceleration when the distance is rounded
+to its end, and the way is another's"""
 
 
 def norm(rows: Array) -> Array:
@@ -71,7 +72,9 @@ def assert_within(trajectory: Trajectory, t: Array, over: float = ROUNDING) -> N
     moment, allowed = trajectory.at(t), trajectory.limits
     assert norm(moment.vel).max() <= allowed.speed * over
     assert norm(moment.acc).max() <= allowed.accel * over
-    assert norm(np.diff(moment.acc, axis=0)).max() <= allowed.jerk * over * (t[1] - t[0]) + LEFT
+    assert norm(np.diff(moment.acc, axis=0)).max() <= allowed.jerk * over * (t[1] - t[0]) + LEFT * allowed.jerk ** (
+        2 / 3
+    )
 
 
 @settings(max_examples=60)
@@ -127,6 +130,7 @@ def test_a_slower_leg_is_entered_at_its_own_speed() -> None:
 
 @settings(max_examples=60)
 @given(route=routes, allowed=limits, share=st.floats(0.0, 1.0))
+@example(route=shape("ev3", (1.0, 2.0, -6.0), 0.7, rounding=0.5, dwell=0.0), allowed=Limits(1.0, 1.0, 0.5), share=0.5)
 def test_it_brakes_within_the_limits_and_stays_on_its_way(route: Route, allowed: Limits, share: float) -> None:
     trajectory = Trajectory(route, allowed)
     begin = share * trajectory.duration
