@@ -54,7 +54,10 @@ PARTS: dict[str, tuple[Part, ...]] = {
         Part("zmav log", ("zmav do quad1 land",), fresh=False),
         Part("zmav command", (UP,), fresh=False),
         Part("zmav swarm planner", SWARM),
-        Part("zmav sim --fleet deploy/demos/hexarotor", race=r"no output for \d+ cycles|no position came for \d+ ms"),
+        Part(
+            "zmav sim --fleet deploy/demos/hexarotor",
+            race=r"no output for \d+ cycles|no (attitude|position) came for \d+ ms",
+        ),
         Part("zmav gcs", QUAD),
         Part("zenoh", QUAD),
         Part("zmav sim fault", ("zmav sim --copters 1",)),

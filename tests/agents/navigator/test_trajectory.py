@@ -54,8 +54,8 @@ routes = st.one_of(shapes, tours())
 
 
 LEFT = 1e-4
-"""m/s², for each (m/s³)^(2/3) of the jerk: where a way ends, what is left of its acceleration when the distance is rounded
-to its end, and the way is another's"""
+"""m/s², for each (m/s³)^(2/3) of the jerk: what is left of its acceleration where a way ends, when the distance is
+rounded to its end and the way is the next"""
 
 
 def norm(rows: Array) -> Array:
