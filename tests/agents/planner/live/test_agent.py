@@ -217,15 +217,15 @@ async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field
     """By a planner that was started when they were in the air already."""
     fleet = heard.Fleet(field.me)
     fleet.watch()
-    assert "quad2" in fleet.homeless
-    await fleet.ask_home("quad2")
-    assert "quad2" not in fleet.homeless
-    seen = fleet.seen("quad2")
+    assert "quad4" in fleet.homeless
+    await fleet.ask_home("quad4")
+    assert "quad4" not in fleet.homeless
+    seen = fleet.seen("quad4")
     assert seen is not None
-    assert seen.view.home_ned == pytest.approx((*PLACES["quad2"], 0.0), abs=1.5)
+    assert seen.view.home_ned == pytest.approx((*PLACES["quad4"], 0.0), abs=1.5)
     for silent, known, near in ((0.0, True, True), (heard.TORN + 1.0, True, False), (heard.KNOWN + 1.0, False, False)):
-        fleet._last["quad2"] = (seen.state, time.monotonic() - silent)
-        assert ("quad2" in fleet.view().vehicles, "quad2" in fleet.hearing().heard) == (known, near)
+        fleet._last["quad4"] = (seen.state, time.monotonic() - silent)
+        assert ("quad4" in fleet.view().vehicles, "quad4" in fleet.hearing().heard) == (known, near)
 
 
 async def test_clocks_are_learnt_one_after_another_and_the_gone_are_forgotten(field: Field) -> None:
